@@ -9,6 +9,7 @@ import hingepair as hp
 from hingepair.bench import engines
 from hingepair.bench import robots as bench
 from hingepair.bench.truth import ExactRobot
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.mechanism.tree import Frame
 
 FOLLOWERS = """<robot name="r"><link name="a"/>
@@ -87,9 +88,9 @@ def test_the_truth_holds_for_joints_of_every_kind():
     robot = hp.Mechanism.from_urdf(FOLLOWERS)
     rng = np.random.default_rng(5)
     q, v, w = rng.uniform(-1, 1, (3, 1, robot.dof))
-    joint = robot.tree.joints[-1].name
-    state, body = robot.forward_kinematics(q, frames=(joint,)), len(robot.tree.joints)
-    truth = ExactRobot(robot.tree, q, v, w)
+    joint = tree_of(robot).joints[-1].name
+    state, body = robot.forward_kinematics(q, frames=(joint,)), len(tree_of(robot).joints)
+    truth = ExactRobot(tree_of(robot), q, v, w)
     motion = truth.motion(Frame(body, np.zeros(3), np.eye(3)))
     np.testing.assert_allclose(motion["R"].astype(float), state[joint].R, atol=1e-15)
     np.testing.assert_allclose(motion["S"].astype(float), state[joint].S, atol=1e-15)
@@ -97,7 +98,7 @@ def test_the_truth_holds_for_joints_of_every_kind():
     np.testing.assert_allclose(truth.mass_matrix().astype(float), robot.mass_matrix(q), rtol=1e-13)
     tau = truth.forces()[2].astype(float)
     np.testing.assert_allclose(tau, robot.inverse_dynamics(q, v, w).tau, rtol=1e-13)
-    np.testing.assert_allclose(ExactRobot(robot.tree, q, v).accelerations(tau).astype(float), w, rtol=1e-12)
+    np.testing.assert_allclose(ExactRobot(tree_of(robot), q, v).accelerations(tau).astype(float), w, rtol=1e-12)
 
 
 @pytest.mark.slow

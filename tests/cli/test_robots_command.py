@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.mechanism.mechanism import tree_of
 from support.commands import run_command
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -74,12 +75,12 @@ def test_the_joints_of_a_robot_are_those_of_its_mechanism(name: str) -> None:
         assert (row["mimic"] is None) == (row["index"] is not None)
     report = json.loads(robots(name, "--json"))
     assert report["dof"] == robot.dof
-    assert report["notes"] == list(robot.tree.notes)
+    assert report["notes"] == list(tree_of(robot).notes)
 
 
 def test_masses_are_those_of_what_a_joint_moves() -> None:
     rows, robot = joints_of("panda"), hp.load_robot("panda")
-    bodies = [joint.body.mass for joint in robot.tree.joints]
+    bodies = [joint.body.mass for joint in tree_of(robot).joints]
     assert [row["mass2"] for row in rows.values()] == bodies
     assert rows["panda_joint1"]["mass_moved"] == pytest.approx(sum(bodies), rel=1e-15)
     assert rows["panda_finger_joint2"]["mass_moved"] == bodies[-1]

@@ -8,6 +8,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.mechanism import tree_of
 
 ARM = """<robot name="arm"><link name="ROOT"><inertial><mass value="3"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>{links}
@@ -47,7 +48,7 @@ def test_a_robot_in_mjcf_comes_back(base, root):
     assert back.joint_loads == robot.joint_loads
     assert (back.position_limits == robot.position_limits).all()
     assert (back.effort_limits == robot.effort_limits).all()
-    assert back.tree.frame("tool") is not None
+    assert tree_of(back).frame("tool") is not None
     state = np.random.default_rng(2).uniform(-1, 1, (3, 4, 2))
     for got, expected in zip(forces(back, *state), forces(robot, *state), strict=True):
         assert np.abs(got - expected).max() <= 256 * U * np.abs(expected).max()

@@ -10,6 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.identification.mass_fit import JOINT_TERMS
+from hingepair.mechanism.mechanism import tree_of
 from support.trees import Robot, random_model, record_of, with_mimics
 
 NOISE = 0.1  # N m
@@ -227,11 +228,11 @@ def test_masses_of_rigid_bodies_are_found_without_any_description():
     free = hp.fit_masses(unknown, q, qd, qdd, tau)
     assert free.ok
     assert "physical=True" in free.findings[-1]
-    assert free.robot.tree.notes
+    assert tree_of(free.robot).notes
     fit = hp.fit_masses(unknown, q, qd, qdd, tau, physical=True)
     assert fit.ok, fit.findings
-    assert not fit.robot.tree.notes
-    for joint in fit.robot.tree.joints:
+    assert not tree_of(fit.robot).notes
+    for joint in tree_of(fit.robot).joints:
         J = np.linalg.eigvalsh(joint.body.inertia)
         assert joint.body.mass > 0
         assert J[0] > 0
@@ -241,7 +242,7 @@ def test_masses_of_rigid_bodies_are_found_without_any_description():
     assert (fit.values[43:] >= 0).all()
     impossible = hp.fit_masses(panda(), q, qd, qdd, -tau, physical=True)
     assert any(text.startswith("No masses of rigid bodies explain the torques") for text in impossible.findings)
-    assert not impossible.robot.tree.notes  # at the border of what rigid bodies can have
+    assert not tree_of(impossible.robot).notes  # at the border of what rigid bodies can have
 
 
 @pytest.mark.slow
@@ -255,8 +256,8 @@ def test_masses_that_torques_do_not_determine_stay_near_those_described():
     tau = robot.inverse_dynamics(q, qd, qdd).tau + 0.2 * rng.standard_normal(q.shape)
     fit, free = (hp.fit_masses(robot, q, qd, qdd, tau, physical=physical) for physical in (True, False))
     assert fit.ok, fit.findings
-    assert free.robot.tree.notes  # the best parameters are none of rigid bodies
-    assert not fit.robot.tree.notes
+    assert tree_of(free.robot).notes  # the best parameters are none of rigid bodies
+    assert not tree_of(fit.robot).notes
     np.testing.assert_allclose(fit.rms, free.rms, rtol=0.01)
     p, described = (one.inertial_parameters.reshape(-1, 10) for one in (fit.robot, robot))
     np.testing.assert_allclose(p[:, 0], described[:, 0], rtol=0.2)

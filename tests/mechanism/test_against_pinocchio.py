@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
+from hingepair.mechanism.mechanism import tree_of
 from support.trees import (
     Robot,
     base_motion,
@@ -56,7 +57,7 @@ def check(found, expected, bound):
 def test_frames_move_as_pinocchio_has_them(model):
     _, q, qd, qdd, _ = samples(model)
     robot, data = Robot(record_of(model)), model.createData()
-    names = tuple(robot.tree.links)
+    names = tuple(tree_of(robot).links)
     state = robot.forward_kinematics(q, qd, qdd, frames=names)
     bounds = robot.error_bounds(q, qd, qdd, frames=names)
     for k in range(SAMPLES):
@@ -78,7 +79,7 @@ def test_frames_move_as_pinocchio_has_them(model):
 def test_jacobians_are_those_of_pinocchio(model):
     _, q, qd, _, _ = samples(model)
     robot, data = Robot(record_of(model)), model.createData()
-    for name in robot.tree.tips[:2]:
+    for name in tree_of(robot).tips[:2]:
         frame = model.getFrameId(name, pin.FrameType.BODY)
         jacobian, bias = robot.jacobian(q, name), robot.acceleration_bias(q, qd, name)
         bounds = robot.error_bounds(q, qd, frames=name, outputs=("jacobian", "acceleration_bias"))
@@ -144,7 +145,7 @@ def test_wrenches_of_joints_in_every_form(mode):
     tree = with_mimics(record_of(random_model(3, 8)), {"joint_3": ("joint_6", -0.5, 0.25)})
     robot, rng = Robot(tree, mode), np.random.default_rng(6)
     q, qd, qdd = rng.uniform(-1, 1, (3, 2, SAMPLES, len(robot.names)))
-    link = robot.tree.tips[0]
+    link = tree_of(robot).tips[0]
     loads = {link: tuple(rng.normal(size=(2, 3)))}
     found = robot.joint_wrenches(q, qd, qdd, wrenches=loads)
     assert found.force.shape == (2, SAMPLES, 8, 3)
@@ -203,7 +204,7 @@ def test_a_base_that_moves_is_a_free_flyer_of_pinocchio(model, mode):
     rng, q, qd, qdd, _ = samples(model)
     flying = on_free_base(model)
     data, robot, base = flying.createData(), Robot(record_of(model), mode), base_motion(rng, (SAMPLES,))
-    names = robot.tree.tips
+    names = tree_of(robot).tips
     state = robot.forward_kinematics(q, qd, qdd, frames=names, base_motion=base)
     bounds = robot.error_bounds(q, qd, qdd, frames=names, base_motion=base)
     forces = robot.inverse_dynamics(q, qd, qdd, base_motion=base)
@@ -246,7 +247,7 @@ def test_a_base_that_moves_is_a_free_flyer_of_pinocchio(model, mode):
 def test_a_free_base_moves_as_the_forces_make_it(model):
     rng, q, qd, qdd, _ = samples(model)
     robot, base = Robot(record_of(model), "free"), base_motion(rng, (SAMPLES,))
-    links = robot.tree.tips[:1]
+    links = tree_of(robot).tips[:1]
     wrenches = {link: tuple(rng.normal(size=(2, SAMPLES, 3))) for link in links}
     forces = robot.inverse_dynamics(q, qd, qdd, base_motion=base, wrenches=wrenches)
     moves = robot.forward_dynamics(
@@ -267,7 +268,7 @@ def test_a_free_base_moves_as_the_forces_make_it(model):
 def test_wrenches_on_links_are_handed_to_the_joints_by_the_jacobian(model):
     rng, q, qd, qdd, _ = samples(model)
     robot = Robot(record_of(model))
-    links = [link for link, frame in robot.tree.links.items() if frame.body][-2:]
+    links = [link for link, frame in tree_of(robot).links.items() if frame.body][-2:]
     wrenches = {link: tuple(rng.normal(size=(2, SAMPLES, 3))) for link in links}
     loaded, alone = robot.inverse_dynamics(q, qd, qdd, wrenches=wrenches), robot.inverse_dynamics(q, qd, qdd)
     handed = sum(

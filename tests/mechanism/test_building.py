@@ -20,9 +20,10 @@ from hingepair.mechanism.building.changes import add_body, add_frame, pair_of
 from hingepair.mechanism.building.pairs import tree_of_pairs
 from hingepair.mechanism.building.pinocchio_model import tree_of_pinocchio
 from hingepair.mechanism.joints import Slider
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.rotations.matrices import rodrigues
 from support.exported import ARM
-from support.robots import check_against_model, tree_of
+from support.robots import check_against_model, tree_of_file
 
 U = 2.0**-53
 FAST = ("panda", "talos_reduced", "romeo", "kinova", "quadrotor_base")
@@ -36,9 +37,9 @@ def tree_of_urdf(*arguments):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAST)
 def test_a_robot_of_urdf_is_that_of_pinocchio(name):
-    check_against_model(tree_of(name), pin.buildModelFromUrdf(str(robot_urdf(name))), 0)
+    check_against_model(tree_of_file(name), pin.buildModelFromUrdf(str(robot_urdf(name))), 0)
     model = pin.buildModelFromUrdf(str(robot_urdf(name)), pin.JointModelFreeFlyer())
-    check_against_model(tree_of(name, "free"), model, 1)
+    check_against_model(tree_of_file(name, "free"), model, 1)
 
 
 def same_numbers(one, other, bound):
@@ -69,22 +70,22 @@ def test_a_model_of_pinocchio_is_the_robot_of_its_urdf(name, base):
     model = pin.buildModelFromUrdf(str(robot_urdf(name)), *root, mimic=True)
     tree, own = tree_of_pinocchio(model, None, None)
     assert own == base
-    same_numbers(tree, tree_of(name, base), 64 * U)
+    same_numbers(tree, tree_of_file(name, base), 64 * U)
     assert tree_of_pinocchio(model, "free" if base == "fixed" else "fixed", None)[1] != base
 
 
 def test_quarter_turns_of_a_model_are_exact():
-    for tree in (tree_of_pinocchio(pin.buildModelFromUrdf(str(robot_urdf("z1"))), None, None)[0], tree_of("z1")):
+    for tree in (tree_of_pinocchio(pin.buildModelFromUrdf(str(robot_urdf("z1"))), None, None)[0], tree_of_file("z1")):
         turned = [joint.S for joint in tree.joints if np.abs(joint.S - np.eye(3)).max() > 0.5]
         assert all(np.isin(S, (-1.0, 0.0, 1.0)).all() for S in turned)
 
 
 def test_panda_is_not_snapped_unless_asked():
-    plain, snapped = tree_of("ur5_robot"), tree_of("ur5_robot", snap=1e-6)
+    plain, snapped = tree_of_file("ur5_robot"), tree_of_file("ur5_robot", snap=1e-6)
     entries = [np.isin(joint.S, (-1.0, 0.0, 1.0)).all() for tree in (plain, snapped) for joint in tree.joints]
     assert (all(entries[:6]), all(entries[6:])) == (False, True)
     with pytest.raises(ArgumentError, match="snap: expected a number not below 0, got -1"):
-        tree_of("panda", snap=-1)
+        tree_of_file("panda", snap=-1)
 
 
 # ---------------------------------------------------------------- fixed, locked and mimic joints
@@ -106,7 +107,7 @@ def test_locked_joints_are_folded_as_pinocchio_folds_them(name, locked):
         own = model.joints[model.getJointId(joint)]
         q[own.idx_q : own.idx_q + own.nq] = value if own.nq == 1 else (math.cos(value), math.sin(value))
     reduced = pin.buildReducedModel(model, [model.getJointId(joint) for joint in locked], q)
-    tree = tree_of(name, locked=locked)
+    tree = tree_of_file(name, locked=locked)
     check_against_model(tree, reduced, 0)
     assert set(locked) <= set(tree.frames)
     held = tree.frame(next(iter(locked)))
@@ -207,7 +208,7 @@ def test_joints_that_follow_themselves_are_refused(rules, message):
 )
 def test_what_cannot_be_locked_is_refused(locked, message):
     with pytest.raises(ArgumentError, match=message):
-        tree_of("panda", locked=locked)
+        tree_of_file("panda", locked=locked)
 
 
 @pytest.mark.parametrize(
@@ -248,10 +249,10 @@ def test_numbers_that_overflow_are_refused_by_name():
 
 
 def test_masses_are_taken_as_written_and_told():
-    tree, model = tree_of("icub"), pin.buildModelFromUrdf(str(robot_urdf("icub")))
+    tree, model = tree_of_file("icub"), pin.buildModelFromUrdf(str(robot_urdf("icub")))
     assert [joint.body.mass for joint in tree.joints] == [inertia.mass for inertia in list(model.inertias)[1:]]
     assert tree.notes[0].startswith("no rigid body has the mass properties of 'r_hip_1', which are used as they are")
-    assert not tree_of("panda").notes
+    assert not tree_of_file("panda").notes
 
 
 def test_the_mass_of_a_fixed_base_is_not_judged():
@@ -422,7 +423,7 @@ def test_a_body_may_be_given_on_both_sides_alike():
 
 
 def test_a_joint_comes_back_as_a_pair():
-    tree = tree_of("panda")
+    tree = tree_of_file("panda")
     knee = pair_of(tree, tree.joints[3])
     expected = hp.load_robot_hinge("panda", "panda_joint4")
     for name in ("u1", "u2", "n", "home"):
@@ -432,7 +433,7 @@ def test_a_joint_comes_back_as_a_pair():
     finger = pair_of(tree, tree.joints[7])
     assert (type(finger), finger.limits) == (Slider, (0.0, 0.04))
     assert np.array_equal(finger.n, tree.joints[7].S[:, 1])
-    continuous = tree_of("kinova")
+    continuous = tree_of_file("kinova")
     assert pair_of(continuous, continuous.joints[0]).limits is None
 
 
@@ -450,7 +451,7 @@ def test_a_slider_is_a_value():
 
 
 def test_a_payload_adds_its_mass_where_it_is():
-    tree = tree_of("panda")
+    tree = tree_of_file("panda")
     body = hp.Body(mass=3, centre_of_mass=(0, 0, 0.1), inertia=(0.1, 0.2, 0.15))
     laden = add_body(tree, "fixed", "panda_hand", body)
     model = pin.buildModelFromUrdf(str(robot_urdf("panda")))
@@ -468,7 +469,7 @@ def test_a_payload_adds_its_mass_where_it_is():
 
 
 def test_a_frame_is_added_where_it_is_said():
-    tree = tree_of("panda")
+    tree = tree_of_file("panda")
     turn = rodrigues((1, 2, 3), 0.4)
     one = add_frame(tree, "tool", tree.frame("panda_hand"), (0, 0, 0.1), turn)
     two = add_frame(one, "tip", one.frame("tool"), (0.5, 0, 0), None)
@@ -520,7 +521,7 @@ def test_a_mechanism_is_what_it_was_made_of():
 def test_a_mechanism_is_printed_copied_and_pickled(robot):
     for again in (pickle.loads(pickle.dumps(robot)), copy.deepcopy(robot), copy.copy(robot)):
         assert (str(again), repr(again), again.base) == (str(robot), repr(robot), robot.base)
-        assert not again.tree.joints[0].u.flags.writeable
+        assert not tree_of(again).joints[0].u.flags.writeable
     heading, *rows = str(robot).splitlines()
     assert heading.startswith(f"{robot.name}: {robot.dof} degrees of freedom")
     assert [row.split()[0] for row in rows[1 : robot.dof + 1]] == list(robot.names)
@@ -579,7 +580,7 @@ def test_frames_of_a_model_have_one_place_for_a_name(name):
     with pytest.raises(ArgumentError, match="frame 'tool': expected one place"):
         hp.Mechanism.from_pinocchio(model)
     model.frames[-1].placement = pin.SE3.Identity()
-    assert "tool" in hp.Mechanism.from_pinocchio(model).tree.frames
+    assert "tool" in tree_of(hp.Mechanism.from_pinocchio(model)).frames
 
 
 def test_a_snap_beyond_small_angles_is_refused():
@@ -593,13 +594,13 @@ def test_damping_friction_and_equal_limits_are_kept(read):
     text = text.replace("</joint>", '<dynamics damping="0.25" friction="3"/></joint>', 1)
     model = pin.buildModelFromXML(text)
     robot = hp.Mechanism.from_urdf(text) if read == "urdf" else hp.Mechanism.from_pinocchio(model)
-    damped = [joint for joint in robot.tree.joints if joint.load.damping]
+    damped = [joint for joint in tree_of(robot).joints if joint.load.damping]
     assert [(joint.load.damping, joint.load.friction) for joint in damped] == [(0.25, 3.0)]
     assert damped[0].name == model.names[1]
     heading, first = str(robot).splitlines()[1:3]
     assert heading.split()[-2:] == ["damping", "friction"]
     assert first.split()[-2:] == ["0.25", "3"]
-    held = [joint.name for joint in robot.tree.joints if joint.position_limits == (0.5, 0.5)]
+    held = [joint.name for joint in tree_of(robot).joints if joint.position_limits == (0.5, 0.5)]
     assert held == ["shoulder", "slide"]
     assert [robot[name].limits for name in held] == [(0.5, 0.5)] * 2
 
@@ -609,7 +610,7 @@ def test_a_body_without_a_link_does_not_take_the_place_of_another():
     for name in ("upper", "lower"):
         model.addJoint(model.njoints - 1, pin.JointModelRX(), pin.SE3(np.eye(3), np.array((0, 0, 1.0))), name)
     model.addFrame(pin.Frame("lower", 1, pin.SE3.Identity(), pin.FrameType.BODY))
-    links = hp.Mechanism.from_pinocchio(model).tree.links
+    links = tree_of(hp.Mechanism.from_pinocchio(model)).links
     assert {name: frame.body for name, frame in links.items()} == {"universe": 0, "lower": 1, "lower_link": 2}
 
 

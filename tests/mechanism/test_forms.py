@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 
 import hingepair as hp
+from hingepair.mechanism.mechanism import tree_of
 from support.trees import Robot, base_motion, random_model, record_of, weightless, with_mimics
 
 
@@ -449,7 +450,7 @@ def test_who_gives_a_coordinate_too_many_is_told_which_joint_follows(q):
 def test_a_follower_without_mass_leaves_nothing_singular():
     tree = record_of(random_model(3, 8))
     robot = Robot(with_mimics(tree, {"joint_3": ("joint_6", -0.5, 0.25)}))
-    q = np.zeros((2, len(robot.tree.joints) - 1))
+    q = np.zeros((2, len(tree_of(robot).joints) - 1))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert np.isfinite(robot.forward_dynamics(q, q, q).qdd).all()

@@ -11,6 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.engine import loops
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.plans import trees
 from support import states
 from support.trees import Robot, base_motion, random_model, record_of, with_mimics
@@ -35,7 +36,7 @@ def joint_by_joint(robot):
         patch.setattr(trees, "MAX_TRACED_OPERATIONS", -1)
         patch.setattr(loops, "Program", refuse)
         trees.request_loop.cache_clear()
-        yield Robot(replace(robot.tree), robot.base)
+        yield Robot(replace(tree_of(robot)), robot.base)
     trees.request_loop.cache_clear()
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.validation.pinocchio_twin import BASE_AT_REST
 from hingepair.validation.robot_scales import RobotScales
 from support import states
@@ -62,13 +63,13 @@ def by_mujoco(name, robot, links, q, qd, qdd):
 def test_mujoco_moves_the_robot_as_we_do(name):
     robot, rng = hp.load_robot(name), states.generator(900)
     q, qd, qdd = rng.uniform(-3, 3, (3, 5, robot.dof))
-    links = [link for link in robot.links if robot.tree.links[link].body]
+    links = [link for link in robot.links if tree_of(robot).links[link].body]
     expected = by_mujoco(name, robot, links, q, qd, qdd)
     state, energy = robot.forward_kinematics(q, frames=links), robot.energy(q, qd)
     got = {"R": state.R, "S": state.S, "M": robot.mass_matrix(q), "tau": robot.inverse_dynamics(q, qd, qdd).tau}
     got |= {"kinetic": energy.kinetic, "potential": energy.potential}
-    scales = RobotScales(robot.tree, [q, qd, qdd], BASE_AT_REST, np.array(GRAVITY))
-    motions = [scales.motion(robot.tree.links[link]) for link in links]
+    scales = RobotScales(tree_of(robot), [q, qd, qdd], BASE_AT_REST, np.array(GRAVITY))
+    motions = [scales.motion(tree_of(robot).links[link]) for link in links]
     sizes = {"R": np.stack([one["R"] for one in motions], axis=1)[..., None]}
     sizes["S"] = np.stack([one["S"] for one in motions], axis=1)[..., None, None]
     sizes |= {"M": scales.mass_matrix()[:, 6:, 6:], "tau": scales.forces()[1][:, 1:]}

@@ -8,6 +8,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.errors import ArgumentError, ShapeError
+from hingepair.mechanism.mechanism import tree_of
 from support.trees import random_model
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no rigid body:hingepair.DynamicsWarning")
@@ -87,7 +88,9 @@ def test_payloads_add_up(robot):
 
 
 def test_the_total_mass_counts_a_free_base_and_payloads(robot):
-    bodies = [joint.body.mass for joint in robot.tree.joints] + [robot.tree.base.mass] * (robot.base == "free")
+    bodies = [joint.body.mass for joint in tree_of(robot).joints] + [tree_of(robot).base.mass] * (
+        robot.base == "free"
+    )
     assert robot.mass == pytest.approx(sum(bodies), rel=1e-15)
     loaded = robot.with_payload(robot.tips[-1], mass=MASS)
     assert np.abs(loaded.mass - robot.mass - MASS).max() <= 4 * 2.0**-53 * loaded.mass.max()
@@ -237,10 +240,10 @@ def test_joints_are_locked_after_reading_as_while_reading(locked):
     expected = hp.Mechanism.from_urdf(LEG, locked=locked)
     found = hp.Mechanism.from_urdf(LEG).with_locked(locked)
     assert (found.names, found.links, found.tips) == (expected.names, expected.links, expected.tips)
-    assert found.tree.source == expected.tree.source
+    assert tree_of(found).source == tree_of(expected).source
     assert str(found) == str(expected)
-    assert found.tree.frames.keys() == expected.tree.frames.keys()
-    for one, other in zip(found.tree.joints, expected.tree.joints, strict=True):
+    assert tree_of(found).frames.keys() == tree_of(expected).frames.keys()
+    for one, other in zip(tree_of(found).joints, tree_of(expected).joints, strict=True):
         assert one.load == other.load
         for got, wanted in ((one.u, other.u), (one.S, other.S), (one.body.inertia, other.body.inertia)):
             assert np.abs(got - wanted).max() <= 16 * 2.0**-53

@@ -11,6 +11,7 @@ import pytest
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, ExactRobot
 from hingepair.mechanism import constants
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from support import states
 from support.trees import Robot, weightless, with_mimics
@@ -50,11 +51,11 @@ def check_robot(robot, coordinates, backend):
     """Motion of both links, and forces."""
     count = len(coordinates[0])
     still, turn = np.zeros((count, 3)), np.stack([np.eye(3)] * count)
-    truth = ExactRobot(robot.tree, *coordinates, base=[still, turn, still, still, still, still], gravity=GRAVITY)
+    truth = ExactRobot(tree_of(robot), *coordinates, base=[still, turn, still, still, still, still], gravity=GRAVITY)
     state = robot.forward_kinematics(*coordinates, frames=LINKS, backend=backend)
     bounds = robot.error_bounds(*coordinates, frames=LINKS)
     for k, link in enumerate(LINKS):
-        exact = truth.motion(robot.tree.links[link])
+        exact = truth.motion(tree_of(robot).links[link])
         for name, bound in bounds.items():
             off = largest_errors(getattr(state, name)[:, k], exact[name], 2 if name == "S" else 1)
             assert (off <= bound[:, k] + 1e-50).all(), (link, name, off, bound[:, k])
@@ -108,7 +109,9 @@ def exact_accelerations(robot, q, qd, tau):
     still, turn = np.zeros((count, 3)), np.stack([np.eye(3)] * count)
 
     def takes(qd, qdd, gravity):
-        truth = ExactRobot(robot.tree, q, qd, qdd, base=[still, turn, still, still, still, still], gravity=gravity)
+        truth = ExactRobot(
+            tree_of(robot), q, qd, qdd, base=[still, turn, still, still, still, still], gravity=gravity
+        )
         return truth.forces(base_counts=False)[2]
 
     with mpmath.workdps(DIGITS):
@@ -140,7 +143,7 @@ def test_accelerations_of_a_follower_with_a_tip_without_mass_have_a_bound():
         hp.HingePair((0, 0, 0.3), (0, 0, 0), (0, 1, 0), name=f"joint_{k}", body2=own)
         for k, own in enumerate((body, body, None))
     ]
-    tree = with_mimics(weightless(hinges).tree, {"joint_2": ("joint_0", 0.5, 0.1)})
+    tree = with_mimics(tree_of(weightless(hinges)), {"joint_2": ("joint_0", 0.5, 0.1)})
     bound = Robot(tree).error_bounds([0.3, 0.2], [0.3, 0.2], tau=[1.0, 2.0], outputs=("qdd",))["qdd"]
     assert 0 < bound < 1e-10
 
@@ -148,7 +151,7 @@ def test_accelerations_of_a_follower_with_a_tip_without_mass_have_a_bound():
 @pytest.mark.slow
 def test_exact_masses_of_long_chains_have_a_bounded_number_of_digits(monkeypatch):
     """Each joint multiplies what its masses hand to the parent: digits would add up, and the first call with them."""
-    tree = random_robot(states.generator(812), 200, "fixed", heavy=True).tree
+    tree = tree_of(random_robot(states.generator(812), 200, "fixed", heavy=True))
     hinges = tuple(replace(joint, kind="hinge") for joint in tree.joints)
     numbers, plain = [], constants._ten_numbers
     monkeypatch.setattr(constants, "_ten_numbers", lambda moments: numbers.extend(plain(moments)) or plain(moments))

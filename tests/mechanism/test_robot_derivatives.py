@@ -8,6 +8,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.mechanism import tree_of
 from support.trees import (
     Robot,
     base_motion,
@@ -333,7 +334,7 @@ def test_wrenches_the_motion_of_the_base_and_mimic_joints_count():
         q, qd, qdd = rng.uniform(-1, 1, (3, robot.dof))
         base = base_motion(rng)
         further = {"base_motion": base, "gravity": (1.0, 2.0, -3.0)}
-        further["wrenches"] = {[*robot.tree.links][-1]: (rng.normal(size=3), rng.normal(size=3))}
+        further["wrenches"] = {[*tree_of(robot).links][-1]: (rng.normal(size=3), rng.normal(size=3))}
         found = robot.inverse_dynamics_derivatives(q, qd, qdd, **further)
         for name, place in (("tau_q", 0), ("tau_qd", 1), ("tau_qdd", 2)):
             near = np.array([q, qd, qdd])[:, None, None].repeat(2, 1).repeat(robot.dof, 2)

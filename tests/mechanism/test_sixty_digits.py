@@ -11,6 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, LETTERS, ExactRobot
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.validation.robot_scales import FRAME_MOTION, RobotScales
 from support import states
 from support.trees import Robot, random_model, record_of, weightless
@@ -40,7 +41,7 @@ def robot_of(name, base):
         robot = hp.load_robot("panda", base=base, locked={"panda_finger_joint1": 0.02}, snap=1e-6)
     else:
         robot = Robot(exactly_turned(record_of(random_model(4, 7))), base)
-    assert all(np.isin(joint.S, (-1.0, 0.0, 1.0)).all() for joint in robot.tree.joints)
+    assert all(np.isin(joint.S, (-1.0, 0.0, 1.0)).all() for joint in tree_of(robot).joints)
     return robot
 
 
@@ -56,14 +57,14 @@ def exactly_turned(tree):
 def case(name, base, sizes, count=2):
     """The robot, its coordinates, the motion of its base, and the truth; sliders shift by a metre at most."""
     robot, rng = robot_of(name, base), states.generator(800, count)
-    slides = np.array([joint.kind == "slider" for joint in robot.tree.joints])
+    slides = np.array([joint.kind == "slider" for joint in tree_of(robot).joints])
     coordinates = [rng.uniform(-1, 1, (count, len(slides))) * size for size in sizes]
     coordinates[0][:, slides] = rng.uniform(-1, 1, (count, slides.sum()))
     given = dict(zip(LETTERS, states.body1(rng, count), strict=True))
     given["S"] = np.stack([np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0)), float)] * count)  # a rotation to the last bit
     motion = hp.BodyMotion(**given)
     parts = [getattr(motion, letter) for letter in LETTERS]
-    return robot, coordinates, motion, ExactRobot(robot.tree, *coordinates, base=parts, gravity=GRAVITY)
+    return robot, coordinates, motion, ExactRobot(tree_of(robot), *coordinates, base=parts, gravity=GRAVITY)
 
 
 def check(name, got, truth, axes, bound, scale):
@@ -74,7 +75,7 @@ def check(name, got, truth, axes, bound, scale):
 
 
 def scales_of(robot, coordinates, motion):
-    return RobotScales(robot.tree, coordinates, motion, np.array(GRAVITY))
+    return RobotScales(tree_of(robot), coordinates, motion, np.array(GRAVITY))
 
 
 @functools.cache
@@ -93,7 +94,7 @@ def test_motion_is_within_its_bounds(arm, sizes, backend):
     bounds = motion_bounds(arm, sizes)
     scales = scales_of(robot, coordinates, motion)
     for k, link in enumerate(LINKS[arm]):
-        frame = robot.tree.links[link]
+        frame = tree_of(robot).links[link]
         exact, scale = truth.motion(frame), scales.motion(frame)
         for name in (*FRAME_MOTION, "d"):
             got, own = getattr(state, name)[:, k], scale.get(name, scale["R"])
@@ -128,14 +129,14 @@ def test_forces_are_within_their_bounds(arm, sizes, base, backend):
 def test_forces_of_followers_are_within_their_bounds():
     """Two hands whose fingers follow, on a lift that carries all: Pinocchio's own torques are past these bounds."""
     robot = hp.load_robot("tiago_pro")
-    ratios = {joint.mimic.multiplier for joint in robot.tree.joints if joint.mimic}
+    ratios = {joint.mimic.multiplier for joint in tree_of(robot).joints if joint.mimic}
     assert ratios == {1.0, -1.0}  # so that the positions of followers are exact
     rng, count = states.generator(802), 2
     sizes = np.array((3.0, 2.0, 5.0))[:, None, None]
     coordinates = rng.uniform(-1, 1, (3, count, robot.dof)) * sizes
     twin = hp.to_pinocchio(robot)
     assert not twin.offsets.any()
-    free = replace(robot.tree, joints=tuple(replace(joint, mimic=None) for joint in robot.tree.joints))
+    free = replace(tree_of(robot), joints=tuple(replace(joint, mimic=None) for joint in tree_of(robot).joints))
     still = np.zeros((count, 3))
     parts = [still, np.stack([np.eye(3)] * count), still, still, still, still]
     with mpmath.workdps(DIGITS):
@@ -162,7 +163,7 @@ def test_the_mass_matrix_is_what_unit_accelerations_take(arm, base):
         else:
             qdd[:, column - 6 * (base == "free")] = 1
         parts = [motion.R, motion.S, at["v"], at["omega"], at["a"], at["alpha"]]
-        force1, torque1, tau = ExactRobot(robot.tree, q, 0 * q, qdd, base=parts, gravity=(0, 0, 0)).forces(
+        force1, torque1, tau = ExactRobot(tree_of(robot), q, 0 * q, qdd, base=parts, gravity=(0, 0, 0)).forces(
             base_counts=True
         )
         columns.append(np.concatenate((force1, torque1, tau), axis=-1) if base == "free" else tau)
@@ -179,12 +180,12 @@ def test_the_mass_matrix_is_what_unit_accelerations_take(arm, base):
 def test_the_jacobian_is_what_unit_rates_give(arm):
     robot, (q, *_), motion, _ = case(arm, "free", HARD["ordinary"], 1)
     link, columns = LINKS[arm][-1], []
-    frame = robot.tree.links[link]
+    frame = tree_of(robot).links[link]
     for column in range(6 + q.shape[1]):
         v, omega, qd = 0 * motion.v, 0 * motion.v, np.zeros_like(q)
         (v, omega, qd)[min(column // 3, 2)][:, column - 3 * min(column // 3, 2)] = 1
         parts = [motion.R, motion.S, v, omega, 0 * v, 0 * v]
-        exact = ExactRobot(robot.tree, q, qd, 0 * qd, base=parts).motion(frame)
+        exact = ExactRobot(tree_of(robot), q, qd, 0 * qd, base=parts).motion(frame)
         columns.append(np.concatenate((exact["v"], exact["omega"]), axis=-1))
     found = robot.jacobian(q, link, base_motion=motion)
     bound = robot.error_bounds(q, frames=link, outputs=("jacobian",), base_motion=motion)["jacobian"]
@@ -205,7 +206,9 @@ def test_accelerations_leave_nothing_over(arm, sizes, base):
     moves = robot.forward_dynamics(q, qd, tau, base_motion=motion, gravity=GRAVITY, **loads)
     a, alpha = (moves.a1, moves.alpha1) if base == "free" else (motion.a, motion.alpha)
     parts = [motion.R, motion.S, motion.v, motion.omega, a, alpha]
-    exact = ExactRobot(robot.tree, q, qd, moves.qdd, base=parts, gravity=GRAVITY).forces(base_counts=base == "free")
+    exact = ExactRobot(tree_of(robot), q, qd, moves.qdd, base=parts, gravity=GRAVITY).forces(
+        base_counts=base == "free"
+    )
     reached = hp.BodyMotion(**dict(zip(LETTERS, parts, strict=True)))
     force, torque = scales_of(robot, [q, qd, moves.qdd], reached).forces()
     wanted = {"tau": (tau, exact[2], torque.max(axis=1))}
@@ -221,8 +224,10 @@ def test_the_reference_conserves_what_it_must():
     robot, coordinates, motion, truth = case("panda", "free", HARD["ordinary"])
     with mpmath.workdps(DIGITS):
         force1, _, tau = truth.forces(base_counts=True)
-        still = ExactRobot(robot.tree, *coordinates, base=[getattr(motion, k) for k in LETTERS], gravity=(0, 0, 0))
-        mass = sum([robot.tree.base.mass, *(joint.body.mass for joint in robot.tree.joints)])
+        still = ExactRobot(
+            tree_of(robot), *coordinates, base=[getattr(motion, k) for k in LETTERS], gravity=(0, 0, 0)
+        )
+        mass = sum([tree_of(robot).base.mass, *(joint.body.mass for joint in tree_of(robot).joints)])
         weight = force1 - still.forces(base_counts=True)[0]
         assert np.abs(weight + mass * np.array(GRAVITY)).max() < 1e-13
         assert tau.shape == (2, 7)
@@ -238,7 +243,7 @@ def exact_accelerations(robot, coordinates, motion, tau, loads):
 
     def takes(qd, qdd, gravity, **moved):
         parts = [({**at, **moved})[letter] for letter in LETTERS]
-        force1, torque1, efforts = ExactRobot(robot.tree, q, qd, qdd, base=parts, gravity=gravity).forces(
+        force1, torque1, efforts = ExactRobot(tree_of(robot), q, qd, qdd, base=parts, gravity=gravity).forces(
             base_counts=free
         )
         return np.concatenate((force1, torque1, efforts), axis=-1) if free else efforts
@@ -290,7 +295,7 @@ def test_centre_energy_and_momentum_are_within_their_bounds(arm):
     with mpmath.workdps(DIGITS):
         mass, weighed, kinetic, linear, angular = 0, 0, 0, 0, 0
         for body, (origin, turn) in enumerate(truth.poses):
-            masses = robot.tree.joints[body - 1].body if body else robot.tree.base
+            masses = tree_of(robot).joints[body - 1].body if body else tree_of(robot).base
             own, inertia = mpmath.mpf(masses.mass), masses.inertia.astype(object) * mpmath.mpf(1)
             centre = origin + turn @ (masses.centre_of_mass.astype(object) * mpmath.mpf(1))[:, None]
             place, rate = centre.c0[..., 0], centre.c1[..., 0]

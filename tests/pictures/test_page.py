@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.mechanism.mechanism import tree_of
 from support.sparse import sparse
 from support.work import HANG
 
@@ -199,7 +200,7 @@ def test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate():
     content = content_of(page)
     assert repr(page) == "Page(panda, joints=8)"
     assert (content["t"], content["q"], content["placements"]) == ([], [], [np.eye(4).ravel().tolist()])
-    for joint, own in zip(content["joints"], robot.tree.joints, strict=True):
+    for joint, own in zip(content["joints"], tree_of(robot).joints, strict=True):
         assert (joint["name"], tuple(joint["axis"]), joint["parent"]) == (own.name, own.axis, own.parent)
         assert (joint["u"], joint["n"], joint["S"]) == (own.u.tolist(), own.n.tolist(), own.S.ravel().tolist())
     assert [joint["coordinate"] for joint in content["joints"]] == [*range(8), 7]
@@ -209,7 +210,7 @@ def test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate():
     np.testing.assert_array_equal(limits, robot.position_limits)
     neutral = [slider["neutral"] for slider in sliders]
     np.testing.assert_array_equal(neutral, np.clip(0, *robot.position_limits.T))
-    assert {frame["name"] for frame in content["frames"]} == {*robot.links, *robot.tree.frames}
+    assert {frame["name"] for frame in content["frames"]} == {*robot.links, *tree_of(robot).frames}
     assert content["frame"] == "panda_hand_tcp"
 
 
@@ -497,7 +498,7 @@ def test_sliders_move_the_robot_and_reset_brings_it_back(tmp_path):
     found = asked(hp.view(robot, meshes=0), tmp_path, MOVED.replace("VALUES", json.dumps(q.tolist())))
     np.testing.assert_allclose(found["values"], q, rtol=1e-14)  # a browser's slider keeps fifteen digits
     for matrices, values in (("neutral", np.clip(0, lower, upper)), ("moved", found["values"])):
-        joints = [joint.name for joint in robot.tree.joints]
+        joints = [joint.name for joint in tree_of(robot).joints]
         state = robot.forward_kinematics(values, frames=joints, outputs=("R", "S"))
         placed = np.array(found[matrices]).reshape(-1, 4, 4).swapaxes(1, 2)[1:]
         np.testing.assert_allclose(placed[:, :3, 3], state.R, rtol=0, atol=100 * U)

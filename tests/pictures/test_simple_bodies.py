@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.pictures.page_model import model_json, robot_model
 from hingepair.pictures.simple_bodies import robot_size, simple_bodies
 
@@ -21,7 +22,7 @@ def rods_of(body):
 
 
 def simple(*pairs):
-    tree = hp.Mechanism(pairs).tree
+    tree = tree_of(hp.Mechanism(pairs))
     return simple_bodies(tree, robot_size(tree))
 
 
@@ -122,7 +123,7 @@ def robot_of(shapes, extra=""):
 
 @pytest.mark.parametrize(("shapes", "sizes", "complete"), CASES.values(), ids=CASES)
 def test_a_link_is_drawn_by_its_shapes_or_by_a_simple_body(shapes, sizes, complete):
-    drawing = robot_of(shapes).tree.drawings[1]
+    drawing = tree_of(robot_of(shapes)).drawings[1]
     assert [tuple(box.size.tolist()) for box in drawing.shapes] == sizes
     assert drawing.is_complete == complete
     kinds = [type(shape) for _, shape in robot_model(robot_of(shapes), "r").bodies[1].shapes]
@@ -133,9 +134,9 @@ def test_shapes_of_folded_links_stand_where_these_are():
     origin = '<origin xyz="0 5 0" rpy="3.141592653589793 0 0"/>'
     fixed = f'<joint name="fix" type="fixed"><parent link="arm"/><child link="hand"/>{origin}</joint>'
     box, mesh = BOX.format(tag="visual"), MESH.format(tag="visual")
-    arm, other = robot_of(box, LINK.format(name="hand", shapes=box) + fixed).tree.drawings[1].shapes
+    arm, other = tree_of(robot_of(box, LINK.format(name="hand", shapes=box) + fixed)).drawings[1].shapes
     np.testing.assert_array_equal((arm.center, other.center), [(0, 0, 1), (0, 5, -1)])
-    drawing = robot_of(box, LINK.format(name="hand", shapes=mesh) + fixed).tree.drawings[1]
+    drawing = tree_of(robot_of(box, LINK.format(name="hand", shapes=mesh) + fixed)).drawings[1]
     assert (drawing.shapes, drawing.is_complete) == ((), False)
 
 
@@ -143,11 +144,11 @@ def test_shapes_of_pairs_and_payloads_are_drawn():
     ball = hp.Body(mass=1, shapes=[hp.Sphere(0.1, (0, 0, 0.2))])
     arm = hp.HingePair(u1=(0, 0, 1), u2=(-1, 0, 0), n=(0, 1, 0), name="arm", body2=ball)
     robot = hp.Mechanism([arm])
-    (sphere,), complete, *_ = robot.tree.drawings[1]
+    (sphere,), complete, *_ = tree_of(robot).drawings[1]
     np.testing.assert_array_equal(sphere.center, (1, 0, 0.2))  # from the joint
     assert complete
     loaded = robot_of(MESH.format(tag="visual")).with_payload("arm", ball)
-    assert not loaded.tree.drawings[1].is_complete
+    assert not tree_of(loaded).drawings[1].is_complete
     first, *others = (shape for _, shape in robot_model(loaded, "r").bodies[1].shapes)
     assert (first.radius, first.center.tolist()) == (0.1, [0, 0, 0.2])
     assert len(others) > 1

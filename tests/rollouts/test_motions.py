@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
+from hingepair.mechanism.mechanism import tree_of
 from support.trees import Robot, base_motion, random_model, record_of
 
 STEPS, H = 12, 2e-2
@@ -157,7 +158,7 @@ def test_a_free_base_moves_on_the_group(method):
     robot = Robot(record_of(MODEL), "free")
     (q0, qd0), tau = samples(2)
     base = base_motion(np.random.default_rng(8), (2,))
-    link = robot.tree.tips[0]
+    link = tree_of(robot).tips[0]
     push = np.random.default_rng(9).normal(size=(STEPS, 3))
     found = robot.rollout(q0, qd0, tau, H, method=method, base_motion=base, wrenches={link: (push, 0)})
     one = hp.BodyMotion(**{x: getattr(base, x)[1] for x in ("R", "S", "v", "omega")})

@@ -16,6 +16,7 @@ import pinocchio as pin
 
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.validation.robot_scales import RobotScales
 from support import states
 
@@ -138,7 +139,7 @@ def samples_of(robot, count, seed):
         (3, 1e5, 1e8, 1), (3, 1e-5, 1e5, 1), (3, 1, 1, 1e4), (0, 0, 0, 0),
     ]  # fmt: skip
     scale = np.array(sizes, float)
-    slides = np.array([joint.kind == "slider" for joint in robot.tree.coordinates], dtype=bool)
+    slides = np.array([joint.kind == "slider" for joint in tree_of(robot).coordinates], dtype=bool)
     coordinates = [rng.uniform(-1, 1, (len(sizes), robot.dof)) * scale[:, [k]] for k in range(3)]
     coordinates[0][:, slides] = rng.uniform(-1, 1, (len(sizes), slides.sum()))
     body1 = dict(zip(LETTERS, states.body1(rng, len(sizes)), strict=True))
@@ -210,20 +211,20 @@ def is_singular(matrix):
 
 def scales_of(robot, reference, mode, joints, base, links, tips):
     """The scale of every output, of shapes that broadcast against them."""
-    scales = RobotScales(robot.tree, list(joints), base, np.array((0, 0, -9.81)))
+    scales = RobotScales(tree_of(robot), list(joints), base, np.array((0, 0, -9.81)))
     columns = np.zeros((6 + len(reference.ratios), 6 + robot.dof))
     columns[:6, :6], columns[6:, 6:] = np.eye(6), np.abs(reference.ratios)
     columns = columns if mode == "free" else columns[:, 6:]
-    motions = [scales.motion(robot.tree.links[link]) for link in links]
+    motions = [scales.motion(tree_of(robot).links[link]) for link in links]
     found = {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in LETTERS}
     found["S"] = found["S"][..., None]
-    found["jacobian"] = np.stack([scales.jacobian(robot.tree.links[tip]) @ columns for tip in tips], axis=1)
+    found["jacobian"] = np.stack([scales.jacobian(tree_of(robot).links[tip]) @ columns for tip in tips], axis=1)
     found["mass_matrix"] = columns.T @ scales.mass_matrix() @ columns
     own = scales.energy_and_momentum()
     found |= {name: own[name] for name in ("kinetic", "potential")}
     found |= {name: own[name][:, None] for name in ("linear", "angular")}
     force, torque = scales.forces()
-    slides = np.array([joint.kind == "slider" for joint in robot.tree.joints], dtype=bool)
+    slides = np.array([joint.kind == "slider" for joint in tree_of(robot).joints], dtype=bool)
     base_parts = [np.repeat(part[:, :1], 3, axis=1) for part in (force, torque)]
     along = np.where(slides, force[:, 1:], torque[:, 1:])
     found["generalized"] = found["gravity_forces"] = np.concatenate((*base_parts, along), axis=1) @ columns

@@ -11,7 +11,7 @@ from hingepair.mechanism.building.urdf import tree_of_urdf
 U = 2.0**-53
 
 
-def tree_of(name, base="fixed", locked=None, snap=None):
+def tree_of_file(name, base="fixed", locked=None, snap=None):
     return tree_of_urdf(robot_urdf(name), base, locked, snap)[0]
 
 

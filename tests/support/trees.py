@@ -9,6 +9,7 @@ import pinocchio as pin
 
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Mimic, Tree
 
 
@@ -18,13 +19,13 @@ class Robot(hp.Mechanism):
     __slots__ = ()
 
     def __init__(self, tree, base="fixed"):
-        object.__setattr__(self, "tree", tree)
+        object.__setattr__(self, "_tree", tree)
         object.__setattr__(self, "base", base)
 
 
 def weightless(pairs):
     """The robot of pairs in which bodies whose mass was never given have none, as links of a URDF."""
-    return Robot(replace(hp.Mechanism(pairs).tree, without_mass={}))
+    return Robot(replace(tree_of(hp.Mechanism(pairs)), without_mass={}))
 
 
 def urdf_model(robot):

@@ -13,6 +13,7 @@ import sympy
 
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.symbolic.exact_constants import exact_angle, exact_entry
 
 U = 2.0**-53
@@ -78,7 +79,7 @@ def states(robot, count=40, seed=1):
 
 
 def reach(robot):
-    return 1 + sum(np.abs(joint.u).sum() + 3 * (joint.kind == "slider") for joint in robot.tree.joints)
+    return 1 + sum(np.abs(joint.u).sum() + 3 * (joint.kind == "slider") for joint in tree_of(robot).joints)
 
 
 @pytest.mark.slow
@@ -88,7 +89,7 @@ def test_the_generated_module_computes_what_the_robot_computes(which):
     module = functions(hp.derive(robot, frame=frame))
     q, qd = states(robot)
     state = robot.forward_kinematics(q, qd, frames=(frame,))[frame]
-    size, rate = reach(robot), 3 * len(robot.tree.joints)
+    size, rate = reach(robot), 3 * len(tree_of(robot).joints)
     for values, expected, scale in (
         (module["R"](q), state.R, size),
         (module["S"](q), state.S, 1),

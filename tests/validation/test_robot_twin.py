@@ -15,6 +15,7 @@ import pytest
 import hingepair as hp
 from hingepair.errors import ArgumentError
 from hingepair.formats.robots import robot_urdf
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.urdf import records
 from hingepair.validation import robot_check
 from hingepair.validation.pinocchio_twin import robot_twin
@@ -98,7 +99,7 @@ def test_the_twin_has_masses_that_no_rigid_body_has():
 def test_the_twin_has_the_masses_to_the_last_bit(name):
     """However many links a body has: with each that it adds, Pinocchio rounds the masses."""
     robot = hp.load_robot(name, base="free")
-    bodies = [robot.tree.base, *(joint.body for joint in robot.tree.joints)]
+    bodies = [tree_of(robot).base, *(joint.body for joint in tree_of(robot).joints)]
     for own, inertia in zip(bodies, list(hp.to_pinocchio(robot).model.inertias)[1:], strict=True):
         assert (inertia.mass, inertia.lever.tolist()) == (own.mass, own.centre_of_mass.tolist())
 
@@ -275,7 +276,7 @@ def test_accelerations_that_are_missing_fail(monkeypatch):
 
 def harmed_tree(part):
     """The robot of LADEN with one part of its description wrong."""
-    tree = hp.Mechanism.from_urdf(LADEN).tree
+    tree = tree_of(hp.Mechanism.from_urdf(LADEN))
     first, *others = tree.joints
     changes = {
         "names": {"name": "neck"},
@@ -289,7 +290,7 @@ def harmed_tree(part):
 @pytest.mark.parametrize("part", ["names", "placements", "inertias"])
 def test_an_error_of_reading_fails(part):
     robot = hp.Mechanism.from_urdf(LADEN)
-    object.__setattr__(robot, "tree", harmed_tree(part))
+    object.__setattr__(robot, "_tree", harmed_tree(part))
     report = hp.cross_validate(robot, np.ones(robot.dof))
     assert part in [row.output for row in report.description if not row.ok]
     assert report.verdict.startswith("FAILED: ")

@@ -29,7 +29,7 @@ from hingepair.bench.plot import MethodCurve, Panel
 from hingepair.bench.robots import load_models
 from hingepair.errors import ArgumentError
 from hingepair.formats.model_writers import to_urdf
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 
 Array: TypeAlias = NDArray[Any]
 
@@ -114,8 +114,8 @@ def make_task(robot: Mechanism, model: Any, count: int) -> Task:
     limits = np.clip(robot.position_limits, -np.pi, np.pi)
     q = np.random.default_rng(41).uniform(limits[:, 0], limits[:, 1], (count, robot.dof))
     link = robot.links[-1]
-    for name, frame in robot.tree.links.items():
-        if frame.body == len(robot.tree.joints) and not frame.R.any() and np.array_equal(frame.S, np.eye(3)):
+    for name, frame in tree_of(robot).links.items():
+        if frame.body == len(tree_of(robot).joints) and not frame.R.any() and np.array_equal(frame.S, np.eye(3)):
             link = name
     data, index = model.createData(), model.getFrameId(link)
     places = []
@@ -240,7 +240,7 @@ def ikpy_job(task: Task) -> Job:
     """Return the job of ikpy, which minimises by SciPy."""
     from ikpy.chain import Chain
 
-    root = next(iter(task.robot.tree.links))
+    root = next(iter(tree_of(task.robot).links))
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of fixed joints
         path = Path(folder) / "robot.urdf"

@@ -46,7 +46,7 @@ from hingepair.bench.plot import MethodCurve, Panel
 from hingepair.bench.truth import DIGITS, ExactRobot
 from hingepair.formats.model_writers import to_urdf
 from hingepair.formats.robots import load_robot, robot_urdf
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Frame
 
 Array: TypeAlias = NDArray[Any]
@@ -142,7 +142,7 @@ def make_task(robot: Mechanism, model: Any, workload: str, count: int) -> Task:
 
 def exact_results(task: Task) -> Array:
     """Return the exact results of the task as an array of mpf, with a row for each state."""
-    tree, count = task.robot.tree, len(task.inputs[0])
+    tree, count = tree_of(task.robot), len(task.inputs[0])
     q, qd, w = (*task.inputs, None, None)[:3]
     if task.workload == FORWARD:
         return ExactRobot(tree, q, qd).accelerations(w)

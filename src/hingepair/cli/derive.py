@@ -15,7 +15,7 @@ from hingepair.cli.pairs import TextFileOption
 from hingepair.cli.sources import Body1FrameOption, Body2FrameOption, JointArgument, Source
 from hingepair.errors import HingePairError
 from hingepair.formats.robots import load_robot, robot_urdf
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.scenes.pair_scene import FURTHER_OUTPUTS
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ def _load_snapped_robot(source: Source, snap: float | None) -> tuple[Mechanism, 
 def _largest_rotation_change(robot: Mechanism, other: Mechanism) -> float:
     """Return the largest absolute difference between entries of the fixed rotations of two versions of a robot."""
     first, second = (
-        [*(joint.S for joint in version.tree.joints), *(link.S for link in version.tree.links.values())]
+        [*(joint.S for joint in tree_of(version).joints), *(link.S for link in tree_of(version).links.values())]
         for version in (robot, other)
     )
     return max(float(np.abs(a - b).max()) for a, b in zip(first, second, strict=True))

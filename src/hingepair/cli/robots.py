@@ -12,7 +12,7 @@ from hingepair.cli.sources import Source
 from hingepair.errors import ArgumentError, URDFError, printable
 from hingepair.formats.robots import robot_names, robot_urdf
 from hingepair.formats.urdf_reader import hinge_pair
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.tables.sheets import align_columns, json_text
@@ -113,10 +113,10 @@ def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
         report["notes"] = [f"The joints cannot be loaded as a whole robot: {error}"]
         return report
     by_name = {joint.name: joint for joint in moving}
-    for number, facts in enumerate(_tree_facts(mechanism.tree)):
-        joint = by_name[mechanism.tree.joints[number].name]
+    for number, facts in enumerate(_tree_facts(tree_of(mechanism))):
+        joint = by_name[tree_of(mechanism).joints[number].name]
         report["joints"].append(_joint_row(robot, joint) | facts)
-    return report | {"dof": mechanism.dof, "notes": list(mechanism.tree.notes)}
+    return report | {"dof": mechanism.dof, "notes": list(tree_of(mechanism).notes)}
 
 
 def _tree_facts(tree: Tree) -> list[dict[str, Any]]:

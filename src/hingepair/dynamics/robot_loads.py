@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from hingepair.dynamics.loads import GivenLoad, Loads, RobotMotionAtInstants, check_rigid_stops
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.computations import read_wrenches
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Mimic
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, is_zero, one_constant
@@ -50,7 +50,7 @@ def robot_loads(
     fall = tuple(one_constant("gravity", gravity, 3).tolist())
     joint_loads = loads_by_joint(robot, loads)
     efforts = GivenLoad("tau", _efforts(tau, robot), robot.dof)
-    on_links, links = read_wrenches(wrenches, robot.tree.links)
+    on_links, links = read_wrenches(wrenches, tree_of(robot).links)
     vectors = {name: GivenLoad(name, _vector(name, load)) for name, load in on_base.items()}
     wrench_names = {link: (f"force_{link}", f"torque_{link}") for link in links}
     for name, (load, label) in zip(
@@ -86,7 +86,7 @@ def _efforts(tau: Any, robot: Mechanism) -> Any:
         return tau
     if isinstance(tau, float | int):
         return np.full(robot.dof, finite_number("tau", tau))
-    efforts = robot.tree.rows("tau", tau)
+    efforts = tree_of(robot).rows("tau", tau)
     if efforts.ndim > 1:
         expected = f"{robot.dof} efforts that stay, a callable of (t, now), or a Feedback"
         raise ShapeError("tau", expected, f"shape {efforts.shape}")
@@ -99,7 +99,7 @@ def loads_by_joint(robot: Mechanism, loads: Any) -> tuple[HingeLoad, ...]:
     Raises:
         ArgumentError: they are no HingeLoads by the joint's name.
     """
-    joints = {joint.name: joint for joint in robot.tree.joints}
+    joints = {joint.name: joint for joint in tree_of(robot).joints}
     if loads is not None and not isinstance(loads, Mapping):
         raise ArgumentError("loads", "HingeLoads by the joint's name", quoted(loads))
     for name, load in (loads or {}).items():
@@ -112,7 +112,7 @@ def loads_by_joint(robot: Mechanism, loads: Any) -> tuple[HingeLoad, ...]:
     for name, load in (loads or {}).items():
         rule = joints[name].mimic
         if rule is not None and rule.multiplier:
-            leader = robot.tree.joints[rule.leader - 1].name
+            leader = tree_of(robot).joints[rule.leader - 1].name
             of_joints[leader] = _sum(_of_leader(load, rule), of_joints[leader])
     return tuple(of_joints.values())
 

@@ -27,7 +27,7 @@ from hingepair.equations import dynamics as dyn
 from hingepair.errors import ArgumentError
 from hingepair.integration.methods import quaternion_product
 from hingepair.integration.trajectory import quaternions_to_matrices
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.plans.simulation import MOTION
@@ -130,7 +130,7 @@ class RobotMotion:
         self._known[:3] = base == "pinned"
         self._known[[k - self.dof for k in self._driven]] = True
         self.length = _length(robot)
-        units = np.array([1.0 if joint.unit == "rad" else self.length for joint in robot.tree.coordinates])
+        units = np.array([1.0 if joint.unit == "rad" else self.length for joint in tree_of(robot).coordinates])
         if not self.has_momenta:
             self.q = slice(0, self.dof)
             self.state = np.hstack([q0, qd0])
@@ -403,8 +403,8 @@ class RobotMotion:
 
 def _length(robot: Mechanism) -> float:
     """Return the sum of the distances between joints and to centres of mass [m]; 1 m if all of them are zero."""
-    bodies = [robot.tree.base, *(joint.body for joint in robot.tree.joints)]
-    vectors = [joint.u for joint in robot.tree.joints] + [body.centre_of_mass for body in bodies]
+    bodies = [tree_of(robot).base, *(joint.body for joint in tree_of(robot).joints)]
+    vectors = [joint.u for joint in tree_of(robot).joints] + [body.centre_of_mass for body in bodies]
     return sum(float(np.linalg.norm(vector)) for vector in vectors) or 1.0
 
 

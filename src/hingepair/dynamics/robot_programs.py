@@ -12,7 +12,7 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
 from hingepair.mechanism.computations import RobotComputation
 from hingepair.mechanism.constants import robot_constants
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.plans.simulation import MOTION, state_loop
 from hingepair.plans.trees import request_loop
@@ -36,8 +36,8 @@ class RobotPrograms:
     ) -> None:
         self.has_momenta = base in ("free", "pinned")
         self._backend, self._gravity = execution_of(backend, 1).backend, gravity
-        frames = tuple(robot.tree.links[link] for link in links)
-        constants = robot_constants(robot.tree, robot.base == "free")
+        frames = tuple(tree_of(robot).links[link] for link in links)
+        constants = robot_constants(tree_of(robot), robot.base == "free")
         loads = tuple(range(len(frames)))
         self._computation = RobotComputation(constants, ("qdd",), self.has_momenta, frames, loads, None)
         form, request = self._computation.form, self._computation.request

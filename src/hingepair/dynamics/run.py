@@ -25,6 +25,7 @@ from hingepair.dynamics.robot_motion import (
     StepRecord,
 )
 from hingepair.errors import ArgumentError, HingePairError, quoted
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, real_array
 from hingepair.pair.hinge_load import check_callable
@@ -209,7 +210,7 @@ def joint_range(
     stops, and if it passes, by more than `tol`, a limit at or inside which there is no stop.
     """
     lowest, highest = joint_extremes(run, joint)
-    unit, stops = run.motion.robot.tree.coordinates[joint].unit, run.motion.joint_loads[joint].tightest_stops
+    unit, stops = tree_of(run.motion.robot).coordinates[joint].unit, run.motion.joint_loads[joint].tightest_stops
     overrun = stop_overrun(name, unit, stops, lowest.q, highest.q)
     doubts = [f"{overrun}; HingeLoad(stop_stiffness=...) hardens them"] if overrun else []
     passed = [lowest] if lowest.q < limits[0] - tol and stops[0] < limits[0] else []

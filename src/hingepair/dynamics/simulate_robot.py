@@ -21,7 +21,7 @@ from hingepair.dynamics.robot_programs import RobotPrograms
 from hingepair.dynamics.run import Impact, Simulation, joint_impacts, joint_range, read_options
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.integration.trajectory import LazyValue
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.mechanism.tree import loads_note
 from hingepair.numeric.arrays import Float64Array as Array
@@ -154,7 +154,7 @@ class SimulatedRobotMotion(Frozen, Result):
 
     def unit(self, name: str) -> str:
         """Return the unit of a recorded array, or of one of its components, by its name."""
-        for joint in self.robot.tree.coordinates:
+        for joint in tree_of(self.robot).coordinates:
             units = {"": joint.unit, "d": f"{joint.unit}/s", "dd": f"{joint.unit}/s^2"}
             for ending, unit in units.items():
                 if name == joint.name + ending:
@@ -200,10 +200,10 @@ def simulate_robot(
         raise ArgumentError("robot", "a Mechanism", quoted(robot))
     if not robot.dof:
         raise ArgumentError("robot", "joints that move", "none")
-    robot.tree.single()
+    tree_of(robot).single()
     if joint_loads is not None:
         loads = _described_loads(robot, loads, joint_loads)
-    elif loads is None and (note := loads_note(robot.tree)):
+    elif loads is None and (note := loads_note(tree_of(robot))):
         sentence = f"{robot.name}: {note}; loads=robot.joint_loads counts them, loads={{}} is silent"
         warnings.warn(sentence, DynamicsWarning, stacklevel=3)
     kind, start = _base_of(robot, base, base_motion)
@@ -230,7 +230,7 @@ def simulate_robot(
     found = Simulation(make_motion, instants, options)
     samples, q_range, in_degrees = found.samples, [], list[str]()
     impacts = list[Impact]()
-    for k, joint in enumerate(robot.tree.coordinates):
+    for k, joint in enumerate(tree_of(robot).coordinates):
         extremes, doubts = joint_range(found.run, k, joint.name, joint.position_limits, options.tol)
         q_range.append(extremes)
         impacts += joint_impacts(found.run, k, joint.name)
@@ -293,7 +293,7 @@ def _driven(
     """Return the motions of joints that move as given, by the joint's number."""
     if driven is not None and not isinstance(driven, Mapping):
         raise ArgumentError("driven", "callables by the joint's name", quoted(driven))
-    moves, leaders = {}, robot.tree.coordinate_names.leaders
+    moves, leaders = {}, tree_of(robot).coordinate_names.leaders
     for name, move in (driven or {}).items():
         if name not in robot.names:
             raise ArgumentError("driven", choices(robot.names) + nearest(str(name), robot.names), quoted(name))
@@ -308,7 +308,7 @@ def _read_start(name: str, value: Any, robot: Mechanism) -> Array:
     """Return the checked coordinates or rates at the first instant, a new array (dof,)."""
     if isinstance(value, float | int) and not value:
         return np.zeros(robot.dof)
-    array = robot.tree.rows(name, value).copy()
+    array = tree_of(robot).rows(name, value).copy()
     if array.ndim > 1:
         raise ArgumentError(name, f"one start, shape ({robot.dof},)", f"shape {array.shape}")
     for joint, x in zip(robot.names, array.tolist(), strict=True):

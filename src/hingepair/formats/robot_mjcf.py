@@ -13,7 +13,7 @@ from hingepair.formats.mjcf_meshes import MjcfMeshes
 from hingepair.formats.robot_writer import is_here
 from hingepair.formats.shape_writers import unread_sentences
 from hingepair.formats.xml_text import add_element, check_xml_text, document, first_few
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.numeric.arrays import one_constant
 from hingepair.pair.body import warn_of_dynamics
@@ -36,7 +36,7 @@ _FARTHEST = 1e9  # rad or m; written for a missing limit beside a given one
 
 def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike, *, meshes: bool) -> str:
     """Return a Mechanism as MJCF text, with its meshes or without; `base` is "free" or "fixed"."""
-    tree = robot.tree.single()
+    tree = tree_of(robot).single()
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
     root = ET.Element("mujoco", {"model": tree.name})

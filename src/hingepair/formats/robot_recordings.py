@@ -15,7 +15,7 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, nearest
 from hingepair.measured.smoothing.smooth import smooth
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array
 from hingepair.tables.column_file import ColumnRequest, read_columns
 from hingepair.tables.column_sources import check_once, in_own_names, read_column_sources
@@ -37,7 +37,7 @@ def read_robot_recording(
     present: list[str] = []
     joints = robot.names
     units = {"t": "s"}
-    for joint in robot.tree.coordinates:
+    for joint in tree_of(robot).coordinates:
         per = (joint.unit, f"{joint.unit}/s", f"{joint.unit}/s^2", joint.effort_unit)
         units |= {f"{name}_{joint.name}": unit for name, unit in zip((*_MOTION, "tau"), per, strict=True)}
 

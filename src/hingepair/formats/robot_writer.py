@@ -25,7 +25,7 @@ from hingepair.formats.xml_text import (
     urdf_limits,
 )
 from hingepair.mechanism.joints import KINDS
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.shapes import Mesh
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.pair.body import DynamicsWarning
@@ -34,7 +34,7 @@ from hingepair.rotations.euler import matrix_to_euler
 
 def robot_to_urdf(robot: Mechanism, base: str = "free", *, meshes: bool = True) -> str:
     """Return a robot as URDF text, with its meshes or without; see `to_urdf`."""
-    tree = robot.tree.single()
+    tree = tree_of(robot).single()
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
     geared = [joint.name for joint in tree.joints if joint.armature]

@@ -14,7 +14,7 @@ from hingepair.identification.consistency import body_units, consistent_paramete
 from hingepair.measured.findings import RANDOM_CORRELATION, Check, Finding, exceeded, verdict
 from hingepair.measured.least_squares import neighbour_correlation, sandwich
 from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, inertia_matrices
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only
 from hingepair.numeric.optional import new_figure
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
@@ -140,7 +140,7 @@ class MassFit(Frozen, Shown):
             MissingDependencyError: Matplotlib is not installed.
         """
         measured, fitted = _arrays(self.robot, {"tau": tau})["tau"], self.torques(q, qd, qdd)
-        joints, shown = self.robot.tree.coordinates, Units.of(units)
+        joints, shown = tree_of(self.robot).coordinates, Units.of(units)
         instants = shown.factor("s") * np.asarray(t, np.float64)
         figure = new_figure(9, 1 + 1.3 * len(joints))
         rows = figure.subplots(len(joints), sharex=True, squeeze=False)[:, 0]
@@ -171,7 +171,7 @@ class MassFit(Frozen, Shown):
         shown = Units.of(units)
         title, rows, _ = self._sheet(shown)
         joints: list[tuple[str, ...]] = [("joint", "unit", "noise", "left", "left in test", "left as described")]
-        for k, joint in enumerate(self.robot.tree.coordinates):
+        for k, joint in enumerate(tree_of(self.robot).coordinates):
             cells = (self.noise[k], self.rms[k], self.rms_test[k], self.rms_described[k])
             factor = shown.factor(joint.effort_unit)
             joints.append((joint.name, shown.unit(joint.effort_unit), *(f"{factor * cell:.3g}" for cell in cells)))
@@ -199,7 +199,7 @@ class MassFit(Frozen, Shown):
         for column in (self.base.columns % 10).tolist():  # mass, first moments, inertias
             yield moments[(column > 0) + (column > 3)]
         for term in self.joint_terms:
-            for joint in self.robot.tree.coordinates:
+            for joint in tree_of(self.robot).coordinates:
                 effort, factor = units.unit(joint.effort_unit), units.factor(joint.effort_unit)
                 if term == "armature":
                     yield moments[0 if joint.unit == "m" else 2]
@@ -310,9 +310,10 @@ def fit_masses(
     findings = impossible + _doubts(recording, found, estimate, count)
     parameters, estimate, more = _standard_parameters(recording, found, estimate, physical)
     fitted = _fitted_robot(recording, parameters, estimate)
-    if fitted.tree.notes and not impossible:
+    tree = tree_of(fitted)
+    if tree.notes and not impossible:
         text = (
-            f"{len(fitted.tree.notes)} of {len(fitted.tree.joints)} bodies of `robot` have masses that no rigid body "
+            f"{len(tree.notes)} of {len(tree.joints)} bodies of `robot` have masses that no rigid body "
             "has. Of all masses with these base parameters, they are nearest to those described: physical=True finds "
             "some of rigid bodies."
         )
@@ -365,7 +366,7 @@ def _checked_options(robot: Any, joint_terms: Iterable[str], test: float) -> tup
 def _arrays(robot: Mechanism, given: dict[str, Any]) -> dict[str, Float64Array]:
     """Return coordinates in any of their forms as arrays of one shape (..., dof); refuse other libraries' arrays."""
     shapes = dict.fromkeys(given, (robot.dof,))
-    read = read_arguments(given, shapes, robot.tree.coordinate_names)
+    read = read_arguments(given, shapes, tree_of(robot).coordinate_names)
     if read.library is not None:
         raise DtypeError("q", "NumPy arrays", "arrays of another library")
     parts = [np.stack(np.broadcast_arrays(*one), axis=-1) if isinstance(one, tuple) else np.asarray(one)
@@ -425,7 +426,7 @@ def _described_term(robot: Mechanism, term: str) -> Float64Array:
     if term == "armature":  # followers' rotors count with their leaders
         return robot.armature
     field = _TERMS[term].field
-    return np.array([getattr(joint.load, field) if field else 0.0 for joint in robot.tree.coordinates])
+    return np.array([getattr(joint.load, field) if field else 0.0 for joint in tree_of(robot).coordinates])
 
 
 class _Found(NamedTuple):
@@ -487,13 +488,13 @@ def _doubts(recording: _Recording, found: _Found, estimate: Float64Array, count:
     rates = recording.values["qd"][:count]
     findings, count = [], len(base.names)
     doubt = found.std[:count] / np.sqrt((base.matrix**2) @ (_units(robot) ** 2))
-    for number, name in enumerate(body_names(robot.tree, False)):
+    for number, name in enumerate(body_names(tree_of(robot), False)):
         of_body = np.flatnonzero(~(doubt <= _HARDLY_KNOWN) & (base.columns // 10 == number))
         if of_body.size:
             which = ", ".join(base.names[k].removeprefix(f"{name} ") for k in of_body)
             harmless = bool((doubt[of_body] <= _UNKNOWN).all())
             how = f"{'are' if of_body.size > 1 else 'is'} {'hardly' if harmless else 'not'} determined"
-            advice = f"let {robot.tree.joints[number].name} and the joints that carry it turn further and faster"
+            advice = f"let {tree_of(robot).joints[number].name} and the joints that carry it turn further and faster"
             findings.append(Finding(f"{which} of {name} {how} by this motion: {advice}.", harmless))
     values, std = (recording.parts(array)[1] for array in (estimate, found.std))
     for k, joint in enumerate(robot.names):
@@ -646,9 +647,9 @@ def _fitted_robot(recording: _Recording, parameters: Float64Array, estimate: Flo
     fitted = {term: np.maximum(values, 0.0) for term, values in recording.parts(estimate)[1].items()}
     robot = recording.robot.with_inertial_parameters(parameters, armature=fitted.get("armature"))
     fields = {field: fitted[term] for term in fitted if (field := _TERMS[term].field)}
-    own = {joint.name: k for k, joint in enumerate(robot.tree.coordinates)}
+    own = {joint.name: k for k, joint in enumerate(tree_of(robot).coordinates)}
     loads = {}
-    for joint in robot.tree.joints:  # what is fitted counts the loads of followers with the leader's
+    for joint in tree_of(robot).joints:  # what is fitted counts the loads of followers with the leader's
         k = own.get(joint.name)
         found: dict[str, Any] = {field: 0.0 if k is None else values[k] for field, values in fields.items()}
         loads[joint.name] = replace(joint.load, **found)

@@ -105,7 +105,7 @@ class Mechanism(MechanismMethods):
     [0.9, 0.0, 1.0]
     """
 
-    tree: Tree
+    _tree: Tree
     base: str
 
     def __init__(
@@ -115,14 +115,14 @@ class Mechanism(MechanismMethods):
         base: str = "fixed",
         name: str | None = None,
         *,
-        tree: Tree | None = None,  # which dataclasses.replace passes
+        _tree: Tree | None = None,  # which dataclasses.replace passes
     ) -> None:
-        if tree is not None:
+        if _tree is not None:
             raise HingePairError(
                 "dataclasses.replace cannot change a Mechanism: make it again with what is to differ, as by "
                 'load_robot(..., base="free")'
             )
-        set_frozen(self, tree=tree_of_pairs(pairs, parents, base, name), base=base)
+        set_frozen(self, _tree=tree_of_pairs(pairs, parents, base, name), base=base)
 
     @classmethod
     def from_urdf(
@@ -242,27 +242,27 @@ class Mechanism(MechanismMethods):
     @property
     def name(self) -> str:
         """Name of the robot."""
-        return self.tree.name
+        return self._tree.name
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the joints that have a coordinate, in the order of q; mimic joints have none."""
-        return tuple(joint.name for joint in self.tree.coordinates)
+        return tuple(joint.name for joint in self._tree.coordinates)
 
     @property
     def dof(self) -> int:
         """Number of coordinates in q, without the six of a free base."""
-        return len(self.tree.coordinates)
+        return len(self._tree.coordinates)
 
     @property
     def links(self) -> tuple[str, ...]:
         """Names of the links, the base first, and each after the link that carries it."""
-        return tuple(self.tree.links)
+        return tuple(self._tree.links)
 
     @property
     def tips(self) -> tuple[str, ...]:
         """Names of the links that carry no other, on bodies that carry no further joint; the default `frames`."""
-        return self.tree.tips
+        return self._tree.tips
 
     @property
     def position_limits(self) -> Float64Array:
@@ -285,11 +285,11 @@ class Mechanism(MechanismMethods):
         mass matrix [kg m^2 or kg]; shape (dof,). A mimic joint adds its own, times the square of its multiplier, to
         its leader's. Robots of URDF have none.
         """
-        sums = dict.fromkeys((joint.name for joint in self.tree.coordinates), 0.0)
-        for joint in self.tree.joints:
+        sums = dict.fromkeys((joint.name for joint in self._tree.coordinates), 0.0)
+        for joint in self._tree.joints:
             leader, ratio = joint.name, 1.0
             if joint.mimic is not None:
-                leader, ratio = self.tree.joints[joint.mimic.leader - 1].name, joint.mimic.multiplier
+                leader, ratio = self._tree.joints[joint.mimic.leader - 1].name, joint.mimic.multiplier
             sums[leader] += joint.armature * ratio * ratio
         return read_only(np.array([*sums.values()], dtype=np.float64))
 
@@ -303,9 +303,9 @@ class Mechanism(MechanismMethods):
         16.994
         """
         counted = 0 if self.base == "free" else 1
-        bodies = [self.tree.base, *(joint.body for joint in self.tree.joints)][counted:]
+        bodies = [self._tree.base, *(joint.body for joint in self._tree.joints)][counted:]
         total = float(sum(body.mass for body in bodies))
-        samples = self.tree.samples
+        samples = self._tree.samples
         if samples is None:
             return total
         matter = (numbers[..., 0] for body, numbers in samples.matter.items() if body >= counted)
@@ -321,7 +321,7 @@ class Mechanism(MechanismMethods):
         `hp.simulate(robot, ..., loads=robot.joint_loads)` counts all.
         """
         loads = {}
-        for joint in self.tree.joints:
+        for joint in self._tree.joints:
             bounded = np.isfinite(joint.position_limits).any() and joint.position_limits[0] < joint.position_limits[1]
             load = replace(joint.load, stops=joint.position_limits) if bounded else joint.load
             if load != NO_LOAD:
@@ -330,17 +330,17 @@ class Mechanism(MechanismMethods):
 
     def _joint_values(self, field: str, *tail: int) -> Float64Array:
         """Return a field of all joints that have a coordinate, shape (dof, ...)."""
-        values = [getattr(joint, field) for joint in self.tree.coordinates]
+        values = [getattr(joint, field) for joint in self._tree.coordinates]
         return read_only(np.array(values, dtype=np.float64).reshape(self.dof, *tail))
 
     def __getitem__(self, joint: str) -> RobotJoint:
         """Return a moving joint by name, as a HingePair, Slider or Screw between the frames of the links behind their
         joints. A body that has no mass, or no possible one, is None.
         """
-        for candidate in self.tree.joints:
+        for candidate in self._tree.joints:
             if candidate.name == joint:
-                return changes.pair_of(self.tree, candidate)
-        names = [candidate.name for candidate in self.tree.joints]
+                return changes.pair_of(self._tree, candidate)
+        names = [candidate.name for candidate in self._tree.joints]
         expected = choices(names) + nearest(str(joint), names) if names else "no joint, since none moves"
         raise ArgumentError("joint", expected, quoted(joint))
 
@@ -402,11 +402,11 @@ class Mechanism(MechanismMethods):
         5.0
         """
         if mass is None:
-            return self._with_tree(changes.add_body(self.tree, self.base, link, body))
+            return self._with_tree(changes.add_body(self._tree, self.base, link, body))
         if body is not None:
             raise ArgumentError("mass", "None, since `body` has a mass", quoted(mass))
         payload = read_payload(mass, centre_of_mass, inertia)
-        return self._with_tree(changes.add_payload(self.tree, link, payload))
+        return self._with_tree(changes.add_payload(self._tree, link, payload))
 
     def with_locked(self, positions: Mapping[str, float]) -> Mechanism:
         """Return a copy of the robot in which joints are held.
@@ -421,7 +421,7 @@ class Mechanism(MechanismMethods):
         >>> hp.load_robot("panda").with_locked({"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}).dof
         7
         """
-        return self._with_tree(changes.lock_joints(self.tree, self.base, positions))
+        return self._with_tree(changes.lock_joints(self._tree, self.base, positions))
 
     def with_joint_loads(self, loads: Mapping[str, HingeLoad]) -> Mechanism:
         """Return a copy of the robot with other `joint_loads`; joints that are not named keep theirs.
@@ -438,7 +438,7 @@ class Mechanism(MechanismMethods):
         >>> robot.joint_loads["elbow_joint"].damping
         2.0
         """
-        return self._with_tree(changes.set_loads(self.tree, loads))
+        return self._with_tree(changes.set_loads(self._tree, loads))
 
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
@@ -460,8 +460,8 @@ class Mechanism(MechanismMethods):
         >>> robot.forward_kinematics((0,), frames="tool")["tool"].R.tolist()
         [0.0, 0.0, 1.5]
         """
-        frame = self.tree.known_frame("link", link)
-        return self._with_tree(changes.add_frame(self.tree, name, frame, R, S))
+        frame = self._tree.known_frame("link", link)
+        return self._with_tree(changes.add_frame(self._tree, name, frame, R, S))
 
     # ---- inertial parameters
 
@@ -474,7 +474,7 @@ class Mechanism(MechanismMethods):
         first moment, mass times centre of mass, hx, hy, hz [kg m], and the inertia Jxx, Jxy, Jyy, Jxz, Jyz, Jzz
         [kg m^2]. They are those of `toDynamicParameters` of Pinocchio's inertias, in its order.
         """
-        return inertial_parameters(self.tree, self.base == "free")
+        return inertial_parameters(self._tree, self.base == "free")
 
     def with_inertial_parameters(self, parameters: ArrayLike, *, armature: ArrayLike | None = None) -> Mechanism:
         """Return a copy of the robot with other `inertial_parameters`. Computations use them as they are, even if no
@@ -494,12 +494,12 @@ class Mechanism(MechanismMethods):
         >>> robot.with_inertial_parameters(2 * robot.inertial_parameters)["hand"].body2.mass
         4.0
         """
-        bodies = len(self.tree.joints) + (self.base == "free")
+        bodies = len(self._tree.joints) + (self.base == "free")
         checked = one_constant("parameters", parameters, 10 * bodies)
         rotors = None if armature is None else one_constant("armature", armature, self.dof)
         if rotors is not None and (rotors < 0).any():
             raise ArgumentError("armature", "inertias of at least 0", tuple(rotors.tolist()))
-        tree = tree_with_parameters(self.tree, self.base == "free", checked, rotors)
+        tree = tree_with_parameters(self._tree, self.base == "free", checked, rotors)
         return self._with_tree(tree)
 
     def base_parameters(self, *, gravity: ArrayLike = DEFAULT_GRAVITY) -> BaseParameters:
@@ -520,7 +520,7 @@ class Mechanism(MechanismMethods):
                 motion = BodyMotion(R=0 * v[0], S=rotation_exp(3 * v[0]), omega=v[1], a=v[2], alpha=v[3])
             return self.torque_regressor(*states, gravity=gravity, base_motion=motion)
 
-        return find_base_parameters(self.tree, free, regressor, self.position_limits)
+        return find_base_parameters(self._tree, free, regressor, self.position_limits)
 
     def with_base(self, base: str) -> Mechanism:
         """Return the robot with the given kind of base: "fixed", which rests or moves as given, or "free".
@@ -531,7 +531,7 @@ class Mechanism(MechanismMethods):
         'free'
         """
         check_choice("base", base, BASE_KINDS)
-        return _new_mechanism(type(self), self.tree, base)
+        return _new_mechanism(type(self), self._tree, base)
 
     def __repr__(self) -> str:
         return f"Mechanism({self.name!r}, dof={self.dof}, links={len(self.links)}, base={self.base!r})"
@@ -542,7 +542,7 @@ class Mechanism(MechanismMethods):
 
     def _sheet(self) -> Sheet:
         """Return the printed table of the moving joints; armature and loads have columns if a joint has them."""
-        joints = self.tree.joints
+        joints = self._tree.joints
         extra: dict[str, list[float]] = {"armature": [joint.armature for joint in joints]}
         extra |= {name: [getattr(joint.load, name) for joint in joints] for name in LOAD_FIELDS}
         extra = {name: values for name, values in extra.items() if any(values)}
@@ -557,15 +557,20 @@ class Mechanism(MechanismMethods):
             cells = map(cell_text, values)
             rows.append((joint.name, joint.kind, carrier, axis, *shown, cell_text(joint.body.mass), follows, *cells))
         title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
-        note = loads_note(self.tree)
-        notes = [*self.tree.notes, *([f"dynamics: {note}, unless joint_loads=True"] if note else ())]
-        if self.tree.samples is not None:
-            notes.append(f"payloads or lengths differ from sample to sample, shape {self.tree.samples.shape}")
+        note = loads_note(self._tree)
+        notes = [*self._tree.notes, *([f"dynamics: {note}, unless joint_loads=True"] if note else ())]
+        if self._tree.samples is not None:
+            notes.append(f"payloads or lengths differ from sample to sample, shape {self._tree.samples.shape}")
         return Sheet(title, rows, notes)
+
+
+def tree_of(robot: Mechanism) -> Tree:
+    """Return the record of a robot's joints, links and masses."""
+    return robot._tree
 
 
 def _new_mechanism(mechanism_class: type[Mechanism], tree: Tree, base: str) -> Mechanism:
     """Return a robot without the checks of the constructor."""
     mechanism = object.__new__(mechanism_class)
-    set_frozen(mechanism, tree=tree, base=base)
+    set_frozen(mechanism, _tree=tree, base=base)
     return mechanism

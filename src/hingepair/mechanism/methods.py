@@ -71,7 +71,7 @@ class MechanismMethods(Frozen, Shown):
 
     __slots__ = ("_cached_constants",)
 
-    tree: Tree  # record of the robot
+    _tree: Tree  # record of the robot
     base: str  # "fixed": the base is held, or moves as given; "free": forces move the base
     _cached_constants: RobotConstants
 
@@ -81,7 +81,7 @@ class MechanismMethods(Frozen, Shown):
         try:
             constants = self._cached_constants
         except AttributeError:
-            constants = robot_constants(self.tree, self.base == "free")
+            constants = robot_constants(self._tree, self.base == "free")
             set_frozen(self, _cached_constants=constants)
         return constants
 
@@ -90,7 +90,7 @@ class MechanismMethods(Frozen, Shown):
         """The constants without masses shifted to parent bodies (T9), for the wrenches of joints."""
         kept = self._constants.cache.others
         if "whole" not in kept:
-            kept["whole"] = robot_constants(self.tree, self.base == "free", whole=True)
+            kept["whole"] = robot_constants(self._tree, self.base == "free", whole=True)
         return kept["whole"]
 
     # ---- kinematics
@@ -290,7 +290,7 @@ class MechanismMethods(Frozen, Shown):
         """
         count = read_solutions(solutions, select, q0)
         query = read_query(
-            self.tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
+            self._tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
             prefer=prefer, weights=weights, position_tolerance=position_tolerance, angle_tolerance=angle_tolerance,
             base_motion=base_motion, seed=seed, workers=workers,
         )  # fmt: skip
@@ -342,7 +342,7 @@ class MechanismMethods(Frozen, Shown):
         ((200, 6), True, 0)
         """
         query = read_query(
-            self.tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
+            self._tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
             prefer=prefer, weights=weights, position_tolerance=position_tolerance, angle_tolerance=angle_tolerance,
             base_motion=base_motion, seed=seed, workers=workers, path=True,
         )  # fmt: skip
@@ -735,8 +735,8 @@ class MechanismMethods(Frozen, Shown):
         """
         limit: Any = None if effort_limits is False else effort_limits
         if effort_limits is True:
-            limit = np.array([joint.effort_limit for joint in self.tree.coordinates])
-        loads, links = read_wrenches(wrenches, self.tree.links)
+            limit = np.array([joint.effort_limit for joint in self._tree.coordinates])
+        loads, links = read_wrenches(wrenches, self._tree.links)
         self._warn_of_masses()
         computation = self._computation(("qdd",), links, len(links), self._loaded(joint_loads))
         result = rolled_out(
@@ -1009,7 +1009,7 @@ class MechanismMethods(Frozen, Shown):
         >>> q.shape, v.shape
         ((13,), (12,))
         """
-        turning = conventions.continuous_columns(self.tree) if cos_sin else []
+        turning = conventions.continuous_columns(self._tree) if cos_sin else []
         return self._written(conventions.PINOCCHIO, q, qd, base_motion, turning)
 
     def to_mujoco_state(
@@ -1031,7 +1031,7 @@ class MechanismMethods(Frozen, Shown):
         >>> state.q.shape, state.base_motion.R.tolist()
         ((6,), [0.0, 0.0, 1.0])
         """
-        turning = conventions.continuous_columns(self.tree)
+        turning = conventions.continuous_columns(self._tree)
         dof = len(self._constants.names)
         return conventions.read_state(conventions.PINOCCHIO, q, v, self.base == "free", dof, turning)
 
@@ -1059,7 +1059,7 @@ class MechanismMethods(Frozen, Shown):
         """
         free = self.base == "free"
         conventions.check_base(base_motion, free)
-        return conventions.integrated(self.tree.rows("q", q), v, base_motion, free)
+        return conventions.integrated(self._tree.rows("q", q), v, base_motion, free)
 
     def difference(
         self,
@@ -1075,7 +1075,7 @@ class MechanismMethods(Frozen, Shown):
         free = self.base == "free"
         conventions.check_base(base_motion0, free, "base_motion0")
         conventions.check_base(base_motion1, free, "base_motion1")
-        rows = self.tree.rows("q0", q0), self.tree.rows("q1", q1)
+        rows = self._tree.rows("q0", q0), self._tree.rows("q1", q1)
         return conventions.difference(*rows, base_motion0, base_motion1, free)
 
     def _written(
@@ -1089,8 +1089,8 @@ class MechanismMethods(Frozen, Shown):
         """Return q and, if qd is given, v as a package writes them, cosine and sine in the columns `turning` of q."""
         free = self.base == "free"
         conventions.check_base(base_motion, free)
-        rates = None if qd is None else self.tree.rows("qd", qd)
-        written = conventions.written_q(convention, self.tree.rows("q", q), base_motion, free, turning)
+        rates = None if qd is None else self._tree.rows("qd", qd)
+        written = conventions.written_q(convention, self._tree.rows("q", q), base_motion, free, turning)
         if rates is None:
             return written, None
         return written, conventions.written_v(convention, rates, base_motion, free)
@@ -1240,7 +1240,7 @@ class MechanismMethods(Frozen, Shown):
             accepted = FRAME_OUTPUTS if task in MOTION_LEVELS else default
         names = requested_outputs(outputs, out, accepted, default)
         computed = self._all_efforts(task) if by_arguments else names
-        acting, chosen = read_wrenches(wrenches, self.tree.links)
+        acting, chosen = read_wrenches(wrenches, self._tree.links)
         computation = self._computation(
             computed, chosen or self._task_frames(task, frames), len(chosen), self._loaded(joint_loads)
         )
@@ -1311,9 +1311,9 @@ class MechanismMethods(Frozen, Shown):
         found: RobotComputation | None = computations.get(key)
         if found is None:
             free, constants = self.base == "free", self._constants
-            chosen = tuple(self.tree.known_frame("frames", name) for name in frames)
+            chosen = tuple(self._tree.known_frame("frames", name) for name in frames)
             if {*outputs} <= {*OF_BODIES}:
-                chosen = self.tree.body_frames(free)
+                chosen = self._tree.body_frames(free)
             if not {*outputs}.isdisjoint(TASKS["joint_wrenches"].outputs):
                 constants = self._whole_constants
             kind = result_class(outputs, frames, constants)
@@ -1353,15 +1353,15 @@ class MechanismMethods(Frozen, Shown):
             return self._frames(frames)
         if task not in OF_FRAMES:
             return ()
-        if frames is None and len(self.tree.tips) != 1:
-            expected = f"the name of a link or joint, such as {', '.join(self.tree.tips[:4])}"
+        if frames is None and len(self._tree.tips) != 1:
+            expected = f"the name of a link or joint, such as {', '.join(self._tree.tips[:4])}"
             raise ArgumentError("frames", expected, None)
         return self._frames(frames, one=task in ONE_FRAME)
 
     def _frames(self, frames: str | Iterable[str] | None, one: bool = False) -> tuple[str, ...]:
         """Return the names in the argument `frames`; None stands for the last links of all branches."""
         try:
-            names = self.tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
+            names = self._tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
         except TypeError:
             names = ()
         if not names:
@@ -1400,11 +1400,11 @@ class MechanismMethods(Frozen, Shown):
 
     def _table_columns(self, name: str, table: Any) -> tuple[str, ...]:
         """Return the names of the columns of a table that hold q, qd, qdd or tau."""
-        return self.tree.coordinate_names.table_columns(name, table)
+        return self._tree.coordinate_names.table_columns(name, table)
 
     def _check_masses(self) -> None:
         """Refuse a body whose mass was never given, and masses that overflow."""
-        for number, link in self.tree.without_mass.items():
+        for number, link in self._tree.without_mass.items():
             if number == 0 and self.base == "free":
                 where = "body1 of the first pair"
             elif number > 0:
@@ -1416,7 +1416,7 @@ class MechanismMethods(Frozen, Shown):
             raise ArgumentError(where, f"mass properties, as in {example}", None)
         if self._constants.overflows:
             expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
-            raise ArgumentError(f"robot {self.tree.name!r}", expected, "products that overflow")
+            raise ArgumentError(f"robot {self._tree.name!r}", expected, "products that overflow")
 
     def _warn_of_masses(self) -> None:
         """Issue a DynamicsWarning for each of the tree's notes, at the first call for a robot."""
@@ -1424,8 +1424,8 @@ class MechanismMethods(Frozen, Shown):
         if not cache.warned:
             self._check_masses()
             cache.warned = True
-            for note in self.tree.notes:
-                warn_of_dynamics(f"{self.tree.name}: {note}")
+            for note in self._tree.notes:
+                warn_of_dynamics(f"{self._tree.name}: {note}")
 
     def _loaded(self, joint_loads: bool | None) -> bool:
         """Return whether loads of joints act; the first call that leaves them out unasked warns."""
@@ -1434,11 +1434,11 @@ class MechanismMethods(Frozen, Shown):
         cache = self._constants.cache
         if joint_loads is None and not cache.warned_of_loads:
             cache.warned_of_loads = True
-            if note := loads_note(self.tree):
+            if note := loads_note(self._tree):
                 warn_of_dynamics(
-                    f"{self.tree.name}: {note}; joint_loads=True counts them, joint_loads=False is silent"
+                    f"{self._tree.name}: {note}; joint_loads=True counts them, joint_loads=False is silent"
                 )
-        return bool(joint_loads) and any(load_numbers(self.tree))
+        return bool(joint_loads) and any(load_numbers(self._tree))
 
     def _warn_where_singular(self, result: Any, arguments: Mapping[str, Any]) -> None:
         """Issue a DynamicsWarning that names what no inertia resists, where accelerations are NaN for that."""
@@ -1461,7 +1461,7 @@ class MechanismMethods(Frozen, Shown):
             where = f"at {count} of {bad.size} samples" if bad.shape else "here"
             of_joints = np.flatnonzero(first[: len(constants.names)])
             which = labels[int(of_joints[-1]) if of_joints.size else -1]
-            warn_of_dynamics(f"{self.tree.name}: no mass resists {which} {where}; accelerations are NaN there")
+            warn_of_dynamics(f"{self._tree.name}: no mass resists {which} {where}; accelerations are NaN there")
 
 
 def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:

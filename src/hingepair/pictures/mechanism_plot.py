@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.curves import (
     PATHS,
@@ -78,7 +78,7 @@ def plot_mechanism(
         collector.add_piece(part.t, scene.samples, by_joint | paths)
     drawn = columns._replace(si_unit=lambda name: "m" if name == PATHS else _joint_unit(scene, *_joint_curve(name)))
     curves = collector.curves(drawn, lambda _: False)  # limits are drawn beside the values
-    joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.motion.moving]
+    joints = [joint for joint in tree_of(scene.mechanism).coordinates if joint.name in scene.motion.moving]
     figure = _draw_joint_panels(figure_class(), joints, scene.frames, quantities, curves, drawn)
     return finish_figure(figure, scene.title)
 
@@ -87,7 +87,7 @@ def plot_robot(robot: Mechanism, given: RobotMotion, *, has_instants: bool, unit
     """Return a new figure of coordinates of a robot and of the rates and efforts that are given, over time (over the
     number of the sample without `has_instants`), and of the paths of its last links.
     """
-    joints = robot.tree.coordinates
+    joints = tree_of(robot).coordinates
     si_units = {"t": "s" if has_instants else "1", PATHS: "m"}
     si_units |= {f"{name}_{joint.name}": _unit_of(joint, name) for joint in joints for name in _QUANTITIES}
     columns = Columns(Units.of(units), si_units.__getitem__)

@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from hingepair.formats.model_writers import drawn_shapes
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.shapes import BodyDrawing, Mesh, placed_shapes
 from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, Joint, Tree
 from hingepair.pair.body import Box, Shape, Sphere
@@ -133,7 +133,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None, megabyte
             chain.
         megabytes: size of the meshes on the page; 0: none are read.
     """
-    tree, size = robot.tree, robot_size(robot.tree)
+    tree, size = tree_of(robot), robot_size(tree_of(robot))
     meshes = [visual for drawing in tree.drawings for visual in drawing.visuals if isinstance(visual, Mesh)]
     pieces, notes = read_meshes(meshes, megabytes) if megabytes else ({}, [])
     chains = _joint_chains(tree)

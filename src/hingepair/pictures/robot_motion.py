@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import is_table, real_array
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.motion_samples import Array
@@ -68,5 +68,5 @@ def base_poses(base_motion: BodyMotion | None, count: int) -> tuple[Array, Array
 def _joint_rows(robot: Mechanism, name: str, value: ArrayLike) -> Array:
     """Return numbers of the joints as float64; of a table the columns that have the joints' names."""
     if is_table(value):
-        value = np.stack(tuple(robot.tree.coordinate_names.of_table(name, value).values()), axis=-1)
+        value = np.stack(tuple(tree_of(robot).coordinate_names.of_table(name, value).values()), axis=-1)
     return real_array(name, value).astype(np.float64)

@@ -14,7 +14,7 @@ from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.equations.quantities import ACCELERATION, unit_of
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.joints import KINDS, JointKind
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Joint, loads_note
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.pair.hinge_load import TORQUE_PARTS, HingeLoad
@@ -426,18 +426,18 @@ def robot_forces(
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
     deviations, notes = np.full(robot.dof, math.nan), [*non_finite_sentences(arrays)]
     if motion.simulated is not None:
-        units = {joint.name: joint.unit for joint in robot.tree.coordinates}
+        units = {joint.name: joint.unit for joint in tree_of(robot).coordinates}
         notes += impact_sentences(motion.simulated.impacts, units)
     if motion.derived is not None and len(t) > DIFFERENCE_ORDER:
         deviations, sentence = _effort_noise(robot, motion, t, tau, options)
         notes.append(sentence)
     loads = tuple(
         _summarize_joint(joint, i, t, known, tau[:, i], float(deviations[i]))
-        for i, joint in enumerate(robot.tree.coordinates)
+        for i, joint in enumerate(tree_of(robot).coordinates)
     )
     for load in loads:
         notes += _effort_limit_sentences(load, len(t))
-    if not joint_loads and (left_out := loads_note(robot.tree)):
+    if not joint_loads and (left_out := loads_note(tree_of(robot))):
         notes.append(f"{left_out}; joint_loads = true in [mechanism] counts them")
     return SceneForces(t, arrays, record, gravity=gravity, notes=tuple(notes), tau=tau, loads=loads)
 
@@ -451,7 +451,7 @@ def _effort_noise(
     units: dict[str, str] = {}
     log = LogNoise(t[rows] - t[rows.start], motion.derived or (), DIFFERENCE_ORDER)
     derivatives = [list(values) for values in middle.derivatives]
-    for column, joint in enumerate(robot.tree.coordinates):
+    for column, joint in enumerate(tree_of(robot).coordinates):
         if joint.name in motion.moving:
             names = tuple(joint.name + rate for rate in RATE_SUFFIXES)
             length = joint.unit

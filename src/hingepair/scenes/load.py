@@ -196,7 +196,9 @@ class SceneFile:
         if self.mechanism is None:
             limits: Any = {"psi": getattr(self.pair, "limits", None) or ()}
         else:
-            joints = self.mechanism.tree.coordinates
+            from hingepair.mechanism.mechanism import tree_of
+
+            joints = tree_of(self.mechanism).coordinates
             limits = {joint.name: joint.position_limits for joint in joints if joint.unit == "rad"}
         return tuple(dict.fromkeys(file_suspicions(self.tables.values, limits)))
 

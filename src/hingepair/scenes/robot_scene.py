@@ -16,7 +16,7 @@ from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import QUANTITIES, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.numeric.arrays import Float64Array, one_constant, read_only
 from hingepair.pair.body_motion import BodyMotion
@@ -195,7 +195,7 @@ class RobotScene(Scene):
 
     def unit(self, name: str) -> str:
         """Return the unit of an output, or of one of its components, such as R_tool_x or tau_elbow."""
-        for joint in self.mechanism.tree.coordinates:
+        for joint in tree_of(self.mechanism).coordinates:
             if name == f"tau_{joint.name}":
                 return joint.effort_unit
             for ending, per in zip(RATE_SUFFIXES, ("", "/s", "/s^2"), strict=True):
@@ -231,14 +231,14 @@ class RobotScene(Scene):
             requested = [RobotOutput(str(name), self.frames)]
         elif name in _QUANTITIES:
             requested = [RobotOutput(str(name), (), robot.names if name in _OF_JOINTS else ())]
-        elif isinstance(name, str) and robot.tree.frame(name) is not None:
+        elif isinstance(name, str) and tree_of(robot).frame(name) is not None:
             requested = [RobotOutput(kind, (name,)) for kind in _FRAME_DEFAULTS if _order(kind) <= level]
-        elif quantity in _OF_FRAMES and robot.tree.frame(owner) is not None:
+        elif quantity in _OF_FRAMES and tree_of(robot).frame(owner) is not None:
             requested = [RobotOutput(quantity, (owner,))]
         elif quantity == "tau" and owner in robot.names:
             requested = [RobotOutput(quantity, (), (owner,))]
         else:
-            known = (*_QUANTITIES, *robot.links, *robot.tree.frames)
+            known = (*_QUANTITIES, *robot.links, *tree_of(robot).frames)
             close = nearest(str(name), (*known, *(f"tau_{joint}" for joint in robot.names)))
             several = f", or both such as R_{self.frames[0]}" if self.frames else ""
             raise ArgumentError("outputs", choices(known) + several + close, quoted(name))
@@ -319,7 +319,7 @@ class RobotScene(Scene):
     def watches(self) -> list[LimitCounter]:
         """Return counters of the joints' positions and, where they are limited, rates."""
         watches, free = [], (-math.inf, math.inf)
-        for i, joint in enumerate(self.mechanism.tree.coordinates):
+        for i, joint in enumerate(tree_of(self.mechanism).coordinates):
             limits = [joint.position_limits]
             if self.motion.level and np.isfinite(joint.rate_limit):
                 limits.append((-joint.rate_limit, joint.rate_limit))
@@ -333,7 +333,7 @@ class RobotScene(Scene):
         """Return sentences on soft stops and on the motion itself."""
         motion = self.motion
         if motion.simulated is not None and motion.stops:
-            joints = zip(self.mechanism.tree.coordinates, motion.stops, motion.simulated.q_range, strict=True)
+            joints = zip(tree_of(self.mechanism).coordinates, motion.stops, motion.simulated.q_range, strict=True)
             for joint, stops, (least, most) in joints:
                 if soft := stop_overrun(joint.name, joint.unit, stops, float(least), float(most)):
                     yield f"{soft}; stop_stiffness hardens them"
@@ -343,7 +343,7 @@ class RobotScene(Scene):
 
     def angle_limits(self) -> dict[str, Sequence[float]]:
         """Return the limits of the hinges by name."""
-        joints = self.mechanism.tree.coordinates
+        joints = tree_of(self.mechanism).coordinates
         return {joint.name: joint.position_limits for joint in joints if joint.unit == "rad"}
 
     def _sizes(self, rows: Rows) -> tuple[Float64Array, Any, Any]:

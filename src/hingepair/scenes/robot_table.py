@@ -12,7 +12,7 @@ import numpy as np
 
 from hingepair.errors import SceneError, URDFError, choices, nearest, printable, quoted
 from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import BASE_KINDS
 from hingepair.pair.body import Body
 from hingepair.scenes.pair_table import (
@@ -176,7 +176,7 @@ def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
     for name in frames.values:
         frame = frames.table(name)
         values: dict[str, Any] = frame.read(_FRAME_KEYS, ("link",))
-        if robot.tree.frame(name) is not None:
+        if tree_of(robot).frame(name) is not None:
             frames.refuse(name, "a name that no link, joint or frame has", quoted(name))
         with frame.naming():
             robot = robot.with_frame(name, values["link"], values.get("R", np.zeros(3)), values.get("S"))

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import sympy
 
 from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.frame_program import POINTS, FrameProgram
 from hingepair.symbolic.kinks import Expr, constant_value
@@ -95,7 +95,7 @@ class FrameForms(WrittenForms):
                 f"({POINTS!r},): points of a robot's joints, or nothing",
                 quoted(symbolic),
             )
-        end_links = robot.tree.single().tips
+        end_links = tree_of(robot).single().tips
         if frame is None and len(end_links) != 1:
             raise ArgumentError(
                 "frame",
@@ -104,7 +104,7 @@ class FrameForms(WrittenForms):
                 "none",
             )
         name = end_links[0] if frame is None else frame
-        self._program = FrameProgram(robot.tree, robot.tree.known_frame("frame", name), symbols)
+        self._program = FrameProgram(tree_of(robot), tree_of(robot).known_frame("frame", name), symbols)
         self._title = f"frame {name} of {robot.name}"
         small = self._program.largest_rounded
         rounding_note = (f"lengths of at most {small:.2g} m, which rounding left, are taken for 0",) if small else ()

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError
 from hingepair.mechanism.joints import KINDS
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Joint, MassProperties, hinge_of_pair
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
 from hingepair.pair.body import Body
@@ -379,7 +379,7 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Twin:
         has_free_flyer: whether the base is a free-flyer; unless given, it is one if the robot's base is "free".
     """
     pin = import_pinocchio("to_pinocchio")
-    tree, is_free = robot.tree.single(), robot.base == "free"
+    tree, is_free = tree_of(robot).single(), robot.base == "free"
     if has_free_flyer is None:
         has_free_flyer = is_free
     names = {joint.name for joint in tree.joints}

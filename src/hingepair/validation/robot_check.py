@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.computations import BASE_LABELS, base_inputs
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
 from hingepair.pair.accuracy import unit_roundoff
@@ -90,14 +90,14 @@ def cross_validate_robot(
     """
     fall = one_constant("gravity", gravity, 3)
     names = (
-        tuple(robot.tree.single().links)
+        tuple(tree_of(robot).single().links)
         if frames is None
         else (frames,)
         if isinstance(frames, str)
         else tuple(frames)
     )
     tips = robot.tips if frames is None else names
-    known = {name: robot.tree.known_frame("frames", name) for name in names}
+    known = {name: tree_of(robot).known_frame("frames", name) for name in names}
     samples = _read_samples(robot, coordinates, base_motion)
     ours = _outputs_by_equations(robot, coordinates, names, tips, base_motion, fall, samples.shape)
     twin, compared_with = urdf_twin(robot)
@@ -149,7 +149,7 @@ def compare_loads(
     twin.model.gravity = import_pinocchio("cross_validate").Motion(fall, np.zeros(3))
     links = tuple(link for link in robot.links if f"force_{link}" in loads)
     wrenches = tuple(
-        LinkWrench(robot.tree.links[link], loads[f"force_{link}"], loads[f"torque_{link}"]) for link in links
+        LinkWrench(tree_of(robot).links[link], loads[f"force_{link}"], loads[f"torque_{link}"]) for link in links
     )
     case = _Case(robot, twin, samples, {}, links, fall, wrenches)
     required, scales = _outputs_by_pinocchio(case), _output_scales(case, {})
@@ -211,7 +211,7 @@ def _read_samples(
     shapes = {**dict.fromkeys(names, (3,)), "S1": (3, 3), **dict.fromkeys(coordinates, (robot.dof,))}
     motion = base_inputs(base_motion, names)
     given = {**coordinates, **{name: motion[name] for name in names if name in motion}}
-    values = read_arguments(given, shapes, robot.tree.coordinate_names, BASE_LABELS)
+    values = read_arguments(given, shapes, tree_of(robot).coordinate_names, BASE_LABELS)
     shape = broadcast_shape(values.shapes)
     at_rest = {name: np.asarray(getattr(BASE_AT_REST, attribute)) for name, attribute in attributes.items()}
     flat, finite = finite_samples(at_rest | values.values, shape, {"S1": 2})
@@ -292,7 +292,7 @@ def _outputs_by_pinocchio(case: _Case) -> dict[str, Float64Array]:
 
 def _frame_number(case: _Case, name: str) -> int:
     """Return the number of a frame in Pinocchio's model; a name that a link shares with a joint is the link's."""
-    pin, is_link = import_pinocchio("cross_validate"), name in case.robot.tree.links
+    pin, is_link = import_pinocchio("cross_validate"), name in tree_of(case.robot).links
     for number, frame in enumerate(case.twin.model.frames):
         if frame.name == name and (frame.type == pin.FrameType.BODY) is is_link:
             return number
@@ -394,14 +394,14 @@ def _output_scales(case: _Case, ours: Mapping[str, Float64Array]) -> dict[str, F
     """Return the error scales of all outputs by name, which broadcast against them; forward_dynamics if in `ours`."""
     robot, twin, samples = case.robot, case.twin, case.samples
     joints = [twin.joint_positions(samples.joints[0]), *(one[:, 6:] for one in case.states()[1:])]
-    scales = RobotScales(robot.tree, joints, samples.base, case.gravity, case.wrenches)
+    scales = RobotScales(tree_of(robot), joints, samples.base, case.gravity, case.wrenches)
     columns = np.zeros((6 + len(twin.ratios), 6 + robot.dof))
     columns[:6, :6], columns[6:, 6:] = np.eye(6), np.abs(twin.ratios)
     columns = columns if robot.base == "free" else columns[:, 6:]
     by_output: dict[str, Float64Array] = {}
     if case.frames:
         at_origin = replace(samples.base, R=np.zeros_like(samples.base.R))
-        offsets = RobotScales(robot.tree, joints[:1], at_origin, case.gravity)
+        offsets = RobotScales(tree_of(robot), joints[:1], at_origin, case.gravity)
         motions = [scales.motion(frame) for frame in case.frames.values()]
         by_output |= {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in FRAME_MOTION}
         by_output["S"] = by_output["S"][..., None]
@@ -415,7 +415,7 @@ def _output_scales(case: _Case, ours: Mapping[str, Float64Array]) -> dict[str, F
     by_output |= {"force1": force[:, 0], "torque1": torque[:, 0], "tau": tau[:, tau.shape[1] - robot.dof :]}
     if "forward_dynamics" in ours:
         moved = [*joints[:2], ours["qdd"] @ twin.ratios.T]
-        found = RobotScales(robot.tree, moved, _moved_base(case, ours), case.gravity)
+        found = RobotScales(tree_of(robot), moved, _moved_base(case, ours), case.gravity)
         by_output["forward_dynamics"] = _generalized_scales(robot, found, columns)
     return by_output
 
@@ -423,7 +423,7 @@ def _output_scales(case: _Case, ours: Mapping[str, Float64Array]) -> dict[str, F
 def _generalized_scales(robot: Mechanism, scales: RobotScales, columns: Float64Array) -> Float64Array:
     """Return the scales of generalized forces; `columns` leads from the robot's velocities to the joints'."""
     force, torque = scales.forces()
-    turns, shifts = np.abs([joint.axis for joint in robot.tree.joints]).reshape(-1, 2).T
+    turns, shifts = np.abs([joint.axis for joint in tree_of(robot).joints]).reshape(-1, 2).T
     along = turns * torque[:, 1:] + shifts * force[:, 1:] + scales.rotor_efforts()
     base = [np.repeat(force[:, :1], 3, axis=1), np.repeat(torque[:, :1], 3, axis=1)]
     return np.concatenate((*base, along), axis=1) @ columns

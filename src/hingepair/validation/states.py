@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array
 
 _HARD_ANGLES = (0.0, 1e-9, -1e-160, np.pi, np.pi - 1e-9, -np.pi / 2, 1e6, -1e15)  # of hinges [rad]
@@ -50,7 +50,7 @@ def random_and_hard_states(robot: Mechanism) -> tuple[Float64Array, Float64Array
     """
     rng = np.random.default_rng(0)
     size = 200, robot.dof  # a humanoid takes some seconds
-    hinges = np.array([joint.unit == "rad" for joint in robot.tree.joints if joint.mimic is None], dtype=bool)
+    hinges = np.array([joint.unit == "rad" for joint in tree_of(robot).joints if joint.mimic is None], dtype=bool)
     q = [rng.uniform(-np.pi, np.pi, size) * np.where(hinges, 1.0, 0.1)]
     qd, qdd = [rng.uniform(-2, 2, size)], [rng.uniform(-5, 5, size)]
     for angle in _HARD_ANGLES:

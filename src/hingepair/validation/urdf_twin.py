@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import unit_roundoff
 from hingepair.validation.pinocchio_twin import Twin, import_pinocchio, joins_wrongly
@@ -36,10 +36,10 @@ def urdf_twin(robot: Mechanism) -> tuple[Twin | None, str]:
     has no effect, is left out.
     """
     own = "a model built from the robot as hingepair holds it"
-    source = robot.tree.source
+    source = tree_of(robot).source
     if source is None:
         return None, f"{own}, since it was not read from a URDF, or was changed afterwards"
-    if light := [joint.name for joint in robot.tree.joints if joins_wrongly(joint.body.mass)]:
+    if light := [joint.name for joint in tree_of(robot).joints if joins_wrongly(joint.body.mass)]:
         return None, f"{own}, since Pinocchio misplaces the centre of mass of the body of {light[0]!r}"
     if source.snap:
         return None, f"{own}, since snap={source.snap:g} changed angles of the URDF"
@@ -112,7 +112,7 @@ def _add_frames(pin: Any, model: Any, robot: Mechanism) -> None:
     """Add the frames that were added to the robot after it was read to the model, in place."""
     known = {frame.name for frame in model.frames}
     inertias = [inertia.copy() for inertia in model.inertias]
-    for name, frame in robot.tree.frames.items():
+    for name, frame in tree_of(robot).frames.items():
         if name not in known:
             placement = pin.SE3(np.array(frame.S), np.array(frame.R))
             model.addFrame(pin.Frame(name, 1 + frame.body, placement, pin.FrameType.OP_FRAME))
@@ -124,7 +124,7 @@ def compare_descriptions(robot: Mechanism, twin: Twin) -> tuple[Comparison, ...]
     """Compare the joints, placements and masses of a robot with those of its URDF twin; return a row for each. Where
     the joints have other names, there is only a row for these, and nothing else can be compared.
     """
-    joints, model = robot.tree.joints, twin.model
+    joints, model = tree_of(robot).joints, twin.model
     names = [joint.name for joint in joints]
     theirs = list(model.names)[2:]
     wrong = [ours != other for ours, other in zip(names, theirs, strict=False)] + [True] * abs(
@@ -143,7 +143,7 @@ def compare_descriptions(robot: Mechanism, twin: Twin) -> tuple[Comparison, ...]
         place.append(max(turned, _largest(joint.u - there.translation) / length) if is_there else np.inf)
         sizes.append(length)
     rows.append(_row("placements", names, np.multiply(place, sizes), np.divide(place, _U)))
-    bodies = [robot.tree.base if robot.base == "free" else None, *(joint.body for joint in joints)]
+    bodies = [tree_of(robot).base if robot.base == "free" else None, *(joint.body for joint in joints)]
     errors, ratios = [], []
     for number, body in enumerate(bodies, 1):
         there = model.inertias[number]

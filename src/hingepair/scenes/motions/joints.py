@@ -14,7 +14,7 @@ import numpy as np
 from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import choices, nearest, quoted
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_pair import HingePair
@@ -260,7 +260,7 @@ def check_joint_names(motion: Table, robot: Mechanism, options: tuple[str, ...] 
 def _is_output(column: str, robot: Mechanism) -> bool:
     """Return whether a column of a file is an output other than a joint's coordinates, such as R_tool_x."""
     quantity, _, owner = column.partition("_")
-    owners = {*robot.links, *robot.tree.frames, *robot.names}
+    owners = {*robot.links, *tree_of(robot).frames, *robot.names}
     return quantity in _RESULT_PREFIXES and (
         quantity in {"force1", "torque1"} or bool(owners & {owner, owner.rpartition("_")[0]})
     )
@@ -290,12 +290,12 @@ def moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
 
 def refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
     """Raise a SceneError for a key of the Table [motion] that is not a movable joint of the robot."""
-    joints = robot.tree.joints
+    joints = tree_of(robot).joints
     for joint in joints:
         if joint.name == key and joint.mimic is not None:
             leader = joints[joint.mimic.leader - 1].name
             motion.refuse(key, "a joint that moves by itself", f"one that follows {leader!r}, which may be moved")
-    if key in robot.tree.frames or key in robot.links:
+    if key in tree_of(robot).frames or key in robot.links:
         motion.refuse(
             key, f"a joint that moves, {choices(robot.names)}", "a link, or a joint that is fixed or locked"
         )
@@ -360,12 +360,12 @@ def _joint_log_layout(robot: Mechanism) -> LogLayout:
     arrays = {f"q{ending}": tuple(name + ending for name in names) for ending in RATE_SUFFIXES}
     columns = tuple(dict.fromkeys(("t", *(column for group in arrays.values() for column in group))))
     arrays = {name: group for name, group in arrays.items() if name not in columns}  # a joint may be called q
-    angle_names = frozenset(joint.name for joint in robot.tree.coordinates if joint.unit == "rad")
+    angle_names = frozenset(joint.name for joint in tree_of(robot).coordinates if joint.unit == "rad")
     writing_hint = "run --outputs q,qd,qdd --out FILE writes what is read here"
     judged = dict.fromkeys(sorted(angle_names), "angle")
     units = {
         joint.name + ending: joint.unit + per
-        for joint in robot.tree.coordinates
+        for joint in tree_of(robot).coordinates
         for ending, per in zip(RATE_SUFFIXES, ("", "/s", "/s^2"), strict=True)
     }
     return LogLayout(arrays, columns, angle_names, judged, _RESULT_PREFIXES, writing_hint, units)

@@ -13,7 +13,7 @@ from hingepair.dynamics.given_motions import GivenJoint
 from hingepair.dynamics.run import SimulationError
 from hingepair.dynamics.simulate_robot import SimulatedRobotMotion, simulate_robot
 from hingepair.equations.quantities import ACCELERATION
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
@@ -154,7 +154,7 @@ def read_simulated_joints(tables: Table, robot: Mechanism, gravity: tuple[float,
 def joint_motion(found: SimulatedRobotMotion, loads: Mapping[str, HingeLoad]) -> JointMotion:
     """Return a simulated motion as that of a scene, with the stops that `loads` have, by joint."""
     robot = found.robot
-    units = {joint.name: joint.unit for joint in robot.tree.coordinates}
+    units = {joint.name: joint.unit for joint in tree_of(robot).coordinates}
     errors = {}
     for unit in sorted({*units.values()}):
         columns = [k for k, name in enumerate(robot.names) if units[name] == unit]
