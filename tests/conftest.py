@@ -5,8 +5,6 @@ from __future__ import annotations
 import atexit
 import gc
 import os
-import shutil
-import tempfile
 
 import pytest
 
@@ -60,9 +58,8 @@ def pytest_configure(config):
         native.host_processor = lambda: (processor, PROCESSORS[processor])
     config.pluginmanager.register(Ledger())
     gc.disable()
-    if "HINGEPAIR_CACHE" not in os.environ:  # one for all workers, and for what they run
-        os.environ["HINGEPAIR_CACHE"] = folder = tempfile.mkdtemp(prefix="hingepair-tests-")
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    if "HINGEPAIR_CACHE" not in os.environ:  # one for all workers, and for what they run; kept for the next run
+        os.environ["HINGEPAIR_CACHE"] = str(config.cache.mkdir("kernels"))
 
 
 @pytest.hookimpl(optionalhook=True)
