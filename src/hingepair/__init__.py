@@ -230,15 +230,6 @@ _LAZY_MODULE_BY_NAME = {
     for name in names.split()
 }
 
-_SYNONYMS = {  # what users of other libraries look for
-    "Robot": "load_robot or hp.Mechanism.from_urdf",
-    "RobotModel": "Mechanism",
-    "from_mjcf": "Mechanism.from_mjcf",
-    "load_mjcf": "Mechanism.from_mjcf",
-    "load_urdf": "Mechanism.from_urdf",
-    "read_urdf": "Mechanism.from_urdf",
-}
-
 
 def __getattr__(name: str) -> Any:
     """Import a public name that most users of the kinematics never need, when it is first asked for."""
@@ -246,20 +237,10 @@ def __getattr__(name: str) -> Any:
         from hingepair.errors import nearest
 
         # Tools ask every module for names with underscores, thousands of times: no search for those.
-        hint = "" if name.startswith("_") else _method_of_robots(name) or nearest(name, __all__)
-        hint = f" (here: hp.{_SYNONYMS[name]})" if name in _SYNONYMS else hint
+        hint = "" if name.startswith("_") else nearest(name, __all__)
         raise AttributeError(f"module 'hingepair' has no attribute {name!r}{hint}")
     value = globals()[name] = getattr(import_module(f"hingepair.{_LAZY_MODULE_BY_NAME[name]}"), name)
     return value
-
-
-def _method_of_robots(name: str) -> str:
-    """Return a hint at what a robot has by this name, or by another; "" if nothing."""
-    from hingepair.mechanism.hints import SYNONYMS
-    from hingepair.mechanism.mechanism import Mechanism
-
-    here = name if hasattr(Mechanism, name) else SYNONYMS.get(name, "")
-    return f" (here: {here if here.startswith('hp.') else f'robot.{here}'})" if here else ""
 
 
 def __dir__() -> list[str]:

@@ -82,7 +82,6 @@ CALLS = {
     "gravity_forces": lambda g: ROBOT.gravity_forces(g.q[0]),
     "centre_of_mass": lambda g: ROBOT.centre_of_mass(g.q[0]),
     "centre_of_mass_jacobian": lambda g: ROBOT.centre_of_mass_jacobian(g.q[0]),
-    "centre_of_mass_bias": lambda g: ROBOT.centre_of_mass_bias(*g.q[:2]),
     "energy": lambda g: ROBOT.energy(*g.q[:2]),
     "momentum": lambda g: ROBOT.momentum(*g.q[:2], about="centre"),
     "error_bounds": lambda g: ROBOT.error_bounds(*g.q, outputs=("R", "tau")),

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.scenes.scene import Scene, SceneResult
+from hingepair.scenes.scene import NoteCollector, Scene, SceneResult
 from hingepair.tables.data_frames import column_names, plain_magnitudes, split_columns, with_magnitudes
 from hingepair.tables.sheets import instant_text, number_texts, offset_text, round_offset
 from hingepair.tables.units import UnitsLike
@@ -40,7 +40,7 @@ class RunSummary:
     def __init__(self, scene: Scene, names: Iterable[str] | None = None, units: UnitsLike = None) -> None:
         self._scene, self._columns = scene, scene.in_units(units)
         self._hides_matrices = names is None and scene.outputs is None
-        self._notes = scene.note_collector(units)
+        self._notes = NoteCollector(scene, units)
         self._instants = sorted({0, (scene.samples - 1) // 2, scene.samples - 1})
         self._t: list[float] = []  # times of these instants, and the components at them
         self._values: list[NDArray[np.float64]] = []

@@ -127,7 +127,6 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "base_pivots": Quantity("Pivots of a free base", "1", (6,)),
     "centre_of_mass": Quantity("Centre of mass", "m", _V),
     "centre_of_mass_jacobian": Quantity("Jacobian of the centre of mass", "1", (3, "velocities")),
-    "centre_of_mass_bias": Quantity("Part of its acceleration that velocities cause", "m/s^2", _V, VELOCITY),
     "centroidal_momentum_matrix": Quantity("Matrix of the momentum about the centre of mass", "1", (6, "velocities")),
     "angular_about_origin": Quantity("Angular momentum about the world's origin", "kg m^2/s", _V, VELOCITY),
     "angular_about_centre": Quantity("Angular momentum about the centre of mass", "kg m^2/s", _V, VELOCITY),

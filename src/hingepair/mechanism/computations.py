@@ -98,7 +98,6 @@ TASKS: Final[Mapping[str, Task]] = {
     "gravity_forces": Task(("q",), ("gravity_forces",)),
     "centre_of_mass": Task(("q",), ("centre_of_mass",)),
     "centre_of_mass_jacobian": Task(("q",), ("centre_of_mass_jacobian",)),
-    "centre_of_mass_bias": Task(("q", "qd"), ("centre_of_mass_bias",)),
     "centroidal_momentum_matrix": Task(("q",), ("centroidal_momentum_matrix",)),
     "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy),
     "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Momentum),

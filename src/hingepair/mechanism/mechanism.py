@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,6 @@ from hingepair.mechanism.building.mujoco_model import tree_of_mjcf
 from hingepair.mechanism.building.pairs import tree_of_pairs
 from hingepair.mechanism.building.pinocchio_model import tree_of_pinocchio
 from hingepair.mechanism.building.urdf import tree_of_urdf
-from hingepair.mechanism.hints import instead
 from hingepair.mechanism.inertial_parameters import (
     BaseParameters,
     find_base_parameters,
@@ -344,20 +343,8 @@ class Mechanism(MechanismMethods):
         expected = choices(names) + nearest(str(joint), names) if names else "no joint, since none moves"
         raise ArgumentError("joint", expected, quoted(joint))
 
-    if not TYPE_CHECKING:  # a type checker knows the attributes
-
-        def __getattr__(self, name: str) -> Any:
-            """Raise an AttributeError with the name that an attribute of other libraries has here."""
-            hint = "" if name.startswith("_") else self._instead(name)
-            raise AttributeError(f"Mechanism has no {name!r}{hint}", name=name, obj=self)
-
-    def _instead(self, name: str) -> str:
-        """Return the end of a message on an attribute that does not exist, or cannot be set."""
-        if hasattr(type(self), name):
-            return "; methods such as with_payload and with_base return changed copies"
-        if name in self.names:
-            return f"; the joint is robot[{name!r}]"
-        return instead(name, [known for known in dir(type(self)) if not known.startswith("_")])
+    def _instead(self, _: str) -> str:
+        return "; methods such as with_payload and with_base return changed copies"
 
     def __iter__(self) -> Any:
         raise TypeError("a Mechanism is no sequence of joints; robot.names are their names")

@@ -49,7 +49,7 @@ from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.states import Energy, Momentum
-from hingepair.plans.arguments import Coordinates, check_outputs, renamed_out, requested_outputs
+from hingepair.plans.arguments import Coordinates, renamed_out, requested_outputs
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.prepared import Prepared
 from hingepair.plans.trees import COORDINATES, FRAME_OUTPUTS, input_shapes
@@ -861,28 +861,6 @@ class MechanismMethods(Frozen, Shown):
         """
         return self._ask("centre_of_mass_jacobian", (q,), base_motion, out, workers, backend)
 
-    def centre_of_mass_bias(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        *,
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
-    ) -> FloatArray:
-        """Compute the bias in acceleration = J @ qdd + bias of the centre of mass, with J of
-        `centre_of_mass_jacobian`, shape (..., 3) [m/s^2]; for a free base in J @ (a1, alpha1, qdd) + bias.
-
-        Arguments: see `Mechanism`. Of `base_motion`, S and omega are used, and a and alpha unless the base is free.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> hp.load_robot("ur5_robot").centre_of_mass_bias(np.zeros(6), np.zeros(6)).shape
-        (3,)
-        """
-        return self._ask("centre_of_mass_bias", (q, qd), base_motion, out, workers, backend)
-
     def centroidal_momentum_matrix(
         self,
         q: Coordinates,
@@ -1156,47 +1134,6 @@ class MechanismMethods(Frozen, Shown):
         watch = self._warn_where_singular if solved and self._constants.may_be_singular else None
         return Prepared(computation, names, execution_of(backend, workers), _checked_gravity(gravity), remade, watch)
 
-    def count_operations(
-        self,
-        *coordinates: Coordinates,
-        outputs: Iterable[str],
-        frames: str | Iterable[str] | None = None,
-        base_motion: BodyMotion | None = None,
-    ) -> OperationCounts:
-        """Count the arithmetic operations that `forward_kinematics` or `inverse_dynamics` would perform; nothing is
-        computed.
-
-        A coordinate with one value for all samples, such as a number in a dict, is a constant: operations of
-        constants vanish, or are performed once. A sine and a square root count as one operation.
-
-        Args:
-            coordinates: q; or q and qd; or q, qd and qdd.
-            outputs: names of outputs of both methods.
-
-        Returns:
-            The numbers of operations for each sample, `.per_sample`; once for all samples, `.shared`; and for each
-            sample if everything varied, `.unfolded`.
-
-        Raises:
-            ArgumentError: an output needs coordinates that are not given.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> robot = hp.load_robot("ur5_robot")
-        >>> q = {name: 0.0 for name in robot.names} | {"elbow_joint": np.zeros(5)}
-        >>> counted = robot.count_operations(q, outputs=("R",), frames="tool0")
-        >>> counted.per_sample < counted.unfolded
-        True
-        """
-        if not 1 <= len(coordinates) <= 3:
-            raise ArgumentError("*coordinates", "q, or q and qd, or q, qd and qdd", f"{len(coordinates)} arguments")
-        named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
-        names = check_outputs(outputs, (*FRAME_OUTPUTS, *TASKS["inverse_dynamics"].outputs))
-        computation = self._computation(names, () if {*names}.isdisjoint(FRAME_OUTPUTS) else self._frames(frames))
-        self._check_needed_inputs(computation, named, names)
-        values = computation.read(named, base_motion, {})
-        return computation.count_operations(values.values, DEFAULT_GRAVITY)
-
     # ---- how methods compute
 
     def _ask(
@@ -1462,6 +1399,21 @@ class MechanismMethods(Frozen, Shown):
             of_joints = np.flatnonzero(first[: len(constants.names)])
             which = labels[int(of_joints[-1]) if of_joints.size else -1]
             warn_of_dynamics(f"{self._tree.name}: no mass resists {which} {where}; accelerations are NaN there")
+
+
+def count_operations(
+    robot: MechanismMethods,
+    coordinates: tuple[Coordinates, ...],
+    outputs: tuple[str, ...],
+    frames: tuple[str, ...] = (),
+    base_motion: BodyMotion | None = None,
+) -> OperationCounts:
+    """Count the operations that outputs of `forward_kinematics` or `inverse_dynamics` take, of which those of
+    coordinates with one value for all samples vanish or are performed once.
+    """
+    computation = robot._computation(outputs, frames)
+    named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
+    return computation.count_operations(computation.read(named, base_motion, {}).values, DEFAULT_GRAVITY)
 
 
 def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:

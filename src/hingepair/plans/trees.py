@@ -630,19 +630,6 @@ class TreeQuantities:
         entries = _matrix_rows(self._jacobian_columns(joint_columns, base))
         return entries[: 3 * velocity_count(self.form, self.request)]
 
-    def centre_of_mass_bias(self) -> Vector:
-        """Return the acceleration of the robot's centre of mass for q'' = 0. A free base is taken to have no
-        acceleration; any other base has the given acceleration.
-        """
-        turning = (
-            self.values["omega1"],
-            *((ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration[::-1]),
-        )
-        omega, alpha, a = (rotate(self.base_axes, part) for part in turning)
-        motions = self._motions_in_own_axes(self.qd, self.zero_rates, omega, alpha, a)
-        force = self._transmitted_wrenches(motions, with_loads=False)[0][0]
-        return scale(rotate(self.values["S1"], force), _reciprocal(self.composites[0].mass))
-
     def centroidal_momentum_matrix(self) -> tuple[Scalar, ...]:
         """Return the matrix A of (linear momentum, angular momentum about the centre of mass) = A (v1, omega1, q'),
         the first two of a free base only, as a flat tuple row by row.
@@ -784,7 +771,6 @@ OUTPUTS: Final[Mapping[str, Output]] = {
     "base_pivots": Output(_POSE_INPUTS, lambda c: c.base_pivots),
     "centre_of_mass": Output((*_POSE_INPUTS, "R1"), TreeQuantities.centre_of_mass),
     "centre_of_mass_jacobian": Output(_POSE_INPUTS, TreeQuantities.centre_of_mass_jacobian),
-    "centre_of_mass_bias": Output((*_RATE_INPUTS, *_BASE_ACCELERATIONS), TreeQuantities.centre_of_mass_bias),
     "centroidal_momentum_matrix": Output(_POSE_INPUTS, TreeQuantities.centroidal_momentum_matrix),
     "kinetic": Output((*_RATE_INPUTS, "v1"), TreeQuantities.kinetic),
     "potential": Output((*_POSE_INPUTS, "R1", "gravity"), TreeQuantities.potential),

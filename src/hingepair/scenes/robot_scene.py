@@ -17,6 +17,7 @@ from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import QUANTITIES, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.methods import count_operations
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.numeric.arrays import Float64Array, one_constant, read_only
 from hingepair.pair.body_motion import BodyMotion
@@ -279,12 +280,11 @@ class RobotScene(Scene):
         counted = {}
         if frames:
             arguments = known.arguments()[: 1 + max(_order(name) for name in of_frames)]
-            how: dict[str, Any] = {"outputs": of_frames, "frames": frames, "base_motion": known.base}
             of_what = f"{', '.join(of_frames)} of {', '.join(frames)}"
-            counted[of_what] = self.mechanism.count_operations(*arguments, **how)
+            counted[of_what] = count_operations(self.mechanism, arguments, of_frames, frames, known.base)
         if acting:
-            how = {"outputs": acting, "base_motion": known.base}
-            counted[", ".join(acting)] = self.mechanism.count_operations(*known.arguments(), **how)
+            name = ", ".join(acting)
+            counted[name] = count_operations(self.mechanism, known.arguments(), acting, base_motion=known.base)
         still = [name for i, name in enumerate(self.mechanism.names) if not np.ndim(known.derivatives[0][i])]
         return RobotPlan(counted, tuple(still), order, self.motion.level, known.base is None)
 

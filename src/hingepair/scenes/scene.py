@@ -363,14 +363,10 @@ class Scene(Shown, abc.ABC):
         Args:
             units: units of limits that are left, in place of SI units; by default those of the scene.
         """
-        collector = self.note_collector(units)
+        collector = NoteCollector(self, units)
         for block in self.blocks((self._noted,)):
             collector.add(block)
         return collector.sentences()
-
-    def note_collector(self, units: UnitsLike = None) -> NoteCollector:
-        """Return a collector of notes, in units or those of the scene, from blocks of results."""
-        return NoteCollector(self, self.in_units(units).units)
 
     @abc.abstractmethod
     def watches(self) -> list[LimitCounter]:
@@ -451,10 +447,10 @@ class Scene(Shown, abc.ABC):
 
 
 class NoteCollector:
-    """Collector of notes on a scene that is evaluated in blocks."""
+    """Collector of notes on a scene that is evaluated in blocks, in units or those of the scene."""
 
-    def __init__(self, scene: Scene, units: Units) -> None:
-        self._units = units
+    def __init__(self, scene: Scene, units: UnitsLike = None) -> None:
+        self._units = scene.in_units(units).units
         self._scene, self._watches, self._kinks = scene, scene.watches(), 0
 
     def add(self, block: SceneResult) -> None:
