@@ -14,7 +14,6 @@ import time
 import numpy as np
 import pytest
 
-from hingepair.engine import slices
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind, bind_constant
 from hingepair.engine.calls import Call
@@ -389,24 +388,6 @@ def test_few_samples_of_a_shared_call_do_not_depend_on_constants():
         sizes.append(loop.program.cache_info().currsize)
         np.testing.assert_allclose(found.y, own.rows(*given).y, rtol=1e-15, atol=1e-15)
     assert sizes[0] == 1
-
-
-def test_an_interrupt_waits_for_the_chunks_that_run():
-    """Then nothing is written any more."""
-    running, ended = threading.Event(), []
-
-    def work(argument):
-        if argument:
-            running.set()
-            time.sleep(0.2)
-            ended.append(argument)
-        else:
-            running.wait()
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        slices.run_in_threads(work, [0, 1])
-    assert ended == [1]
 
 
 @pytest.mark.slow(2)

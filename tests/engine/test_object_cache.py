@@ -124,9 +124,9 @@ def test_an_edited_source_has_another_digest(tmp_path, monkeypatch):
     copy = tmp_path / "hingepair"
     shutil.copytree(package, copy)
     monkeypatch.setattr(object_cache, "__file__", str(copy / "engine" / "llvm" / "object_cache.py"))
-    digest = object_cache.source_digest.__wrapped__
+    digest = object_cache._source_digest
     found = [digest()]
-    assert found[0] == object_cache.source_digest()
+    assert found[0] == object_cache.SOURCE_DIGEST
     for name in (*object_cache.TRACED_PACKAGES, "engine/llvm"):
         path = sorted((copy / name).glob("*.py"))[-1]
         status, text = path.stat(), path.read_text()
@@ -136,6 +136,39 @@ def test_an_edited_source_has_another_digest(tmp_path, monkeypatch):
     assert len({*found}) == len(found)
     shutil.rmtree(copy)
     assert digest() is None
+
+
+UPGRADE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import numpy as np, hingepair as hp
+if sys.argv[2] == "upgrade":
+    path = sys.argv[1] + "/hingepair/equations/trees.py"
+    old = open(path).read()
+    new = old.replace("cross(first_moment, a))", "scale(cross(first_moment, a), 2.0))")
+    assert new != old
+    open(path, "w").write(new)
+robot = hp.load_robot("ur5_robot", base="fixed")
+print(robot.inverse_dynamics(np.full((1, 6), 0.3), np.zeros((1, 6)), np.zeros((1, 6))).tau[0, 1])
+"""
+
+
+@pytest.mark.slow(3)
+@pytest.mark.usefixtures("folder")
+def test_code_is_kept_under_the_sources_that_made_it(tmp_path):
+    """A process that goes on after an upgrade computes with the old sources: that is no code of the new ones."""
+    shutil.copytree(Path(object_cache.__file__).parents[2], tmp_path / "hingepair")
+
+    def run(*arguments, **environment):
+        command = [sys.executable, "-W", "ignore", "-c", UPGRADE, str(tmp_path), *arguments]
+        done = subprocess.run(
+            command, env=os.environ | environment, capture_output=True, text=True, timeout=HANG, check=True
+        )
+        return float(done.stdout)
+
+    old, new = run("upgrade"), run("-")
+    assert new == run("-", HINGEPAIR_CACHE="off")
+    assert abs(new - old) > 1
 
 
 @pytest.mark.slow
@@ -264,6 +297,11 @@ def replace_by_pipe(path):
     os.mkfifo(path)
 
 
+def replace_by_folder(path):
+    path.unlink()
+    path.mkdir()
+
+
 SUSPECTS = {
     "another's": give_away,
     "writable by the group": lambda path: path.chmod(0o664),
@@ -271,6 +309,10 @@ SUSPECTS = {
     "a symbolic link": link_to,
     "a second name": lambda path: path.with_name("again").hardlink_to(path),
     "a pipe": replace_by_pipe,
+    "a folder": replace_by_folder,
+    "in a folder of another": lambda path: give_away(path.parent),
+    "in a folder that the group can write": lambda path: path.parent.chmod(0o775),
+    "in a folder that all can write": lambda path: path.parent.chmod(0o1777),
 }
 
 
@@ -283,6 +325,21 @@ def test_a_file_that_others_may_have_written_is_refused_with_a_warning(folder, s
     with pytest.warns(RuntimeWarning, match="is not used"):
         assert object_cache.read_object("0a") is None
     assert object_cache.read_object("0a") is None  # said once
+    object_cache.write_object("0a", b"code")  # no error
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("value", ["cache", "./cache", "../cache"])
+def test_a_relative_folder_is_refused_with_a_warning(tmp_path, monkeypatch, value):
+    """It would be another one in each current folder, such as that of an archive of somebody else."""
+    monkeypatch.setenv("HINGEPAIR_CACHE", value)
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.warns(RuntimeWarning, match="relative"):
+        object_cache.write_object("0a", b"code")
+    (tmp_path / "here").rmdir()
+    assert object_cache.read_object("0a") is None
+    assert [*tmp_path.iterdir()] == []
 
 
 @pytest.mark.usefixtures("folder")

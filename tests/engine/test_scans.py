@@ -57,3 +57,11 @@ def test_backwards_in_memory_and_nothing_to_do():
     scan.run({"x": x, "u": u}, 1, 0)
     scan.run({"x": x[:0], "u": u}, 0, 5)
     assert x == 10
+
+
+def test_inputs_whose_rows_are_not_side_by_side_in_memory():
+    loop = Loop("sums", lambda v: {"next_x": (v["x"][0] + v["u"][1],)}, {"x": (1,), "u": (2, 2)}, {"next_x": (1,)})
+    scan, x = Scan(loop, {}), np.zeros((3, 1))
+    u = np.arange(12.0).reshape(3, 1, 1, 1, 2, 2).swapaxes(-1, -2)
+    scan.run({"x": x, "u": u}, 3, 1)
+    np.testing.assert_array_equal(x[:, 0], u[:, 0, 0, 0, 0, 1])

@@ -23,7 +23,7 @@ calls as a ufunc, or where nothing is compiled as NumPy in blocks of samples; `b
     binding, loops                  which inputs are known, constant or arrays; a traced program for each pattern
     interpreter                     its operations one after the other, by NumPy
     llvm                            its LLVM code, and the machine code, which is kept on disk
-    ufunc, slices                   a kernel as a ufunc; its calls in slices, by threads
+    ufunc, slices, threads          a kernel as a ufunc; its calls in slices, by threads
     xla                             a kernel as a function of JAX
     scans                           a program that is repeated in steps, and passes a state from step to step
     calls, rows, outputs, results   a loop with its constants; the shortest way for one state; arrays; results

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hingepair.engine.threads import core_count
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
 
@@ -52,7 +53,7 @@ def execution_of(backend: str, workers: int) -> Execution:
 @functools.lru_cache(maxsize=64)
 def _cached_execution(backend: str, workers: int) -> Execution:
     check_choice("backend", backend, BACKEND_NAMES)
-    return Execution(backend, workers if workers > 0 else _core_count())
+    return Execution(backend, workers if workers > 0 else core_count())
 
 
 def execution_of_steps(backend: str, steps: int) -> Execution:
@@ -60,11 +61,6 @@ def execution_of_steps(backend: str, steps: int) -> Execution:
     execution = execution_of(backend, 1)
     many = steps >= 10_000  # NumPy takes some 0.5 us longer for each
     return Execution("compiled", 1) if execution.backend == "auto" and many else execution
-
-
-def _core_count() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def kernel_pays(operations: int, samples: int) -> bool:

@@ -307,7 +307,7 @@ class Call:
         ranks = [*map(len, self._tails), *(len(tail) for _, tail in self.loop.outputs)]
         targets = [outputs[name] for name, _ in self.loop.outputs]
         operations = self.program.weighted_operations if workers > 1 else 1
-        run_slices(ufunc.call, arrays, targets, ranks, shape, operations=operations, workers=workers)
+        run_slices(ufunc, arrays, targets, ranks, shape, operations=operations, workers=workers)
 
     # ---- any arguments
 

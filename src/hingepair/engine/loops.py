@@ -35,7 +35,8 @@ from hingepair.engine.llvm import object_cache
 from hingepair.engine.llvm.arithmetic import ComponentGroup
 from hingepair.engine.llvm.ir import kernel_ir
 from hingepair.engine.llvm.scan import scan_ir
-from hingepair.engine.slices import run_in_threads, run_slices
+from hingepair.engine.slices import run_slices
+from hingepair.engine.threads import run_in_threads
 from hingepair.engine.trace import (
     FUNCTIONS,
     Sampled,
@@ -150,10 +151,11 @@ class Loop:
         else:
             function = self.program(bound.pattern).on_arrays
         constants = [dtype.type(x) for x in bound.constants]
-        run = functools.partial(fill_blocks, functools.partial(function, *constants), inputs, targets, dtype)
+        on_samples = functools.partial(function, *constants)
         blocks: list[Block] = [*split_into_blocks(shape, size)] if inputs else [()]
-        workers = min(execution.workers, len(blocks))
-        run_in_threads(run, [blocks[k::workers] for k in range(workers)])
+        run_in_threads(
+            lambda block: fill_blocks(on_samples, inputs, targets, dtype, [block]), blocks, execution.workers
+        )
 
     def _compute(self, pattern: InputPattern, constant_count: int, *numbers: Any) -> list[Any]:
         """Return the components of all outputs by the function itself, from the numbers of constants, then arrays."""
@@ -260,7 +262,7 @@ class Program:
             ufunc = self._ufuncs[layout, dtype.char] = Ufunc(self.loop.name, layout, loops, kernel)
         ranks = [*(1 for _ in inputs), *map(len, tails)]
         run_slices(
-            ufunc.call, inputs, outputs, ranks, shape, operations=self.weighted_operations, workers=execution.workers
+            ufunc, inputs, outputs, ranks, shape, operations=self.weighted_operations, workers=execution.workers
         )
         return True
 
@@ -335,7 +337,7 @@ class Program:
     def _form(self, *parts: object) -> str:
         """Return a text that determines, without a trace, what these parts of the program are; "" without a form."""
         loop = self.loop
-        sources = object_cache.source_digest() if loop.form is not None else None
+        sources = object_cache.SOURCE_DIGEST if loop.form is not None else None
         return "" if sources is None else repr((sources, loop.form, loop.inputs, loop.outputs, self.pattern, *parts))
 
     @property

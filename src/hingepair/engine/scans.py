@@ -13,7 +13,7 @@ from hingepair.engine.binding import ComponentSource, bind_constant
 from hingepair.engine.llvm.builder import LANES
 from hingepair.engine.llvm.scan import SCAN_WORDS
 from hingepair.engine.loops import Loop
-from hingepair.engine.slices import run_in_threads
+from hingepair.engine.threads import run_in_threads
 from hingepair.numeric.arrays import FloatArray
 
 _CALL_STEPS: Final = 200_000  # steps of all samples in one call, which no interrupt ends: some ten milliseconds
@@ -48,6 +48,8 @@ class Scan:
                 pattern += [(len(self._ranks), k) for k in range(math.prod(tail))]
                 self._ranks[name] = len(tail)
         self.inputs = tuple(self._ranks)
+        outputs = dict(loop.outputs)
+        self._read = {name for name in self.inputs if f"next_{name}" not in outputs}  # and not replaced
         self._ranks |= {name: len(tail) for name, tail in loop.outputs}
         self._constants = np.array(constants)
         self._kernel = loop.program(tuple(pattern)).scan_kernel()
@@ -80,7 +82,7 @@ class Scan:
         kept = []  # arrays, so that their memory stays
         for name, rank in self._ranks.items():
             if name in arrays:
-                kept.append(_with_rows(arrays[name], rank))
+                kept.append(_with_rows(arrays[name], rank, None if name in self._read else False))
                 rows.append(_table_row(kept[-1]))
             else:
                 rows.append([0] * SCAN_WORDS)
@@ -88,24 +90,23 @@ class Scan:
         most = max(LANES, min(-(-samples // workers), _CALL_STEPS // (records * every * stages)))
         size = -(-most // LANES) * LANES
 
-        def run(starts: range) -> None:
-            """Run the chunks of samples that begin at `starts`."""
+        def run(start: int, _kept: object = kept) -> None:
+            """Run the chunk of samples that begins at `start`; keeps the arrays, of which the table has addresses."""
             own = table.copy()
-            for start in starts:
-                own[:, 0] = table[:, 0] + start * table[:, 1]
-                self._function(own.ctypes.data, min(size, samples - start), records, every, stages)
+            own[:, 0] += start * table[:, 1]
+            self._function(own.ctypes.data, min(size, samples - start), records, every, stages)
 
-        starts = range(0, samples, size)
-        workers = min(workers, len(starts))
-        run_in_threads(run, [starts[k::workers] for k in range(workers)])
+        run_in_threads(run, range(0, samples, size), workers)
 
 
-def _with_rows(array: FloatArray, rank: int) -> FloatArray:
-    """Return a view of an array in which the components of a sample are the last axis."""
+def _with_rows(array: FloatArray, rank: int, copy: bool | None) -> FloatArray:
+    """Return an array in which the components of a sample are the last axis: a view, or a copy if `copy` is None and
+    there is no such view.
+    """
     if rank == 1:
         return array
     lead = array.shape[: array.ndim - rank]
-    return np.reshape(array, (*lead, math.prod(array.shape[array.ndim - rank :])), copy=False)
+    return np.reshape(array, (*lead, math.prod(array.shape[array.ndim - rank :])), copy=copy)
 
 
 def _table_row(array: FloatArray) -> list[int]:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
-import time
-from _thread import start_new_thread
-from collections.abc import Callable, Iterator, Sequence
-from queue import SimpleQueue
-from typing import Any, ClassVar, Final
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.engine.threads import run_in_threads
+from hingepair.engine.ufunc import Ufunc
 from hingepair.numeric.arrays import Block, split_into_blocks
 
 Arrays = Sequence[NDArray[Any]]
@@ -26,7 +24,7 @@ _MAX_COPIED_NUMBERS: Final = 500_000  # of inputs, copied so that samples of sho
 
 
 def run_slices(
-    ufunc: Callable[..., Any],
+    ufunc: Ufunc,
     inputs: Arrays,
     outputs: Arrays,
     ranks: Sequence[int],
@@ -38,7 +36,7 @@ def run_slices(
     """Call a ufunc for all samples, and write its results into `outputs`.
 
     Args:
-        ufunc: takes the inputs, and `out`.
+        ufunc: takes the inputs; threads keep it, since NumPy's ufunc alone does not own its machine code.
         inputs: arrays whose leading axes broadcast to the samples.
         outputs: arrays of the dtype in which the ufunc computes.
         ranks: number of axes of one sample of each input and output.
@@ -75,19 +73,18 @@ def run_slices(
     if most < size:
         blocks = [part for block in blocks for part in _cut(block, most)]
     if len(blocks) == 1:
-        ufunc(*inputs, out=tuple(outputs), dtype=dtype)
+        ufunc.call(*inputs, out=tuple(outputs), dtype=dtype)
         return
 
-    def run(own: Sequence[Block]) -> None:
-        """Call the ufunc for these blocks."""
-        for block in own:
-            ufunc(
-                *(_part(one, rank, block) for one, rank in zip(inputs, input_ranks, strict=True)),
-                out=tuple(_part(one, rank, block) for one, rank in zip(outputs, output_ranks, strict=True)),
-                dtype=dtype,
-            )
+    def run(block: Block) -> None:
+        """Call the ufunc for a block."""
+        ufunc.call(
+            *(_part(one, rank, block) for one, rank in zip(inputs, input_ranks, strict=True)),
+            out=tuple(_part(one, rank, block) for one, rank in zip(outputs, output_ranks, strict=True)),
+            dtype=dtype,
+        )
 
-    run_in_threads(run, [blocks[k::workers] for k in range(min(workers, len(blocks)))])
+    run_in_threads(run, blocks, workers)
 
 
 def _cut(block: Block, most: int) -> Iterator[Block]:
@@ -130,100 +127,3 @@ def _short_axes(arrays: Arrays, ranks: Sequence[int], shape: tuple[int, ...]) ->
     return [
         axis for axes, n in zip(merged, lengths, strict=True) for axis in axes if n < _SHORT_AXIS and n < max(lengths)
     ]
-
-
-class _Chunks:
-    """A function that threads call for one `run_in_threads`; after a stop, no further call begins.
-
-    Without a lock, which an interrupt could leave held: a call says that it has started, and then looks for a stop.
-    """
-
-    def __init__(self, function: Callable[[Any], None]) -> None:
-        self._function = function
-        self._started: list[None] = []
-        self._ended: list[None] = []
-        self._stopped = False
-        self.results: SimpleQueue[BaseException | None] = SimpleQueue()  # of the calls, as they end
-
-    def __call__(self, argument: Any) -> None:
-        self._started.append(None)
-        error: BaseException | None = None
-        try:
-            if not self._stopped:
-                self._function(argument)
-        except BaseException as raised:
-            error = raised
-        finally:
-            self._ended.append(None)
-            self.results.put(error)
-
-    def stop(self) -> None:
-        """Begin no further call, and wait until those that run have ended, whatever interrupts come meanwhile."""
-        interrupt: KeyboardInterrupt | None = None
-        while True:
-            try:
-                self._stopped = True
-                while len(self._ended) < len(self._started):
-                    time.sleep(1e-3)
-                break
-            except KeyboardInterrupt as error:
-                interrupt = error
-        if interrupt is not None:
-            raise interrupt
-
-
-def run_in_threads(function: Callable[[Any], None], arguments: Sequence[Any]) -> None:
-    """Call `function` with each of the arguments, at the same time, and wait until all calls have ended, also where
-    one of them fails or the user interrupts. The first runs in the calling thread.
-    """
-    if len(arguments) == 1:
-        function(arguments[0])
-        return
-    chunks, workers = _Chunks(function), _Workers.of_process
-    try:
-        workers.start(len(arguments) - 1)
-        for argument in arguments[1:]:
-            workers.tasks.put((chunks, argument))
-        function(arguments[0])
-        for _ in arguments[1:]:
-            error = chunks.results.get()
-            if error is not None:
-                raise error
-    finally:
-        chunks.stop()
-
-
-class _Workers:
-    """Threads that wait for tasks, and end with the process.
-
-    An interrupt may come between any two steps of Python code, and a lock of a ThreadPoolExecutor stayed held: queues
-    and threads written in C have no such steps.
-    """
-
-    of_process: ClassVar[_Workers]
-
-    def __init__(self) -> None:
-        self.tasks: SimpleQueue[tuple[_Chunks, Any]] = SimpleQueue()
-        self._count = 0
-
-    def start(self, count: int) -> None:
-        """Start threads until `count` exist, or as many as processors if that is more."""
-        while self._count < max(count, os.cpu_count() or 1):
-            self._count += 1
-            start_new_thread(self._work, ())
-
-    def _work(self) -> None:
-        """Run tasks for ever."""
-        while True:
-            chunks, argument = self.tasks.get()
-            chunks(argument)
-            del chunks, argument  # a waiting thread holds no arrays
-
-
-def _new_workers() -> None:
-    _Workers.of_process = _Workers()
-
-
-_new_workers()
-if hasattr(os, "register_at_fork"):  # threads do not survive a fork
-    os.register_at_fork(after_in_child=_new_workers)

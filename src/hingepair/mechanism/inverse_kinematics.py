@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from hingepair.engine.backend import execution_of
-from hingepair.engine.slices import run_in_threads
+from hingepair.engine.threads import run_in_threads
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.inverse_kinematics.goals import Attitude, Direction, Goal, Position
 from hingepair.inverse_kinematics.paths import follow
@@ -62,8 +62,7 @@ class Query(NamedTuple):
 
         finite = np.flatnonzero(np.isfinite(self.targets.poses).all(axis=1))
         pieces = [piece for piece in np.array_split(finite, self.workers) if len(piece)]
-        if pieces:
-            run_in_threads(solve_some, pieces)
+        run_in_threads(solve_some, pieces, self.workers)
         shape = self.shape if count is None else (*self.shape, count)
         arrays = self._arrays(found, shape)
         arrays |= {"steps": steps.reshape(self.shape), "starts": starts.reshape(self.shape)}
@@ -83,8 +82,7 @@ class Query(NamedTuple):
             found.put(paths, some)
 
         pieces = [piece for piece in np.array_split(np.arange(count), self.workers) if len(piece) and samples]
-        if pieces:
-            run_in_threads(follow_some, pieces)
+        run_in_threads(follow_some, pieces, self.workers)
         arrays = self._arrays(found, self.shape)
         arrays |= {"jumps": jumps.reshape(self.shape), "steps": steps.reshape(self.shape)}
         return InverseKinematicsPath(arrays, self.shape)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.engine.llvm.builder import LANES
-from hingepair.engine.slices import run_in_threads
+from hingepair.engine.threads import run_in_threads
 from hingepair.errors import ShapeError
 from hingepair.numeric.arrays import FloatArray, real_array
 from hingepair.plans.arguments import chosen_names
@@ -53,9 +53,7 @@ def gradients(
     flat = {name: motions.flat(array) for name, array in states.items()}
     back = _Backward(motions, inputs, flat, weights)
     chunks = [slice(k, min(k + back.size, motions.count)) for k in range(0, motions.count, back.size)]
-    workers = min(motions.workers, len(chunks))
-    if chunks:
-        run_in_threads(back.run, [chunks[k::workers] for k in range(workers)])
+    run_in_threads(back.run, chunks, motions.workers)
     found: dict[str, FloatArray] = {}
     for name in wanted:
         gradient = back.found[names[name]]
@@ -104,27 +102,26 @@ class _Backward:
         self.size = max(LANES, min(rows, _MAX_MOTIONS) // LANES * LANES)
         self.records = max(1, rows // min(self.size, motions.count or 1))
 
-    def run(self, chunks: Iterable[slice]) -> None:
-        """Compute the gradients of chunks of motions, and write them to `found`."""
+    def run(self, chunk: slice) -> None:
+        """Compute the gradients of a chunk of motions, and write them to `found`."""
         step, tracks, last = self.motions.step, self.motions.tracks, self.motions.records
-        for chunk in chunks:
-            count = chunk.stop - chunk.start
-            passed = {f"adjoint_{name}": np.zeros((count, *tail)) for name, tail in self.shapes.items()}
-            passed |= {f"sum_{name}": np.zeros((count, *tracks[name].tail)) for name in self.inputs}
-            for end in range(last, 0, -self.records):
-                self._back(chunk, slice(max(0, end - self.records), end), passed)
-            place = 0
-            for name in step.state:
-                found = passed[f"adjoint_{name}"]
-                if name in self.weights:
-                    found += self.weights[name][chunk, 0]
-                if step.stages > 1 and name != "S1":  # at the start, the vectors of the method are the state
-                    for vector in ("stage", "total"):
-                        found += passed[f"adjoint_{vector}"][:, place : place + found.shape[1]]
-                    place += found.shape[1]
-                self.found[name][chunk] = found
-            for name in self.held:
-                self.found[name][chunk] = passed[f"sum_{name}"]
+        count = chunk.stop - chunk.start
+        passed = {f"adjoint_{name}": np.zeros((count, *tail)) for name, tail in self.shapes.items()}
+        passed |= {f"sum_{name}": np.zeros((count, *tracks[name].tail)) for name in self.inputs}
+        for end in range(last, 0, -self.records):
+            self._back(chunk, slice(max(0, end - self.records), end), passed)
+        place = 0
+        for name in step.state:
+            found = passed[f"adjoint_{name}"]
+            if name in self.weights:
+                found += self.weights[name][chunk, 0]
+            if step.stages > 1 and name != "S1":  # at the start, the vectors of the method are the state
+                for vector in ("stage", "total"):
+                    found += passed[f"adjoint_{vector}"][:, place : place + found.shape[1]]
+                place += found.shape[1]
+            self.found[name][chunk] = found
+        for name in self.held:
+            self.found[name][chunk] = passed[f"sum_{name}"]
 
     def _back(self, chunk: slice, records: slice, passed: Mapping[str, FloatArray]) -> None:
         """Step through these records forwards, then backwards; replace the adjoints and sums in `passed`."""

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 from hingepair.engine.backend import compiler_lock
 from hingepair.engine.llvm import images, object_cache
 from hingepair.engine.llvm.ir import shared_ir, shared_symbols
+from hingepair.engine.threads import call_apart
 from hingepair.errors import ArgumentError, CompilationError, MissingDependencyError
 
 
@@ -51,8 +52,9 @@ class Kernel:
             expected = "'numpy' in a sub-interpreter, where no kernel can be called"
             raise ArgumentError("backend", expected, f"a kernel of {name!r}")
         with compiler_lock:
-            functions = {**_shared_functions(float_type), **(imports or {})}
-            self.key, self._code = _compile_module(name, ir, form, functions)
+            # A kernel holds the functions that it calls: a thread may still run it when all else is gone.
+            self._shared, functions = _shared_functions(float_type, host_processor())
+            self.key, self._code = _compile_module(name, ir, form, {**functions, **(imports or {})})
 
     def address(self, symbol: str) -> int:
         """Return the address of a function that the module defines."""
@@ -68,6 +70,7 @@ def _is_main_interpreter() -> bool:
 
 
 _OBJECT_KIND = "image 2" if images.CAN_LINK else "object 1"  # in keys of the cache: format and version
+_FAILURES = (RuntimeError, OSError, ValueError)  # of LLVM, of the system and of the linker
 _C_FUNCTIONS = ("sin", "cos", "atan2", "hypot", "fma", "fmaf")  # of the C library, that compiled code calls
 
 
@@ -81,8 +84,10 @@ class _Code(Protocol):
 class _JitCode:
     """Machine code that llvmlite has loaded, for systems whose objects `images` does not link."""
 
-    def __init__(self, compiled: bytes) -> None:
+    def __init__(self, compiled: bytes, shared: Mapping[str, int]) -> None:
         llvm = load_llvmlite()
+        for symbol, address in shared.items():
+            llvm.add_symbol(symbol, address)
         while _unused_engines:
             _unused_engines.pop().close()
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine(llvm))
@@ -117,17 +122,12 @@ def _compile_module(
             text = _written(ir)
         try:
             if code is None:
-                code = _compile(text)
+                code = call_apart(functools.partial(_compile, text))
                 object_cache.write_object(key, code)
             if images.CAN_LINK:
                 return key, images.Image(code, functools.partial(_import_address, shared or {}))
-            llvm = load_llvmlite()
-            for symbol, address in (shared or {}).items():
-                llvm.add_symbol(symbol, address)
-            return key, _JitCode(code)
-        except MissingDependencyError:
-            raise
-        except Exception as error:
+            return key, call_apart(functools.partial(_JitCode, code, shared or {}))
+        except _FAILURES as error:
             raise CompilationError(name, f"{type(error).__name__}: {error}") from error
 
 
@@ -164,9 +164,9 @@ def _import_address(shared: Mapping[str, int], name: str) -> int:
     """Return the address of a shared function, or of a function of the C library."""
     if name in shared:
         return shared[name]
-    address = ctypes.cast(getattr(_c_library(), name), ctypes.c_void_p).value
+    address = ctypes.cast(getattr(_c_library(), name, None), ctypes.c_void_p).value
     if address is None:
-        raise AttributeError(name)
+        raise ValueError(f"a call of {name}, which the C library does not have")
     return address
 
 
@@ -175,16 +175,10 @@ def _c_library() -> Any:
     return ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("ucrtbase")
 
 
-def _shared_functions(float_type: str) -> Mapping[str, int]:
-    """Return the addresses, by symbol, of the functions that kernels share, which the first call compiles."""
-    with compiler_lock:
-        return _loaded_shared_functions(float_type, host_processor())[1]
-
-
 @functools.cache
-def _loaded_shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[_Code, dict[str, int]]:  # noqa: ARG001
-    """Return the shared functions and their addresses by symbol, loaded once for each processor."""
-    sources = object_cache.source_digest()
+def _shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[_Code, dict[str, int]]:  # noqa: ARG001
+    """Return the functions that kernels share, and their addresses by symbol, loaded once for each processor."""
+    sources = object_cache.SOURCE_DIGEST
     form = f"shared functions {float_type} {sources}" if sources else ""
     _, code = _compile_module("shared functions", functools.partial(shared_ir, float_type), form)
     return code, {symbol: code.address(symbol) for symbol in shared_symbols(float_type)}
@@ -192,28 +186,27 @@ def _loaded_shared_functions(float_type: str, processor: tuple[str, str]) -> tup
 
 @functools.cache
 def load_llvmlite() -> Any:
-    """Return the module `llvmlite.binding`, ready to compile.
+    """Return the module `llvmlite.binding`, ready to compile; for `call_apart`, under the lock.
 
     Raises:
         MissingDependencyError: llvmlite is not installed, or its initialisation fails.
     """
-    with compiler_lock:
-        try:
-            from llvmlite import binding as llvm
+    try:
+        from llvmlite import binding as llvm
 
-            llvm.initialize_native_target()
-            llvm.initialize_native_asmprinter()
-            _ask_host_processor(llvm)
-        except ModuleNotFoundError as error:
-            raise _no_llvmlite(error) from None
-        except Exception as error:
-            raise MissingDependencyError(
-                "backend", "an llvmlite that starts", f"{type(error).__name__}: {error}"
-            ) from error
-        if not images.CAN_LINK:
-            for name in _C_FUNCTIONS:
-                llvm.add_symbol(name, _import_address({}, name))
-        return llvm
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        _ask_host_processor(llvm)
+    except ModuleNotFoundError as error:
+        raise _no_llvmlite(error) from None
+    except Exception as error:
+        raise MissingDependencyError(
+            "backend", "an llvmlite that starts", f"{type(error).__name__}: {error}"
+        ) from error
+    if not images.CAN_LINK:
+        for name in _C_FUNCTIONS:
+            llvm.add_symbol(name, _import_address({}, name))
+    return llvm
 
 
 def _no_llvmlite(error: object) -> MissingDependencyError:
@@ -223,8 +216,7 @@ def _no_llvmlite(error: object) -> MissingDependencyError:
 @functools.cache
 def can_fuse() -> bool:
     """Return whether this machine has an instruction for fused multiply-add (FMA)."""
-    with compiler_lock:
-        return "+fma" in host_processor()[1].split(",") or platform.machine().lower() in {"arm64", "aarch64"}
+    return "+fma" in host_processor()[1].split(",") or platform.machine().lower() in {"arm64", "aarch64"}
 
 
 @functools.cache
@@ -232,16 +224,17 @@ def host_processor() -> tuple[str, str]:
     """Return the name and the features by which LLVM describes the processor of this machine, from the disk if they
     are kept there: then llvmlite need not be imported.
     """
-    told = _linux_processor() if images.CAN_LINK else None
-    if told is None:
-        return _ask_host_processor(load_llvmlite())
-    key = object_cache.cache_key("processor", _llvmlite_build(), told)
-    kept = object_cache.read_object(key)
-    if kept is None:
-        kept = "\n".join(_ask_host_processor(load_llvmlite())).encode()
-        object_cache.write_object(key, kept)
-    name, features = kept.decode().split("\n")
-    return name, features
+    with compiler_lock:
+        told = _linux_processor() if images.CAN_LINK else None
+        if told is None:
+            return call_apart(lambda: _ask_host_processor(load_llvmlite()))
+        key = object_cache.cache_key("processor", _llvmlite_build(), told)
+        kept = object_cache.read_object(key)
+        if kept is None:
+            kept = "\n".join(call_apart(lambda: _ask_host_processor(load_llvmlite()))).encode()
+            object_cache.write_object(key, kept)
+        name, features = kept.decode().split("\n")
+        return name, features
 
 
 def _ask_host_processor(llvm: Any) -> tuple[str, str]:

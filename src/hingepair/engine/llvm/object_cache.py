@@ -1,8 +1,8 @@
 """Machine code on disk: compiled once on a machine, and loaded by every later process.
 
 The folder is `HINGEPAIR_CACHE`, or `hingepair` in the user's folder for caches; `HINGEPAIR_CACHE=off` turns it off.
-What is read is run, so only files are read that belong to this user or to root, that nobody else can write, and whose
-digest is right. A file that cannot be read or written is as if it were not there.
+What is read is run: file and folder must belong to this user or to root, nobody else may write them, and the digest
+must be right. A file that cannot be read or written is as if it were not there.
 """
 
 from __future__ import annotations
@@ -48,14 +48,27 @@ class _CacheFile(NamedTuple):
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of compiled code, which may not exist yet; None where the cache is turned off, or where the
-    user has no home.
+    """Return the folder of compiled code, which may not exist yet; None where the cache is turned off, where the user
+    has no home, or, with a warning, where others could put files into the folder.
     """
     given = os.environ.get("HINGEPAIR_CACHE", "")
     if given.lower() in _OFF:
         return None
     folder = os.path.expanduser(given or _user_folder())
-    return None if folder.startswith("~") else Path(folder).absolute()
+    if folder.startswith("~"):
+        return None
+    path = Path(folder)
+    if not path.is_absolute():
+        _refuse(path, path, "it is relative to the current folder")
+        return None
+    try:
+        doubt = _doubt(path.stat())
+    except OSError:  # it does not exist yet
+        return path
+    if doubt:
+        _refuse(path, path, doubt)
+        return None
+    return path
 
 
 @functools.cache
@@ -79,8 +92,7 @@ def cache_key(*parts: str) -> str:
     return digest.hexdigest()
 
 
-@functools.cache
-def source_digest() -> str | None:
+def _source_digest() -> str | None:
     """Return the digest of the sources that decide what a form of a program computes; None where there are none. They
     are read, since times of files do not tell every edit.
     """
@@ -106,18 +118,21 @@ def read_object(key: str) -> bytes | None:
         )
     except OSError as error:
         if error.errno == errno.ELOOP:
-            _refuse(path, "it is a link")
+            _refuse(path, folder, "it is a link")
         return None
-    with os.fdopen(descriptor, "rb") as file:
+    try:
         status = os.fstat(descriptor)
-        doubt = _doubt(status)
-        if doubt:
-            _refuse(path, doubt)
+        doubt = _doubt(status) if stat.S_ISREG(status.st_mode) else "it is no file"
+        # A file without a name has just been replaced by another process.
+        if doubt or status.st_nlink > 1:
+            _refuse(path, folder, doubt or "it has a second name")
             return None
-        try:
+        with open(descriptor, "rb", closefd=False) as file:
             content = file.read()
-        except OSError:
-            return None
+    except OSError:
+        return None
+    finally:
+        os.close(descriptor)
     value = content[len(_MAGIC) + _DIGEST_BYTES :]
     if content[: -len(value) or None] != _MAGIC + _digest(key, value):
         return None  # damaged: it is made again, and replaced
@@ -200,26 +215,22 @@ def _digest(key: str, value: bytes) -> bytes:
 
 
 def _doubt(status: os.stat_result) -> str:
-    """Return why a file is not to be trusted, or an empty text."""
-    if not stat.S_ISREG(status.st_mode):
-        return "it is no file"
+    """Return why a file or folder is not to be trusted, or an empty text."""
     if hasattr(os, "geteuid"):
         if status.st_uid not in {os.geteuid(), 0}:
             return f"it belongs to user {status.st_uid}"
         if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
             return "others can write it"
-        if status.st_nlink > 1:  # none: another process has just replaced it
-            return "it has a second name"
     return ""
 
 
 _refused: set[Path] = set()
 
 
-def _refuse(path: Path, doubt: str) -> None:
-    """Warn, once for each folder, that a file of the cache is not used."""
-    if path.parent not in _refused:
-        _refused.add(path.parent)
+def _refuse(path: Path, folder: Path, doubt: str) -> None:
+    """Warn, once for each folder, that a file or the folder itself is not used."""
+    if folder not in _refused:
+        _refused.add(folder)
         warnings.warn(
             f"{path} is not used: {doubt}. HINGEPAIR_CACHE can name another folder for compiled code",
             RuntimeWarning,
@@ -230,3 +241,7 @@ def _refuse(path: Path, doubt: str) -> None:
 def _flag(name: str) -> int:
     """Return a flag of `os.open`, or 0 where the system does not have it."""
     return getattr(os, f"O_{name}", 0)
+
+
+SOURCE_DIGEST: Final = _source_digest()
+"""Digest of the sources that this process has imported: an upgrade may replace them while it runs."""
