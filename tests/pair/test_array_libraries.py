@@ -229,7 +229,7 @@ def test_reports_about_such_arrays_are_in_numpy(library):
     body1, own = body1_of(library[0], 10), body1_of(np, 10)
     for ask in (
         lambda convert, _: pair.error_bounds(convert(q), convert(qd))["v2"],
-        lambda convert, body: pair.error_bounds_from_body1(body, convert(q[:, 6]))["R2"],
+        lambda convert, body: pair.error_bounds(body, convert(q[:, 6]))["R2"],
         lambda _, body: pair.residuals(body, own).gap,
     ):
         found = ask(library[0].asarray, body1)

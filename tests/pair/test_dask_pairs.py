@@ -81,7 +81,6 @@ CALLS = {
     "another_sequence": lambda g: PAIR.forward_kinematics(g.q[0], sequence="ZYX"),
     "from_body1": lambda g: PAIR.forward_kinematics_from_body1(g.body, *g.psi),
     "error_bounds": lambda g: PAIR.error_bounds(*g.q),
-    "error_bounds_from_body1": lambda g: PAIR.error_bounds_from_body1(g.body, *g.psi),
     "jacobian": lambda g: PAIR.jacobian(g.body, g.psi[0]),
     "acceleration_bias": lambda g: PAIR.acceleration_bias(g.body, *g.psi[:2]),
     "propagate_covariance": lambda g: PAIR.propagate_covariance(g.body, g.psi[0], u1_std=1),

@@ -153,7 +153,7 @@ def test_given_attitudes_keep_their_bounds(digits, dtype):
     hinge = rounded(dtype, *rng.normal(size=(3, 40)))
     body1 = hp.BodyMotion(R=R, S=S, **dict(zip(("v", "omega", "a", "alpha"), rates, strict=True)))
     pair, values = as_pair(constants), from_matrix(constants, (R, S, *rates), *hinge)
-    bounds = pair.error_bounds_from_body1(body1, *hinge, outputs=tuple(values))
+    bounds = pair.error_bounds(body1, *hinge, outputs=tuple(values))
     require(values, pair.forward_kinematics_from_body1(body1, *hinge, outputs=tuple(values)), bounds)
 
 

@@ -53,7 +53,7 @@ def ratios(form, state, outputs, dtype=np.float64):
         pair, psi, psid, psidd = hp.HingePair(**constants), *own["hinge"].T
         S = _rotations(state["quat"]).astype(dtype)
         body1 = hp.BodyMotion(S=S, **{k: own[k] for k in ("R", "v", "omega", "a", "alpha")})
-        bounds = pair.error_bounds_from_body1(body1, psi, psid, psidd, outputs=outputs)
+        bounds = pair.error_bounds(body1, psi, psid, psidd, outputs=outputs)
         W1, A1 = (np.linalg.norm(own[k], axis=-1) for k in ("omega", "alpha"))
         parts = [own["R"], own["v"], own["a"]], psid, psidd
     else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -291,21 +291,45 @@ class HingePair(Frozen, Shown):
         """
         return kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, backend, workers)
 
+    @overload
     def error_bounds(
         self,
         q: Coordinates,
         qd: Coordinates | None = None,
         qdd: Coordinates | None = None,
-        outputs: Outputs = None,
         *,
+        outputs: Outputs = None,
+        sequence: str = "XYZ",
+    ) -> dict[str, NDArray[np.float64]]: ...
+
+    @overload
+    def error_bounds(
+        self,
+        q: BodyMotion,
+        qd: ArrayLike,
+        qdd: ArrayLike | None = None,
+        psidd: ArrayLike | None = None,
+        *,
+        outputs: Outputs = None,
+    ) -> dict[str, NDArray[np.float64]]: ...
+
+    def error_bounds(
+        self,
+        q: Any,
+        qd: Any = None,
+        qdd: Any = None,
+        psidd: ArrayLike | None = None,
+        *,
+        outputs: Outputs = None,
         sequence: str = "XYZ",
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute rigorous bounds on the rounding errors of `forward_kinematics` at every sample.
+        """Compute rigorous bounds on the rounding errors of `forward_kinematics` or, of the arguments (body1, psi,
+        psid, psidd), of `forward_kinematics_from_body1`, at every sample.
 
         The error is the largest difference of a component from the exact result of the equations for the given
-        numbers, among them n before it is scaled to unit length. The bounds hold for all backends if sines and
-        cosines are accurate to 1.5 units in the last place; actual errors are usually below a third of them.
-        Arguments: see `HingePair`.
+        numbers, among them n before it is scaled to unit length. Errors that body1 already has, such as from
+        quaternions, are not included. The bounds hold for all backends if sines and cosines are accurate to 1.5 units
+        in the last place; actual errors are usually below a third of them. Arguments: see `HingePair`.
 
         Returns:
             Bounds by output name, in its unit, in NumPy whatever the arguments are; shape (...,). Infinite where an
@@ -317,37 +341,20 @@ class HingePair(Frozen, Shown):
         >>> bounds = pair.error_bounds((np.array([0.0, 1e9]), 0, 0, 0.3, 0.4, 0.5, 0.6))  # here, and far away
         >>> [f"{bound:.0e}" for bound in bounds["R2"]], [f"{bound:.0e}" for bound in bounds["d"]]
         (['2e-15', '6e-08'], ['2e-15', '2e-15'])
+        >>> f"{pair.error_bounds(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.5)['R2']:.0e}"
+        '5e-16'
         """
+        if isinstance(q, BodyMotion):
+            given = kinematics.body1_inputs(q, qd, qdd, psidd)
+            level = ("psid" in given) + ("psidd" in given)
+            return accuracy.error_bounds(SPATIAL_MOTION_KIND, self.constants, given, level, outputs)
+        if psidd is not None:
+            raise ArgumentError("psidd", "nothing, since the first argument is no BodyMotion", quoted(psidd))
         if holds_dask(q, qd, qdd):
             return kinematics.lazily(self, self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs, sequence=sequence)
         given = kinematics.coordinate_rows(q, qd, qdd)
         find_sequence(sequence)
         return accuracy.error_bounds(SPATIAL_MOTION_KIND, self.constants, given, len(given) - 1, outputs, sequence)
-
-    def error_bounds_from_body1(
-        self,
-        body1: BodyMotion,
-        psi: ArrayLike,
-        psid: ArrayLike | None = None,
-        psidd: ArrayLike | None = None,
-        outputs: Outputs = None,
-    ) -> dict[str, NDArray[np.float64]]:
-        """Compute rigorous bounds on the rounding errors of `forward_kinematics_from_body1`, as `error_bounds` does;
-        errors that body1 already has, such as from quaternions, are not included.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> f"{pair.error_bounds_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.5)['R2']:.0e}"
-        '5e-16'
-        """
-        if holds_dask(body1, psi, psid, psidd):
-            return kinematics.lazily(
-                self, self.error_bounds_from_body1, body1=body1, psi=psi, psid=psid, psidd=psidd, outputs=outputs
-            )
-        given = kinematics.body1_inputs(body1, psi, psid, psidd)
-        level = ("psid" in given) + ("psidd" in given)
-        return accuracy.error_bounds(SPATIAL_MOTION_KIND, self.constants, given, level, outputs)
 
     def mass_matrix(
         self,
