@@ -84,7 +84,7 @@ if TYPE_CHECKING:
     from hingepair.scenes.load import load_scene
     from hingepair.sweeps.search import Search, search
     from hingepair.tables.instants import MeasurementWarning
-    from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
+    from hingepair.validation.cross_validate import cross_validate
     from hingepair.validation.pinocchio_twin import to_pinocchio
 
 __version__ = "0.2.0"
@@ -146,7 +146,6 @@ __all__ = [
     "angular_velocity",
     "angular_velocity_from_samples",
     "cross_validate",
-    "cross_validate_from_body1",
     "derive",
     "euler_rate_matrix",
     "euler_rates",
@@ -224,7 +223,7 @@ _LAZY_MODULE_BY_NAME = {
         "rollouts.tracks": "Feedback",
         "scenes.derive": "derive",
         "scenes.load": "load_scene",
-        "validation.cross_validate": "cross_validate cross_validate_from_body1",
+        "validation.cross_validate": "cross_validate",
         "validation.pinocchio_twin": "to_pinocchio",
     }.items()
     for name in names.split()

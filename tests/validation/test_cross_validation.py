@@ -12,7 +12,7 @@ from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
+from hingepair.validation.cross_validate import cross_validate
 from support import states
 from support.hinged import pair_of
 from support.sparse import sparse
@@ -42,16 +42,16 @@ def test_given_attitudes_agree_with_pinocchio():
         body1 = BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
         hinge = rng.uniform(-3, 3, (3, 20))
         for count in (1, 2, 3):
-            report = cross_validate_from_body1(pair, body1, *hinge[:count])
+            report = cross_validate(pair, body1, *hinge[:count])
             assert report.ok, report
             assert (len(report.rows), report.skipped, report.sequence) == (2 * count + 1, 1, None)
     assert "attitude given" in str(report)
-    assert cross_validate_from_body1(pair, body1, 0.5, 1.0).ok
+    assert cross_validate(pair, body1, 0.5, 1.0).ok
     wrong = BodyMotion(R=R, S=S, v=v, omega=omega * (1 + 1e-6), a=a, alpha=alpha)
     state = pair.forward_kinematics_from_body1(wrong, *hinge)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(HingePair, "forward_kinematics_from_body1", lambda *_, **__: state)
-        failed = [row.output for row in cross_validate_from_body1(pair, body1, *hinge).rows if not row.ok]
+        failed = [row.output for row in cross_validate(pair, body1, *hinge).rows if not row.ok]
     assert "omega2" in failed
 
 
@@ -141,7 +141,7 @@ def test_points_are_compared_with_frames_of_pinocchio(levels):
     assert max(row.max_ratio for row in report.rows[2 * levels + 1 :]) > 0.2
     R, S, v, omega, a, alpha = states.body1(rng, 10)
     body1 = BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
-    report = cross_validate_from_body1(pair, body1, *rng.uniform(-3, 3, (3, 10))[:levels])
+    report = cross_validate(pair, body1, *rng.uniform(-3, 3, (3, 10))[:levels])
     assert report.ok, report
     flat = hp.PlanarPair((1, 0.5), (-1, 0.2), points1={"sensor": (100, 2)}, points2={"handle": (0.3, 40)})
     report = cross_validate(flat, *rng.normal(size=(3, 10, 4))[:levels])

@@ -51,6 +51,16 @@ def cross_validate(
 
 @overload
 def cross_validate(
+    pair: HingePair,
+    q: BodyMotion,
+    qd: ArrayLike,
+    qdd: ArrayLike | None = None,
+    psidd: ArrayLike | None = None,
+) -> CrossValidation: ...
+
+
+@overload
+def cross_validate(
     pair: Mechanism,
     q: Coordinates,
     qd: Coordinates | None = None,
@@ -67,6 +77,7 @@ def cross_validate(
     q: Any,
     qd: Any = None,
     qdd: Any = None,
+    psidd: ArrayLike | None = None,
     *,
     sequence: str = "XYZ",
     frames: str | Iterable[str] | None = None,
@@ -99,9 +110,12 @@ def cross_validate(
         q: coordinates. For a pair (x, y, z, phi_x, phi_y, phi_z, psi) [m, rad], shape (..., 7) or a tuple of seven
             coordinates; for a planar pair (x, y, phi, psi) [m, rad], shape (..., 4) or a tuple of four. For a robot,
             an array of shape (..., dof), a table whose columns have the joints' names, or a dict with a number or an
-            array for each joint's name.
+            array for each joint's name. Or, of a `HingePair`, body1, a BodyMotion, before psi, psid and psidd. Its S
+            must be a rotation to within rounding errors, as `project_to_rotation` returns it, because Pinocchio
+            stores attitudes as quaternions.
         qd: first time derivatives of q, in the same form as q.
         qdd: second time derivatives of q, in the same form as q.
+        psidd: second time derivative of psi [rad/s^2], after body1, psi and psid.
         sequence: Euler sequence of body 1 of a `HingePair`; "XYZ" unless given.
         frames: for a robot, names of the links, joints or other frames whose motion and Jacobians are compared. By
             default, the motion of all links and the Jacobians of all links without children are compared.
@@ -133,15 +147,23 @@ def cross_validate(
     >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
     >>> hp.cross_validate(pair, np.linspace(0, 3, 70).reshape(10, 7)).ok
     True
+    >>> hp.cross_validate(pair, hp.BodyMotion.from_rotvec(R=(1, 2, 3), rotvec=(0.1, 0.2, 0.3)), 0.5).ok
+    True
     """
-    is_robot = isinstance(pair, Mechanism)
-    if (is_robot or isinstance(pair, PlanarPair)) and sequence != "XYZ":
+    is_robot, by_body1 = isinstance(pair, Mechanism), isinstance(q, BodyMotion)
+    if psidd is not None and not by_body1:
+        raise ArgumentError("psidd", "nothing, since q is no BodyMotion", quoted(psidd))
+    if by_body1 and (is_robot or isinstance(pair, PlanarPair)):
+        raise ArgumentError("q", "coordinates, unless of a HingePair", quoted(q))
+    if (by_body1 or is_robot or isinstance(pair, PlanarPair)) and sequence != "XYZ":
         raise ArgumentError("sequence", "nothing, since there are no Euler angles", quoted(sequence))
     given_gravity = None if gravity is DEFAULT_GRAVITY else gravity
     of_robots: dict[str, Any] = {"frames": frames, "base_motion": base_motion, "gravity": given_gravity}
     for name, value in of_robots.items():
         if value is not None and not is_robot:
             raise ArgumentError(name, "nothing, since it is for robots", quoted(value))
+    if by_body1:
+        return _compare_from_body1(pair, q, qd, qdd, psidd)  # type: ignore[arg-type]
     if isinstance(pair, Mechanism):
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
         with np.errstate(all="ignore"):  # scales may overflow
@@ -166,37 +188,10 @@ def cross_validate(
     return _compare(given, state, subject, None if planar else sequence)
 
 
-def cross_validate_from_body1(
-    pair: HingePair,
-    body1: BodyMotion,
-    psi: ArrayLike,
-    psid: ArrayLike | None = None,
-    psidd: ArrayLike | None = None,
+def _compare_from_body1(
+    pair: HingePair, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None, psidd: ArrayLike | None
 ) -> CrossValidation:
-    """Compare the motion of body 2 that hingepair computes with the motion that Pinocchio computes, for a motion of
-    body 1 whose attitude is a matrix.
-
-    Pinocchio stores attitudes as quaternions. Therefore the results agree only if `body1.S` is a rotation to within
-    rounding errors; `project_to_rotation` returns such a rotation.
-
-    Args:
-        pair: a single HingePair (u1, u2, n and home without leading axes).
-        body1: motion of body 1: R and S; also v and omega if psid is given; also a and alpha if psidd is given.
-        psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-        psid: first time derivative of psi [rad/s]; shape (...,).
-        psidd: second time derivative of psi [rad/s^2]; shape (...,); it needs psid.
-
-    Returns:
-        A `CrossValidation`, as described for `cross_validate`.
-
-    Raises:
-        MissingDependencyError: Pinocchio is not installed.
-
-    >>> import hingepair as hp
-    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
-    >>> hp.cross_validate_from_body1(pair, hp.BodyMotion.from_rotvec(R=(1, 2, 3), rotvec=(0.1, 0.2, 0.3)), 0.5).ok
-    True
-    """
+    """Return the report on a pair whose body 1 moves as given."""
     twin = to_pinocchio(pair)
     outputs = _compared_outputs(pair, SPATIAL_MOTION_KIND, psid, psidd)
     state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd, outputs=outputs)

@@ -239,9 +239,9 @@ class MotionByBody1:
 
     def cross_validate(self, pair: Any) -> CrossValidation:
         """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation."""
-        from hingepair.validation.cross_validate import cross_validate_from_body1
+        from hingepair.validation.cross_validate import cross_validate
 
-        return cross_validate_from_body1(pair, self.body1, *self.hinge)
+        return cross_validate(pair, self.body1, *self.hinge)
 
     def in_space(self, _: Any) -> MotionByBody1:
         """Return this motion unchanged; it is already in space."""
