@@ -3,12 +3,12 @@
 The error of a step is measured by steps of half its length or less (step doubling, with Richardson extrapolation).
 Errors of steps, rotated to the axes of the first instant, add up to the error at any later one. Both miss a jump
 beside an end of a step; there the value is compared with the one that the nodes let expect. For samples the
-interpolant is integrated; the error of the interpolation is added (`interpolation_error`).
+interpolant is integrated; added is by how much it differs from that of every second sample.
 
 Rounding: a step that turns by an angle a is rounded by about u a. Its nodes are rounded by about u t where the rate
 is a callable, which adds u t times the change of the rate over the step. The rounding errors of steps are
 independent, so that their squares add up: over many steps the sum is far less than u times the angle turned in all,
-over few fast steps about that. The stamps of samples may be rounded too (`stamp_rounding`).
+over few fast steps about that.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.integration.integrals import AngleIntegral, Integral
-from hingepair.integration.interpolation_error import largest_interpolation_error
 from hingepair.integration.methods import RULES, StepRule
 from hingepair.integration.signals import CallableSignal, ConstantSignal, SampledSignal, Signal
 from hingepair.integration.stepping import Steps, Subdivision, subdivide
@@ -60,7 +59,7 @@ def concatenate_errors(groups: Iterable[StepErrors]) -> StepErrors:
 
 @np.errstate(all="ignore")
 def estimate_error(integral: Integral, steps: Steps, values: Array, errors: StepErrors | None = None) -> float:
-    """Return an estimate of the largest error of an integral at any instant [rad], without the rounding of stamps.
+    """Return an estimate of the largest error of an integral at any instant [rad].
 
     Args:
         integral: the integral of one motion.
@@ -80,15 +79,26 @@ def estimate_error(integral: Integral, steps: Steps, values: Array, errors: Step
     if errors is None:
         errors = measure_errors(integral, steps.t[:-1], steps.t[1:], steps.t[-1] - steps.t[0])
     rounding = rounding_error(integral, steps, values, errors)
-    if not isinstance(rate, SampledSignal):
-        return rounding + largest_sum(integral, steps, values, errors)
-    shown = np.where((_above_noise(row_norms(errors.errors), errors.noise) > 0)[:, None], errors.errors, 0.0)
-    if steps.instant_indices is not None:
-        shown = np.add.reduceat(shown, steps.instant_indices[:-1], axis=0)
-    at_samples = steps.at_instants(values)
-    return rounding + largest_interpolation_error(
-        rate, shown, lambda a, b, e: integral.errors_at_start(at_samples[a + 1 : b + 1], e)
+    by_steps = rounding + largest_sum(integral, steps, values, errors)
+    return (
+        by_steps + _interpolation_error(integral, rate, steps, values)
+        if isinstance(rate, SampledSignal)
+        else by_steps
     )
+
+
+def _interpolation_error(integral: Integral, rate: SampledSignal, steps: Steps, values: Array) -> float:
+    """Return the largest error [rad] at any instant of an integral through every second sample, which is not below
+    that through all of them; NaN for fewer than 4 samples.
+    """
+    if len(rate.t) < 4:
+        return math.nan
+    t, h = steps.t, np.diff(steps.t)
+    apart = rate.values_at_nodes(t[:-1], h, integral.rule.nodes) - rate.every_second().values_at_nodes(
+        t[:-1], h, integral.rule.nodes
+    )
+    at_start = integral.errors_at_start(values[1:], integral.rule.integral(apart, h))
+    return float(row_norms(np.cumsum(at_start, axis=0)).max())
 
 
 def rounding_error(integral: Integral, steps: Steps, values: Array, errors: StepErrors) -> float:

@@ -117,6 +117,11 @@ class SampledSignal:
         motions = values.shape[: values.ndim - self.values.ndim + len(self.motions)]
         return SampledSignal(self.t, values, self.execution, motions)
 
+    def every_second(self) -> SampledSignal:
+        """Return the signal of every second sample and the last one; of a single motion."""
+        kept = np.append(np.arange(0, len(self.t) - 1, 2), len(self.t) - 1)
+        return SampledSignal(self.t[kept], self.values[kept], self.execution)
+
     def flattened(self, motions: tuple[int, ...]) -> SampledSignal:
         """Return the signal with one axis of motions, to which it is broadcast."""
         tail = self.values.shape[len(self.motions) :]

@@ -12,8 +12,7 @@ from hingepair.errors import ArgumentError
 from hingepair.integration.error_estimate import StepErrors, estimate_error
 from hingepair.integration.integrals import AngleIntegral, AttitudeIntegral, Integral
 from hingepair.integration.methods import RULES, check_method
-from hingepair.integration.signals import SampledSignal, Signal
-from hingepair.integration.stamp_rounding import stamp_deviations, stamp_error
+from hingepair.integration.signals import Signal
 from hingepair.integration.step_selection import select_steps
 from hingepair.integration.stepping import Steps
 from hingepair.integration.trajectory import LazyValue
@@ -117,16 +116,8 @@ def solve(
         for integral, values in zip(integrals, integrated, strict=True):
             integral.check_finite(values.reshape(len(values), -1), steps)
 
-    @functools.cache
-    def deviations() -> Array:
-        return stamp_deviations([rate for rate in (omega, psid) if isinstance(rate, SampledSignal)])
-
     def error(integral: Integral, values: Array, measured: StepErrors | None) -> float:
-        """Return the estimated error of an integral [rad], with that of rounded stamps of samples."""
-        size = min(estimate_error(integral, steps, values, measured), integral.max_error)
-        if isinstance(integral.rate, SampledSignal):
-            size = min(size + stamp_error(integral.rate, deviations()), integral.max_error)
-        return size
+        return min(estimate_error(integral, steps, values, measured), integral.max_error)
 
     estimates = [
         LazyValue(functools.partial(error, integral, values, errors.get(integral)))

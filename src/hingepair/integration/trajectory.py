@@ -168,18 +168,9 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         is hardly ever below half of the actual error, and seldom above ten times it; a pulse that is shorter than
         about 1/500 of the total time may be missed.
 
-        Of samples, it includes the error of interpolation, by gaps, by motion that the samples hardly resolve, and by
-        jumps and kinks anywhere between two samples, and that of time stamps rounded to double precision, single
-        precision or decimals, if the samples show this rounding. It is NaN for fewer than 4 samples, and may be
-        hundreds of times too large where four samples or fewer are a period of the motion.
-
-        It does not include:
-
-        - noise in the arguments of `integrate`;
-        - motion that leaves no trace in the samples: motion that begins and ends within a gap, or that has fewer than
-          two samples per period;
-        - rounded time stamps whose rounding error changes so slowly from sample to sample that the samples do not
-          show it.
+        Of samples, it includes by how much the motion differs from that of every second sample, which is more than
+        the error of interpolation where the motion is smooth. It is NaN for fewer than 4 samples. It does not include
+        noise, rounded time stamps, nor motion that leaves no trace in the samples.
         """
         return self._error() if isinstance(self._error, LazyValue) else self._error
 
