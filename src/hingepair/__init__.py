@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
     from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
     from hingepair.measured.clusters import ClusterFit, fit_cluster
-    from hingepair.measured.encoder import EncoderFit
     from hingepair.measured.hinge_fit import HingeFit, fit
     from hingepair.measured.inertial.angle import AngleFit, fit_angle
     from hingepair.measured.inertial.axis_and_point import AnchorFit, AxisFit, fit_anchor, fit_axis
@@ -104,7 +103,6 @@ __all__ = [
     "Cylinder",
     "DtypeError",
     "DynamicsWarning",
-    "EncoderFit",
     "Feedback",
     "FitError",
     "GimbalLockError",
@@ -198,7 +196,6 @@ _LAZY_MODULE_BY_NAME = {
         "integration.integrate": "integrate",
         "integration.trajectory": "PlanarTrajectory Trajectory",
         "measured.clusters": "ClusterFit fit_cluster",
-        "measured.encoder": "EncoderFit",
         "measured.hinge_fit": "HingeFit fit",
         "measured.inertial.imus": "ImuFit ImuRecording fit_imus",
         "measured.inertial.axis_and_point": "AnchorFit AxisFit fit_anchor fit_axis",

@@ -137,24 +137,6 @@ def saved_columns(path, made, **columns):
 
 
 @pytest.mark.slow
-def test_an_encoder_is_a_column_of_the_file(tmp_path):
-    made = recording(600, 1e-3, 1e-2)
-    reading = np.degrees(0.4 - made.psi + 1e-3 * np.random.default_rng(1).standard_normal(600))
-    file = saved_columns(tmp_path / "a.npz", made, R2=made.R2, S2=made.S2, enc=reading)
-    told = json.loads(fit(file, "--encoder", "enc", "--clock-offset", 0, "--json"))
-    assert told["ok"] is True
-    assert abs(told["encoder"]["scale"]) == pytest.approx(np.pi / 180, abs=4 * told["encoder"]["std"]["scale"])
-    assert 0 < told["encoder"]["noise"] < 3e-3  # poorly known beside attitudes that are ten times as rough
-    assert "* encoder, whose noise is" in fit(file, "--encoder", "enc")
-    scene, out = tmp_path / "fitted.toml", tmp_path / "psi.csv"
-    fit(file, "--encoder", "enc", "--clock-offset", 0, "--scene", scene, "--out", out)
-    psi = np.genfromtxt(out, delimiter=",", names=True)["psi"]
-    turned = psi - np.sign(np.polyfit(made.psi, psi, 1)[0]) * made.psi
-    assert np.std(turned) < 2e-3  # the attitudes alone leave 14
-    result = hp.load_scene(scene).evaluate(outputs=("R2",))
-    assert np.sqrt(np.mean((result.R2 - recording(600).R2)[50:-50] ** 2)) < 3e-3
-
-
 @pytest.mark.slow
 def test_a_point_is_fitted_reported_and_moved_in_a_scene(tmp_path):
     made = recording(600, 1e-3, 2e-3)
@@ -197,12 +179,9 @@ def test_a_file_to_write_that_is_read_or_written_twice_is_named_by_its_option(tm
 def test_columns_that_are_missing_are_named(tmp_path):
     made = recording(50, 1e-3, 2e-3)
     file = saved_columns(tmp_path / "a.npz", made, R2=made.R2, S2=made.S2, angle=made.psi)
-    assert "nearest: angle" in refused(file, "--encoder", "angel", "--ignore", "angle")
-    assert "--encoder 'angle' if it reads the hinge angle, or --ignore 'angle'" in refused(file)
+    assert "--ignore 'angle'" in refused(file)
     point = Record(made.t, {"R1": made.R1, "R2": made.R2, "S2": made.S2}).save(tmp_path / "b.npz")
     assert "a body that is known by its position alone must be body 2" in refused(point)
-    file = saved_columns(tmp_path / "c.npz", made, R2=made.R2, enc=made.psi)
-    assert "encoder: expected None, since body 2 has no attitudes" in refused(file, "--encoder", "enc")
     assert "report: expected a file name that ends in .md" in refused(file, "--report", tmp_path / "fit.pdf")
 
 

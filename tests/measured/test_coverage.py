@@ -149,8 +149,6 @@ FEW: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {  # 80 runs each, 40 wi
         *((name, "body") for name in (*KINDS, *FEW)),
         ("equal", "point"),
         (MOVING, "point"),
-        (MOVING, "encoder"),
-        ("weights", "encoder"),
     ],
 )
 def test_errors_of_a_fit_are_within_its_intervals(name: str, what: str) -> None:
@@ -162,8 +160,6 @@ def test_errors_of_a_fit_are_within_its_intervals(name: str, what: str) -> None:
     for seed in range(RUNS if name in KINDS else 40 if "late" in made else 80):
         t, (R1, S1, R2, S2), psi = poses(seed, **made)
         more = {"t": t} if "late" in made else {}
-        if what == "encoder":
-            more["encoder"] = (psi - 0.4) / 2 + 5e-3 * np.random.default_rng(9000 + seed).standard_normal(COUNT)
         body2 = hp.BodyMotion(R=R2) if what == "point" else hp.BodyMotion(R=R2, S=S2)
         found = hp.fit(hp.BodyMotion(R=R1, S=S1), body2, **told, **more)
         sign = np.sign(found.pair.n @ N1)
@@ -173,9 +169,6 @@ def test_errors_of_a_fit_are_within_its_intervals(name: str, what: str) -> None:
         true_psi = angle_on_circle(psi) if what == "point" else psi + angle_of_zero()
         turned = np.angle(np.exp(1j * (sign * found.psi - true_psi)))
         scores.setdefault("psi", []).append(turned / found.std["psi"])
-        if found.encoder is not None:
-            off = (found.encoder.scale - 2 * sign) / found.encoder.std["scale"]
-            scores.setdefault("scale", []).append(np.array([off]))
         if "late" in made:
             off = (found.clock_offset - made["late"]) / found.std["clock_offset"]
             scores.setdefault("clock_offset", []).append(np.array([off]))

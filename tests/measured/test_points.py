@@ -148,8 +148,8 @@ def test_points_that_show_nothing_are_refused() -> None:
             hp.fit(body1, hp.BodyMotion(R=path))
     with pytest.raises(hp.FitError, match="at least four samples"):
         hp.fit(*bodies(recording(3)))
-    with pytest.raises(hp.ArgumentError, match="encoder: expected None, since body 2 has no attitudes"):
-        hp.fit(*bodies(made), encoder=made.psi)
+    with pytest.raises(hp.ArgumentError, match="noise1: expected None, since body 2 has no attitudes"):
+        hp.fit(*bodies(made), noise1=(1e-3, 1e-3), noise2=(1e-3, 1e-3))
 
 
 def test_what_needs_an_attitude_refuses_a_point() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import pickle
-import sys
 import warnings
 
 import numpy as np
@@ -238,12 +237,6 @@ def test_what_is_smoothed_can_be_copied_and_kept() -> None:
     for other in (copy.deepcopy(found), pickle.loads(pickle.dumps(found))):
         assert (other.alpha == found.alpha).all()
         assert other.noise == found.noise
-
-
-def test_without_scipy_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "scipy.linalg", None)
-    with pytest.raises(hp.MissingDependencyError, match="measured"):
-        hp.smooth(np.arange(20) / 10, np.zeros(20))
 
 
 def correlated(share: float, count: int, seed: int) -> np.ndarray:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from hingepair.bench.harness import Case, Method, Report, batch_case, installed, measure, print_progress
 from hingepair.measured.hinge_fit import fit
 from hingepair.measured.inertial.axis_and_point import fit_axis
-from hingepair.numeric.optional import require
 from hingepair.pair.body_motion import BodyMotion
 
 Array: TypeAlias = NDArray[np.float64]
@@ -69,7 +68,6 @@ def bench_fit(sizes: Sequence[int], repeats: int) -> Report:
         sizes: numbers of samples of the recordings.
         repeats: of each measurement.
     """
-    require("scipy", "bench fit")
     axis_methods, left_out = installed(AXIS_METHODS, {})
     if left_out:
         left_out.append("qmt: pip install qmt (its last wheels, of 2023, are for Python 3.11 and before)")

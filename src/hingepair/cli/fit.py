@@ -96,14 +96,6 @@ def fit_command(
             "--plot it shows the figure.",
         ),
     ] = None,
-    encoder: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COLUMN",
-            help="Column with readings of the hinge angle, in any unit, on the clock of body 1; its zero, scale and "
-            "noise are estimated.",
-        ),
-    ] = None,
     clock_offset: Annotated[
         float | None,
         typer.Option(
@@ -137,16 +129,14 @@ def fit_command(
     outputs.check()
     along = None if n_along is None else _parse_direction(n_along)
     columns = parse_columns(column or ())
-    recording = read_poses(files, columns, ignore or (), gaps, encoder, sequence, _COLUMN_OPTIONS)
+    recording = read_poses(files, columns, ignore or (), gaps, sequence, _COLUMN_OPTIONS)
     if scene is not None and recording.t is None:
         raise ArgumentError("scene", "a recording with a column t", "none")
     if recording.body2 is None:
         raise no_body_error("2", files)
     body1, body2, t = recording.body1, recording.body2, recording.t
     try:
-        fitted = fit(
-            body1, body2, loss, gauge, t, clock_offset=clock_offset, encoder=recording.encoder, n_along=along
-        )
+        fitted = fit(body1, body2, loss, gauge, t, clock_offset=clock_offset, n_along=along)
     except FitError as error:
         outputs.write_report(_report_without_hinge(error, files))
         print(json.dumps({"ok": False, "findings": [str(error)]}, indent=2) if as_json else f"NO HINGE: {error}")
@@ -159,9 +149,7 @@ def fit_command(
 
 
 # What messages on columns advise.
-_COLUMN_OPTIONS = ColumnAdvice(
-    "--column '{ours}={name}'", "--column '{ours}={name}:{unit}'", "--encoder {name!r}", "--ignore {name!r}"
-)
+_COLUMN_OPTIONS = ColumnAdvice("--column '{ours}={name}'", "--column '{ours}={name}:{unit}'", "--ignore {name!r}")
 
 
 def _parse_direction(text: str) -> list[float]:
@@ -345,15 +333,6 @@ def _hinge_table(fitted: HingeFit, lengths: Units, fine: Units) -> list[str]:
         spread = f"± {std:.2g}" if std else "(given)"
         known = f"{1e3 * fitted.clock_offset:.4g} {spread}" if np.isfinite(std) else "not determined, taken as 0"
         rows.append(("clock offset", known, "ms"))
-    if fitted.encoder is not None:
-        zero, scale = (
-            f"{getattr(fitted.encoder, key):.6g} ± {fitted.encoder.std[key]:.2g}" for key in ("zero", "scale")
-        )
-        rows += [
-            ("encoder: zero", zero, "rad"),
-            ("encoder: scale", scale, "rad in a unit of the reading"),
-            ("encoder: noise", f"{fitted.encoder.noise:.2g}", "rad"),
-        ]
     return _table(("", "value", "unit"), rows)
 
 

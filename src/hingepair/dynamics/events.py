@@ -21,7 +21,7 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
 from hingepair.numeric.complementarity import forces_within_limits
-from hingepair.pair.hinge_load import HingeLoad, call_with_arrays
+from hingepair.pair.hinge_load import HingeLoad, call_with_arrays, rate_kinks, stop_angles, stop_range
 
 UserEvent: TypeAlias = Callable[[Array, Any], ArrayLike]
 """Event of the user: a callable of instants (n,) and the motion at them that returns values (n,), 0 at the event."""
@@ -77,8 +77,8 @@ class JointEvents:
     ) -> None:
         self._motion, self._start, self._tol, self._user_event, self._span = motion, start, tol, user_event, span
         loads = motion.joint_loads
-        self._angle_kinks = [(-np.inf, *load.kinks, np.inf) for load in loads]
-        self._rate_kinks = [(-np.inf, *load.rate_kinks, np.inf) for load in loads]
+        self._angle_kinks = [(-np.inf, *stop_angles(load), np.inf) for load in loads]
+        self._rate_kinks = [(-np.inf, *rate_kinks(load), np.inf) for load in loads]
         self._friction = np.array([load.sticking_friction for load in loads])
         self._rigid_stops = [load.rigid_stops for load in loads]
         self._direction: Any = getattr(user_event, "direction", 0)
@@ -93,10 +93,10 @@ class JointEvents:
         q, qd = motion.state[motion.q].tolist(), motion.state[self._qd].tolist()
         # A joint at its lower rigid stop is above it.
         self._angle_intervals = [
-            sum(kink < x for kink in load.kinks) + (load.rigid_range[0] == x)
+            sum(kink < x for kink in stop_angles(load)) + (stop_range(load, rigid=True)[0] == x)
             for load, x in zip(loads, q, strict=True)
         ]
-        self._rate_intervals = [sum(kink < x for kink in load.rate_kinks) for load, x in zip(loads, qd, strict=True)]
+        self._rate_intervals = [sum(kink < x for kink in rate_kinks(load)) for load, x in zip(loads, qd, strict=True)]
         self._rows: list[tuple[str, int]] = []  # kind and joint of each event
         self._update_branches()
         self._settle(0.0, motion.state)
@@ -104,7 +104,9 @@ class JointEvents:
     @property
     def any_events(self) -> bool:
         """Whether any event can happen."""
-        return bool(self._user_event or any(load.kinks or load.rate_kinks for load in self._motion.joint_loads))
+        return bool(
+            self._user_event or any(stop_angles(load) or rate_kinks(load) for load in self._motion.joint_loads)
+        )
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
         """Return the distances from each event, (m, e), positive until it happens, at times t since the start [s],

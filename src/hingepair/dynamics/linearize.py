@@ -20,7 +20,7 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
-from hingepair.pair.hinge_load import HingeTorque
+from hingepair.pair.hinge_load import HingeTorque, stop_range
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.tables.sheets import ruled_table
@@ -229,7 +229,7 @@ def _find_equilibrium(motion: RobotMotion, t: float, state: Array, *, is_planar:
     start = float(state[motion.q.start])
     for _ in range(200):
         # Between the rigid stops.
-        lower, upper = motion.joint_loads[0].rigid_range
+        lower, upper = stop_range(motion.joint_loads[0], rigid=True)
         psi = float(np.clip(state[motion.q.start], lower, upper))
         at_rigid_stop = psi in (lower, upper)
         state = state.copy()

@@ -18,7 +18,7 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only, vectors
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
-from hingepair.pair.hinge_load import HingeLoad, HingeTorque
+from hingepair.pair.hinge_load import HingeLoad, HingeTorque, stop_range
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def _joint_efforts(
         if load == HingeLoad():
             continue
         x, rate = q[..., k].ravel(), qd[..., k].ravel()
-        lower, upper = load.rigid_range
+        lower, upper = stop_range(load, rigid=True)
         if (load.sticking_friction and not rate.all()) or ((x <= lower) | (x >= upper)).any():
             expected = "a load with a linearization: friction that sticks (without friction_rate) or a stop holds it"
             raise ArgumentError(f"loads[{name!r}]", expected, quoted(load))

@@ -13,7 +13,7 @@ from hingepair.dynamics.events import Side
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
-from hingepair.pair.hinge_load import TORQUE_PARTS, HingeLoad, call_with_arrays, is_plain_hinge_load
+from hingepair.pair.hinge_load import TORQUE_PARTS, HingeLoad, call_with_arrays, is_plain_hinge_load, stop_range
 
 ON_BASE = ("force1", "torque1")
 """Names of the force and the torque on the base in results."""
@@ -245,14 +245,14 @@ def broadcast_load(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 def check_start(loads: Loads, names: Sequence[str], q: Array) -> None:
     """Refuse coordinates at the first instant, (dof,), that are not between the rigid stops."""
     for name, load, x in zip(names, loads.joint_loads, q, strict=True):
-        lower, upper = load.rigid_range
+        lower, upper = stop_range(load, rigid=True)
         if not lower <= x <= upper:
             raise ArgumentError(name, f"a coordinate between the rigid stops, {lower:g} to {upper:g}", float(x))
 
 
 def check_rigid_stops(label: str, load: HingeLoad, held_by: str) -> None:
     """Refuse rigid stops that are too close together; `held_by` is the argument that holds a joint instead."""
-    lower, upper = load.rigid_range
+    lower, upper = stop_range(load, rigid=True)
     if not upper - lower > 1e-9:  # impacts closer together could not be told apart
         expected = f"rigid stops at least 1e-9 rad or m apart ({held_by}= holds a joint)"
         raise ArgumentError(label, expected, f"{lower!r} to {upper!r}")

@@ -28,7 +28,7 @@ from hingepair.errors import ArgumentError, HingePairError, quoted
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, real_array
-from hingepair.pair.hinge_load import check_callable
+from hingepair.pair.hinge_load import check_callable, stop_range
 from hingepair.tables.suspicions import suspicions
 
 _EVALUATIONS = 509 * 17  # of callables over the whole motion, at least
@@ -210,7 +210,8 @@ def joint_range(
     stops, and if it passes, by more than `tol`, a limit at or inside which there is no stop.
     """
     lowest, highest = joint_extremes(run, joint)
-    unit, stops = tree_of(run.motion.robot).coordinates[joint].unit, run.motion.joint_loads[joint].tightest_stops
+    coordinate, stops = tree_of(run.motion.robot).coordinates[joint], stop_range(run.motion.joint_loads[joint])
+    unit = coordinate.unit
     overrun = stop_overrun(name, unit, stops, lowest.q, highest.q)
     doubts = [f"{overrun}; HingeLoad(stop_stiffness=...) hardens them"] if overrun else []
     passed = [lowest] if lowest.q < limits[0] - tol and stops[0] < limits[0] else []

@@ -29,7 +29,7 @@ from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
 from hingepair.pair.constants import check_pair, check_single_pair
 from hingepair.pair.dynamics import DEFAULT_GRAVITY, check_masses, tree_constants
-from hingepair.pair.hinge_load import HingeLoad, HingeTorque
+from hingepair.pair.hinge_load import HingeLoad, HingeTorque, stop_range
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.pair.states import Energy, Momentum
@@ -321,7 +321,7 @@ def simulate(
     found = Simulation(pair_motion(space, held, start, loads, backend, driven), instants, options)
     samples = found.samples
     psi_range, passed = joint_range(found.run, 0, "psi", space.limits or (-np.inf, np.inf), options.tol)
-    for sentence in (*_unit_doubts(space, held, start, loads.joint_loads[0].tightest_stops, samples), *passed):
+    for sentence in (*_unit_doubts(space, held, start, stop_range(loads.joint_loads[0]), samples), *passed):
         warnings.warn(sentence, DynamicsWarning, stacklevel=3)
     body1_motion, psi, psid, psidd = samples.base, samples.motion.q[:, 0], samples.motion.qd[:, 0], samples.qdd[:, 0]
     fields: dict[str, Any] = {

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import unit_of
-from hingepair.errors import ArgumentError, RotationError, nearest, nearest_name
+from hingepair.errors import ArgumentError, RotationError, nearest_name
 from hingepair.measured.smoothing.resample import resample
 from hingepair.numeric.arrays import Float64Array, check_choice
-from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import project_to_rotation
@@ -49,17 +48,15 @@ class Recording(NamedTuple):
         body1: BodyMotion of body 1; shape (N,).
         body2: BodyMotion of body 2; None if one body was recorded.
         t: instants as the log has them, seconds, nanoseconds or dates; shape (N,); None if it has none.
-        encoder: readings of the hinge angle at these instants; shape (N,); None if no column was named.
     """
 
     body1: BodyMotion
     body2: BodyMotion | None
     t: NDArray[Any] | None
-    encoder: Float64Array | None
 
     def __repr__(self) -> str:
         """Say how many instants there are, and of what."""
-        parts = {"body1": self.body1, "body2": self.body2, "t": self.t, "encoder": self.encoder}
+        parts = {"body1": self.body1, "body2": self.body2, "t": self.t}
         held = ", ".join(name for name, part in parts.items() if part is not None)
         return f"Recording({self.body1.shape[0]} instants: {held})"
 
@@ -69,7 +66,6 @@ class ColumnAdvice(NamedTuple):
 
     columns: str
     columns_with_unit: str
-    encoder: str
     ignore: str
 
     def degrees(self, name: str, headings: Collection[str]) -> str:
@@ -83,7 +79,6 @@ class ColumnAdvice(NamedTuple):
 _IN_PYTHON: Final = ColumnAdvice(
     "columns={{{ours!r}: {name!r}}}",
     "columns={{{ours!r}: {{'name': {name!r}, 'unit': {unit!r}}}}}",
-    "encoder={name!r}",
     "ignore=[{name!r}]",
 )
 
@@ -94,7 +89,6 @@ class _RecordedBody(NamedTuple):
     motion: BodyMotion
     t: NDArray[Any] | None
     path: Path | ColumnTable
-    encoder: Float64Array | None
 
 
 def read_recording(
@@ -102,7 +96,6 @@ def read_recording(
     columns: Mapping[str, str | Mapping[str, str]] | None = None,
     ignore: Sequence[str] = (),
     gaps: float = 0.05,
-    encoder: str | None = None,
     sequence: str | None = None,
 ) -> Recording:
     """Read the recorded poses of one body or of two, for `fit`, `smooth` and `resample`.
@@ -120,12 +113,11 @@ def read_recording(
             unknown are then not read.
         ignore: names of columns that are not read; `*` stands for any text.
         gaps: longest time between samples over which one body is interpolated to the instants of the other [s].
-        encoder: name of the column with readings of the hinge angle, on the clock of body 1.
         sequence: axes about which phi_x, phi_y, phi_z turn, such as "ZYX" of yaw, pitch and roll, in capitals about
             the body's own axes; by default "XYZ".
 
     Returns:
-        The Recording: body1, body2, t and encoder. The bodies have the instants of the one with the longer time
+        The Recording: body1, body2 and t. The bodies have the instants of the one with the longer time
         steps. Empty cells and attitudes of zeros are missing samples, NaN. Body 2, or a body alone, whose attitude
         was not recorded is a point.
 
@@ -142,7 +134,7 @@ def read_recording(
     >>> recording.t, recording.body1.R[2]
     (array([0., 1., 2.]), array([3., 0., 0.]))
     """
-    return read_poses(sources, columns, ignore, gaps, encoder, sequence, _IN_PYTHON)
+    return read_poses(sources, columns, ignore, gaps, sequence, _IN_PYTHON)
 
 
 def read_poses(
@@ -150,7 +142,6 @@ def read_poses(
     columns: Mapping[str, str | Mapping[str, str]] | None,
     ignore: Sequence[str],
     gaps: float,
-    encoder: str | None,
     sequence: str | None,
     advice: ColumnAdvice,
 ) -> Recording:
@@ -163,7 +154,7 @@ def read_poses(
     ]
     if sequence is not None:
         check_choice("sequence", sequence, SEQUENCE_NAMES)
-    return _read_recording(tables, columns or {}, ignore, checked_gaps(gaps), encoder, sequence, advice)
+    return _read_recording(tables, columns or {}, ignore, checked_gaps(gaps), sequence, advice)
 
 
 def _read_recording(
@@ -171,13 +162,10 @@ def _read_recording(
     columns_by_name: Mapping[str, Any],
     ignored_columns: Sequence[str],
     max_gap: float,
-    encoder_column: str | None,
     sequence: str | None,
     advice: ColumnAdvice,
 ) -> Recording:
     """Return the Recording of one or two files or tables, on one clock; refuse one without body 1 or body 2."""
-    if encoder_column in _POSE_COLUMNS:
-        raise ArgumentError("encoder", "a column that is not t and not of a pose", repr(encoder_column))
     headings = _headings(sequence or "XYZ")
     bodies: dict[str, _RecordedBody] = {}
     present_names: list[str] = []
@@ -188,7 +176,6 @@ def _read_recording(
             path,
             columns_by_name,
             ignored_columns,
-            encoder_column,
             advice,
             present_names,
             headings,
@@ -205,30 +192,23 @@ def _read_recording(
             name = digit or str(place)
             if name in bodies:
                 raise ArgumentError(f"{path}", f"body {name} once", "a second time")
-            reading = None if encoder_column is None else columns.get(encoder_column)
             may_be_point = name == "2" or (is_alone and len(digits) == 1)
             angles = _angles_of(columns, digit)
             has_angles |= bool(angles)
             unstated = {angle: columns[angle] for angle in angles if angle not in stated}
             _judge_angles(path, unstated, advice, headings)
             motion = _body_motion(path, columns, digit, sequence or "XYZ", may_be_point=may_be_point)
-            bodies[name] = _RecordedBody(motion, columns.get("t"), path, reading)
+            bodies[name] = _RecordedBody(motion, columns.get("t"), path)
     for name in ("1", "2")[: 1 + (len(paths) == 2 or "2" in bodies)]:
         if name not in bodies:
             raise no_body_error(name, paths)
     if sequence is not None and not has_angles:
         raise ArgumentError("sequence", "None, since no attitude is in Euler angles phi_x, phi_y, phi_z", sequence)
     first, second = bodies["1"], bodies.get("2")
-    if encoder_column is not None and first.encoder is None:
-        expected = f"a column of {first.path}, the file of body 1, whose clock the encoder has"
-        if second is not None and second.encoder is not None:
-            raise ArgumentError("encoder", expected, f"{encoder_column!r} in {second.path}")
-        near = nearest(encoder_column, sorted(set(present_names)))
-        raise ArgumentError("encoder", expected + near, repr(encoder_column[:40]))
     if second is None:
-        return Recording(first.motion, None, first.t, first.encoder)
+        return Recording(first.motion, None, first.t)
     if first.path is second.path:
-        return Recording(first.motion, second.motion, first.t, first.encoder)
+        return Recording(first.motion, second.motion, first.t)
     return _resample_to_one_clock(first, second, max_gap)
 
 
@@ -240,19 +220,16 @@ def no_body_error(body: str, sources: Sequence[object]) -> ArgumentError:
 
 
 def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap: float) -> Recording:
-    """Return both bodies and the readings of the first at the instants of the body with the longer time steps."""
+    """Return both bodies at the instants of the body with the longer time steps."""
     t1, t2 = _body_instants(first), _body_instants(second)
     if np.array_equal(t1, t2):
-        return Recording(first.motion, second.motion, t1, first.encoder)
+        return Recording(first.motion, second.motion, t1)
     times = [increasing_seconds(f"{body.path}: t", t)[0] for body, t in ((first, t1), (second, t2))]
     steps = [float(np.median(np.diff(time))) for time in times]
     if steps[0] >= steps[1]:
-        recording = Recording(first.motion, resample(t2, second.motion, t1, max_gap), t1, first.encoder)
+        recording = Recording(first.motion, resample(t2, second.motion, t1, max_gap), t1)
     else:
-        reading = first.encoder
-        if reading is not None:
-            reading = resample(t1, unwrap_if_wrapped(reading), t2, max_gap)
-        recording = Recording(resample(t1, first.motion, t2, max_gap), second.motion, t2, reading)
+        recording = Recording(resample(t1, first.motion, t2, max_gap), second.motion, t2)
     bodies = (recording.body1, recording.body2 or recording.body1)
     is_known = np.logical_and(*(np.isfinite(body.R).all(axis=-1) for body in bodies))
     if is_known.sum() < 2:
@@ -372,7 +349,6 @@ def _read_columns(
     path: Path | ColumnTable,
     columns_by_name: Mapping[str, Any],
     ignored_columns: Sequence[str],
-    encoder_column: str | None,
     advice: ColumnAdvice,
     present_names: list[str],
     headings: Collection[str],
@@ -393,9 +369,9 @@ def _read_columns(
         """Return those of the file's columns that are to be read."""
         present_names.extend(names)
         if sources:  # the file is another's: the rest is not ours to know
-            known = {*taken, *_POSE_COLUMNS, encoder_column}
+            known = {*taken, *_POSE_COLUMNS}
             names = [name for name in names if name in known]
-        wanted = _columns_to_read(names, ignored_columns, encoder_column, advice, taken)
+        wanted = _columns_to_read(names, ignored_columns, advice, taken)
         check_once(wanted, sources)
         return wanted
 
@@ -433,17 +409,14 @@ def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:
 def _columns_to_read(
     names: Sequence[str],
     ignored_columns: Sequence[str],
-    encoder_column: str | None,
     advice: ColumnAdvice,
     other_names: Collection[str] = (),
 ) -> list[str]:
     """Return the names to be read, without those that are ignored or of results; refuse unknown ones."""
     known_names = [*_POSE_COLUMNS, *other_names]
-    if encoder_column is not None:
-        known_names.append(encoder_column)
     wanted = []
     for name in names:
-        if name != encoder_column and any(fnmatch.fnmatchcase(name, pattern) for pattern in ignored_columns):
+        if any(fnmatch.fnmatchcase(name, pattern) for pattern in ignored_columns):
             continue
         if name in known_names:
             wanted.append(name)
@@ -452,8 +425,6 @@ def _columns_to_read(
             ours, unit = _meant_column(name, known_names)
             template = advice.columns_with_unit if unit else advice.columns
             ways = [template.format(ours=ours or "NAME", name=short, unit=unit)]
-            if not ours and encoder_column is None:
-                ways.append(f"{advice.encoder.format(name=short)} if it reads the hinge angle")
             hint = f" (nearest: {ours})" if ours else ""
             expected = f"columns of poses{hint}, {', '.join(ways)}, or {advice.ignore.format(name=short)}"
             raise ArgumentError(repr(short), expected, "an unknown column")

@@ -62,7 +62,9 @@ def consistent_parameters(
         MissingDependencyError: Clarabel is not installed.
         FitError: the solver found no such parameters.
     """
-    clarabel, sparse = require("clarabel", "physical"), require("scipy.sparse", "physical")
+    from scipy import sparse
+
+    clarabel = require("clarabel", "physical")
     count, further = combinations.shape[1], target[len(combinations) :]
     unit = np.concatenate([body_units(*size) for size in sizes])
     lengths = np.linalg.norm(factor[:, len(combinations) :], axis=0)

@@ -126,7 +126,6 @@ class ClockedPoses:
         return poses._replace(
             offset_derivatives=np.concatenate((dQ.reshape(-1, 9).T, -v1.T)),
             relative_noise=None if samples.relative_noise is None else samples.relative_noise[:, body1_rows],
-            encoder=None if samples.encoder is None else samples.encoder[body1_rows],
         )
 
     def clock_offset_sentences(self, offset: float) -> list[str]:

@@ -14,7 +14,6 @@ from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, FitError
 from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
 from hingepair.measured.clock import ClockedPoses, negative_log_likelihood_per_sample
-from hingepair.measured.encoder import EncoderFit, encoder_findings, fuse
 from hingepair.measured.findings import (
     BodyPoses,
     Finding,
@@ -37,13 +36,11 @@ from hingepair.measured.hinge import (
 from hingepair.measured.likelihood import (
     PARAMETERS,
     SHIFT_SAMPLES,
-    EncoderLine,
     Estimate,
     HingeResiduals,
     Noise,
     bias_of_hinge,
     evaluate_hinge,
-    fit_encoder_line,
     frame_turn_angle,
     iterate_residuals,
     most_likely_hinge,
@@ -108,7 +105,6 @@ class HingeFit(OverInstants, Shown):
         clock_offset: time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the time
             stamp s was taken at the instant s + clock_offset of body 1's clock. It is None without `t`, and 0 with
             the standard deviation inf if the motion does not determine it.
-        encoder: the EncoderFit of the encoder; None without encoder readings.
         ok: whether the recorded motion agrees with a hinge and determines this hinge.
         findings: sentences that say what the motion does not determine, why the motion does not agree with a hinge,
             and what else is notable.
@@ -136,7 +132,6 @@ class HingeFit(OverInstants, Shown):
     noise_position: float
     noise_angle: float
     clock_offset: float | None
-    encoder: EncoderFit | None
     ok: bool
     findings: tuple[str, ...]
     gauge: str
@@ -253,11 +248,6 @@ class HingeFit(OverInstants, Shown):
         lines.append(f"psi from {low:.4g} to {high:.4g} {angle}, each +- {each:.2g} {angle}; {left}")
         if self.clock_offset is not None:
             lines.append(self._clock_offset_line())
-        if self.encoder is not None:
-            zero, scale = (
-                f"{getattr(self.encoder, key):.6g} +- {self.encoder.std[key]:.2g}" for key in ("zero", "scale")
-            )
-            lines.append(f"psi = ({zero}) rad + ({scale}) * encoder, whose noise is {self.encoder.noise:.2g} rad")
         lines.append(
             f"u1 and u2 lead to the point on the axis {self.gauge.replace('_', ' ')}; along the axis, motion "
             f"determines only their difference. {self.conventions}"
@@ -274,11 +264,6 @@ class HingeFit(OverInstants, Shown):
             (name, cell_text(getattr(self.pair, name)), cell_text(self.std[name]), unit_of(name)) for name in names
         ]
         return Sheet(repr(self), (("", "value", "standard deviation", "unit"), *rows), self.findings)
-
-    @staticmethod
-    def _encoder_numbers(encoder: EncoderFit) -> dict[str, Any]:
-        numbers = {name: getattr(encoder, name) for name in ("zero", "scale", "noise")}
-        return numbers | {"std": {name: float(value) for name, value in encoder.std.items()}}
 
     def to_json(self) -> str:
         """Return a report as JSON text, in m, rad and s. Numbers that are not finite become null.
@@ -304,7 +289,6 @@ class HingeFit(OverInstants, Shown):
                 for name in ("rms_position", "rms_angle", "noise_position", "noise_angle")
             },
             "clock_offset": self.clock_offset,
-            "encoder": None if self.encoder is None else self._encoder_numbers(self.encoder),
             "psi": list(self.psi_range),
             "findings": list(self.findings),
         }
@@ -324,7 +308,6 @@ def fit(
     t: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     clock_offset: float | None = None,
-    encoder: ArrayLike | None = None,
     noise1: tuple[ArrayLike, ArrayLike] | None = None,
     noise2: tuple[ArrayLike, ArrayLike] | None = None,
     n_along: ArrayLike | None = None,
@@ -364,15 +347,11 @@ def fit(
             R1 or R2, so that u1 or u2 is across the axis.
         t: instants, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers); shape (N,). With
             them, the offset between the clocks of the two recordings is estimated, unless clock_offset is given. If
-            the motion does not determine the offset, 0 is used. The estimate needs SciPy.
+            the motion does not determine the offset, 0 is used.
         weights: weights of the samples, such as inverse variances in any unit; shape (N,). A common factor has no
             effect. A sample of weight 0 is left out.
         clock_offset: known time by which body 1's clock is ahead of body 2's clock [s], 0 if both recordings use the
             same clock; `t` must be given too. Without `t`, the clocks are assumed to be the same.
-        encoder: readings of a hinge angle sensor at the instants of body 1, in any unit; shape (N,), NaN where a
-            reading is missing. Jumps by 2 pi are removed; jumps by a turn in another unit are not. The zero, the
-            scale and the noise of the sensor are estimated, and psi is found from the poses and the readings.
-            Readings cannot be used if body 2 is a point.
         noise1: standard deviations of the noise of body 1, in each coordinate of the position [m] and in each
             component of the rotation vector of the attitude error [rad]: a tuple of two numbers or arrays (N,), such
             as (smoothed.noise["R"], smoothed.noise["S"]) with `smoothed = smooth(t, body1)`. A common factor is still
@@ -388,7 +367,6 @@ def fit(
         FitError: fewer than two samples have the poses of both bodies (fewer than four if body 2 is a point), or the
             bodies do not turn relative to each other.
         ArgumentError: n_along is within 6 degrees of perpendicular to the axis, and does not tell its sign.
-        MissingDependencyError: SciPy is not installed, although `t` is given and `clock_offset` is None or not 0.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -403,7 +381,7 @@ def fit(
     check_choice("loss", loss, LOSSES)
     check_choice("gauge", gauge, GAUGES)
     along = None if n_along is None else finite_axis("n_along", one_constant("n_along", n_along, 3))
-    samples = checked_samples(body1, body2, t, weights, clock_offset, encoder, noise1, noise2)
+    samples = checked_samples(body1, body2, t, weights, clock_offset, noise1, noise2)
     used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
@@ -430,7 +408,6 @@ class _Found(NamedTuple):
     covariance: Float64Array  # (12, 12)
     noise: Noise  # the attitude's is NaN of a point
     noise_std: dict[str, Any]
-    encoder: EncoderFit | None
     findings: list[Finding]
 
 
@@ -480,7 +457,6 @@ def _hinge_fit(
         noise_position=float(np.sqrt(found.noise.place)),
         noise_angle=float(np.sqrt(found.noise.attitude)),
         clock_offset=None if samples.t is None else found.offset,
-        encoder=found.encoder,
         ok=ok,
         findings=tuple(texts),
         gauge=gauge,
@@ -514,10 +490,10 @@ def _find_hinge(
         if clock_offset is not None:
             poses = poses._replace(offset_derivatives=None)
     noise = estimate.noise
-    hinge, line = _without_bias(poses, estimate, gauge, n_along)
-    residuals = random_part = evaluate_hinge(poses, hinge, noise, loss, line)
+    hinge = _without_bias(poses, estimate, gauge, n_along)
+    residuals = random_part = evaluate_hinge(poses, hinge, noise, loss)
     if not samples.knows_split:
-        residuals = _with_unknown_split(poses, hinge, noise, line, residuals)
+        residuals = _with_unknown_split(poses, hinge, noise, residuals)
     change = result_derivatives(hinge, gauge)
     random_covariance, covariance = (
         change @ each.covariance[:PARAMETERS, :PARAMETERS] @ change.T for each in (random_part, residuals)
@@ -527,10 +503,7 @@ def _find_hinge(
     # The angle.
     is_outlier, home = find_outliers(residuals, poses), home_of(hinge)
     good = ~is_outlier & (residuals.weights >= _INLIER)
-    fused = fuse(poses, hinge, noise, residuals, line)
-    psi = _unwrap_angles(fused.psi - home_angle(hinge, home), good)
-    encoder = None if line is None else _encoder_fit(line, poses, hinge, residuals, noise)
-    instants = None if samples.t is None else samples.t[used]
+    psi = _unwrap_angles(residuals.psi - home_angle(hinge, home), good)
     return _Found(
         pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home),
         poses=poses,
@@ -539,7 +512,7 @@ def _find_hinge(
         offset=estimate.offset,
         offset_std=_clock_offset_std(poses, residuals, clock_offset),
         psi=psi,
-        psi_std=_angle_std(poses, hinge, noise, residuals.covariance, fused.share, line),
+        psi_std=_angle_std(poses, hinge, noise, residuals.covariance),
         good=good,
         gap=np.linalg.norm(residuals.gap, axis=0),
         tilt=residuals.tilt,
@@ -547,35 +520,26 @@ def _find_hinge(
         covariance=covariance,
         noise=noise,
         noise_std=noise_standard_deviations(poses, hinge, noise, loss),
-        encoder=encoder,
         findings=[
             *judge_hinge(poses, hinge, noise, residuals, is_outlier, estimate.has_converged, std),
             *split_findings(random_covariance, covariance, "divides between the bodies: noise1 and noise2 tell"),
-            *encoder_findings(psi, residuals, poses, noise, fused.is_rejected, encoder, instants),
         ],
     )
 
 
-def _without_bias(
-    poses: RelativePoses, estimate: Estimate, gauge: str, n_along: Float64Array | None
-) -> tuple[Hinge, EncoderLine | None]:
-    """Return the hinge, with its sign, and the encoder's line without their bias."""
-    line = estimate.line
-    bias = bias_of_hinge(poses, estimate.hinge, estimate.noise, line)
-    hinge = estimate.hinge.moved(-bias[:PARAMETERS]).balanced().signed(n_along).in_gauge(gauge)
-    if line is not None:
-        line = line._replace(slope=line.slope - float(bias[-1]))
-    return hinge, fit_encoder_line(poses, hinge, line)
+def _without_bias(poses: RelativePoses, estimate: Estimate, gauge: str, n_along: Float64Array | None) -> Hinge:
+    """Return the hinge, with its sign, without its bias."""
+    bias = bias_of_hinge(poses, estimate.hinge, estimate.noise)
+    return estimate.hinge.moved(-bias).balanced().signed(n_along).in_gauge(gauge)
 
 
 def _with_unknown_split(
-    poses: RelativePoses, hinge: Hinge, noise: Noise, line: EncoderLine | None, residuals: HingeResiduals
+    poses: RelativePoses, hinge: Hinge, noise: Noise, residuals: HingeResiduals
 ) -> HingeResiduals:
     """Return the residuals with a covariance that allows for any share of body 1 in the noise of the attitudes."""
-    from_body1, from_body2 = (bias_of_hinge(poses, hinge, noise, line, share) for share in (1.0, 0.0))
-    size = residuals.covariance.shape[0]
-    spread = np.zeros(size)
-    spread[np.r_[:PARAMETERS, size - 2 * (line is not None) : size]] = from_body1 - from_body2
+    from_body1, from_body2 = (bias_of_hinge(poses, hinge, noise, share) for share in (1.0, 0.0))
+    spread = np.zeros(residuals.covariance.shape[0])
+    spread[:PARAMETERS] = from_body1 - from_body2
     # The variance of a number between 0 and 1 is 1/12.
     return residuals._replace(covariance=residuals.covariance + np.outer(spread, spread) / 12)
 
@@ -589,9 +553,8 @@ def _find_circle(
     n_along: Float64Array | None,
 ) -> _Found:
     """Find the hinge of body 1 and a point of body 2 from the circle on which the point moves."""
-    for name, value in (("encoder", samples.encoder), ("noise1", samples.mean_noise)):
-        if value is not None:
-            raise ArgumentError(name, "None, since body 2 has no attitudes", "values")
+    if samples.mean_noise is not None:
+        raise ArgumentError("noise1", "None, since body 2 has no attitudes", "values")
     fitted, clock = _most_likely_circle(samples, samples.poses(used), loss, gauge, clock_offset, n_along)
     circle, poses = fitted.circle, fitted.poses
     used = used if clock is None else clock.used_at(fitted.offset)
@@ -613,7 +576,6 @@ def _find_circle(
         covariance=fitted.covariance,
         noise=Noise(fitted.noise**2, np.nan),
         noise_std={},
-        encoder=None,
         findings=list(fitted.findings),
     )
 
@@ -704,50 +666,16 @@ def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_off
     return np.float64(np.sqrt(residuals.covariance[PARAMETERS, PARAMETERS]))
 
 
-def _encoder_fit(
-    encoder_line: EncoderLine, poses: RelativePoses, hinge: Hinge, residuals: HingeResiduals, noise: Noise
-) -> EncoderFit:
-    """Return the line of an encoder with its zero counted from psi = 0 of the fitted hinge."""
-    off = encoder_line.zero - home_angle(hinge, home_of(hinge))
-    off -= 2 * np.pi * np.rint(off / (2 * np.pi))
-    by_hinge = _zero_derivatives(poses, hinge)
-    indices = np.r_[: by_hinge.size, -2]  # turns of both axes, and the zero
-    change = np.append(by_hinge, 1.0)
-    variance = change @ residuals.covariance[np.ix_(indices, indices)] @ change
-    return EncoderFit(
-        zero=float(off),
-        scale=encoder_line.slope,
-        noise=float(np.sqrt(noise.encoder)),
-        std={
-            "zero": np.float64(np.sqrt(max(variance, 0.0))),
-            "scale": np.sqrt(max(residuals.covariance[-1, -1], np.float64(0.0))),
-        },
-    )
-
-
-def _angle_std(
-    poses: RelativePoses,
-    hinge: Hinge,
-    noise: Noise,
-    covariance: Float64Array,
-    share: Float64Array | float,
-    line: EncoderLine | None,
-) -> Float64Array:
-    """Return the standard deviations of psi [rad] (N,), in which readings have the weight `share`, poses the rest."""
+def _angle_std(poses: RelativePoses, hinge: Hinge, noise: Noise, covariance: Float64Array) -> Float64Array:
+    """Return the standard deviations of psi [rad] (N,)."""
     attitude = noise.attitude * (1.0 if poses.relative_noise is None else poses.relative_noise[1])
-    # The encoder's noise is what the residuals show beyond that of the attitudes, which may be far larger.
-    both = float(np.mean(attitude)) + noise.encoder
-    encoder = noise.encoder + both * np.sqrt(2 / poses.samples)
-    own = np.broadcast_to((1 - share) ** 2 * attitude + share**2 * encoder, poses.samples)
-    # The axes shift all angles alike; the clock and the encoder's line do not.
+    own = np.broadcast_to(attitude, poses.samples)
+    # The axes shift all angles alike; the clock does not.
     parameters, slopes = [np.eye(covariance.shape[0])[:4].T @ _zero_derivatives(poses, hinge)], [np.ones(own.size)]
     if poses.offset_derivatives is not None:
         by_offset = [np.asarray(seen.offset_derivatives)[5] for _, seen in iterate_residuals(poses, hinge)]
         parameters.append(np.eye(covariance.shape[0])[PARAMETERS])
-        slopes.append((1 - share) * np.concatenate(by_offset))
-    if line is not None and poses.encoder is not None:
-        parameters += [*np.eye(covariance.shape[0])[-2:]]
-        slopes += [share * np.ones(own.size), share * np.nan_to_num(poses.encoder)]
+        slopes.append(np.concatenate(by_offset))
     common = np.stack(parameters) @ covariance @ np.stack(parameters).T
     change = np.stack(slopes)
     return np.asarray(np.sqrt(own + np.maximum((change * (common @ change)).sum(axis=0), 0.0)))

@@ -12,9 +12,7 @@ from the gap, after which it is
 a the variance of R2 - R1, b and c a quarter of that of the relative attitude s. Where it is told that the attitude of
 body 1 has the part k of that variance, b = k (1 - k) s and w = 2 n x (k S1 u1 + (1 - k) S2 u2).
 
-An unknown offset between the clocks of the bodies is one more parameter. An encoder that reads psi adds one residual,
-psi - zero - slope * reading; the part of the gap that goes with it is taken from the gap, which leaves
-c = (1 - g) s / 4, where g is the part of the residual's variance that the attitudes make.
+An unknown offset between the clocks of the bodies is one more parameter.
 
 Samples are walked through in blocks; nothing of the size of a Jacobian of all samples is kept.
 """
@@ -41,7 +39,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 from hingepair.rotations.matrices import rotation_exp
 
-PARAMETERS = 9  # numbers of a step of `Hinge.moved`; the clock offset and the encoder's line (2) follow where sought
+PARAMETERS = 9  # numbers of a step of `Hinge.moved`; the clock offset follows where sought
 FIRST_PASS = 16384  # samples that the first steps are taken with, at most
 MIN_OFFSET_GAIN = 10.0  # information on the clock offset over that of noise alone; below, motion does not show it
 MAX_OFFSET_STD = 0.1  # [s]: nor if it is known less well
@@ -50,7 +48,7 @@ _BLOCK = 2048  # samples, that fit the caches
 _NOISE_SAMPLES = 4096  # samples that the variance components are estimated from
 _BIAS_SAMPLES = 300  # at which the bias is computed, at most
 _ROUNDING = 4 * UNIT_ROUNDOFF  # of attitudes, and of places in parts of their size
-_LEAST_NOISE = 1e-3  # least variance of positions, or of the encoder, in parts of the mean squared residual
+_LEAST_NOISE = 1e-3  # least variance of positions, in parts of the mean squared residual
 _OPPOSITE = -0.999999  # cosine of axes below which they point against each other
 
 
@@ -59,19 +57,11 @@ class Noise(NamedTuple):
 
     place: float  # of a component of R2 - R1 [m^2]
     attitude: float  # of a component of the relative attitude [rad^2]
-    encoder: float = 0.0  # of an encoder's reading, as a hinge angle [rad^2]
-
-
-class EncoderLine(NamedTuple):
-    """The line psi = zero + slope * reading of an encoder; psi as in `SampleResiduals.psi`."""
-
-    zero: float  # [rad]
-    slope: float  # [rad] in a unit of the reading
 
 
 class SampleResiduals(NamedTuple):
-    """What the constraints and the encoder leave of a block of M samples, in axes of which the third is the hinge
-    axis, and what the covariance of that is computed from.
+    """What the constraints leave of a block of M samples, in axes of which the third is the hinge axis, and what the
+    covariance of that is computed from.
     """
 
     q: Float64Array  # relative attitude, row by row; shape (9, M)
@@ -81,9 +71,6 @@ class SampleResiduals(NamedTuple):
     gap: Float64Array  # of E1, half of the tilt's share taken out [m]; shape (3, M)
     offset_derivatives: Float64Array | None = None  # of tilt, gap and psi, by the clock offset; shape (6, M)
     relative_noise: Float64Array | None = None  # of each sample, as `Samples.relative_noise`; shape (3, M)
-    reading: Float64Array | None = None  # of the encoder, NaN where none; shape (M,)
-    turn: Float64Array | None = None  # psi less what the encoder says, 0 where it says nothing [rad]; shape (M,)
-    slope: float = 1.0  # of the encoder's line
 
     @property
     def psi(self) -> Float64Array:
@@ -107,22 +94,14 @@ class SampleResiduals(NamedTuple):
         _, scale, share = self.variances(Noise(1.0, 1.0))
         return np.asarray(scale * (2 * share * (1 - share) * (self.p**2).sum(axis=0) + (x * x + y * y) / 4))
 
-    def whiten(
-        self, noise: Noise, tilts: Float64Array, gaps: Float64Array, turns: Float64Array | None = None
-    ) -> Float64Array:
+    def whiten(self, noise: Noise, tilts: Float64Array, gaps: Float64Array) -> Float64Array:
         """Return residuals, or their derivatives, times the inverse of the Cholesky factor of their covariance;
-        (k, 5 or 6, M), of `tilts` (k, 2, M), `gaps` (k, 3, M) and, with an encoder, `turns` (k, M).
+        (k, 5, M), of `tilts` (k, 2, M) and `gaps` (k, 3, M).
         """
         a, attitude, share = self.variances(noise)
         b, c = attitude * share * (1 - share), attitude / 4
         (p, q, r), (x, y, _) = self.p, self.arms
-        rows = np.empty((tilts.shape[0], 5 if turns is None else 6, tilts.shape[2]))
-        if turns is not None and self.reading is not None:
-            total = attitude + noise.encoder
-            gain = np.where(np.isfinite(self.reading), attitude / total, 0.0)
-            c = c * (1 - gain)
-            gaps = gaps + 0.5 * gain * turns[:, None] * np.stack((-y, x, np.zeros_like(x)))
-            rows[:, 5] = turns / np.sqrt(total)
+        rows = np.empty((tilts.shape[0], 5, tilts.shape[2]))
         # Cholesky factor with w = (-y, x, 0); no eigenvalue of the covariance is below a.
         xy, zx, yz = -b * p * q - c * x * y, -b * r * p, -b * q * r
         l1 = np.sqrt(a + b * (q * q + r * r) + c * y * y)
@@ -137,19 +116,17 @@ class SampleResiduals(NamedTuple):
         return rows
 
     def whitened_squares(self, noise: Noise) -> Float64Array:
-        """Return r^T C^-1 r (M,): 5 on average if the noise is right, or 6 with an encoder."""
-        turns = None if self.turn is None else self.turn[None]
-        return np.asarray((self.whiten(noise, self.tilt[None], self.gap[None], turns)[0] ** 2).sum(axis=0))
+        """Return r^T C^-1 r (M,): 5 on average if the noise is right."""
+        return np.asarray((self.whiten(noise, self.tilt[None], self.gap[None])[0] ** 2).sum(axis=0))
 
     def whitened_rows(self, noise: Noise) -> Float64Array:
         """Return the whitened derivatives of the residuals by each parameter, and the whitened residuals as the last
-        row; (parameters + 1, 5 or 6, M). The parameters are the nine of the hinge, then the clock offset, the zero
-        and the slope of the encoder, as far as they are estimated.
+        row; (parameters + 1, 5, M). The parameters are the nine of the hinge, then the clock offset if it is
+        estimated.
         """
         q, (x, y, z), count = self.q, self.arms, self.q.shape[1]
-        parameters = PARAMETERS + (self.offset_derivatives is not None) + (0 if self.turn is None else 2)
+        parameters = PARAMETERS + (self.offset_derivatives is not None)
         tilts, gaps = np.zeros((parameters + 1, 2, count)), np.zeros((parameters + 1, 3, count))
-        turns = None if self.turn is None else np.zeros((parameters + 1, count))
         tilts[0, 0] = tilts[1, 1] = -1.0
         tilts[2], tilts[3], tilts[-1] = q[0:6:3], q[1:6:3], self.tilt
         for k in range(4):
@@ -163,15 +140,7 @@ class SampleResiduals(NamedTuple):
                 self.offset_derivatives[:2],
                 self.offset_derivatives[2:5],
             )
-        if turns is not None and self.reading is not None and self.turn is not None:
-            read = np.isfinite(self.reading)
-            # Without noise, as psi and the encoder have it together: else its noise makes the slope small.
-            _, attitude, _ = self.variances(noise)
-            likeliest = self.reading + noise.encoder / (attitude + noise.encoder) * self.turn / self.slope
-            turns[-3], turns[-2], turns[-1] = np.where(read, -1.0, 0.0), np.where(read, -likeliest, 0.0), self.turn
-            if self.offset_derivatives is not None:
-                turns[PARAMETERS] = np.where(read, self.offset_derivatives[5], 0.0)
-        return self.whiten(noise, tilts, gaps, turns)
+        return self.whiten(noise, tilts, gaps)
 
 
 class Estimate(NamedTuple):
@@ -181,7 +150,6 @@ class Estimate(NamedTuple):
     noise: Noise
     has_converged: bool  # whether the steps came to rest
     offset: float = 0.0  # by how much later body 2 was recorded than body 1 at equal stamps [s]
-    line: EncoderLine | None = None  # of the encoder
 
 
 PosesAt = Callable[[float, int], RelativePoses]
@@ -199,14 +167,12 @@ class HingeResiduals(NamedTuple):
     neighbour_correlations: tuple[float, ...]  # correlations of neighbours, of tilts and of gaps
     covariance: Float64Array  # of the parameters
     unresolved_lag: int  # samples over which scores are still correlated at the longest sums; 0 where they are not
-    turn: Float64Array  # psi less what the encoder says, 0 where it says nothing [rad]; shape (N,)
 
 
 class _State(NamedTuple):
     """The unknowns of `most_likely_hinge`, its noise, and the poses at the clock offset."""
 
     hinge: Hinge
-    line: EncoderLine | None
     offset: float
     poses: RelativePoses
     noise: Noise
@@ -215,13 +181,13 @@ class _State(NamedTuple):
 def most_likely_hinge(
     poses: RelativePoses, start: Hinge, loss: Loss | None, poses_at: PosesAt | None = None, offset: float = 0.0
 ) -> Estimate:
-    """Return the most likely hinge by Gauss-Newton steps from `start`, with the noise and the encoder's line. With
+    """Return the most likely hinge by Gauss-Newton steps from `start`, with the noise. With
     `poses_at`, the clock offset is estimated too, from the first value `offset` [s].
     """
     find = poses_at or (lambda _, most: poses.thinned(most))
 
     def equations(state: _State) -> Equations:
-        return _normal_equations(state.poses, state.hinge, state.noise, loss, state.line)
+        return _normal_equations(state.poses, state.hinge, state.noise, loss)
 
     def rotation_of(step: Float64Array, some: RelativePoses) -> float:
         turned = float(np.abs(step[:4]).max())
@@ -231,16 +197,13 @@ def most_likely_hinge(
     def move(state: _State, step: Float64Array) -> tuple[_State, Float64Array]:
         # Shorten it to the largest rotation, 0.3 rad.
         step = step * min(1.0, 0.3 / max(rotation_of(step, state.poses), 1e-300))
-        hinge, line = state.hinge.moved(step[:PARAMETERS]).balanced(), state.line
-        if line is not None:
-            turned = frame_turn_angle(state.poses.thinned(SHIFT_SAMPLES), state.hinge, hinge)
-            line = EncoderLine(line.zero + float(step[-2]) + turned, line.slope + float(step[-1]))
+        hinge = state.hinge.moved(step[:PARAMETERS]).balanced()
         some, later = state.poses, state.offset
         if some.offset_derivatives is not None:
             later += float(step[PARAMETERS])
             some = find(later, most)
-        noise = _estimate_noise(some.thinned(FIRST_PASS), hinge, state.noise, loss, line)
-        return _State(hinge, line, later, some, noise), step
+        noise = _estimate_noise(some.thinned(FIRST_PASS), hinge, state.noise, loss)
+        return _State(hinge, later, some, noise), step
 
     def at_rest(step: Float64Array, before: Equations, state: _State) -> bool:
         # In standard deviations. Without a loss the next step is about this one times the noise.
@@ -256,28 +219,11 @@ def most_likely_hinge(
     # With some samples first, then with all: how many match depends on the offset.
     most, come_to_rest = FIRST_PASS, False
     some = find(offset, most)
-    line = fit_encoder_line(some, start)
-    state = _State(start, line, offset, some, _estimate_noise(some, start, None, loss, line))
+    state = _State(start, offset, some, _estimate_noise(some, start, None, loss))
     for most in (FIRST_PASS, sys.maxsize) if poses.samples > FIRST_PASS else (sys.maxsize,):
         state = state._replace(poses=find(state.offset, most))
         state, come_to_rest = least_squares(state, equations, move, at_rest, 40)
-    return Estimate(state.hinge, state.noise, come_to_rest, state.offset, state.line)
-
-
-def fit_encoder_line(
-    poses: RelativePoses, hinge: Hinge, previous_line: EncoderLine | None = None
-) -> EncoderLine | None:
-    """Return the line of the encoder for a given hinge, None without readings. With `previous_line`, only the zero
-    and the sign of the slope are fitted: the axis may have been reversed since.
-    """
-    if poses.encoder is None:
-        return None
-    psi = np.concatenate([seen.psi for _, seen in iterate_residuals(poses, hinge)])
-    has_reading = np.isfinite(poses.encoder)
-    psi, reading, weights = psi[has_reading], poses.encoder[has_reading], poses.weights[has_reading]
-    slopes = _encoder_slopes(psi, reading) if previous_line is None else [previous_line.slope, -previous_line.slope]
-    lines = [_encoder_line_of_slope(psi, reading, weights, slope) for slope in slopes]
-    return min(lines, key=lambda line: float(np.median(np.abs(_encoder_residual(psi, reading, line)))))
+    return Estimate(state.hinge, state.noise, come_to_rest, state.offset)
 
 
 def frame_turn_angle(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
@@ -289,48 +235,6 @@ def frame_turn_angle(poses: RelativePoses, before: Hinge, after: Hinge) -> float
     )
     turned = np.exp(1j * (second - first))
     return float(np.angle(np.median(turned.real) + 1j * np.median(turned.imag)))
-
-
-def _encoder_slopes(psi: Float64Array, reading: Float64Array) -> list[float]:
-    """Return candidates of d psi / d reading: 1, -1, and unless all readings are equal the slope of a straight line
-    and the median slope between neighbours.
-    """
-    slopes = [1.0, -1.0]
-    steps, turned = np.diff(reading), np.angle(np.exp(1j * np.diff(psi)))
-    if np.ptp(reading) > 0:
-        slopes.append(float(np.polyfit(reading - np.median(reading), np.unwrap(psi), 1)[0]))
-        moved = steps != 0
-        slopes.append(float(np.median(turned[moved] / steps[moved])) if moved.any() else 1.0)
-    return slopes
-
-
-def _encoder_line_of_slope(
-    psi: Float64Array, reading: Float64Array, weights: Float64Array, slope: float
-) -> EncoderLine:
-    """Return the line of a given slope; its zero is the mean over samples whose own zeros are near the median."""
-    off = np.exp(1j * (psi - slope * reading))
-    middle = float(np.angle(np.median(off.real) + 1j * np.median(off.imag)))
-    rest = _encoder_residual(psi, reading, EncoderLine(middle, slope))
-    near = np.abs(rest) <= 5.0 * np.median(np.abs(rest)) + 1e-300
-    return EncoderLine(middle + float(weights[near] @ rest[near] / weights[near].sum()), slope)
-
-
-def _encoder_residual(psi: Float64Array, reading: Float64Array, encoder_line: EncoderLine) -> Float64Array:
-    """Return psi less the encoder's angle, within half a turn [rad]; 0 where there is no reading."""
-    off = np.nan_to_num(psi - encoder_line.zero - encoder_line.slope * reading)
-    return np.asarray(off - 2 * np.pi * np.rint(off / (2 * np.pi)))
-
-
-def attitude_noise_share(
-    poses: RelativePoses, noise: Noise, encoder_line: EncoderLine | None
-) -> Float64Array | float:
-    """Return the weight (N,) of the reading in psi: what noise of the attitudes has of the variance of psi less the
-    encoder's angle; 0 without an encoder.
-    """
-    if encoder_line is None or poses.encoder is None:
-        return 0.0
-    attitude = noise.attitude * (1.0 if poses.relative_noise is None else poses.relative_noise[1])
-    return np.broadcast_to(attitude / (attitude + noise.encoder), poses.samples)
 
 
 def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> dict[str, Any]:
@@ -350,10 +254,7 @@ def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Est
     """Return whether the motion determines the clock offset beside all other parameters: far better than derivatives
     that are noise alone, those of `noise_poses`, would.
     """
-    normals = [
-        _normal_equations(each, estimate.hinge, estimate.noise, loss, estimate.line).normal
-        for each in (poses, noise_poses)
-    ]
+    normals = [_normal_equations(each, estimate.hinge, estimate.noise, loss).normal for each in (poses, noise_poses)]
     k = PARAMETERS
     others = np.delete(np.arange(normals[0].shape[0]), k)
     across = solve_semidefinite(normals[0][np.ix_(others, others)], normals[0][others, k])
@@ -361,24 +262,21 @@ def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Est
     return bool(shown > MIN_OFFSET_GAIN * normals[1][k, k] and shown * MAX_OFFSET_STD**2 > 1)
 
 
-def bias_of_hinge(
-    poses: RelativePoses, hinge: Hinge, noise: Noise, line: EncoderLine | None = None, share: float | None = None
-) -> Float64Array:
-    """Return the bias (estimate less truth) of the most likely hinge, as a step, and of the zero and the slope of the
-    encoder's line; (9,) or (11,). It goes as the variance of the noise and does not decrease with the number of
-    samples: a rotation that is off at random is on average a shorter matrix, so levers come out short.
+def bias_of_hinge(poses: RelativePoses, hinge: Hinge, noise: Noise, share: float | None = None) -> Float64Array:
+    """Return the bias (estimate less truth) of the most likely hinge, as a step (9,). It goes as the variance of the
+    noise and does not decrease with the number of samples: a rotation that is off at random is on average a shorter
+    matrix, so levers come out short.
 
     Args:
         poses: the samples.
         hinge: the most likely hinge.
         noise: variances.
-        line: of the encoder.
         share: body 1's part of the variance of the attitudes; None: that by which residuals are whitened.
     """
     reach = max(float(np.sqrt((poses.p * poses.p).sum() / poses.samples)), 1e-300)
-    size = np.sqrt(noise.attitude) + np.sqrt(noise.place) / reach + (0 if line is None else np.sqrt(noise.encoder))
+    size = np.sqrt(noise.attitude) + np.sqrt(noise.place) / reach
     if np.sqrt(poses.samples) * size < 0.1:  # in standard deviations
-        return np.zeros(PARAMETERS + (0 if line is None else 2))
+        return np.zeros(PARAMETERS)
     # The mean of the scores, at the exact poses of the hinge, each coordinate of noise once up and once down.
     thin = poses.thinned(_BIAS_SAMPLES)
     relative = np.repeat(((1.0,), (1.0,), (0.5,)), thin.samples, axis=1)
@@ -390,7 +288,6 @@ def bias_of_hinge(
     c, s, zero = np.cos(psi), np.sin(psi), np.zeros_like(psi)
     Q = first @ np.stack((c, -s, zero, s, c, zero, zero, zero, zero + 1), axis=-1).reshape(-1, 3, 3) @ second.T
     p = hinge.u1 - Q @ hinge.u2
-    reading = None if thin.encoder is None or line is None else (psi - line.zero) / line.slope + 0 * thin.encoder
     place, turn1, turn2 = (
         np.sqrt(variance)[:, None]
         for variance in (
@@ -402,41 +299,34 @@ def bias_of_hinge(
     noisy = []
     for axis in np.concatenate((np.eye(3), -np.eye(3))):
         about1, about2 = (np.asarray(rotation_exp(size * axis)) for size in (turn1, turn2))
-        noisy += [(about2 @ Q, p, reading), (Q, p + place * axis, reading)]
-        noisy += [(about1 @ Q, np.einsum("nij,nj->ni", about1, p), reading)]
-    if reading is not None and line is not None:
-        noisy += [(Q, p, reading + sign * np.sqrt(noise.encoder) / line.slope) for sign in (1, -1)]
+        noisy += [(about2 @ Q, p), (Q, p + place * axis)]
+        noisy += [(about1 @ Q, np.einsum("nij,nj->ni", about1, p))]
     around = RelativePoses(
         np.ascontiguousarray(np.concatenate([each[0].reshape(-1, 9) for each in noisy]).T),
         np.ascontiguousarray(np.concatenate([each[1] for each in noisy]).T),
         poses.size,
         relative_noise=None if thin.relative_noise is None else np.tile(relative, len(noisy)),
-        encoder=None if reading is None else np.concatenate([each[2] for each in noisy if each[2] is not None]),
     )
-    normal, gradient, _ = _normal_equations(around, hinge, noise, None, line)
+    normal, gradient, _ = _normal_equations(around, hinge, noise, None)
     return -solve_semidefinite(normal / len(noisy), gradient / 2)
 
 
-def evaluate_hinge(
-    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, encoder_line: EncoderLine | None = None
-) -> HingeResiduals:
+def evaluate_hinge(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> HingeResiduals:
     """Return what a hinge leaves of every sample, and the covariance of its parameters (`sandwich`), of very many
     samples from stretches of them.
     """
     count = poses.samples
     tilt, gap, psi = np.empty(count), np.empty((3, count)), np.empty(count)
-    sizes, weights, turn = np.empty(count), np.empty(count), np.zeros(count)
+    sizes, weights = np.empty(count), np.empty(count)
     slope: Float64Array = np.zeros(())
     score_blocks, whitened_blocks = [], []
     every = max(1, count // 131072)  # about so many samples give the covariance
-    for k, (block, seen) in enumerate(iterate_residuals(poses, hinge, encoder_line)):
+    for k, (block, seen) in enumerate(iterate_residuals(poses, hinge)):
         q, (x, y, z) = seen.q, seen.arms
         tilt[block] = np.arctan2(np.hypot(q[2], q[5]), q[8])
         gap[:2, block] = seen.gap[:2] - 0.5 * z * seen.tilt
         gap[2, block] = seen.gap[2] + 0.5 * (seen.tilt[0] * x + seen.tilt[1] * y)
         psi[block] = seen.psi
-        if seen.turn is not None:
-            turn[block] = seen.turn
         if (k // 16) % every:  # outside of the stretches of 16 blocks that give the covariance
             sizes[block] = seen.whitened_squares(noise)
             weights[block], _ = loss_weights(loss, sizes[block], 5)
@@ -450,17 +340,13 @@ def evaluate_hinge(
         whitened_blocks.append(weights[block] * rows[-1])
     all_scores = np.concatenate(score_blocks, axis=1)
     whitened_residuals = np.concatenate(whitened_blocks, axis=1)
-    neighbour_correlations = tuple(neighbour_correlation(part) for part in np.split(whitened_residuals[:5], [2]))
+    neighbour_correlations = tuple(neighbour_correlation(part) for part in np.split(whitened_residuals, [2]))
     share = all_scores.shape[1] / count
     covariance, unresolved_lag = sandwich(solve_semidefinite(slope, np.eye(slope.shape[0])), all_scores, 5)
-    return HingeResiduals(
-        tilt, gap, psi, sizes, weights, neighbour_correlations, share * covariance, unresolved_lag, turn
-    )
+    return HingeResiduals(tilt, gap, psi, sizes, weights, neighbour_correlations, share * covariance, unresolved_lag)
 
 
-def iterate_residuals(
-    poses: RelativePoses, hinge: Hinge, encoder_line: EncoderLine | None = None
-) -> Iterator[tuple[slice, SampleResiduals]]:
+def iterate_residuals(poses: RelativePoses, hinge: Hinge) -> Iterator[tuple[slice, SampleResiduals]]:
     """Yield the slice of each block of samples and what the hinge leaves of them."""
     first, second = frame(hinge.n), frame(hinge.m)
     turned = np.kron(first.T, second.T)
@@ -493,20 +379,13 @@ def iterate_residuals(
             c, s = q[0] + q[4], q[3] - q[1]
             offset_derivatives[5] = (c * (dq[3] - dq[1]) - s * (dq[0] + dq[4])) / np.maximum(c * c + s * s, 1e-12)
             seen = seen._replace(offset_derivatives=offset_derivatives)
-        if poses.encoder is not None and encoder_line is not None:
-            reading = poses.encoder[block]
-            seen = seen._replace(
-                reading=reading, turn=_encoder_residual(seen.psi, reading, encoder_line), slope=encoder_line.slope
-            )
         yield block, seen
 
 
-def _normal_equations(
-    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, encoder_line: EncoderLine | None = None
-) -> Equations:
+def _normal_equations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> Equations:
     """Return the normal equations of whitened residuals, by the parameters of `SampleResiduals.whitened_rows`."""
     total: Float64Array = np.zeros(())
-    for _, seen in iterate_residuals(poses, hinge, encoder_line):
+    for _, seen in iterate_residuals(poses, hinge):
         rows = seen.whitened_rows(noise)
         weights = 1.0 if loss is None else loss_weights(loss, (rows[-1] ** 2).sum(axis=0), 5)[0]
         total = total + _weighted_gram_matrix(rows, weights)
@@ -519,18 +398,12 @@ def _weighted_gram_matrix(rows: Float64Array, weights: Float64Array | float) -> 
     return np.asarray(rows @ rows.T)
 
 
-def _estimate_noise(
-    poses: RelativePoses,
-    hinge: Hinge,
-    previous_noise: Noise | None,
-    loss: Loss | None,
-    encoder_line: EncoderLine | None = None,
-) -> Noise:
+def _estimate_noise(poses: RelativePoses, hinge: Hinge, previous_noise: Noise | None, loss: Loss | None) -> Noise:
     """Return the noise that the residuals show: the most likely, or with a loss by medians, which leave out samples
     far beyond the previous noise. No variance is below that of rounding.
     """
     parts = []
-    for block, seen in iterate_residuals(poses, hinge, encoder_line):
+    for _, seen in iterate_residuals(poses, hinge):
         sizes = (
             np.zeros(seen.q.shape[1])
             if loss is None or previous_noise is None
@@ -538,10 +411,8 @@ def _estimate_noise(
         )
         place, attitude, _ = seen.variances(Noise(1.0, 1.0))
         tilt, gap = (seen.tilt**2).sum(axis=0) / attitude, (seen.gap**2).sum(axis=0) / place
-        turn = np.full_like(tilt, np.nan) if poses.encoder is None or seen.turn is None else seen.turn**2
-        turn[~np.isfinite(np.nan if poses.encoder is None else poses.encoder[block])] = np.nan
-        parts.append((tilt, gap, seen.gap_variance_by_attitude / place, turn, sizes))
-    tilt, gap, spread, turn, sizes = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
+        parts.append((tilt, gap, seen.gap_variance_by_attitude / place, sizes))
+    tilt, gap, spread, sizes = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
     near = np.ones(tilt.size, dtype=bool)
     if loss is None:
         attitude, across = tilt.mean() / 2, gap.mean() / 3
@@ -558,17 +429,7 @@ def _estimate_noise(
     if loss is None:
         least = Noise(max(_LEAST_NOISE * float(across), rounding), _ROUNDING**2)
         noise, _ = variance_components(poses.thinned(_NOISE_SAMPLES), hinge, noise, least)
-    read = np.isfinite(turn) & near
-    if encoder_line is None or not read.any():
-        return noise
-    # A step of Newton's method towards mean(turn / (attitude + encoder)) = 1; the solution if samples are alike.
-    relative = np.ones(turn.size) if poses.relative_noise is None else poses.relative_noise[1]
-    encoder = 0.0 if previous_noise is None else previous_noise.encoder
-    expected = noise.attitude * relative[read] + encoder
-    ratios = turn[read] / expected
-    ratio = float(ratios.mean()) if loss is None else median_variance(ratios, 1)
-    total = 1 / float((1 / expected).mean())
-    return noise._replace(encoder=max(encoder + (ratio - 1) * total, _LEAST_NOISE * ratio * total, _ROUNDING**2))
+    return noise
 
 
 def variance_components(

@@ -29,7 +29,6 @@ class RelativePoses(NamedTuple):
     size: float  # largest coordinate of either body, for what rounding leaves [m]
     offset_derivatives: Float64Array | None = None  # of Q and p, by the clock offset [1/s, m/s]; shape (12, N)
     relative_noise: Float64Array | None = None  # of each sample, as `Samples.relative_noise`; shape (3, N)
-    encoder: Float64Array | None = None  # reading of an encoder [rad or its own unit], NaN where none; shape (N,)
 
     @property
     def samples(self) -> int:
@@ -47,7 +46,7 @@ class RelativePoses(NamedTuple):
         if step == 1:
             return self
         every = slice(None, None, step)
-        parts = (self.Q, self.p, self.offset_derivatives, self.relative_noise, self.encoder)
+        parts = (self.Q, self.p, self.offset_derivatives, self.relative_noise)
         Q, p, *others = (None if part is None else np.ascontiguousarray(part[..., every]) for part in parts)
         return RelativePoses(np.asarray(Q), np.asarray(p), self.size, *others)
 

@@ -1,4 +1,4 @@
-"""Samples for a fit, checked on entry: poses of two bodies, weights, noise that is known, an encoder."""
+"""Samples for a fit, checked on entry: poses of two bodies, weights, noise that is known."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.measured.likelihood import Noise
 from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
-from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.tables.instants import increasing_seconds
 
@@ -33,7 +32,6 @@ class Samples(NamedTuple):
     knows_split: bool  # whether body 1's share is known
     mean_noise: Noise | None  # the means of these variances
     is_point: bool  # whether body 2 has no attitudes
-    encoder: Float64Array | None  # shape (N,)
 
     def poses(self, is_used: NDArray[np.bool_]) -> RelativePoses:
         """Return the relative poses of some of the samples at equal time stamps."""
@@ -42,7 +40,6 @@ class Samples(NamedTuple):
         poses = compute_relative_poses(R1, S1, R2, S2)
         return poses._replace(
             relative_noise=None if self.relative_noise is None else self.relative_noise[:, rows],
-            encoder=None if self.encoder is None else self.encoder[rows],
         )
 
     def noise_suspicions(self, noise: Noise) -> list[str]:
@@ -66,7 +63,6 @@ def checked_samples(
     t: ArrayLike | None,
     weights: ArrayLike | None,
     clock_offset: float | None,
-    encoder: ArrayLike | None,
     noise1: tuple[ArrayLike, ArrayLike] | None,
     noise2: tuple[ArrayLike, ArrayLike] | None,
 ) -> Samples:
@@ -120,7 +116,6 @@ def checked_samples(
         knows_split=knows_split,
         mean_noise=mean_noise,
         is_point=is_point,
-        encoder=None if encoder is None else _checked_encoder(encoder, shape),
     )
 
 
@@ -143,17 +138,6 @@ def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Arra
     if sample_weights.size and not 1e-150 < sample_weights.max() < 1e150:
         raise ArgumentError("weights", "numbers between 1e-150 and 1e150, the largest of them", sample_weights.max())
     return sample_weights
-
-
-def _checked_encoder(encoder: ArrayLike, shape: tuple[int, ...]) -> Float64Array:
-    """Return the encoder's readings (N,), unwrapped if they jump like angles wrapped by 2 pi."""
-    readings = real_array("encoder", encoder).astype(np.float64)
-    if readings.shape != shape:
-        raise ShapeError("encoder", f"shape {shape}, as the bodies", f"shape {readings.shape}")
-    known = np.isfinite(readings)
-    if known.sum() < 2 or np.ptp(readings[known]) == 0:
-        raise ArgumentError("encoder", "at least two readings that differ", f"{int(known.sum())} finite ones")
-    return unwrap_if_wrapped(readings)
 
 
 def _checked_noise(

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 _EXTRAS: Final = {  # of a package, the extra of hingepair that installs it
     "clarabel": "measured", "dask": "dask", "distributed": "dask", "matplotlib": "plot", "mujoco": "bench",
-    "pandas": "data", "pyarrow": "data", "scipy": "measured", "xarray": "data",
+    "pandas": "data", "pyarrow": "data", "xarray": "data",
 }  # fmt: skip
 
 
@@ -20,7 +20,7 @@ def require(module: str, caller: str) -> Any:
     """Import a module of an optional package, and return it.
 
     Args:
-        module: name, such as "scipy.optimize".
+        module: name, such as "matplotlib.figure".
         caller: the method or argument that needs it, which the error names.
 
     Raises:

@@ -91,49 +91,18 @@ class HingeLoad(Frozen):
             set_frozen(self, stops=ends)
 
     @property
-    def kinks(self) -> tuple[float, ...]:
-        """Angles of all stops [rad], of nested loads too, in increasing order."""
-        return tuple(sorted({angle for load in self._nested() for angle in load.stops or () if np.isfinite(angle)}))
-
-    @property
-    def rate_kinks(self) -> tuple[float, ...]:
-        """Rates [rad/s], in increasing order, at which the torque has a kink or a jump, of nested loads too; 0 is
-        that of dry friction, others are where the torque of a stop is cut off.
-        """
-        kinks = {0.0} if self.sticking_friction else set()
-        for load in self._nested():
-            if load.stops and load.stop_damping:
-                kinks |= {-1 / load.stop_damping, 1 / load.stop_damping}
-        return tuple(sorted(kinks))
-
-    @property
     def sticking_friction(self) -> float:
         """Largest friction torque [N m] that can keep the hinge at rest, of this and nested loads without
         `friction_rate`.
         """
-        return sum(load.friction for load in self._nested() if load.friction_rate is None)
+        return sum(load.friction for load in nested_loads(self) if load.friction_rate is None)
 
     @property
     def rigid_stops(self) -> dict[float, float]:
         """Coefficients of restitution by the angles of the rigid stops [rad], of nested loads too."""
-        stiff = [load for load in self._nested() if load.stops and load.stop_restitution is not None]
+        stiff = [load for load in nested_loads(self) if load.stops and load.stop_restitution is not None]
         ends = [(angle, load) for load in stiff for angle in load.stops or () if np.isfinite(angle)]
         return {angle: float(load.stop_restitution or 0.0) for angle, load in ends}
-
-    @property
-    def rigid_range(self) -> tuple[float, float]:
-        """Range of psi between the rigid stops [rad], those of nested loads included; (-inf, inf) without."""
-        stops = [load.stops for load in self._nested() if load.stops and load.stop_restitution is not None]
-        return max((lower for lower, _ in stops), default=-np.inf), min((upper for _, upper in stops), default=np.inf)
-
-    @property
-    def tightest_stops(self) -> tuple[float, float]:
-        """Range of psi between all stops [rad], those of nested loads included; (-inf, inf) without."""
-        lower, upper = self.stops or (-np.inf, np.inf)
-        if isinstance(self.motor, HingeLoad):
-            of_motor = self.motor.tightest_stops
-            lower, upper = max(lower, of_motor[0]), min(upper, of_motor[1])
-        return lower, upper
 
     def restitution(self, rate: float) -> float:
         """Return the ratio w / v of the hinge rates after and before an impact on a stop, if no other torque acts.
@@ -248,9 +217,32 @@ class HingeLoad(Frozen):
             terms["stop"] = np.where(is_pushing, stop_torque, 0.0)
         return terms
 
-    def _nested(self) -> tuple[HingeLoad, ...]:
-        """Return this load and all HingeLoads nested in it: its motor, the motor of that, and so on."""
-        return (self, *(self.motor._nested() if is_plain_hinge_load(self.motor) else ()))
+
+def nested_loads(load: HingeLoad) -> tuple[HingeLoad, ...]:
+    """Return a load and all HingeLoads nested in it: its motor, the motor of that, and so on."""
+    return (load, *(nested_loads(load.motor) if is_plain_hinge_load(load.motor) else ()))
+
+
+def stop_angles(load: HingeLoad) -> tuple[float, ...]:
+    """Return the angles of all stops [rad], of nested loads too, in increasing order."""
+    return tuple(sorted({angle for one in nested_loads(load) for angle in one.stops or () if np.isfinite(angle)}))
+
+
+def rate_kinks(load: HingeLoad) -> tuple[float, ...]:
+    """Return the rates [rad/s], in increasing order, at which the torque has a kink or a jump, of nested loads too: 0
+    is that of dry friction, others are where the torque of a stop is cut off.
+    """
+    kinks = {0.0} if load.sticking_friction else set()
+    for one in nested_loads(load):
+        if one.stops and one.stop_damping:
+            kinks |= {-1 / one.stop_damping, 1 / one.stop_damping}
+    return tuple(sorted(kinks))
+
+
+def stop_range(load: HingeLoad, *, rigid: bool = False) -> tuple[float, float]:
+    """Return the range of psi between all stops [rad] or the rigid ones, of nested loads too; (-inf, inf) without."""
+    stops = [one.stops for one in nested_loads(load) if one.stops and not (rigid and one.stop_restitution is None)]
+    return max((lower for lower, _ in stops), default=-np.inf), min((upper for _, upper in stops), default=np.inf)
 
 
 def _stop(name: str, value: Any, none: float) -> float:

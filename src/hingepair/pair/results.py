@@ -360,7 +360,6 @@ def _write_npz(file: IO[bytes], arrays: dict[str, Any], _: str, columns: Columns
 
 def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, columns: Columns) -> None:
     """Write arrays, t among them, in the format .nc."""
-    require("scipy", "save")
     dataset = Record(arrays.pop("t"), arrays, described, (), columns.unit).to_xarray()
     written = Names(name for name in dataset.variables if name.isascii())
     for name in [name for name in dataset.data_vars if not name.isascii()]:  # SciPy writes no other letters

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.optional import require
 from hingepair.scenes.tables import Table
 
 DESIGN_NAMES: Final = ("grid", "random", "sobol")
@@ -112,7 +111,9 @@ def _sobol_points(table: Table, dimensions: int, samples: int, seed: int) -> Flo
     """Return scrambled Sobol points in the open unit cube; shape (samples, dimensions)."""
     if dimensions > _MAX_SOBOL:
         table.refuse("vary", f"at most {_MAX_SOBOL} numbers of a Sobol design", dimensions)
-    sobol = require("scipy.stats.qmc", "design").Sobol(dimensions, scramble=True, seed=seed)
+    from scipy.stats import qmc
+
+    sobol = qmc.Sobol(dimensions, scramble=True, seed=seed)
     points = sobol.random_base2(max(0, math.ceil(math.log2(samples))))
     return np.asarray(np.clip(points[:samples], 2.0**-53, 1 - 2.0**-53))
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.optional import require
 from hingepair.scenes.load import load_scene
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.tables import Table
@@ -113,14 +112,14 @@ def search(
 
     Raises:
         ArgumentError: a key leads to no number, a condition cannot be read, or a result is none of the scene.
-        MissingDependencyError: SciPy is not installed; the extra `measured` has it.
 
     >>> import hingepair as hp
     >>> found = hp.search("models/landing_gear.toml", "pair.body2.mass", "hinge_torque_absmax = 700")
     >>> found.ok, round(found.values["pair.body2.mass"], 2)  # kg
     (True, 95.85)
     """
-    optimize = require("scipy.optimize", "search")
+    from scipy import optimize
+
     conditions = [read_condition(text) for text in ([until] if isinstance(until, str) else until)]
     if minimize is not None and maximize is not None:
         raise ArgumentError("maximize", "None beside minimize", quoted(maximize))

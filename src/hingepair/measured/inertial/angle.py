@@ -116,7 +116,6 @@ def fit_angle(
 
     Raises:
         FitError: no series of 8 instants without a gap has finite values in all four records.
-        MissingDependencyError: SciPy is not installed.
     """
     named = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
     axes = axis_arguments(n1, n2)

@@ -569,7 +569,6 @@ def fit_anchor(
 
     Raises:
         FitError: no series of samples without a gap has 8 samples or more, or neither body turns.
-        MissingDependencyError: SciPy is not installed.
     """
     if (n1 is None) != (n2 is None):
         raise ArgumentError(

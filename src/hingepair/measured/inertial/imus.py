@@ -106,7 +106,6 @@ def fit_imus(
     Raises:
         FitError: as `fit_axis`, `fit_anchor` and `fit_angle`.
         ArgumentError: the recordings do not overlap in time.
-        MissingDependencyError: SciPy is not installed.
 
     >>> import numpy as np
     >>> import hingepair as hp

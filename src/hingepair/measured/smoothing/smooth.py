@@ -174,7 +174,6 @@ def smooth(
     Raises:
         ArgumentError: among others, instants repeat or go back, wrapped angles are in degrees, or no series has 8
             samples.
-        MissingDependencyError: SciPy is not installed.
 
     Warns:
         MeasurementWarning: the error of a derivative, caused by noise, is more than half of the derivative's rms; the

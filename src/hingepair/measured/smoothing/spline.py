@@ -36,7 +36,6 @@ from hingepair.measured.robust import OUTLIER, Loss, loss_weights, median_varian
 from hingepair.measured.smoothing.resample import interpolated, lagrange_weights
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.numeric.optional import require
 
 MIN_PIECE = 8  # samples of a piece that is smoothed
 _DEGREE = 7  # of the B-splines
@@ -92,9 +91,7 @@ def smooth_columns(
 
     Raises:
         ArgumentError: the bandwidth is far from all frequencies that the samples can show.
-        MissingDependencyError: SciPy is not installed.
     """
-    require("scipy.linalg", "smooth")
     used = np.concatenate(pieces)
     weights, residuals = np.ones(used.size), np.zeros((used.size, columns.shape[1]))
     if loss is not None:  # a curve that begins by following an outlier never leaves it

@@ -25,7 +25,7 @@ from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.hinge_load import HingeLoad
+from hingepair.pair.hinge_load import HingeLoad, stop_range
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.steps import PLANAR_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
@@ -260,7 +260,7 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
             *end_notes(simulated.ended_by_event, simulated.t),
         ),
         simulated=simulated,
-        stops=torque.tightest_stops,
+        stops=stop_range(torque),
     )
 
 
@@ -270,7 +270,7 @@ def with_hinge_loads(motion: PairMotion, setup: DynamicsSetup, table: Table) -> 
         load = HingeLoad(**setup.hinge)
     fall = setup.others.get("gravity")
     fall = None if fall is None else (*fall, 0.0)[:3]
-    return replace(motion, hinge_load=load, fall=fall, stops=load.tightest_stops)
+    return replace(motion, hinge_load=load, fall=fall, stops=stop_range(load))
 
 
 @contextlib.contextmanager

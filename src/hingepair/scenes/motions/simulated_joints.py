@@ -17,7 +17,7 @@ from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
-from hingepair.pair.hinge_load import HingeLoad
+from hingepair.pair.hinge_load import HingeLoad, stop_range
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.joints import (
     RATE_SUFFIXES,
@@ -175,7 +175,7 @@ def joint_motion(found: SimulatedRobotMotion, loads: Mapping[str, HingeLoad]) ->
         doubt=DOUBT,
         notes=(*impact_sentences(found.impacts, units), *end_notes(found.ended_by_event, found.t)),
         simulated=found,
-        stops=tuple(loads.get(name, HingeLoad()).tightest_stops for name in robot.names),
+        stops=tuple(stop_range(loads.get(name, HingeLoad())) for name in robot.names),
     )
 
 
