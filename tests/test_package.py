@@ -238,7 +238,7 @@ def test_errors_are_ours_and_the_built_in_that_fits() -> None:
         hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 0, 0))
     error = caught.value
     assert isinstance(error, ValueError)
-    assert isinstance(error, hp.AxisError)
+    assert isinstance(error, hp.errors.AxisError)
     assert (error.name, error.expected) == ("n", "a non-zero axis")
     assert str(error) == "n: expected a non-zero axis, got (0, 0, 0)"
 
@@ -251,8 +251,8 @@ def test_a_listing_of_the_package_shows_its_public_names_alone():
     "error",
     [
         hp.ArgumentError("q", "numbers", 3),
-        hp.MissingDependencyError("backend", "llvmlite", "none"),
-        hp.CompilationError("kernel", "no code"),
+        hp.errors.MissingDependencyError("backend", "llvmlite", "none"),
+        hp.errors.CompilationError("kernel", "no code"),
     ],
     ids=lambda error: type(error).__name__,
 )

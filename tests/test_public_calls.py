@@ -487,5 +487,5 @@ def test_errors_are_ours_and_pythons():
         hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 0))
     assert isinstance(caught.value, ValueError)
     assert caught.value.name == "n"
-    assert issubclass(hp.MissingDependencyError, ImportError)
+    assert issubclass(hp.errors.MissingDependencyError, ImportError)
     assert issubclass(hp.FitError, hp.HingePairError)

@@ -15,23 +15,17 @@ from typing import TYPE_CHECKING, Any
 
 from hingepair.errors import (
     ArgumentError,
-    AxisError,
-    CompilationError,
-    DtypeError,
     FitError,
-    GimbalLockError,
     HingePairError,
-    MissingDependencyError,
     RotationError,
     SceneError,
     ShapeError,
-    URDFError,
 )
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.states import PairState, PlanarState
+from hingepair.pair.states import PairState
 from hingepair.rotations.matrices import (
     project_to_rotation,
     rodrigues,
@@ -43,32 +37,24 @@ from hingepair.rotations.matrices import (
 
 if TYPE_CHECKING:
     from hingepair.dynamics.linearize import linearize
-    from hingepair.dynamics.run import SimulationError
     from hingepair.dynamics.simulate import simulate
     from hingepair.formats.model_writers import to_mjcf, to_urdf
-    from hingepair.formats.recordings import Recording, read_recording
+    from hingepair.formats.recordings import read_recording
     from hingepair.formats.robots import load_robot, load_robot_hinge
     from hingepair.formats.urdf_reader import from_urdf
-    from hingepair.identification.mass_fit import MassFit, fit_masses
+    from hingepair.identification.mass_fit import fit_masses
     from hingepair.integration.integrate import integrate
-    from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
-    from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
-    from hingepair.measured.clusters import ClusterFit, fit_cluster
+    from hingepair.integration.trajectory import Trajectory
+    from hingepair.measured.clusters import fit_cluster
     from hingepair.measured.hinge_fit import HingeFit, fit
-    from hingepair.measured.inertial.angle import AngleFit, fit_angle
-    from hingepair.measured.inertial.axis_and_point import AnchorFit, AxisFit, fit_anchor, fit_axis
-    from hingepair.measured.inertial.imus import ImuFit, ImuRecording, fit_imus
+    from hingepair.measured.inertial.angle import fit_angle
+    from hingepair.measured.inertial.axis_and_point import fit_anchor, fit_axis
+    from hingepair.measured.inertial.imus import ImuRecording, fit_imus
     from hingepair.measured.smoothing.resample import resample
-    from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion, smooth
-    from hingepair.mechanism.inertial_parameters import BaseParameters
+    from hingepair.measured.smoothing.smooth import smooth
     from hingepair.mechanism.joints import Screw, Slider
     from hingepair.mechanism.mechanism import Mechanism
-    from hingepair.mechanism.rollout import Rollout
     from hingepair.mechanism.states import (
-        JointWrenches,
-        MechanismAccelerations,
-        MechanismDerivatives,
-        MechanismForces,
         MechanismState,
     )
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
@@ -81,7 +67,7 @@ if TYPE_CHECKING:
     from hingepair.rotations.euler import euler_rate_matrix, euler_rates, euler_to_matrix, matrix_to_euler
     from hingepair.scenes.derive import derive
     from hingepair.scenes.load import load_scene
-    from hingepair.sweeps.search import Search, search
+    from hingepair.sweeps.search import search
     from hingepair.tables.instants import MeasurementWarning
     from hingepair.validation.cross_validate import cross_validate
     from hingepair.validation.pinocchio_twin import to_pinocchio
@@ -89,58 +75,31 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 __all__ = [
-    "AnchorFit",
-    "AngleFit",
     "ArgumentError",
-    "AxisError",
-    "AxisFit",
-    "BaseParameters",
     "Body",
     "BodyMotion",
     "Box",
-    "ClusterFit",
-    "CompilationError",
     "Cylinder",
-    "DtypeError",
     "DynamicsWarning",
     "Feedback",
     "FitError",
-    "GimbalLockError",
     "HingeFit",
     "HingeLoad",
     "HingePair",
     "HingePairError",
-    "ImuFit",
     "ImuRecording",
-    "InverseKinematics",
-    "InverseKinematicsPath",
-    "JointWrenches",
-    "MassFit",
     "MeasurementWarning",
     "Mechanism",
-    "MechanismAccelerations",
-    "MechanismDerivatives",
-    "MechanismForces",
     "MechanismState",
-    "MissingDependencyError",
     "PairState",
     "PlanarPair",
-    "PlanarState",
-    "PlanarTrajectory",
-    "Recording",
-    "Rollout",
     "RotationError",
     "SceneError",
     "Screw",
-    "Search",
     "ShapeError",
-    "SimulationError",
     "Slider",
-    "SmoothedAngle",
-    "SmoothedMotion",
     "Sphere",
     "Trajectory",
-    "URDFError",
     "angular_velocity",
     "angular_velocity_from_samples",
     "cross_validate",
@@ -186,32 +145,27 @@ _LAZY_MODULE_BY_NAME = {
     for module, names in {
         "pair.hinge_load": "HingeLoad",
         "dynamics.linearize": "linearize",
-        "dynamics.run": "SimulationError",
         "dynamics.simulate": "simulate",
         "formats.model_writers": "to_mjcf to_urdf",
-        "formats.recordings": "Recording read_recording",
+        "formats.recordings": "read_recording",
         "formats.robots": "load_robot load_robot_hinge",
         "formats.urdf_reader": "from_urdf",
-        "identification.mass_fit": "MassFit fit_masses",
+        "identification.mass_fit": "fit_masses",
         "integration.integrate": "integrate",
-        "integration.trajectory": "PlanarTrajectory Trajectory",
-        "measured.clusters": "ClusterFit fit_cluster",
+        "integration.trajectory": "Trajectory",
+        "measured.clusters": "fit_cluster",
         "measured.hinge_fit": "HingeFit fit",
-        "measured.inertial.imus": "ImuFit ImuRecording fit_imus",
-        "measured.inertial.axis_and_point": "AnchorFit AxisFit fit_anchor fit_axis",
-        "measured.inertial.angle": "AngleFit fit_angle",
+        "measured.inertial.imus": "ImuRecording fit_imus",
+        "measured.inertial.axis_and_point": "fit_anchor fit_axis",
+        "measured.inertial.angle": "fit_angle",
         "measured.smoothing.resample": "resample",
-        "measured.smoothing.smooth": "SmoothedAngle SmoothedMotion smooth",
+        "measured.smoothing.smooth": "smooth",
         "tables.instants": "MeasurementWarning",
-        "inverse_kinematics.results": "InverseKinematics InverseKinematicsPath",
-        "mechanism.inertial_parameters": "BaseParameters",
         "mechanism.mechanism": "Mechanism",
-        "mechanism.rollout": "Rollout",
         "mechanism.joints": "Screw Slider",
-        "mechanism.states": "JointWrenches MechanismAccelerations MechanismDerivatives MechanismForces "
-        "MechanismState",
+        "mechanism.states": "MechanismState",
         "pair.body": "Body Box Cylinder Sphere",
-        "sweeps.search": "Search search",
+        "sweeps.search": "search",
         "pair.tolerances": "sample_pairs",
         "pictures.page": "view",
         "pictures.plot": "plot",

@@ -115,6 +115,18 @@ class MissingDependencyError(HingePairError, ImportError):
         return type(self), (self.name, self.expected, self.got)
 
 
+class SimulationError(HingePairError, RuntimeError):
+    """The simulation cannot be continued past the instant `t` [s], for the reason `why`."""
+
+    def __init__(self, t: float, why: str) -> None:
+        self.t = t
+        self.why = why
+        super().__init__(f"the simulation cannot go past t = {t!r}: {why}")
+
+    def __reduce__(self) -> tuple[type, tuple[float, str]]:
+        return type(self), (self.t, self.why)
+
+
 class CompilationError(HingePairError, RuntimeError):
     """LLVM could not compile a kernel. A kernel is a function in machine code that evaluates the equations.
 

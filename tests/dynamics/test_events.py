@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import hingepair as hp
+from hingepair.errors import DtypeError
 from support.sparse import sparse
 from support.states import generator, rotations
 
@@ -376,7 +377,7 @@ def test_a_load_that_chatters_is_named_within_bounded_work():
         return -0.5 * np.sign(psid)
 
     with pytest.raises(
-        hp.SimulationError, match=r"hinge_torque jumps from 0\.5 to -0\.5 at psi' = .*friction"
+        hp.errors.SimulationError, match=r"hinge_torque jumps from 0\.5 to -0\.5 at psi' = .*friction"
     ) as found:
         turned(wheel(), [0, 4], 0.0, 1.0, rub)
     assert found.value.t == pytest.approx(2.0, abs=0.01)
@@ -485,9 +486,9 @@ def test_a_rate_that_comes_to_zero_ends_the_motion_before_the_impact(load, end):
     [
         (lambda _t, now: now.psi[0] - 0.3, hp.ShapeError, r"^until: expected shape \(n,\), .* got \(\)$"),
         (lambda _t, now: now.R1, hp.ShapeError, r"^until: expected shape \(n,\), .* got \(\d+, 3\)$"),
-        (lambda _t, now: now.psi > 0.3, hp.DtypeError, r"^until: expected a number that passes 0, such as now\.psi"),
-        (lambda _t, _now: True, hp.DtypeError, r"^until: expected a number that passes 0, such as now\.psi"),
-        (lambda _t, _now: "late", hp.DtypeError, "^until: expected "),
+        (lambda _t, now: now.psi > 0.3, DtypeError, r"^until: expected a number that passes 0, such as now\.psi"),
+        (lambda _t, _now: True, DtypeError, r"^until: expected a number that passes 0, such as now\.psi"),
+        (lambda _t, _now: "late", DtypeError, "^until: expected "),
         (lambda _t, now: 1.0 if now.psi > 0.3 else -1.0, hp.ArgumentError, r"^until: .*np\.where instead of if"),
         (lambda _t, now: now.R2[:, 2], AttributeError, "no 'R2'; known: R1, S1, v1, omega1, psi, psid$"),
         (crossed(0.3, "down"), hp.ArgumentError, r"^until\.direction: expected 1 .*, got 'down'$"),

@@ -322,7 +322,7 @@ def test_a_motion_without_end_is_refused_where_it_ends():
         calls.append(t)
         return 2 * psi**3
 
-    with pytest.raises(hp.SimulationError) as caught:
+    with pytest.raises(hp.errors.SimulationError) as caught:
         hp.simulate(flywheel(), [0.0, 10.0], STILL, 1.0, 1.0, base="fixed", hinge_torque=torque)
     assert caught.value.t == pytest.approx(1.0, abs=1e-6)
     assert len(calls) < 15_000

@@ -426,7 +426,7 @@ def test_what_a_file_says_of_the_panda_can_be_simulated():
 @pytest.mark.slow
 def test_a_load_that_jumps_is_named():
     jump = {"j1": hp.HingeLoad(motor=lambda _t, _psi, psid: -np.sign(psid) * 2.0)}
-    with pytest.raises(hp.SimulationError, match=r"loads\['j1'\] jumps .* at j1' = "):
+    with pytest.raises(hp.errors.SimulationError, match=r"loads\['j1'\] jumps .* at j1' = "):
         hp.simulate(chain(2), np.linspace(0, 20, 3), [1.5, 0.1], loads=jump, max_steps=3000)
 
 

@@ -260,7 +260,7 @@ import numpy as np, hingepair as hp
 {HARMS[harm]}
 try:
     hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)).forward_kinematics({q}, backend="{backend}")
-except (hp.MissingDependencyError, hp.CompilationError) as error:
+except (hp.errors.MissingDependencyError, hp.errors.CompilationError) as error:
     print(error)
 """
     assert "llvmlite" in run(code)

@@ -13,7 +13,7 @@ import pytest
 import xarray
 
 import hingepair as hp
-from hingepair.formats.recordings import read_recording
+from hingepair.formats.recordings import Recording, read_recording
 from support.recorded import recording
 
 MADE = recording(300, 1e-3, 2e-3)
@@ -253,7 +253,7 @@ def test_recordings_that_have_no_time_in_common_are_refused(tmp_path: Path, fact
     assert caught.value.name == f"{first}: t, {second}: t"
 
 
-def same_recording(found: hp.Recording, expected: hp.Recording) -> None:
+def same_recording(found: Recording, expected: Recording) -> None:
     for one, other in zip(found[:2], expected[:2], strict=True):
         np.testing.assert_array_equal(one.R, other.R)
         np.testing.assert_array_equal(one.S, other.S)

@@ -24,7 +24,7 @@ def test_a_callable_of_one_number_is_named():
             hp.integrate(PAIR, T, **{"omega1": (0, 0, 1), "psid": 1.0, **given})
     with pytest.raises(hp.ArgumentError, match=r"R1: expected a callable vectorised over t, .* got ValueError: "):
         hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=lambda t: (0, 0, 1) if t > 0 else (0, 0, 0))
-    with pytest.raises(hp.AxisError, match=r"^n: "):
+    with pytest.raises(hp.errors.AxisError, match=r"^n: "):
         hp.integrate(PAIR, T, (0, 0, 1), lambda t: hp.HingePair((1, 0, 0), (1, 0, 0), (0, 0, 0)) and t)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.measured.inertial.axis_and_point import _Forces, _Rates
+from hingepair.measured.inertial.angle import AngleFit
+from hingepair.measured.inertial.axis_and_point import AnchorFit, AxisFit, _Forces, _Rates
 from hingepair.numeric.finite_differences import differentiate
 from support.recorded import HOME, N1, U1, U2, truth
 
@@ -136,7 +137,7 @@ KNOWN = {"gyroscope_bias": 0.0, "accelerometer_bias": 0.0}
 """The sensors of `felt` have no biases."""
 
 
-def anchor_scores(given: bool, seeds: int, **kind: float) -> tuple[np.ndarray, hp.AnchorFit]:
+def anchor_scores(given: bool, seeds: int, **kind: float) -> tuple[np.ndarray, AnchorFit]:
     """Errors of u1 and u2 in standard deviations, by seed, in the gauge of the fit; and one of the fits."""
     scores = []
     for seed in range(seeds):
@@ -422,7 +423,7 @@ def test_angles_have_gaps_where_samples_are_missing() -> None:
     assert np.abs(found.psi - true_angle(T))[good].max() < 0.02
 
 
-def chain(t: np.ndarray, columns: list[np.ndarray]) -> tuple[hp.AxisFit, hp.AnchorFit, hp.AngleFit]:
+def chain(t: np.ndarray, columns: list[np.ndarray]) -> tuple[AxisFit, AnchorFit, AngleFit]:
     """Axis, point and angle, one after the other."""
     axis = hp.fit_axis(columns[0], columns[2])
     point = hp.fit_anchor(t, *columns, axis.n1, axis.n2)

@@ -82,5 +82,5 @@ def test_a_pitch_that_is_none_is_refused(pitch):
 
 
 def test_urdf_has_no_screws():
-    with pytest.raises(hp.URDFError, match="'screw'"):
+    with pytest.raises(hp.errors.URDFError, match="'screw'"):
         hp.to_urdf(robot("fixed"))

@@ -111,7 +111,7 @@ def test_columns_that_are_no_numbers_are_named():
     import pandas
 
     table = pandas.DataFrame({name: ["1", "2"] if name == "psi" else [1.0, 2.0] for name in NAMES})
-    with pytest.raises(hp.DtypeError, match=r"^q\['psi'\]: expected real numbers"):
+    with pytest.raises(hp.errors.DtypeError, match=r"^q\['psi'\]: expected real numbers"):
         PAIR.forward_kinematics(table)
 
 
@@ -222,7 +222,7 @@ def test_messages_look_at_the_beginning_only():
     ids=["complex", "float16", "bools", "text", "bool", "objects", "masked", "table"],
 )
 def test_what_is_no_real_array_is_refused(value, words):
-    with pytest.raises(hp.DtypeError, match=words) as caught:
+    with pytest.raises(hp.errors.DtypeError, match=words) as caught:
         real_array("a", value)
     assert caught.value.name == "a"
 

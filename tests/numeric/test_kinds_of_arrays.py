@@ -43,7 +43,7 @@ def test_the_library_of_arguments_is_found_with_its_dtype_and_name() -> None:
 def test_libraries_are_not_mixed() -> None:
     with pytest.raises(hp.ArgumentError, match="q: expected an array of array_api_strict, as qd is, or of NumPy"):
         library_of({"q": [0.0], "qd": A})
-    with pytest.raises(hp.DtypeError, match="q: expected float32 or float64"):
+    with pytest.raises(hp.errors.DtypeError, match="q: expected float32 or float64"):
         library_of({"q": strict.asarray([1, 2])})
 
 

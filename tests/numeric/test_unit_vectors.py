@@ -95,11 +95,11 @@ def test_products_with_powers_of_two_overflow_to_infinity() -> None:
 
 @pytest.mark.parametrize("n", [(0, 0, 0), [(1, 0, 0), (0, 0, 0)]], ids=["one", "one of two"])
 def test_a_zero_axis_is_refused(n: object) -> None:
-    with pytest.raises(hp.AxisError, match="n: expected a non-zero axis"):
+    with pytest.raises(hp.errors.AxisError, match="n: expected a non-zero axis"):
         finite_axis("n", n)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_an_axis_that_is_not_finite_is_refused(value: float) -> None:
-    with pytest.raises(hp.AxisError, match="n: expected a finite axis"):
+    with pytest.raises(hp.errors.AxisError, match="n: expected a finite axis"):
         unit_axis("n", [(1, 0, 0), (0, value, 1)])

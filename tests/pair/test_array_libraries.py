@@ -264,7 +264,7 @@ def test_other_dtypes_are_refused(library, dtype):
     pair, (module, _) = some(7)[0], library
     if not hasattr(module, dtype):
         pytest.skip("the array API has no such type")
-    with pytest.raises(hp.DtypeError, match=f"q: expected float32 or float64, got .*{dtype}"):
+    with pytest.raises(hp.errors.DtypeError, match=f"q: expected float32 or float64, got .*{dtype}"):
         pair.forward_kinematics(module.zeros(7, dtype=getattr(module, dtype)))
 
 

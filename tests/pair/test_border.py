@@ -301,7 +301,7 @@ FOREIGN = {
 @pytest.mark.parametrize("name", CALLS)
 def test_numbers_of_another_kind_are_refused_by_name(name):
     for kind, number in FOREIGN.items():
-        with pytest.raises(hp.DtypeError) as caught:
+        with pytest.raises(hp.errors.DtypeError) as caught:
             pytest.fail(f"{kind} is taken: {CALLS[name](number)}")
         assert caught.value.name == name, kind
 

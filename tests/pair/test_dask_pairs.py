@@ -370,7 +370,7 @@ def test_masked_chunks_are_refused(told):
     q = da.from_array(np.ma.masked_array(np.ones((4, 7)), mask=True), chunks=2)
     if not told:
         q = da.from_array(np.ones((4, 7)), chunks=2).map_blocks(np.ma.masked_array, meta=np.empty((0, 0)))
-    with pytest.raises(hp.DtypeError, match="q: expected an array without a mask"):
+    with pytest.raises(hp.errors.DtypeError, match="q: expected an array without a mask"):
         computed(PAIR.forward_kinematics(q).R2)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.errors import AxisError
 
 EYE, TWO, THREE = np.eye(3), np.zeros((2, 3)), np.zeros((3, 3))
 LIGHT, BALL = hp.Body(mass=1, inertia=EYE), hp.Sphere(1)
@@ -29,7 +30,7 @@ ACCEPTED = {
 }  # fmt: skip
 """Arguments that each takes."""
 
-SHAPE, KIND = (hp.ShapeError, "shape"), (hp.DtypeError, "real numbers (float64, float32 or integers)")
+SHAPE, KIND = (hp.ShapeError, "shape"), (hp.errors.DtypeError, "real numbers (float64, float32 or integers)")
 FINITE, NUMBER = (hp.ArgumentError, "finite numbers"), (hp.ArgumentError, "a finite number")
 LEADING = (hp.ShapeError, "leading shape that broadcasts with (2,)")
 ROTATION = (hp.RotationError, "rotations to within 1e-09 (project_to_rotation gives the nearest)")
@@ -65,8 +66,8 @@ REFUSED = {
         "u1": NO_VECTOR,
         "u2": NO_VECTOR,
         "n": [
-            ((1, 0), SHAPE), ((0, 0, 0), (hp.AxisError, "a non-zero axis")), ("n", KIND), (None, KIND),
-            ((0, 0, math.nan), (hp.AxisError, "a finite axis")), ((0, math.inf, 0), (hp.AxisError, "a finite axis")),
+            ((1, 0), SHAPE), ((0, 0, 0), (AxisError, "a non-zero axis")), ("n", KIND), (None, KIND),
+            ((0, 0, math.nan), (AxisError, "a finite axis")), ((0, math.inf, 0), (AxisError, "a finite axis")),
         ],
         "home": NO_ROTATION,
         "name": NO_NAME,
@@ -109,7 +110,7 @@ REFUSED = {
         "radius": NO_SIZE,
         "length": NO_SIZE,
         "center": NO_VECTOR,
-        "axis": [*NO_VECTOR, ((0, 0, 0), (hp.AxisError, "a non-zero axis")), (TWO, SHAPE)],
+        "axis": [*NO_VECTOR, ((0, 0, 0), (AxisError, "a non-zero axis")), (TWO, SHAPE)],
     },
     hp.Sphere: {"radius": NO_SIZE, "center": NO_VECTOR},
     hp.BodyMotion: {

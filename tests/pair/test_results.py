@@ -136,7 +136,7 @@ def test_an_unknown_ending_lists_the_known_and_nothing_is_written(result, tmp_pa
 
 def test_a_missing_package_is_named(result, tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
-    with pytest.raises(hp.MissingDependencyError, match=r"hingepair\[data\]"):
+    with pytest.raises(hp.errors.MissingDependencyError, match=r"hingepair\[data\]"):
         result.save(tmp_path / "a.parquet")
     assert not list(tmp_path.iterdir())
 

@@ -58,7 +58,7 @@ def test_what_jax_does_not_trace_says_what_gives_derivatives(jax):
         "tau.K": (lambda K: hp.Feedback(K=K, D=1.0, q_ref=0.0), r'motions\.vjp\(weights, wrt="K"\) gives'),
     }
     for name, (use, derivatives) in uses.items():
-        with pytest.raises(hp.DtypeError, match=rf"^{name}: expected numbers, since JAX .*{derivatives}"):
+        with pytest.raises(hp.errors.DtypeError, match=rf"^{name}: expected numbers, since JAX .*{derivatives}"):
             jax.grad(use)(1.0)
 
 

@@ -148,7 +148,7 @@ def check_lock(sequence, dtype):
     assert np.isfinite(found).all()
     for angles, lock in zip(phi, locked, strict=True):
         if lock:
-            with pytest.raises(hp.GimbalLockError):
+            with pytest.raises(hp.errors.GimbalLockError):
                 hp.euler_rates(angles, ZERO.astype(dtype), sequence)
             rates = hp.euler_rates(angles, np.ones(3, dtype), sequence, at_lock="least_squares")
             assert abs(rates).max() < 3

@@ -206,7 +206,7 @@ def test_parquet_nulls_are_lost_numbers_and_words_are_refused(tmp_path):
 def test_parquet_without_pyarrow_says_what_to_install(tmp_path, monkeypatch):
     scene_of(tmp_path, GOOD, name="log.parquet")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(hp.MissingDependencyError, match=r"hingepair\[data\]"):
+    with pytest.raises(hp.errors.MissingDependencyError, match=r"hingepair\[data\]"):
         hp.load_scene(tmp_path / "my.toml")
 
 

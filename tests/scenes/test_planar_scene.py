@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.pair.states import PlanarState
 from support.commands import run_command
 from support.summed import summed
 
@@ -64,7 +65,7 @@ def test_is_the_scene_in_space(tmp_path):
         scene_of(tmp_path, PLANAR_MOTION_KIND).evaluate(),
         scene_of(tmp_path, SPATIAL_MOTION_KIND).evaluate(),
     )
-    assert isinstance(flat.state, hp.PlanarState)
+    assert isinstance(flat.state, PlanarState)
     for name in ("R2", "d", "v2", "a2"):
         np.testing.assert_allclose(getattr(flat, name), getattr(space, name)[:, :2], rtol=0, atol=64 * 2.0**-53)
     for name in ("omega2", "alpha2"):

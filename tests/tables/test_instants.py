@@ -24,7 +24,7 @@ def test_months_begin_on_their_first_day() -> None:
         assert seconds.tolist() == [0, 31 * 86400, 59 * 86400]
     assert instants_of("t", np.array(["2026", "2027"], "datetime64[Y]"))[1] == pytest.approx(365 * 86400)
     with pytest.raises(
-        hp.DtypeError, match=r"t: expected a timedelta64 of weeks or shorter units, got timedelta64\[M\]"
+        hp.errors.DtypeError, match=r"t: expected a timedelta64 of weeks or shorter units, got timedelta64\[M\]"
     ):
         elapsed_seconds("t", np.arange(3).astype("timedelta64[M]"))
 
@@ -44,7 +44,7 @@ def test_other_stamps_of_the_same_clock_count_from_the_same_instant() -> None:
     _, first = increasing_seconds("t", t)
     seconds, _ = elapsed_seconds("to", t[2:].astype("datetime64[ns]"), first)
     assert seconds[0] == pytest.approx(2 * STEP_NS * 1e-9, abs=1e-18)
-    with pytest.raises(hp.DtypeError, match="to: expected datetime64, got float seconds"):
+    with pytest.raises(hp.errors.DtypeError, match="to: expected datetime64, got float seconds"):
         elapsed_seconds("to", [0.1], first)
 
 

@@ -24,7 +24,7 @@ from hingepair.dynamics.robot_motion import (
     RobotSamples,
     StepRecord,
 )
-from hingepair.errors import ArgumentError, HingePairError, quoted
+from hingepair.errors import ArgumentError, SimulationError, quoted
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, real_array
@@ -34,18 +34,6 @@ from hingepair.tables.suspicions import suspicions
 _EVALUATIONS = 509 * 17  # of callables over the whole motion, at least
 _FINER = 1e-3  # tolerance of the second run, which tells the errors, in parts of that of the first
 _MORE_EVALUATIONS = 4.3  # times as many in the second run, whose instants then do not fall on those of the first
-
-
-class SimulationError(HingePairError, RuntimeError):
-    """The simulation cannot be continued past the instant `t` [s], for the reason `why`."""
-
-    def __init__(self, t: float, why: str) -> None:
-        self.t = t
-        self.why = why
-        super().__init__(f"the simulation cannot go past t = {t!r}: {why}")
-
-    def __reduce__(self) -> tuple[type, tuple[float, str]]:
-        return type(self), (self.t, self.why)
 
 
 class RunOptions(NamedTuple):

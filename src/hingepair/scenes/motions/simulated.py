@@ -13,7 +13,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from hingepair.dynamics.loads import MotionAtInstants
-from hingepair.dynamics.run import SimulationError
 from hingepair.dynamics.simulate import (
     BASES,
     SimulatedMotion,
@@ -21,6 +20,7 @@ from hingepair.dynamics.simulate import (
     simulate,
 )
 from hingepair.equations.quantities import ACCELERATION
+from hingepair.errors import SimulationError
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import DynamicsWarning

@@ -10,9 +10,9 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.dynamics.given_motions import GivenJoint
-from hingepair.dynamics.run import SimulationError
 from hingepair.dynamics.simulate_robot import SimulatedRobotMotion, simulate_robot
 from hingepair.equations.quantities import ACCELERATION
+from hingepair.errors import SimulationError
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body_motion import BodyMotion
