@@ -12,7 +12,6 @@ import pytest
 import typer
 
 import hingepair as hp
-from hingepair.bench.skip import make_foldings
 from hingepair.cli.main import app
 from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 from support.pages import page_steps, run_page
@@ -144,11 +143,3 @@ def test_no_docstring_of_a_property_reads_as_a_type():
             for member, value in inspect.getmembers(pydoc.locate(name.rstrip("()"))):
                 if isinstance(value, property) and not member.startswith("_"):
                     assert ": " not in (value.__doc__ or "").split("\n")[0], (name, member)
-
-
-def test_the_table_of_operations_is_that_of_the_benchmark():
-    page = (DOCS / "concepts" / "engine.md").read_text(encoding="utf-8")
-    rows = dict(re.findall(r"^\| (.*) \| (\d+) \|$", page, re.MULTILINE))
-    cases = make_foldings(2)
-    assert rows
-    assert rows == {name: str(cases[name].operations()) for name in rows}

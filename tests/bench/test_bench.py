@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.bench import direct, engines, harness, plot, robots, skip
+from hingepair.bench import direct, engines, harness, plot, robots
 from hingepair.bench.direct import LEVELS
 from hingepair.bench.harness import Case, Method, Report, Row, installed, make_rows, time_interleaved
 from hingepair.bench.plot import MethodCurve, Panel, draw_panels, write_picture
@@ -248,30 +248,6 @@ def test_the_cpp_loop_computes_the_truth(monkeypatch):
             task = robots.make_task(robot, model, workload, 1)
             limit = {engines.FORWARD: 1e-13, engines.ACCELERATION_SLOPES: 1e-11}.get(workload, 4e-15)
             assert robots.result_error(method, task, robots.exact_results(task)) < limit, (name, workload)
-
-
-@pytest.mark.slow
-def test_skip_compares_every_program_with_the_whole_one():
-    found = json.loads(run_command("bench", "skip", "--samples", 50, "--repeats", 1, "--json").stdout)["rows"]
-    for name in skip.make_foldings(2):
-        assert len([row for row in found if row["method"] == name]) == 2
-    assert [row["ratio"] for row in found if row["method"] == "nothing known"] == [1, 1]
-    operations = {row["method"]: row["extra_columns"]["operations"] for row in found}
-    whole = operations.pop("nothing known")
-    assert operations.pop("float32") == operations.pop("constant rates") == whole
-    assert all(0 < left < whole for left in operations.values())
-
-
-@pytest.mark.slow
-def test_what_is_known_changes_no_output():
-    for pair, motion, outputs in skip.make_foldings(20).values():
-        folded = pair.forward_kinematics(*motion, outputs=outputs)
-        full = pair.forward_kinematics(
-            *(np.stack(np.broadcast_arrays(*part), axis=-1) for part in motion), outputs=outputs, backend="numpy"
-        )
-        for name in outputs:
-            unit = np.finfo(getattr(full, name).dtype).eps
-            np.testing.assert_allclose(getattr(folded, name), getattr(full, name), rtol=0, atol=40 * unit)
 
 
 @pytest.mark.slow

@@ -110,74 +110,6 @@ def bench_direct(
     _run_benchmark(lambda: bench.bench_direct(counts, chosen, repeats, cpp, cold), show_json, plot)
 
 
-@bench_app.command("integrate")
-@with_option_names
-def bench_integrate(
-    repeats: RepeatsOption = 5,
-    long_run_steps: Annotated[
-        int,
-        typer.Option("--steps", min=0, max=10**8, help="Number of steps of an additional long run; 0: no long run."),
-    ] = 1_000_000,
-    show_json: BenchJsonOption = False,
-    plot: PlotOption = None,
-) -> None:
-    """Measure the integration of angular velocity to attitudes.
-
-    All methods of hingepair and SciPy's solvers are measured with several steps or tolerances.
-    """
-    from hingepair.bench import integrate as bench
-
-    _run_benchmark(lambda: bench.bench_integrate(repeats, long_run_steps), show_json, plot)
-
-
-@bench_app.command("fit")
-@with_option_names
-def bench_fit(
-    sizes: SizesOption = "1000,10000,1000000", repeats: RepeatsOption = 5, show_json: BenchJsonOption = False
-) -> None:
-    """Measure fits of a hinge to recorded poses and gyroscopes.
-
-    The fits are those of hingepair, of SciPy's least_squares and of the package qmt, if it is installed.
-    """
-    from hingepair.bench import fit as bench
-
-    _run_benchmark(lambda: bench.bench_fit(_parse_sizes(sizes), repeats), show_json)
-
-
-@bench_app.command("skip")
-@with_option_names
-def bench_skip(
-    samples: Annotated[int, typer.Option(min=1, max=10**7, help="Number of samples of a call.")] = 1_000_000,
-    repeats: RepeatsOption = 7,
-    show_json: BenchJsonOption = False,
-) -> None:
-    """Measure how much time the skipped operations save.
-
-    hingepair skips operations of which the result is known, such as products with a constant 0, and those that no
-    requested output needs. Each row of the table is a call of which something is known.
-    """
-    from hingepair.bench import skip as bench
-
-    _run_benchmark(lambda: bench.bench_skip(samples, repeats), show_json)
-
-
-@bench_app.command("dynamics")
-@with_option_names
-def bench_dynamics(
-    samples: Annotated[int, typer.Option(min=2, max=10**7, help="Number of samples of a batch.")] = 1_000_000,
-    repeats: RepeatsOption = 5,
-    cpp: CppOption = False,
-    show_json: BenchJsonOption = False,
-) -> None:
-    """Measure dynamics and simulations of a pair.
-
-    Inverse and forward dynamics are compared with Pinocchio and MuJoCo, simulations with SciPy's solvers.
-    """
-    from hingepair.bench import dynamics as bench
-
-    _run_benchmark(lambda: bench.bench_dynamics(samples, repeats, cpp), show_json)
-
-
 @bench_app.command("robots")
 @with_option_names
 def bench_robots(
@@ -250,30 +182,3 @@ def bench_rollouts(
 
     chosen = [name.strip() for name in names.split(",")]
     _run_benchmark(lambda: bench.bench_rollouts(chosen, size, steps, repeats, cpp), show_json)
-
-
-@bench_app.command("scale")
-@with_option_names
-def bench_scale(
-    samples: Annotated[int, typer.Option(min=1000, max=10**8, help="Number of samples of the calls.")] = 10_000_000,
-    reduction_samples: Annotated[
-        int,
-        typer.Option(
-            "--long",
-            min=0,
-            max=10**10,
-            help="Number of samples of a reduction whose memory is measured; 0: no reduction.",
-        ),
-    ] = 100_000_000,
-    workers: Annotated[int, typer.Option(min=1, max=1024, help="Number of threads that are compared with one.")] = 2,
-    repeats: RepeatsOption = 5,
-    show_json: BenchJsonOption = False,
-) -> None:
-    """Measure Dask, threads, memory and sweeps.
-
-    The overhead of Dask over a plain call, the gain of several threads over one, the peak memory of a long reduction,
-    and the run time of `hingepair sweep` are measured.
-    """
-    from hingepair.bench import scale as bench
-
-    _run_benchmark(lambda: bench.bench_scale(samples, reduction_samples, workers, repeats), show_json)
