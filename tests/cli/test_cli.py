@@ -342,10 +342,9 @@ def test_mjcf_is_written_and_exports_take_their_base_by_a_flag(short_scene: Path
         ("urdf go1 knee", "JOINT: FR_hip_joint 'knee'"),
         ("urdf LOG knee", "XML"),
         ("robots nobody", "NAME:"),
-        ("bench robots --names ur5_", "--names: ur5_"),
-        ("bench direct --levels jerk --sizes 1", "--levels: pose, velocity, acceleration 'jerk'"),
-        ("bench direct --sizes x", "--sizes: x"),
-        ("bench direct --sizes 0", "--sizes: 0"),
+        ("bench --level jerk --sizes 1", "--level: pose, velocity, acceleration 'jerk'"),
+        ("bench --sizes x", "--sizes: x"),
+        ("bench --sizes 0", "--sizes: 0"),
         ("fit LOG LOG LOG", "FILE: 3"),
     ],
 )

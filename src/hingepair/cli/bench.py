@@ -1,184 +1,78 @@
-"""`hingepair bench`: a command for each benchmark, and the printing of its report."""
+"""`hingepair bench`: run time and error of a pair's kinematics on this machine."""
 
 from __future__ import annotations
 
-import contextlib
+import sys
 import textwrap
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hingepair.cli.options import with_option_names
-from hingepair.cli.output import check_picture_suffix, terminal_width
+from hingepair.cli.output import JsonOption, terminal_width
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
-from hingepair.tables.whole_file import whole_file
 
 if TYPE_CHECKING:
-    from hingepair.bench.harness import Report
+    from hingepair.bench.pair import Row
 
-bench_app = typer.Typer(help="Measure run time and error on this machine.", no_args_is_help=True)
-
-BenchJsonOption = Annotated[
-    bool, typer.Option("--json", help="Print JSON, which includes facts about the machine, instead of tables.")
-]
-CppOption = Annotated[
-    bool, typer.Option("--cpp", help="Compile and measure Pinocchio's C++ loop (compiling takes one or two minutes).")
-]
-ColdOption = Annotated[
-    bool, typer.Option("--cold/--no-cold", help="Measure starts and first calls too, in fresh processes.")
-]
-RepeatsOption = Annotated[
-    int, typer.Option(min=1, max=1000, help="Repeats of each measurement, of which the median is shown.")
-]
-PlotOption = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Draw error against run time (.png, .svg, .pdf).")
-]
-SizesOption = Annotated[str, typer.Option(help="Batch sizes [samples], separated by commas.")]
+_NOTE = (
+    "first: the first call of a process, whose machine code may be on the disk; next: a later call; each: its time "
+    "for one state; pin: ratio to Pinocchio's calls from Python for one state; floor: ratio to copying the outputs. "
+    "Medians of fresh processes. error, on hard states: largest of any output, against 60 digits [u * scale]; inf: "
+    "not finite."
+)
 
 
-def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | None = None) -> None:
-    """Print the Report that `measure` returns, or its JSON, and draw it to `plot`, if any."""
-    from hingepair.bench.harness import machine_facts, print_progress
+def bench_command(
+    sizes: Annotated[str, typer.Option(help="Numbers of states, separated by commas.")] = "1,100,10000,1000000",
+    level: Annotated[str, typer.Option(help="pose, velocity or acceleration.")] = "velocity",
+    repeats: Annotated[int, typer.Option(min=1, max=1000, help="Number of fresh processes for each size.")] = 5,
+    show_json: JsonOption = False,
+) -> None:
+    """Measure forward kinematics of a pair: run time and error.
 
-    with contextlib.ExitStack() as exit_stack:
-        draw = None if plot is None else exit_stack.enter_context(_open_picture(plot))
-        report = measure()
-        if draw is not None:
-            draw(report)
-            print_progress(f"written: {plot}")
-    if show_json:
-        print(report.to_json())
-        return
-    machine = ", ".join(f"{key} {value}" for key, value in machine_facts().items())
-    for line in report.table(terminal_width()):
-        print(line)
-    for sentence in (*report.notes, machine):
-        for line in textwrap.wrap(sentence, 100):
-            print(line)
+    hingepair, a Python loop over Pinocchio and NumPy compute the same states; errors are those against arithmetic of
+    60 digits. Whole robots are measured by the scripts in the folder benchmarks of the repository.
+    """
+    from hingepair.bench import pair
 
-
-@contextlib.contextmanager
-def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
-    """Open a picture file before anything is measured, and yield a function that draws a Report into it."""
-    from hingepair.bench.plot import write_picture
-    from hingepair.numeric.optional import new_figure
-
-    check_picture_suffix("--plot", path)
-    new_figure(1, 1, "--plot")  # raises an error if Matplotlib is not installed
-    with contextlib.ExitStack() as exit_stack:
-        try:
-            file = exit_stack.enter_context(whole_file(path))
-        except ArgumentError as error:
-            raise ArgumentError("--plot", error.expected, error.got) from None
-        yield lambda report: write_picture(report.panels, file, path.suffix.lower()[1:])
-
-
-def _parse_sizes(sizes: str) -> list[int]:
-    """Return the batch sizes, 1 to 10,000,000 each, in a text with commas."""
+    check_choice("level", level, tuple(pair.LEVELS))
     counts = [int(part) if part.strip().isdecimal() else 0 for part in sizes.split(",")]
     if not all(1 <= count <= 10**7 for count in counts):
         raise ArgumentError("sizes", "integers from 1 to 10000000, separated by commas", quoted(sizes))
-    return counts
+    print("each size is measured in fresh processes, which takes some seconds", file=sys.stderr)
+    rows, facts = list(pair.bench(counts, level, repeats)), pair.machine_facts()
+    if show_json:
+        from hingepair.tables.sheets import json_text
+
+        print(json_text({"facts": facts, "level": level, "rows": [row._asdict() for row in rows]}))
+        return
+    machine = ", ".join(f"{key} {value}" for key, value in facts.items())
+    print("\n".join(_table(rows)), *(textwrap.fill(text, 100) for text in (_NOTE, machine)), sep="\n\n")
 
 
-@bench_app.command("direct")
-@with_option_names
-def bench_direct(
-    sizes: SizesOption = "1,100,10000,1000000",
-    levels: Annotated[
-        str, typer.Option(help="Levels, separated by commas: pose, velocity, acceleration.")
-    ] = "pose,velocity,acceleration",
-    repeats: RepeatsOption = 7,
-    cpp: CppOption = False,
-    cold: ColdOption = True,
-    show_json: BenchJsonOption = False,
-    plot: PlotOption = None,
-) -> None:
-    """Measure forward kinematics of a pair, and its errors.
+def _table(rows: Sequence[Row]) -> list[str]:
+    """Return the lines of a table, a block for each number of states."""
+    from hingepair.tables.sheets import ruled_table
 
-    Poses, velocities and accelerations are computed by hingepair, Pinocchio, MuJoCo, JAX, SciPy and NumPy, as far as
-    these are installed. The errors are those against arithmetic of 60 digits.
+    lines: list[Sequence[str]] = [("", "first", "next", "each", "pin", "floor", "error", "on hard states")]
+    for i, row in enumerate(rows):
+        if i == 0 or rows[i - 1].count != row.count:
+            lines += [()] if i else []
+            lines.append((f"N = {row.count:,}", *[""] * 7))
+        times = map(duration_text, (row.first, row.next, row.next / row.count))
+        errors = ("-" if error is None else f"{error:.2g}" for error in (row.error, row.hard_error))
+        lines.append((f"  {row.method}", *times, f"{row.pin:,.3g}", f"{row.floor:,.3g}", *errors))
+    return ruled_table(lines, 1, terminal_width())
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration in the largest unit in which it is at least 1.
+
+    >>> duration_text(1.234e-8), duration_text(0.25)
+    ('12.3 ns', '250 ms')
     """
-    from hingepair.bench import direct as bench
-
-    counts, chosen = _parse_sizes(sizes), [level.strip() for level in levels.split(",")]
-    for level in chosen:
-        check_choice("levels", level, tuple(bench.LEVELS))
-    _run_benchmark(lambda: bench.bench_direct(counts, chosen, repeats, cpp, cold), show_json, plot)
-
-
-@bench_app.command("robots")
-@with_option_names
-def bench_robots(
-    names: Annotated[
-        str, typer.Option(metavar="NAMES", help="Robots of example-robot-data, separated by commas.")
-    ] = "ur5_robot,panda,solo12,talos_reduced",
-    sizes: SizesOption = "1,100,100000",
-    repeats: RepeatsOption = 5,
-    cpp: CppOption = False,
-    cold: ColdOption = True,
-    show_json: BenchJsonOption = False,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw run times of the largest batch (.png, .svg, .pdf).")
-    ] = None,
-) -> None:
-    """Measure kinematics and dynamics of whole robots.
-
-    The engines are hingepair, Pinocchio, MuJoCo and frax (JAX), as far as they are installed. Each block of the table
-    is one workload (poses, Jacobians, inverse or forward dynamics) of one robot at N states; each row is one engine.
-    """
-    from hingepair.bench import robots as bench
-
-    chosen = [name.strip() for name in names.split(",")]
-    _run_benchmark(lambda: bench.bench_robots(chosen, _parse_sizes(sizes), repeats, cpp, cold), show_json, plot)
-
-
-@bench_app.command("ik")
-@with_option_names
-def bench_ik(
-    names: Annotated[
-        str, typer.Option(metavar="NAMES", help="Robots of example-robot-data, separated by commas.")
-    ] = "ur5_robot,panda",
-    size: Annotated[int, typer.Option(min=1, max=10**7, help="Number of targets.")] = 10_000,
-    repeats: RepeatsOption = 3,
-    cpp: CppOption = False,
-    show_json: BenchJsonOption = False,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw targets missed and errors against run time.")
-    ] = None,
-) -> None:
-    """Measure inverse kinematics of robots.
-
-    The engines are hingepair, Pinocchio's loop of closed-loop inverse kinematics, mink and ikpy, as far as they are
-    installed. All have the same targets, tolerances and limits, and start again where they get stuck.
-    """
-    from hingepair.bench import inverse_kinematics as bench
-
-    chosen = [name.strip() for name in names.split(",")]
-    _run_benchmark(lambda: bench.bench_inverse_kinematics(chosen, size, repeats, cpp), show_json, plot)
-
-
-@bench_app.command("rollouts")
-@with_option_names
-def bench_rollouts(
-    names: Annotated[
-        str, typer.Option(metavar="NAMES", help="Robots of example-robot-data, separated by commas.")
-    ] = "ur5_robot,panda",
-    size: Annotated[int, typer.Option(min=1, max=10**6, help="Number of motions.")] = 4096,
-    steps: Annotated[int, typer.Option(min=1, max=10**6, help="Number of steps of each motion.")] = 100,
-    repeats: RepeatsOption = 5,
-    cpp: CppOption = False,
-    show_json: BenchJsonOption = False,
-) -> None:
-    """Measure motions of robots in time, and gradients through them.
-
-    The engines are hingepair, loops of Pinocchio's forward dynamics, and mujoco.rollout, as far as they are
-    installed. All make the same steps.
-    """
-    from hingepair.bench import rollouts as bench
-
-    chosen = [name.strip() for name in names.split(",")]
-    _run_benchmark(lambda: bench.bench_rollouts(chosen, size, steps, repeats, cpp), show_json)
+    units = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    unit = next((unit for unit, size in units.items() if seconds >= size), "ns")
+    return f"{seconds / units[unit]:.3g} {unit}"

@@ -12,7 +12,7 @@ import typer
 import typer.core
 
 from hingepair import __version__
-from hingepair.cli.bench import bench_app
+from hingepair.cli.bench import bench_command
 from hingepair.cli.derive import derive_command
 from hingepair.cli.examples import examples_command
 from hingepair.cli.fit import fit_command
@@ -51,6 +51,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     },
     "Measure": {
         "check": check_command,
+        "bench": bench_command,
     },
 }
 """The commands by the names that users type, under the headings and in the order of --help."""
@@ -88,7 +89,6 @@ app = typer.Typer(
 for heading, commands in COMMANDS.items():
     for command_name, command in commands.items():
         app.command(command_name, rich_help_panel=heading)(with_option_names(command))
-app.add_typer(bench_app, name="bench", rich_help_panel="Measure")
 
 
 def main() -> None:

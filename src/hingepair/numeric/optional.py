@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _EXTRAS: Final = {  # of a package, the extra of hingepair that installs it
-    "clarabel": "measured", "dask": "dask", "distributed": "dask", "matplotlib": "plot", "mujoco": "bench",
+    "clarabel": "measured", "dask": "dask", "distributed": "dask", "matplotlib": "plot", "mujoco": "mjcf",
     "pandas": "data", "pyarrow": "data", "xarray": "data",
 }  # fmt: skip
 

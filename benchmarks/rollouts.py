@@ -1,4 +1,9 @@
-"""`hingepair bench rollouts`: motions of robots in time, beside Pinocchio's loops in C++ and Python and MuJoCo's."""
+"""Motions of robots in time and gradients through them, beside Pinocchio's loops in C++ and Python and MuJoCo's.
+
+Steps of semi-implicit Euler, each under efforts of its own, on one thread; all states are returned. The gradient is
+that of a loss of q at all steps, by the efforts of all steps. N is the number of steps of a call, of all motions. The
+errors are the largest differences from Pinocchio's loop in Python, relative to the largest component.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +12,11 @@ from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from hingepair.bench import engines
-from hingepair.bench.engines import Array
-from hingepair.bench.harness import HINGEPAIR, Case, Job, Method, Report, installed, measure, print_progress
-from hingepair.bench.robots import load_models
-from hingepair.errors import ArgumentError
-from hingepair.formats.model_writers import to_urdf
-from hingepair.mechanism.mechanism import Mechanism
+import hingepair as hp
+from engines import PINOCCHIO, PINOCCHIO_CPP, Array, CppSystem, load_models, mujoco_model
+from timing import HINGEPAIR, Case, Job, Method, able, parser, run
 
 DT = 1e-3  # s, of a step
 MOTION, GRADIENT = "rollout", "gradient"
@@ -26,7 +28,7 @@ class Task(NamedTuple):
     """Motions from random states under random efforts; a larger task begins with the motions of a smaller one."""
 
     workload: str
-    robot: Mechanism
+    robot: hp.Mechanism
     model: Any  # of Pinocchio
     q0: Array  # (motions, dof)
     qd0: Array
@@ -34,54 +36,24 @@ class Task(NamedTuple):
     weights: Array  # derivatives of a loss by q at all steps, the start included
 
 
-def bench_rollouts(names: Sequence[str], size: int, steps: int, repeats: int, with_cpp: bool) -> Report:
-    """Measure rollouts of the named robots, and gradients through them.
-
-    Args:
-        names: of example-robot-data.
-        size: number of motions.
-        steps: of each motion.
-        repeats: of each measurement.
-        with_cpp: whether the C++ loop of Pinocchio is compiled and measured; if this fails, a note says why.
-    """
-    methods, left_out = installed(METHODS, engines.cpp_reasons(with_cpp))
-    cases = (robot_case(name, workload, methods, size, steps) for name in names for workload in (MOTION, GRADIENT))
-    notes = (
-        f"Steps of semi-implicit Euler of {DT:g} s, each under efforts of its own, on one thread. All states are "
-        "returned. N: steps of a call, of all motions; each: time for one step.",
-        "gradient: of a loss of q at all steps, by the efforts of all steps; for Pinocchio by computeABADerivatives.",
-        "MuJoCo has no contacts, limits, damping or friction. Loops and MuJoCo compute the first motions only.",
-        f"error: largest difference of the results of {_CHECKED} motions from those of Pinocchio's loop in Python, "
-        "relative to the largest component.",
-    )
-    return Report(measure(cases, repeats), "error", [*left_out, *notes])
-
-
 def robot_case(name: str, workload: str, methods: Sequence[Method], size: int, steps: int) -> Case:
     """Return the case of a robot and a workload, with errors of the first motions."""
     robot, model = load_models(name)
-    able = [method for method in methods if workload == MOTION or method.name in _DIFFERENTIABLE]
+    chosen = [method for method in methods if workload == MOTION or method.name in _DIFFERENTIABLE]
     make = cache(partial(make_task, workload, robot, model, steps))
-    print_progress(f"{name}, {workload}: {_CHECKED} motions by Pinocchio's loop")
-    truth = pinocchio_job(make(min(_CHECKED, size)))()[0]
-    errors = {}
-    for method in able:
-        found = method.make_job(make(min(_CHECKED, size)))()[0]
-        errors[method.name] = float(np.abs(found - truth).max() / np.abs(truth).max())
-    counts = {method.name: min(size, method.max_samples) for method in able}
-    jobs = {method.name: method.make_job(make(counts[method.name])) for method in able}
+    counts = {method.name: min(size, method.max_samples) for method in chosen}
+    jobs = {method.name: method.make_job(make(counts[method.name])) for method in chosen}
+    checked = make(min(_CHECKED, size))
+    truth, errors = pinocchio_job(checked)()[0], {}
+    for method in chosen:
+        found = method.make_job(checked)()[0]
+        errors[method.name] = {"error": float(np.abs(found - truth).max() / np.abs(truth).max())}
     title = f"{robot.name} ({robot.dof} joints), {workload}, {size:,} motions of {steps} steps"
-    return Case(title, jobs, {one: steps * count for one, count in counts.items()}, errors)
+    return Case(title, jobs, {name: steps * count for name, count in counts.items()}, errors)
 
 
-def make_task(workload: str, robot: Mechanism, model: Any, steps: int, count: int) -> Task:
-    """Return a task of `count` motions, always the same ones.
-
-    Raises:
-        ArgumentError: the robot has joints whose coordinates Pinocchio writes otherwise.
-    """
-    if model.nq != robot.dof or model.nv != robot.dof:
-        raise ArgumentError("names", "robots without continuous or mimic joints", robot.name)
+def make_task(workload: str, robot: hp.Mechanism, model: Any, steps: int, count: int) -> Task:
+    """Return a task of `count` motions, always the same ones."""
     numbers = np.random.default_rng(51).uniform(-1, 1, (count, 2 * steps + 3, robot.dof))
     parts = (numbers[:, 0], numbers[:, 1], numbers[:, 2 : steps + 2], numbers[:, steps + 2 :])
     return Task(workload, robot, model, *map(np.ascontiguousarray, parts))
@@ -103,8 +75,6 @@ def reused_job(task: Task) -> Job:
 
 def pinocchio_job(task: Task) -> Job:
     """Return the job of a loop of `pin.aba` in Python; gradients take `pin.computeABADerivatives` on the way back."""
-    import pinocchio as pin
-
     model, data = task.model, task.model.createData()
     q, v = np.empty((2, *task.weights.shape))
     q[:, 0], v[:, 0] = task.q0, task.qd0
@@ -139,7 +109,7 @@ def pinocchio_job(task: Task) -> Job:
 
 def pinocchio_cpp_job(task: Task) -> Job:
     """Return the job of a loop of `aba` in C++, which is compiled first."""
-    system = engines.CppSystem(task.model, 0)
+    system = CppSystem(task.model, 0)
     q, v = np.empty((2, *task.weights.shape))
     q[:, 0], v[:, 0] = task.q0, task.qd0
     counts = task.tau.shape[:2]
@@ -156,7 +126,7 @@ def mujoco_job(task: Task) -> Job:
     import mujoco as mj
     from mujoco import rollout
 
-    model = engines.mujoco_model(to_urdf(task.robot, meshes=False))
+    model = mujoco_model(task.robot)
     model.opt.timestep = DT
     data, dof = mj.MjData(model), task.robot.dof
     start = np.hstack([np.zeros((len(task.q0), 1)), task.q0, task.qd0])  # time, positions, velocities
@@ -170,11 +140,33 @@ def mujoco_job(task: Task) -> Job:
     return run
 
 
-METHODS = (  # ratios refer to the first
+METHODS = (
     Method(HINGEPAIR, hingepair_job),
     Method(REUSED, reused_job),
-    Method(engines.PINOCCHIO_CPP, pinocchio_cpp_job, max_samples=256, package="pinocchio"),
-    Method(engines.PINOCCHIO, pinocchio_job, max_samples=16, package="pinocchio"),
+    Method(PINOCCHIO_CPP, pinocchio_cpp_job, max_samples=256),
+    Method(PINOCCHIO, pinocchio_job, max_samples=16),
     Method(MUJOCO, mujoco_job, max_samples=128, package="mujoco"),
 )
-_DIFFERENTIABLE = {HINGEPAIR, engines.PINOCCHIO}  # methods that compute gradients
+_DIFFERENTIABLE = {HINGEPAIR, PINOCCHIO}  # methods that compute gradients
+
+
+def main() -> None:
+    """Measure the robots of the command line."""
+    options = parser(__doc__.splitlines()[0], "ur5_robot,panda")
+    options.add_argument("--size", type=int, default=4096, help="number of motions")
+    options.add_argument("--steps", type=int, default=100, help="of each motion")
+    given = options.parse_args()
+    methods = able(METHODS, cpp=given.cpp)
+    run(
+        (
+            robot_case(name, workload, methods, given.size, given.steps)
+            for name in given.names.split(",")
+            for workload in (MOTION, GRADIENT)
+        ),
+        given.repeats,
+        given.json,
+    )
+
+
+if __name__ == "__main__":
+    main()

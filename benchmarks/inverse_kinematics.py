@@ -1,4 +1,9 @@
-"""`hingepair bench ik`: inverse kinematics of robots, beside Pinocchio's loop in C++ and Python, mink and ikpy."""
+"""Inverse kinematics of robots, beside Pinocchio's loop in C++ and Python, mink and ikpy.
+
+All have the same random poses within the limits, the same tolerances and the same starts, on one thread. Pinocchio's
+loop is that of its example (CLIK), with whole steps, and coordinates put back within the limits. ikpy stops where
+SciPy does. What is solved is judged by Pinocchio's forward kinematics.
+"""
 
 from __future__ import annotations
 
@@ -7,31 +12,16 @@ import warnings
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
+import pinocchio as pin
 
-from hingepair.bench import engines
-from hingepair.bench.harness import (
-    HINGEPAIR,
-    Case,
-    Job,
-    Method,
-    Report,
-    Row,
-    batch_case,
-    installed,
-    measure,
-    print_progress,
-)
-from hingepair.bench.plot import MethodCurve, Panel
-from hingepair.bench.robots import load_models
-from hingepair.errors import ArgumentError
-from hingepair.formats.model_writers import to_urdf
-from hingepair.mechanism.mechanism import Mechanism, tree_of
-
-Array: TypeAlias = NDArray[Any]
+import hingepair as hp
+from engines import PINOCCHIO, PINOCCHIO_CPP, Array, CppSystem, load_models
+from hingepair.mechanism.mechanism import tree_of
+from timing import HINGEPAIR, Case, Job, Method, able, batch_case, parser, run
 
 TOLERANCE = 1e-9  # m and rad
 LOOSE = 1e-3  # m and rad: what libraries for control are tuned to
@@ -43,7 +33,7 @@ _DAMPING = 1e-6  # of the loops; Pinocchio's example has 1e-12, with which fewer
 class Task(NamedTuple):
     """Random targets of a robot that can be reached; a larger task begins with the targets of a smaller one."""
 
-    robot: Mechanism
+    robot: hp.Mechanism
     model: Any  # of Pinocchio
     link: str  # the child link of the last joint, whose frame all engines have
     R: Array  # (N, 3)
@@ -60,57 +50,20 @@ class Outcome(NamedTuple):
     error: float  # median of the distances [m] and angles [rad]
 
 
-def bench_inverse_kinematics(names: Sequence[str], size: int, repeats: int, with_cpp: bool) -> Report:
-    """Measure inverse kinematics of the named robots.
-
-    Args:
-        names: of example-robot-data.
-        size: number of targets.
-        repeats: of each measurement.
-        with_cpp: whether the C++ loop of Pinocchio is compiled and measured; if this fails, a note says why.
-    """
-    methods, left_out = installed(METHODS, engines.cpp_reasons(with_cpp))
-    rows = [row for name in names for row in measure([robot_case(name, methods, size)], repeats)]
-    notes = (
-        "Random poses within the limits, on one thread. Each method stops a target at "
-        f"{TOLERANCE:g} m and {TOLERANCE:g} rad, and starts again elsewhere, up to {_TRIALS} times of {_STEPS} "
-        "steps; hingepair's have 20 steps. "
-        f"solved, within {LOOSE:g}: shares of the targets, and error: median of distances and angles [m, rad], by "
-        "Pinocchio's forward kinematics.",
-        "Pinocchio's loop is that of its example (CLIK), with whole steps, and coordinates put back within the "
-        "limits. ikpy stops where SciPy does, and starts three times at most. Python loops compute the first "
-        "targets only.",
-    )
-    return Report(rows, "error", [*left_out, *notes], _panels(rows))
-
-
 def robot_case(name: str, methods: Sequence[Method], size: int) -> Case:
-    """Return the case of a robot: all methods on `size` targets."""
+    """Return the case of a robot: all methods on `size` targets, and what they solve."""
     robot, model = load_models(name)
     make = cache(partial(make_task, robot, model))
-    errors, columns = {}, {}
+    columns = {}
     for method in methods:
-        print_progress(f"{name}: targets that {method.name} solves")
         task = make(min(size, method.max_samples))
         found = outcome(task, method.make_job(task)()[0])
-        errors[method.name] = found.error
-        columns[method.name] = {
-            "solved": f"{100 * found.solved:.2f} %",
-            f"within {LOOSE:g}": f"{100 * found.loosely:.2f} %",
-        }
-    return batch_case(f"{robot.name} ({robot.dof} joints)", methods, make, size, errors, columns)
+        columns[method.name] = {"solved": found.solved, f"within {LOOSE:g}": found.loosely, "error": found.error}
+    return batch_case(f"{robot.name} ({robot.dof} joints)", methods, make, size, columns)
 
 
-def make_task(robot: Mechanism, model: Any, count: int) -> Task:
-    """Return a task of `count` targets, always the same ones.
-
-    Raises:
-        ArgumentError: the robot has joints whose coordinates Pinocchio writes otherwise.
-    """
-    import pinocchio as pin
-
-    if model.nq != robot.dof or model.nv != robot.dof:
-        raise ArgumentError("names", "robots without continuous or mimic joints", robot.name)
+def make_task(robot: hp.Mechanism, model: Any, count: int) -> Task:
+    """Return a task of `count` targets, always the same ones."""
     limits = np.clip(robot.position_limits, -np.pi, np.pi)
     q = np.random.default_rng(41).uniform(limits[:, 0], limits[:, 1], (count, robot.dof))
     link = robot.links[-1]
@@ -129,8 +82,6 @@ def make_task(robot: Mechanism, model: Any, count: int) -> Task:
 
 def outcome(task: Task, q: Array) -> Outcome:
     """Return what coordinates q (N, dof) for the first N targets are worth."""
-    import pinocchio as pin
-
     data, index = task.model.createData(), task.model.getFrameId(task.link)
     errors = []
     for state, R, S in zip(q, task.R, task.S, strict=True):
@@ -167,8 +118,6 @@ def _each(task: Task, descend: Callable[[int, Array], tuple[Array, bool]], trial
 
 def pinocchio_job(task: Task) -> Job:
     """Return the job of Pinocchio's loop of closed-loop inverse kinematics in Python."""
-    import pinocchio as pin
-
     model, data = task.model, task.model.createData()
     index, (low, high) = model.getFrameId(task.link), task.limits.T
     targets = [pin.SE3(S, R) for R, S in zip(task.R, task.S, strict=True)]
@@ -194,7 +143,7 @@ def pinocchio_cpp_job(task: Task) -> Job:
     found = np.empty((len(task.R), task.robot.dof))
     poses = np.concatenate([task.S.reshape(-1, 9), task.R], axis=1)  # as loops.cpp takes placements
     arrays = [np.ascontiguousarray(one) for one in (*task.limits.T, poses, task.starts)]
-    system = engines.CppSystem(task.model, task.model.getFrameId(task.link))
+    system = CppSystem(task.model, task.model.getFrameId(task.link))
     counts = len(found), len(task.starts), _STEPS
 
     def run() -> tuple[Array]:
@@ -210,7 +159,7 @@ def mink_job(task: Task) -> Job:
     import mink
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(to_urdf(task.robot, meshes=False))
+    model = mujoco.MjModel.from_xml_string(hp.to_urdf(task.robot, meshes=False))
     configuration = mink.Configuration(model)
     goal = mink.FrameTask(task.link, "body", position_cost=1.0, orientation_cost=1.0, lm_damping=_DAMPING)
     limits = [mink.ConfigurationLimit(model)]
@@ -244,7 +193,7 @@ def ikpy_job(task: Task) -> Job:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of fixed joints
         path = Path(folder) / "robot.urdf"
-        path.write_text(to_urdf(task.robot, meshes=False))
+        path.write_text(hp.to_urdf(task.robot, meshes=False))
         links = Chain.from_urdf_file(str(path), base_elements=_elements(path, task.link, root)).links
     moving = [k for k, link in enumerate(links) if link.name in task.robot.names]
     links = links[: moving[-1] + 1]  # it goes on to the end of the robot
@@ -264,8 +213,6 @@ def ikpy_job(task: Task) -> Job:
 
 def _elements(path: Path, link: str, root: str) -> list[str]:
     """Return links and joints of a URDF in turn, from the root to a link."""
-    from xml.etree import ElementTree
-
     parents = {}
     for joint in ElementTree.parse(path).getroot().iter("joint"):
         child, parent = joint.find("child"), joint.find("parent")
@@ -278,34 +225,23 @@ def _elements(path: Path, link: str, root: str) -> list[str]:
     return found
 
 
-METHODS = (  # ratios refer to the first
+METHODS = (
     Method(HINGEPAIR, hingepair_job),
-    Method(engines.PINOCCHIO_CPP, pinocchio_cpp_job, max_samples=1000, package="pinocchio"),
-    Method(engines.PINOCCHIO, pinocchio_job, max_samples=100, package="pinocchio"),
+    Method(PINOCCHIO_CPP, pinocchio_cpp_job, max_samples=1000),
+    Method(PINOCCHIO, pinocchio_job, max_samples=100),
     Method("mink", mink_job, max_samples=30, package="mink"),
     Method("ikpy", ikpy_job, max_samples=10, package="ikpy"),
 )
 
 
-def _panels(rows: Sequence[Row]) -> list[list[Panel]]:
-    """Return for each robot what is missed and the error, against the time of a target."""
-    panels = []
-    for case in dict.fromkeys(row.case for row in rows):
-        own = [row for row in rows if row.case == case]
-        times = [row.seconds_per_sample for row in own]
-        # What is missed stands no lower than what the number of targets tells.
-        missed = [
-            max(1 - float(row.extra_columns["solved"].removesuffix(" %")) / 100, 0.5 / row.count) for row in own
-        ]
-        legends = [f"{row.method} (N = {row.count:,})" for row in own]
-        reach = min(times) / 3, 3 * max(times)
-        curves = [
-            [MethodCurve(name, [point]) for name, point in zip(legends, zip(times, values, strict=True), strict=True)]
-            for values in (missed, [max(row.error or 0.0, 1e-17) for row in own])
-        ]
-        robot, label = case.partition(",")[0], "run time per target [s]"
-        panels.append([
-            Panel(robot, label, "share of targets not solved", curves[0], x_range=reach),
-            Panel(robot, label, "median error [m, rad]", curves[1], x_range=reach),
-        ])  # fmt: skip
-    return panels
+def main() -> None:
+    """Measure the robots of the command line."""
+    options = parser(__doc__.splitlines()[0], "ur5_robot,panda")
+    options.add_argument("--size", type=int, default=10_000, help="number of targets")
+    given = options.parse_args()
+    methods = able(METHODS, cpp=given.cpp)
+    run((robot_case(name, methods, given.size) for name in given.names.split(",")), given.repeats, given.json)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,5 +1,4 @@
-// Pinocchio's C++ loops for `hingepair bench direct|dynamics|robots|ik|rollouts --cpp`: what the Python loops of engines.py do, from the
-// same inputs. Only headers are used: a library that was compiled for another instruction set aligns otherwise.
+// Pinocchio's C++ loops of the benchmarks' `--cpp`: what the Python loops do, from the same inputs. Only headers are used: a library that was compiled for another instruction set aligns otherwise.
 // Pinocchio's variants of joints are longer than Boost's lists are by themselves.
 #define BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS
 #define BOOST_MPL_LIMIT_LIST_SIZE 30
@@ -47,8 +46,7 @@ static pin::JointModel joint_of(long kind, const Eigen::Vector3d & axis)
   case 4: return pin::JointModelPX();
   case 5: return pin::JointModelPY();
   case 6: return pin::JointModelPZ();
-  case 7: return pin::JointModelPrismaticUnaligned(axis);
-  default: return pin::JointModelFreeFlyer();
+  default: return pin::JointModelPrismaticUnaligned(axis);
   }
 }
 
@@ -83,12 +81,6 @@ static void write_pose(System * system, double * out)
   Eigen::Map<Matrix>(out + 3) = placement.rotation();
 }
 
-static void write_motion(const pin::Motion & motion, double * out)
-{
-  Out{out} = motion.linear();
-  Out(out + 3) = motion.angular();
-}
-
 // what: an index into `WORKLOADS` of engines.py. Inputs: rows of q, v and w (accelerations or efforts), null from the first
 // that is not needed on. Output: a row of `width` numbers for each state.
 extern "C" void system_run(
@@ -96,7 +88,6 @@ extern "C" void system_run(
 {
   const pin::Model & model = system->model;
   pin::Data & data = system->data;
-  const auto world = pin::LOCAL_WORLD_ALIGNED;
   const long n = model.nv;
   Eigen::VectorXd qi(model.nq), vi(n), wi(n);
   pin::Data::Matrix6x J(6, n);
@@ -113,44 +104,28 @@ extern "C" void system_run(
       pin::forwardKinematics(model, data, qi);
       write_pose(system, out);
       break;
-    case 1: // velocity
-      pin::forwardKinematics(model, data, qi, vi);
-      write_pose(system, out);
-      write_motion(pin::getFrameVelocity(model, data, system->frame, world), out + 12);
-      break;
-    case 2: // acceleration
-      pin::forwardKinematics(model, data, qi, vi, wi);
-      write_pose(system, out);
-      write_motion(pin::getFrameVelocity(model, data, system->frame, world), out + 12);
-      write_motion(pin::getFrameClassicalAcceleration(model, data, system->frame, world), out + 18);
-      break;
-    case 3: // Jacobian
+    case 1: // Jacobian
       J.setZero();
       pin::computeJointJacobians(model, data, qi);
       pin::updateFramePlacement(model, data, system->frame);
-      pin::getFrameJacobian(model, data, system->frame, world, J);
+      pin::getFrameJacobian(model, data, system->frame, pin::LOCAL_WORLD_ALIGNED, J);
       Eigen::Map<Eigen::Matrix<double, 6, Eigen::Dynamic, Eigen::RowMajor>>(out, 6, n) = J;
       break;
-    case 4: // inverse dynamics
+    case 2: // inverse dynamics
       Eigen::Map<Eigen::VectorXd>(out, n) = pin::rnea(model, data, qi, vi, wi);
       break;
-    case 5: // forward dynamics
+    case 3: // forward dynamics
       Eigen::Map<Eigen::VectorXd>(out, n) = pin::aba(model, data, qi, vi, wi);
       break;
-    case 6: // derivatives of torques
+    case 4: // derivatives of torques
       pin::computeRNEADerivatives(model, data, qi, vi, wi);
       Square(out, n, n) = data.dtau_dq;
       Square(out + n * n, n, n) = data.dtau_dv;
       break;
-    case 7: // derivatives of accelerations
+    case 5: // derivatives of accelerations
       pin::computeABADerivatives(model, data, qi, vi, wi);
       Square(out, n, n) = data.ddq_dq;
       Square(out + n * n, n, n) = data.ddq_dv;
-      break;
-    case 8: // gradient of torques
-      pin::computeRNEADerivatives(model, data, qi, vi, wi);
-      Eigen::Map<Eigen::RowVectorXd>(out, n) = data.dtau_dq.colwise().sum();
-      Eigen::Map<Eigen::RowVectorXd>(out + n, n) = data.dtau_dv.colwise().sum();
       break;
     }
   }
