@@ -23,7 +23,6 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, make_plan
 from hingepair.plans.points import INPUT, point_outputs, result_of, unit_among
-from hingepair.symbolic.abbreviations import abbreviated
 from hingepair.symbolic.exact_constants import exact, exact_entry
 from hingepair.symbolic.exact_expressions import derivatives, time_symbol
 from hingepair.symbolic.kinks import Expr, real_symbol
@@ -42,6 +41,7 @@ from hingepair.symbolic.written_forms import (
     Equation,
     Equations,
     WrittenForms,
+    abbreviated,
     function_source,
     shape_text,
     title_suffix,

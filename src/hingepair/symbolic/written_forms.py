@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
 import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from hingepair.symbolic.kinks import Expr
-from hingepair.symbolic.printers import Writer, join_terms, latex_name, signed_terms, to_sympy_source, to_text
+import sympy
+
+from hingepair.numeric.names import Names
+from hingepair.symbolic.kinks import Expr, real_symbol
+from hingepair.symbolic.printers import (
+    Writer,
+    is_simple,
+    join_terms,
+    latex_name,
+    signed_terms,
+    to_sympy_source,
+    to_text,
+)
 
 _INDENT = " " * 6  # of continued lines of text
 _MAX_LATEX = 90  # characters of the terms, as plain text, in a line of LaTeX
@@ -57,8 +69,7 @@ class WrittenForms(ABC):
 
         Args:
             names: names of outputs, out of `names`; None for all.
-            short: whether sines, cosines and other repeated terms are abbreviated (c_1, s_12, k_1); by default those
-                of robots.
+            short: whether terms that are repeated are abbreviated (k_1); by default those of robots (c_1, s_12).
             width: largest number of characters of a line; longer equations go on in the next.
 
         Raises:
@@ -113,6 +124,35 @@ class WrittenForms(ABC):
             ArgumentError: an unknown output, or one whose closed form is too long.
         """
         return {label: to_sympy_source(expr) for label, expr in self._components(names)}
+
+
+def abbreviated(rows: Sequence[Equation]) -> Equations:
+    """Return the equations with symbols k_1, k_2 and so on in place of repeated terms, and what they mean."""
+    terms = [term for row in rows for term in row.terms]
+    names = Names((symbol.name for term in terms for symbol in term.free_symbols), latex_name)
+    letters = (name for name in (f"k_{i}" for i in itertools.count(1)) if names.free(name))
+    repeated, short_terms = sympy.cse(terms, symbols=(sympy.Dummy(real=True) for _ in itertools.count()))
+    shown: dict[Expr, Expr] = {}
+    definitions = []
+    for symbol, expr in repeated:
+        meaning = expr.xreplace(shown)
+        if _is_short(meaning):
+            shown[symbol] = meaning
+        else:
+            letter = next(letters)
+            shown[symbol] = real_symbol(letter)
+            definitions.append({letter: meaning})
+    remaining = iter(term.xreplace(shown) for term in short_terms)
+    return Equations(
+        [row._replace(terms=tuple(itertools.islice(remaining, len(row.terms)))) for row in rows], definitions
+    )
+
+
+def _is_short(expr: Expr) -> bool:
+    """Return whether a term is a number or as short as 3t, -x or 2 sin 3t, and so needs no letter."""
+    factor = expr.as_coeff_Mul()[1]
+    is_wave = isinstance(factor, sympy.sin | sympy.cos) and factor.free_symbols == {real_symbol("t")}
+    return bool(not expr.free_symbols or factor.is_Symbol or (is_wave and is_simple(factor.args[0])))
 
 
 def function_source(
