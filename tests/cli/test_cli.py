@@ -59,6 +59,8 @@ def test_every_model_runs_and_passes_its_check(scene: Path) -> None:
     if scene.stem in {"excavator", "falling_rods", "talos_lift"}:
         expected = {"R", "S", "d", "v", "omega", "a", "alpha", "tau", "force1", "torque1", "mass_matrix", "jacobian"}
         expected |= {"kinetic", "potential", "linear", "angular", "forward_dynamics"}
+    if scene.stem == "gyro_log":  # of rates alone
+        expected -= {"a2", "alpha2"}
     if scene.stem == "hatch":
         expected |= {f"{point}{rate}" for point in ("handle", "edge", "catch") for rate in ("", "_v", "_a")}
     assert {row["output"] for row in report["rows"]} == expected
@@ -104,7 +106,7 @@ def test_no_table_cuts_a_number_or_a_name(tmp_path: Path, monkeypatch: pytest.Mo
     np.savez(tmp_path / "log.npz", **columns)
     (tmp_path / "my.toml").write_text(
         "[pair]\nu1 = [1e-14, 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\nbody2 = { mass = 1e-9, inertia = [1, 1, 1] }\n"
-        '[motion]\nfile = "log.npz"\ndifferentiate = true\n'
+        '[motion]\nfile = "log.npz"\nsmooth = true\n'
     )
     if width is not None:
         monkeypatch.setattr("hingepair.cli.output.terminal_width", lambda: width)
@@ -557,8 +559,8 @@ def test_a_robot_without_a_joint_is_exported_whole(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_closed_forms_are_abbreviated_where_lines_are_long() -> None:
     long, short = ("derive", "go1", "FL_calf_joint", "--outputs", "v2"), ("derive", REFERENCE, "--outputs", "omega1")
-    assert "c_1 = cos" in run_command(*long).stdout
-    assert "c_1 = cos" not in run_command(*long, "--full").stdout
+    assert "k_1 = " in run_command(*long).stdout
+    assert "k_1 = " not in run_command(*long, "--full").stdout
     assert run_command(*short).stdout == run_command(*short, "--full").stdout
     assert "omega1_x = 3 + 5 sin t" in run_command(*short).stdout.replace("ω", "omega")
 
@@ -626,18 +628,16 @@ def test_a_scene_without_a_finite_instant_shows_no_residuals(short_scene: Path) 
 def test_no_zero_has_a_sign(tmp_path: Path) -> None:
     (tmp_path / "still.toml").write_text(
         "[pair]\nu1 = [0, 0, 1]\nu2 = [-1, 0, 0]\nn = [0, 0, 1]\n[motion]\nx = 0\ny = 0\nz = 0\n"
-        "phi_x = 0\nphi_y = 0\nphi_z = 0\npsi = 't'\n[time]\nstart = 0\nstop = 1\nsamples = 3\n"
+        "phi_x = 0\nphi_y = 0\nphi_z = 0\npsi = '-1*abs(t)'\n[time]\nstart = 0\nstop = 1\nsamples = 3\n"
     )
-    found = hp.load_scene(tmp_path / "still.toml").evaluate()
-    assert any(np.signbit(array[array == 0]).any() for array in found.state.arrays().values())
+    found = hp.load_scene(tmp_path / "still.toml").evaluate(("R2", "S2", "psi"))
+    assert any(np.signbit(array[array == 0]).any() for array in found.recorded().values())
     assert not re.search(r"\s-0\s", run_command("run", tmp_path / "still.toml").stdout)
 
 
 @pytest.mark.slow
 def test_no_shown_number_hangs_on_rounding(tmp_path: Path) -> None:
-    """A log's psi'' begins at 0, as far as finite differences know; a turn by pi/2 leaves no exact zeros."""
-    shown = run_command("run", MODELS / "logged_arm.toml").stdout
-    assert re.search(r"^psidd +rad/s\^2 +0 +0\.44", shown, re.MULTILINE)
+    """A turn by pi/2 leaves no exact zeros."""
     (tmp_path / "turned.toml").write_text(
         "[pair]\nu1 = [0, 0, 1]\nu2 = [-1, 0, 0]\nn = [0, 0, 1]\n[motion]\nx = 0\ny = 0\nz = 0\n"
         "phi_x = 0\nphi_y = 0\nphi_z = 'pi/2*t'\npsi = 0\n[time]\nstart = 0\nstop = 2\nsamples = 3\n"
@@ -654,7 +654,6 @@ def test_version() -> None:
 def test_run_explains() -> None:
     out = run_command("run", MODELS / "truck_trailer.toml", "--explain").stdout
     assert re.search(r"computed: \d+ operations at each instant, of \d+ in all", out)
-    assert "phi_x is constant" in out
     assert "skipped:" in out
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import hingepair as hp
 from support.commands import refusal, run_command
@@ -237,19 +236,6 @@ def test_the_motor_does_what_loads_beside_a_given_psi_do_not(tmp_path):
     assert scene.cross_validate(20).ok
 
 
-@pytest.mark.slow
-def test_the_motor_of_a_log_has_its_noise(tmp_path):
-    """What noise of psi makes of a stiff spring and of the torque that the motion takes, both."""
-    t = np.arange(601) / 200
-    text = LOGGED + "[dynamics]\nstiffness = 1e6\n"
-    clean = hp.load_scene(scene_file(tmp_path, text, spoilt(t, {}))).forces()
-    noisy = hp.load_scene(scene_file(tmp_path, text, spoilt(t, {"psi": 5e-4}))).forces()
-    for name in ("motor_torque", "spring_torque"):
-        error = np.sqrt(np.mean((noisy[name] - clean[name])[3:-3] ** 2))
-        assert noisy.noise[name] == pytest.approx(error, rel=0.15)
-    assert noisy.noise["spring_torque"] == pytest.approx(500, rel=0.15)
-
-
 @pytest.mark.parametrize(
     "line", ["psi_0 = 1", "hinge_torque = 1", "base = 'fixed'", "stop_restitution = 0.5", "tol = 1"]
 )
@@ -296,185 +282,8 @@ def test_gravity_that_nobody_gave_in_a_plane_is_said_to_act_along_y(tmp_path):
     assert "along -y" not in flat
 
 
-LOGGED = PENDULUM + "[motion]\nfile = 'log.csv'\ndifferentiate = true\n"
-
-
-def spoilt(t, noise, seed=1):
-    """The log of a body 1 that sways and a hinge that swings, each angle with noise."""
-    angles = {"phi_x": 0.2 * np.sin(t), "phi_y": 0.3 * np.cos(2 * t), "phi_z": 0.1 * t, "psi": 0.4 * np.sin(3 * t)}
-    rng = np.random.default_rng(seed)
-    noisy = {name: own + noise.get(name, 0.0) * rng.standard_normal(t.size) for name, own in angles.items()}
-    return {"t": t, "x": 0.1 * t, "y": 0.0 * t, "z": 0.0 * t, **noisy}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("noise", "psidd"), [({"psi": 5e-4}, 5e-4), ({"psi": 1e-5, "phi_y": 3e-4}, 1e-5)], ids=["psi", "attitude"]
-)
-def test_the_noise_of_a_log_is_estimated_and_what_it_makes_of_the_forces(tmp_path, noise, psidd):
-    t = np.arange(1501) / 500
-    clean = hp.load_scene(scene_file(tmp_path, LOGGED, spoilt(t, {}))).forces()
-    path = scene_file(tmp_path, LOGGED, spoilt(t, noise))
-    noisy, inside = hp.load_scene(path).forces(), slice(3, -3)
-    for name in ("hinge_torque", "hinge_force", "bearing_torque"):
-        error = np.sqrt(np.mean((noisy[name] - clean[name])[inside] ** 2, axis=0))
-        np.testing.assert_allclose(noisy.noise[name], error, rtol=0.15, atol=1e-3 * error.max())
-    sizes = [np.linalg.norm(forces.hinge_force, axis=1)[inside] for forces in (noisy, clean)]
-    assert noisy.noise["|hinge_force|"] == pytest.approx(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2)), rel=0.15)
-    (note,) = (note for note in noisy.notes if note.startswith("noise of the log"))
-    made = float(re.search(r"makes (\S+) rad/s\^2 of psi''", note)[1])
-    assert made == pytest.approx(psidd * 3.457 * 500**2, rel=0.15)  # 3.457: norm of the weights of the differences
-    assert float(re.search(r"(\S+) rad of psi", note)[1]) == pytest.approx(psidd, rel=0.15)
-    assert "hp.smooth(t, psi)" in note
-    assert f"note: {note}" in told(path)
-    assert "is not known" not in told(path)
-    row = json.loads(told(path, "--json"))["outputs"]["hinge_torque"]
-    assert row["noise"] == noisy.noise["hinge_torque"]
-
-
-def test_a_clean_log_is_not_told_to_be_smoothed(tmp_path):
-    t = np.arange(301) / 100
-    forces = hp.load_scene(scene_file(tmp_path, LOGGED, spoilt(t, {}))).forces()
-    (note,) = (note for note in forces.notes if note.startswith("noise of the log"))
-    assert "smooth" not in note
-    assert forces.noise["hinge_torque"] < 1e-6 * np.abs(forces.hinge_torque).max()
-
-
-def test_the_noise_of_quaternions_is_that_of_their_attitude(tmp_path):
-    t = np.arange(1501) / 500
-    rng, log = np.random.default_rng(5), spoilt(t, {"psi": 1e-6})
-    S = hp.euler_to_matrix(np.stack([log.pop(f"phi_{axis}") for axis in "xyz"], axis=-1))
-    found = []
-    for noise in (0.0, 2e-4):
-        quat = Rotation.from_matrix(S @ hp.rotation_exp(noise * rng.standard_normal((t.size, 3)))).as_quat()
-        columns = dict(zip(("qx", "qy", "qz", "qw"), quat.T, strict=True))
-        found.append(hp.load_scene(scene_file(tmp_path, LOGGED, {**log, **columns})).forces())
-    clean, noisy = found
-    for name in ("hinge_torque", "hinge_force", "bearing_torque"):
-        error = np.sqrt(np.mean((noisy[name] - clean[name])[3:-3] ** 2, axis=0))
-        np.testing.assert_allclose(noisy.noise[name], error, rtol=0.15)
-    assert re.search(r"0\.0002\d* rad of S1", noisy.notes[-1])
-
-
-def test_noise_goes_through_the_differences_that_the_log_goes_through(tmp_path):
-    """Where psi' is in the log, psi'' is its difference, and that of psi is not."""
-    t, rng = np.arange(2001) / 200, np.random.default_rng(3)
-    rates = dict.fromkeys(("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z"), 0.0)
-    psid = 0.4 * 3 * np.cos(3 * t) + 2e-3 * rng.standard_normal(t.size)
-    log = {"t": t, **dict.fromkeys(("x", "y", "z", "phi_x", "phi_y", "phi_z"), 0.0), "psi": 0.4 * np.sin(3 * t)}
-    note = hp.load_scene(scene_file(tmp_path, LOGGED, {**log, **rates, "psid": psid})).forces().notes[-1]
-    found = re.search(r"(\S+) rad/s of psid; it makes (\S+) rad/s\^2 of psi''", note)
-    weights = np.array([1 / 60, 3 / 20, 3 / 4])  # of the first difference of order 6
-    assert float(found[1]) == pytest.approx(2e-3, rel=0.15)
-    assert float(found[2]) == pytest.approx(2e-3 * 200 * np.sqrt(2 * (weights**2).sum()), rel=0.15)
-
-
-def test_a_motion_by_expressions_has_no_noise(tmp_path):
-    path = scene_file(tmp_path, PENDULUM + MOVED.format("0.1*t"))
-    forces = hp.load_scene(path).forces()
-    assert forces.noise == {}
-    assert forces.notes == ()
-    assert "noise" not in told(path)
-
-
-LOGGED_CRANE = """
-[[joint]]
-name = "mast_turn"
-u1 = [0, 0, 1]
-u2 = [0, 0, 0]
-n = [0, 1, 0.2]
-body2 = { mass = 30, centre_of_mass = [0.4, 0, 0.1], inertia = [2, 3, 4] }
-[[joint]]
-name = "ladder"
-parent = "mast_turn"
-kind = "slider"
-u1 = [0.5, 0, 0.2]
-u2 = [-1, 0, 0]
-n = [1, 0, 0.3]
-body2 = { mass = 12, inertia = [1, 1, 1] }
-[base]
-z = "0.1*sin(t)"
-[motion]
-file = "log.csv"
-differentiate = true
-"""
-
-
-def crane_log(t, noise, columns=("mast_turn", "ladder")):
-    rng = np.random.default_rng(4)
-    clean = {"mast_turn": 0.4 * np.sin(2 * t), "ladder": 0.3 * np.cos(t)}
-    log = {name: clean[name] + noise.get(name, 0.0) * rng.standard_normal(t.size) for name in columns}
-    return {"t": t, **log}
-
-
-@pytest.mark.parametrize("noise", [{"mast_turn": 5e-4}, {"mast_turn": 2e-5, "ladder": 3e-4}], ids=["hinge", "slider"])
-def test_the_noise_of_a_mechanism_s_log_is_estimated_and_what_it_makes_of_the_torques(tmp_path, noise):
-    t = np.arange(1501) / 500
-    clean = hp.load_scene(scene_file(tmp_path, LOGGED_CRANE, crane_log(t, {}))).forces()
-    path = scene_file(tmp_path, LOGGED_CRANE, crane_log(t, noise))
-    noisy = hp.load_scene(path).forces()
-    error = np.sqrt(np.mean((noisy.tau - clean.tau)[3:-3] ** 2, axis=0))
-    np.testing.assert_allclose([load.noise for load in noisy.loads], error, rtol=0.15)
-    assert max(load.noise for load in clean.loads) < 1e-6 * np.abs(clean.tau).max()
-    note = noisy.notes[0]
-    for name, unit in (("mast_turn", "rad"), ("ladder", "m")):
-        if name in noise:
-            size = float(re.search(rf"(\S+) {unit} of {name}[, ]", note)[1])
-            assert size == pytest.approx(noise[name], rel=0.15)
-    assert "hp.smooth" in note
-    assert "hp.smooth" not in clean.notes[0]
-    out = told(path)
-    assert f"note: {note}" in out
-    assert "by noise" in out
-    assert json.loads(told(path, "--json"))["joints"]["ladder"]["noise"] == noisy.loads[1].noise
-
-
-def test_rates_that_a_mechanism_s_log_has_bring_their_own_noise(tmp_path):
-    """Where boomd is in the log, boomdd is its difference, and that of boom is not."""
-    t, rng = np.arange(1501) / 500, np.random.default_rng(6)
-    rate = 0.8 * np.cos(2 * t)
-    loads = []
-    for deviation in (0.0, 2e-3):
-        log = crane_log(t, {}, ("mast_turn",))
-        log["mast_turnd"] = rate + deviation * rng.standard_normal(t.size)
-        loads.append(hp.load_scene(scene_file(tmp_path, LOGGED_CRANE, log)).forces())
-    clean, noisy = loads
-    error = np.sqrt(np.mean((noisy.tau - clean.tau)[3:-3] ** 2, axis=0))
-    np.testing.assert_allclose([load.noise for load in noisy.loads], error, rtol=0.15)
-    assert re.search(r"0\.002\d* rad/s of mast_turnd", noisy.notes[0])
-
-
-def test_the_noise_of_a_short_log_is_not_known(tmp_path):
-    t = np.arange(4) / 10
-    log = {"t": t, **dict.fromkeys(("mast_turn", "mast_turnd", "mast_turndd"), 0.1 * t)}
-    forces = hp.load_scene(scene_file(tmp_path, LOGGED_CRANE.replace("differentiate = true\n", ""), log)).forces()
-    assert all(np.isnan(load.noise) for load in forces.loads)
-    assert "by noise" not in told(tmp_path / "scene.toml")
-
-
-def test_the_noise_of_a_short_log_of_a_pair_is_not_known(tmp_path):
-    t = np.arange(4) / 10
-    names = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi", "psid", "psidd")
-    rates = ("v1_x", "v1_y", "v1_z", "a1_x", "a1_y", "a1_z", "phid_x", "phid_y", "phid_z")
-    log = {"t": t, **dict.fromkeys((*names, *rates, "phidd_x", "phidd_y", "phidd_z"), 0.1 * t)}
-    forces = hp.load_scene(scene_file(tmp_path, LOGGED.replace("differentiate = true\n", ""), log)).forces()
-    assert forces.noise == {}
-    assert not any("noise" in note for note in forces.notes)
-
-
-def test_a_mechanism_that_moves_by_expressions_has_no_noise():
-    forces = hp.load_scene(MODELS / "excavator.toml").forces()
-    assert all(np.isnan(load.noise) for load in forces.loads)
-    assert not any("noise" in note for note in forces.notes)
-
-
 def test_a_log_in_the_place_of_a_scene_is_told_where_it_goes(tmp_path):
     log = tmp_path / "rad.csv"
     log.write_text("t,psi\n0,1\n")
     for command in ("run", "plot", "check", "sweep", "forces"):
         assert "[motion] file = 'rad.csv'" in refusal(command, log), command
-
-
-def test_columns_of_explain_stand_apart():
-    text = run_command("run", MODELS / "reference_3d.toml", "--explain").stdout
-    assert re.search(r"(?m)^  lever_by_psi +derivative of S2 u2 by psi", text)

@@ -34,7 +34,7 @@ def map_scene(tmp_path: Path) -> Scene:
     lines = [f"{START + 0.5 * i!r},{EAST + 4.0 * i!r},{NORTH!r},0,{0.01 * i!r}" for i in range(41)]
     (tmp_path / "log.csv").write_text("\n".join(["t,x,y,phi_z,psi", *lines]) + "\n", encoding="utf-8")
     text = "[pair]\nu1 = [0, 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\nbody2 = { mass = 1, inertia = [1, 1, 1] }\n"
-    text += '[motion]\nfile = "log.csv"\ndifferentiate = true\n'
+    text += '[motion]\nfile = "log.csv"\nsmooth = true\n'
     (tmp_path / "map.toml").write_text(text, encoding="utf-8")
     return hp.load_scene(tmp_path / "map.toml")
 

@@ -192,7 +192,7 @@ def test_a_log_without_psi_is_told_its_own_columns_and_one_without_rates_what_gi
     with pytest.raises(hp.SceneError, match=r"psi = \"NAME\" in \[motion\.columns\].* among t, x, y, phi_z, knee"):
         scene_of(tmp_path, text + "ignore = ['knee']\n").evaluate()
     notes = scene_of(tmp_path, text + "columns = { psi = 'knee' }\n").notes()
-    assert "the log has no rates: smooth = true in [motion], or differentiate = true, gives v2, a2, ..." in notes
+    assert "the log has no rates: smooth = true in [motion] gives v2, a2, ..." in notes
 
 
 def test_how_deep_a_hinge_presses_into_soft_stops_is_told_in_units(tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import re
 from pathlib import Path
 
 import mpmath
@@ -181,8 +180,6 @@ def test_the_gyro_log_gives_the_attitude_beside_it():
     assert off < 1e-10
     assert off / 10 <= scene.motion.error_estimate <= 100 * off
     np.testing.assert_allclose(scene.motion.source.psi, truth[:, 5], rtol=0, atol=1e-10)
-    slope = np.gradient(scene.motion.source.body1.omega, scene.times(), axis=0)[5:-5]
-    np.testing.assert_allclose(scene.motion.source.body1.alpha[5:-5], slope, rtol=0, atol=0.02)
 
 
 @pytest.mark.slow
@@ -191,8 +188,6 @@ def test_the_level_follows_the_log(tmp_path):
     assert plain.evaluate().state.outputs == ("R2", "S2", "d", "v2", "omega2")
     turned = 1.1 + 1.1**2 / 2
     np.testing.assert_allclose(plain.evaluate(("S1",)).S1[-1], hp.rodrigues((0, 0, 1), turned), rtol=0, atol=20 * U)
-    full = scene_of(tmp_path, LOGGED + "differentiate = true\n")
-    np.testing.assert_allclose(full.evaluate(("alpha1",)).alpha1, [[0, 0, 1]] * 12, rtol=0, atol=1e-12)
     head, *rows = LOG.splitlines()
     moving = "\n".join(
         [
@@ -200,18 +195,13 @@ def test_the_level_follows_the_log(tmp_path):
             *(f"{k / 10},{k / 10},0,1{row[row.index(',') :]}" for k, row in enumerate(rows)),
         ]
     )
-    with pytest.raises(
-        hp.SceneError, match=re.escape("v1_x: expected a column, since the log has x (or differentiate = true)")
-    ):
+    with pytest.raises(hp.SceneError, match="v1_x: expected a column, since the log has x"):
         scene_of(tmp_path, LOGGED, moving)
-    moved = scene_of(tmp_path, LOGGED + "differentiate = true\n", moving).evaluate(("v1", "R1"))
-    np.testing.assert_allclose(moved.v1, [[1, 0, 0]] * 12, rtol=0, atol=1e-13)
     head, *rows = moving.splitlines()
     head = head.replace(",omega1_x", ",v1_x,v1_y,v1_z,omega1_x")
     velocities = "\n".join([head, *(_with_velocity(row, k / 5) for k, row in enumerate(rows))])
-    again = scene_of(tmp_path, LOGGED + "differentiate = true\n", velocities).evaluate(("v1", "a1"))
+    again = scene_of(tmp_path, LOGGED, velocities).evaluate(("v1",))
     np.testing.assert_array_equal(again.v1[:, 0], np.arange(12) / 5)
-    np.testing.assert_allclose(again.a1, [[2, 0, 0]] * 12, rtol=0, atol=1e-12)
 
 
 def _with_velocity(row, speed):
@@ -266,10 +256,8 @@ def test_what_is_wrong_with_expressions_is_named(tmp_path, old, new, message):
     ("extra", "log", "message"),
     [
         ('integrate = "yes"', LOG, "motion.integrate: expected true or false"),
-        ("differentiate = 1", LOG, "motion.differentiate: expected true or false"),
         ("tol = 1e-9", LOG, "motion.tol: expected one of"),
         ("integrate = false\npsi_0 = 1", LOG, "motion.psi_0: expected no such key without integrate = true"),
-        ("unwrap = true", LOG, "motion.unwrap: expected no such key for a log of rates"),
         ("integrate = false", LOG, "phi_x: expected .* or motion.integrate = true"),
         ("", None, r"my.toml: motion.file: expected .*, got no such file: .*log\.csv"),
         ("", LOG.replace(",psid", ",psidd"), "psid: expected a column, or psid = "),
@@ -277,11 +265,6 @@ def test_what_is_wrong_with_expressions_is_named(tmp_path, old, new, message):
         ("", LOG.replace("psid", "psi"), "log.csv: psi: expected columns of rates and of R1"),
         ("", LOG.replace("t,", "v1_x,", 1), "log.csv: t: expected a column"),
         ("", with_columns("v1_x,v1_y,v1_z", "1,0,0"), "log.csv: x: expected a column"),
-        (
-            "differentiate = true",
-            with_columns("x,y,z", "1,0,0").replace("1,0,0", "nan,0,0", 1),
-            "x: expected finite .* sample 0",
-        ),
         ("", LOG.replace("0.3,0,", "0.3,nan,"), "log.csv: omega1_x: expected finite numbers, to be integrated"),
         ("", LOG.replace("0.3,", "0.1,"), "log.csv: t: expected instants that increase"),
     ],
@@ -301,21 +284,6 @@ def test_planar_scenes_refuse_what_is_of_space(tmp_path):
     for line, key in (('frame = "body"', "frame"), ("S1_0 = 1", "S1_0")):
         with pytest.raises(hp.SceneError, match=rf"motion\.{key}: expected one of"):
             scene_of(tmp_path, FLAT + line + TIME)
-
-
-def test_missing_outputs_of_a_rate_log_are_advised_only_where_that_helps(tmp_path):
-    with pytest.raises(hp.ArgumentError, match="differentiate = true gives the others"):
-        scene_of(tmp_path, LOGGED, LOG).evaluate(("a2",))
-    with pytest.raises(hp.SceneError, match=r"outputs\.names: expected one of R2, S2, d, v2") as caught:
-        scene_of(tmp_path, LOGGED + "[outputs]\nnames = ['q9']\n", LOG)
-    assert "differentiate" not in str(caught.value)
-
-
-def test_accelerations_by_finite_differences_are_noted_beside_an_integration(tmp_path):
-    scene = scene_of(tmp_path, LOGGED + "differentiate = true\n", LOG)
-    assert scene.motion.error_estimate < 1e-12
-    assert scene.notes() == ("alpha1, psidd were found by finite differences; how far off is not known",)
-    assert scene_of(tmp_path, LOGGED, LOG).notes() == ()
 
 
 def test_start_attitudes_are_said_by_axis_and_angle(tmp_path):

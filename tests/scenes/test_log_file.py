@@ -62,17 +62,12 @@ REFUSED_CSV = {
     "seconds alone": (changed(psidd=GOOD["psi"]), "", "v1_x: expected"),
     "t is nan": (with_value("t", 5, np.nan), "", "log.csv: t: expected .*index 5"),
     "t goes back": (with_value("t", 5, GOOD["t"][3]), "", "at index 5"),
-    "nan differentiated": (
-        with_value("phi_y", 7, np.nan),
-        "differentiate = true\n",
-        "phi_y: .* nan at sample 7, line 9 of the file, t = ",
-    ),
     "nan after a repeated stamp": (
-        "t,x,y,phi_z,psi\n0,0,0,0,0\n" + "".join(f"{t},0,0,0,{t if t != 5 else 'nan'}\n" for t in range(9)),
-        "differentiate = true\n",
-        r"psi: .* fills up to 5\.5 s without samples.* nan at sample 5, line 8 of the file, t = 5 s",
+        "t,omega1_x,omega1_y,omega1_z,psid\n0,0,0,0,0\n"
+        + "".join(f"{t},0,0,0,{t if t != 5 else 'nan'}\n" for t in range(9)),
+        'integrate = true\nframe = "body"\n',
+        "psid: .* nan at sample 5, line 8 of the file, t = 5 s",
     ),
-    "too few": ({k: v[:6] for k, v in GOOD.items()}, "differentiate = true\n", "at least 7 samples"),
     "zero quaternion": (
         {name: np.zeros(3) for name in BODY} | {"t": np.arange(3)},
         "",
@@ -81,7 +76,7 @@ REFUSED_CSV = {
     "sequence of quaternions": (some(logged(9), *BODY), 'sequence = "XYZ"\n', "motion.sequence: expected"),
     "sequence": (GOOD, 'sequence = "XXY"\n', "motion.sequence"),
     "time beside": (GOOD, "[time]\nstart = 0\nstop = 1\nsamples = 3\n", "my.toml: time: expected"),
-    "not a flag": (GOOD, "differentiate = 1\n", "motion.differentiate: expected"),
+    "not a flag": (GOOD, "smooth = 1\n", "motion.smooth: expected"),
     "expression beside": (GOOD, 'x = "t"\n', "motion.x: expected"),
     "unknown column says how to leave it out": (
         changed(temp=GOOD["psi"]),
@@ -111,12 +106,6 @@ def test_ignored_columns_are_not_read(tmp_path):
     rows = ["temp,comment," + LINES[0], *(f"{20 + i},warm," + line for i, line in enumerate(LINES[1:]))]
     given, plain = scene_of(tmp_path, "\n".join(rows), "ignore = ['comment', 'temp']\n"), scene_of(tmp_path, GOOD)
     np.testing.assert_array_equal(given.evaluate().R2, plain.evaluate().R2)
-
-
-def test_an_ignored_rate_is_found_from_the_angle(tmp_path):
-    wrong = changed(psid=np.full(len(GOOD["t"]), 1e3))
-    rates = scene_of(tmp_path, wrong, "differentiate = true\nignore = ['psid']\n").evaluate().psid
-    np.testing.assert_array_equal(rates, scene_of(tmp_path, GOOD, "differentiate = true\n").evaluate().psid)
 
 
 def test_an_ignored_array_is_not_read(tmp_path):

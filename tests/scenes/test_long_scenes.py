@@ -213,7 +213,7 @@ def test_coordinates_of_the_plane_and_of_attitudes(tmp_path):
 @pytest.mark.parametrize("model", sparse(["thrown_flail", "logged_arm", "gyro_log"], 2))
 def test_motions_by_attitudes_are_written_and_read_back_as_quaternions(tmp_path, model, name):
     scene = hp.load_scene(MODELS / f"{model}.toml")
-    scene.evaluate(("q", "qd", "qdd")).save(tmp_path / name)
+    scene.evaluate(("q", "qd", "qdd")[: scene.motion.level + 1]).save(tmp_path / name)
     pair = scene.path.read_text().split("[motion]", maxsplit=1)[0].split("[dynamics]", maxsplit=1)[0]
     (tmp_path / "back.toml").write_text(f'{pair}[motion]\nfile = "{name}"\nframe = "world"\n')
     back, there = hp.load_scene(tmp_path / "back.toml").evaluate(), scene.evaluate()

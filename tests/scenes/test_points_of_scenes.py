@@ -61,7 +61,6 @@ def test_results_have_points_by_name(hatch):
     assert [*blocks.requested_arrays()] == ["edge"]
     assert blocks["edge"].v is None
     assert "computed: " in str(scene.plan(("edge",)))
-    assert "the point catch: no output needs it" in str(scene.plan(("edge",)))
 
 
 def test_tables_and_files_have_columns_of_points(hatch, tmp_path):

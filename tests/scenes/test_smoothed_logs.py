@@ -62,36 +62,6 @@ def test_a_noisy_log_is_smoothed_with_its_rates(tmp_path, quaternions):
 
 
 @pytest.mark.slow
-def test_the_noise_of_forces_is_what_smoothing_leaves(tmp_path):
-    """Not the roughness of the smoothed curves, of which nothing is left."""
-    text = PAIR.replace(
-        "[motion]", "body2 = { mass = 3, centre_of_mass = [0.1, 0, 0], inertia = [0.1, 0.1, 0.1] }\n\n[motion]"
-    )
-    path, _ = written(tmp_path, text, quaternions=False)
-    forces = hp.load_scene(path).forces()
-    t = np.arange(600) / 100
-    q = np.column_stack((np.cos(t), np.sin(t), 0.1 * t, np.sin(t), 0.5 * np.cos(1.3 * t), 0.3 * t, np.sin(2 * t)))
-    zero = np.zeros_like(t)
-    qd = np.column_stack(
-        (-np.sin(t), np.cos(t), zero + 0.1, np.cos(t), -0.65 * np.sin(1.3 * t), zero + 0.3, 2 * np.cos(2 * t))
-    )
-    qdd = np.column_stack(
-        (-np.cos(t), -np.sin(t), zero, -np.sin(t), -0.845 * np.cos(1.3 * t), zero, -4 * np.sin(2 * t))
-    )
-    pair = hp.load_scene(path).pair
-    state = pair.forward_kinematics(q, qd, qdd, outputs=("R1", "S1", "v1", "omega1", "a1", "alpha1"))
-    body1 = hp.BodyMotion(R=state.R1, S=state.S1, v=state.v1, omega=state.omega1, a=state.a1, alpha=state.alpha1)
-    exact = pair.hinge_wrench(body1, q[:, 6], qd[:, 6], qdd[:, 6])
-    for name, truth in (("hinge_torque", exact.hinge_torque), ("hinge_force", exact.force)):
-        error = np.sqrt(np.mean((forces[name] - truth) ** 2, axis=0))
-        ratio = forces.noise[name] / error
-        assert (ratio > 0.4).all(), name
-        assert (ratio < 2.5).all(), name
-    (note,) = (note for note in forces.notes if note.startswith("noise of the log, after smoothing"))
-    assert "hp.smooth" not in note
-
-
-@pytest.mark.slow
 def test_notes_of_a_smoothed_log_name_its_columns_and_missing_samples(tmp_path):
     path, _ = written(tmp_path, quaternions=False)
     log = np.genfromtxt(tmp_path / "log.csv", delimiter=",", names=True)
@@ -118,29 +88,13 @@ def test_notes_of_a_smoothed_log_name_its_columns_and_missing_samples(tmp_path):
 @pytest.mark.parametrize(
     ("text", "more", "words"),
     [
-        (
-            PAIR + "differentiate = true\n",
-            (),
-            "motion.smooth: expected no such key together with differentiate or integrate",
-        ),
+        (PAIR + "integrate = true\n", (), "motion.smooth: expected no such key together with integrate"),
         (PAIR, ("psid",), "psid: expected samples of x, y, z, of an attitude and of psi"),
-        (PAIR + "unwrap = true\n", (), "unwrap"),
     ],
 )
 def test_what_does_not_go_with_smoothing_is_refused(tmp_path, text, more, words):
     path, _ = written(tmp_path, text, **dict.fromkeys(more))
     with pytest.raises(hp.SceneError, match=words):
-        hp.load_scene(path)
-
-
-def test_a_missing_sample_that_cannot_be_differentiated_is_said_to_need_smoothing(tmp_path):
-    path, _ = written(tmp_path, PAIR.replace("smooth = true", "differentiate = true"), quaternions=False)
-    lines = (tmp_path / "log.csv").read_text().splitlines()
-    lines[300] = lines[300].rpartition(",")[0] + ","
-    (tmp_path / "log.csv").write_text("\n".join(lines))
-    with pytest.raises(
-        hp.SceneError, match=r"differentiated; motion.smooth = true fills up to 0\.055 s without samples, .*, got nan"
-    ):
         hp.load_scene(path)
 
 
@@ -156,7 +110,7 @@ def test_a_loss_makes_outliers_of_a_log_count_little(tmp_path):
         scene = hp.load_scene(path)
         off.append(np.abs(scene.evaluate(("psi",)).psi - np.sin(2 * scene.t))[290:310].max())
     assert off[0] > 0.1 > 20 * off[1]
-    path.write_text(PAIR.replace("smooth = true", 'differentiate = true\nloss = "cauchy"'))
+    path.write_text(PAIR.replace("smooth = true", 'loss = "cauchy"'))
     with pytest.raises(hp.SceneError, match=r"motion\.loss: expected no such key without smooth = true"):
         hp.load_scene(path)
 
@@ -207,6 +161,6 @@ def test_gaps_is_a_positive_time(tmp_path, motion):
 
 
 def test_gaps_goes_with_smoothing_alone(tmp_path):
-    (tmp_path / "scene.toml").write_text(PAIR.replace("smooth = true", "differentiate = true\ngaps = 0.1"))
+    (tmp_path / "scene.toml").write_text(PAIR.replace("smooth = true", "gaps = 0.1"))
     with pytest.raises(hp.SceneError, match=r"motion\.gaps: expected no such key without smooth"):
         hp.load_scene(tmp_path / "scene.toml")

@@ -51,7 +51,7 @@ def test_a_log_of_a_robot_too(tmp_path: Path) -> None:
 def test_stamps_since_1970_in_milliseconds_keep_their_digits(tmp_path: Path) -> None:
     rows = "".join(f"{1718000005000 + 10 * i}.25,{0.1 * i},0,0,0\n" for i in range(20))
     (tmp_path / "log.csv").write_text("t [ms],psi [deg],x,y,phi_z\n" + rows, encoding="utf-8")
-    (tmp_path / "scene.toml").write_text(PAIR.format("log.csv") + "differentiate = true\n", encoding="utf-8")
+    (tmp_path / "scene.toml").write_text(PAIR.format("log.csv") + "smooth = true\n", encoding="utf-8")
     result = hp.load_scene(tmp_path / "scene.toml").evaluate(("psi", "psid"))
     np.testing.assert_allclose(result.t - 1718000005.0, 0.00025 + 0.01 * np.arange(20), atol=3e-7)
     np.testing.assert_allclose(result.psid, np.radians(10.0), rtol=1e-7)  # of doubles, 1e-5

@@ -43,7 +43,7 @@ def run_command(
     outputs: OutputsOption = None,
     units: UnitsOption = None,
     explain: Annotated[
-        bool, typer.Option("--explain", help="Explain what is computed, what is skipped, and why.")
+        bool, typer.Option("--explain", help="Print how many operations are computed, and why others are skipped.")
     ] = False,
     energy: Annotated[
         bool, typer.Option("--energy", help="Print the energy balance of a motion that [dynamics] simulates.")
@@ -154,11 +154,10 @@ def forces_command(
     [dynamics], it is split into motor, spring, damper, friction and stop. Beside a psi that [motion] gives,
     motor_torque is what the motion needs beside the others. bearing_torque is the torque perpendicular to the axis,
     hinge_force the force at the hinge point. All three are exerted by body 1 on body 2. force1 and torque1 act on
-    body 1 at R1. Vectors are in world axes; |hinge_force| is the magnitude of hinge_force. For a log the table also
-    shows the effect of noise.
+    body 1 at R1. Vectors are in world axes; |hinge_force| is the magnitude of hinge_force.
 
     For a mechanism, the table shows the effort of each joint (N m of a hinge, N of a slider), its coordinate and its
-    rate with their limits; for a log also the standard deviation of each effort that the noise of the log causes.
+    rate with their limits.
     force1 and torque1 act on the base about its reference point; for a fixed base they are the reaction.
     """
     if out is not None:
@@ -172,8 +171,7 @@ def forces_command(
     except ArgumentError as error:
         raise error.renamed(f"{scene_file}: {error.name}") if error.name.startswith("pair.") else error from None
     written = None if out is None else str(result.save(out, units=units))
-    doubt = getattr(scene.motion, "doubt", "") if result.noise else ""  # the note on noise is more precise
-    notes = (*result.notes, *(note for note in scene.notes(units) if note not in (doubt, *result.notes)))
+    notes = tuple(dict.fromkeys((*result.notes, *scene.notes(units))))
     if as_json:
         facts = {"scene": str(scene.path), "samples": scene.samples, "file": written}
         print(json_text(facts | result.facts(units) | {"notes": notes}))

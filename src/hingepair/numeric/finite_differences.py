@@ -11,7 +11,7 @@ steps h^p too. Only differences of instants and of values enter, so neither may 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -140,38 +140,3 @@ def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tupl
             first[rows] = (w1 * rises).sum(axis=-1)
             second[rows] = (w2 * rises).sum(axis=-1)
     return first, second
-
-
-def local_fit_residuals(
-    t: Float64Array, values: Float64Array, difference: Callable[..., Float64Array] | None = None
-) -> Float64Array:
-    """Return the residual of a polynomial of degree 5 in each window of seven neighbouring samples.
-
-    Seven samples leave the fit one degree of freedom. The residual is scaled to the standard deviation of one sample
-    where these have independent noise of one size. Motion that the polynomial cannot follow adds to it.
-
-    Args:
-        t: instants as `check_instants` returns them; shape (N,) s.
-        values: shape (N, k), or whatever `difference` takes.
-        difference: computes what samples are apart from reference samples, such as rotations; shape (..., k). Unless
-            given, by subtraction.
-
-    Returns:
-        The residuals of all windows, shape (N - 6, k); none of fewer samples. NaN where a sample of the window is.
-
-    >>> t = np.arange(2000) / 100
-    >>> noise = 0.003 * np.random.default_rng(1).standard_normal((2000, 1))
-    >>> float(np.sqrt(np.mean(local_fit_residuals(t, np.sin(3 * t)[:, None] + noise) ** 2)).round(4))
-    0.003
-    """
-    window = 7  # samples: two more than the degree; polynomials of a higher degree follow more of the noise
-    middle = window // 2
-    neighbours = np.arange(max(t.size - window + 1, 0))[:, None] + np.arange(window)
-    x = t[neighbours] - t[neighbours[:, middle], None]
-    gaps = (x[:, :, None] - x[:, None, :]) / (x[:, -1:] - x[:, :1])[..., None]
-    gaps[:, range(window), range(window)] = 1.0
-    weights = 1 / gaps.prod(axis=-1)  # of the divided difference, which no polynomial of the degree has
-    weights /= np.linalg.norm(weights, axis=-1, keepdims=True)
-    samples, references = values[neighbours], values[neighbours[:, middle]][:, None]
-    apart = samples - references if difference is None else difference(samples, references)
-    return np.asarray(np.einsum("nj,njk->nk", weights, apart))

@@ -1,4 +1,4 @@
-"""The forces that the motion of a scene takes (D1-D5, T1-T3), with what limits, gravity and noise mean for them."""
+"""The forces that the motion of a scene takes (D1-D5, T1-T3), with what limits and gravity mean for them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
-from hingepair.equations.quantities import ACCELERATION, unit_of
+from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.mechanism import Mechanism, tree_of
@@ -21,16 +21,12 @@ from hingepair.pair.hinge_load import TORQUE_PARTS, HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Record
-from hingepair.scenes.motions.joints import RATE_SUFFIXES, JointMotion, KnownJointMotion
-from hingepair.scenes.motions.known import KnownMotion, MotionByBody1
-from hingepair.scenes.motions.logs import DIFFERENCE_ORDER
+from hingepair.scenes.motions.joints import JointMotion, KnownJointMotion
+from hingepair.scenes.motions.known import MotionByBody1
 from hingepair.scenes.motions.motion import Motion, PairMotion, impact_sentences, massive, non_finite_sentences
-from hingepair.scenes.motions.noise import LogNoise, finite_rms, motion_with_errors, noise_rows
 from hingepair.tables.data_frames import column_names, plain_magnitudes, with_magnitudes
 from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts, ruled_table
 from hingepair.tables.units import Columns, Units, UnitsLike
-
-_NOISY = 0.01  # noise of a torque or force to its rms; above, a note recommends smoothing
 
 # Headings of the table of joints: the effort against its limit, then position and rate.
 _HEADINGS = (
@@ -69,9 +65,6 @@ class JointLoad:
     rate: float
     #: limit of the absolute value of the rate
     rate_limit: float
-    #: standard deviation of the torque or force that the noise of a log causes, away from the log's ends; NaN without
-    #: a log
-    noise: float
 
     @property
     def unit(self) -> str:
@@ -97,14 +90,11 @@ class SceneForces(Record):
         record: further arguments of a `Record` by name.
         gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
         notes: sentences for readers of the forces.
-        noise: of a pair, the standard deviation that the noise of a log causes in each array, and in the magnitude
-            of each vector (`|hinge_force|`), away from the ends of the log, by name; shape () or (k,). Empty without
-            a log.
         tau: of a robot, joint efforts: torques of hinges [N m], forces of sliders [N]; shape (N, dof).
         loads: of a robot, a JointLoad for each joint that has a coordinate of its own.
     """
 
-    __slots__ = ("gravity", "loads", "noise", "notes", "tau")
+    __slots__ = ("gravity", "loads", "notes", "tau")
 
     def __init__(
         self,
@@ -114,12 +104,11 @@ class SceneForces(Record):
         *,
         gravity: tuple[float, ...],
         notes: tuple[str, ...],
-        noise: Mapping[str, Float64Array] | None = None,
         tau: Float64Array | None = None,
         loads: tuple[JointLoad, ...] = (),
     ) -> None:
         super().__init__(t, arrays, **record)
-        self.gravity, self.notes, self.noise = gravity, notes, noise or {}
+        self.gravity, self.notes = gravity, notes
         self.tau, self.loads = tau, loads
 
     def __str__(self) -> str:
@@ -131,8 +120,8 @@ class SceneForces(Record):
         return Sheet(f"{self.described}: {len(self.t)} instants", self.tables()[0], self.notes)
 
     def ranges(self, units: UnitsLike = None) -> dict[str, dict[str, float]]:
-        """Return, by component, the first, smallest, largest and rms value, the instant of the largest size, and the
-        noise of a log. The efforts of joints are in `loads`.
+        """Return, by component, the first, smallest, largest and rms value, and the instant of the largest size. The
+        efforts of joints are in `loads`.
 
         Args:
             units: units in place of SI units; by default those of the scene.
@@ -152,9 +141,6 @@ class SceneForces(Record):
         columns = {"first": v[0], "smallest": np.fmin.reduce(v), "largest": np.fmax.reduce(v)}
         columns |= {"rms": np.where(known, np.sqrt(squares / count), np.nan)}
         columns |= {"t_of_largest_size": np.where(known, shown.converted("t", self.t)[largest], np.nan)}
-        if self.noise:
-            noise = [shown.converted(name.strip("|"), np.ravel(self.noise[name])) for name in arrays]
-            columns["noise"] = np.concatenate(noise)
         return {
             name: {key: float(values[i]) for key, values in columns.items()}
             for i, name in enumerate(column_names(arrays))
@@ -173,12 +159,12 @@ class SceneForces(Record):
         at = name or _time_name(shown.units)
         keys = ("first", "smallest", "largest", "rms", "t_of_largest_size")
         texts = number_texts([*ranges], [[row[key] for key in keys[:-1]] for row in ranges.values()], digits=5)
-        rows = [("", "unit", *keys[:-1], f"max |.| at {at}", *["by noise"] * bool(self.noise))]
+        rows = [("", "unit", *keys[:-1], f"max |.| at {at}")]
         plain = plain_magnitudes(ranges, [name for name, own in zip(ranges, texts, strict=True) if {*own} == {"0"}])
         for (name, row), numbers in zip(ranges.items(), texts, strict=True):
             if name not in plain:
-                at, noise = instant_text(row["t_of_largest_size"] - offset), f"{row.get('noise', 0.0):.2g}"
-                rows.append((name, shown.unit(name.strip("|")), *numbers, at, *[noise] * bool(self.noise)))
+                at = instant_text(row["t_of_largest_size"] - offset)
+                rows.append((name, shown.unit(name.strip("|")), *numbers, at))
         return [_load_rows(self.loads, self.t, shown.units), rows] if self.loads else [rows]
 
     def facts(self, units: UnitsLike = None) -> dict[str, Any]:
@@ -240,16 +226,8 @@ def pair_forces(
     if flat and gravity is None and not motion.simulated and motion.fall is None:
         down = ", ".join(f"{component:g}" for component in fall[:size])
         notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
-    noise: dict[str, Float64Array] = {}
-    if motion.deviations is not None:
-        load = motion.hinge_load
-        noise, sentence = _smoothed_force_noise(pair, known.in_space(pair), motion.deviations, fall, arrays, load)
-        notes.append(sentence)
-    elif motion.derived is not None and len(t) > DIFFERENCE_ORDER:
-        noise, sentence = _force_noise(pair, t, known, motion.derived, fall, arrays, motion.hinge_load)
-        notes.append(sentence)
     shown = _plane_components(arrays) if flat else arrays
-    return SceneForces(t, shown, record, gravity=fall[:size], notes=tuple(notes), noise=noise)
+    return SceneForces(t, shown, record, gravity=fall[:size], notes=tuple(notes))
 
 
 def _required_forces(
@@ -331,76 +309,6 @@ def _torque_limit_sentences(
         yield f"{name} exceeds the torque_limit, {limit:g} N m, at {beyond.size} of {len(t)} instants, {first}"
 
 
-def _force_noise(
-    pair: HingePair | PlanarPair,
-    t: Float64Array,
-    motion: KnownMotion,
-    derived_names: tuple[str, ...],
-    gravity: tuple[float, ...],
-    force_arrays: Mapping[str, NDArray[Any]],
-    load: HingeLoad | None,
-) -> tuple[dict[str, Float64Array], str]:
-    """Return (deviations, note): the standard deviations by name that noise of the log causes in the forces and their
-    magnitudes, and a sentence on that noise.
-    """
-    rows = noise_rows(len(t))
-    log = LogNoise(t[rows] - t[rows.start], derived_names, DIFFERENCE_ORDER)
-    moved = log.with_noise_added(motion.part(rows, ACCELERATION)).in_space(pair)
-    noisy = _required_forces(pair, moved, gravity, load)
-    inside, sizes = slice(DIFFERENCE_ORDER // 2, -(DIFFERENCE_ORDER // 2)), log.sizes
-    noise = _rms_of_changes(force_arrays, noisy, rows, inside)
-    torque, rms = float(noise["hinge_torque"]), float(finite_rms(force_arrays["hinge_torque"]))
-    psidd = _two_digits(sizes.pop("psidd", 0.0))
-    columns = [
-        f"{_two_digits(size)} {'rad' if name == 'S1' else unit_of(name)} of {name}" for name, size in sizes.items()
-    ]
-    sentence = (
-        f"noise of the log, by local fits: {', '.join(columns) or 'none'}; it makes {psidd} rad/s^2 of psi'' and "
-        f"{_two_digits(torque)} N m of hinge_torque, whose rms is {_two_digits(rms)} "
-        "(standard deviations; more near the ends)"
-    )
-    if torque > _NOISY * rms:
-        sentence += "; hp.smooth(t, psi) finds psi'' of noisy samples, hp.smooth(t, body1) the motion of body 1"
-    return noise, sentence
-
-
-def _smoothed_force_noise(
-    pair: HingePair | PlanarPair,
-    motion: MotionByBody1,
-    deviations: Mapping[str, Float64Array],
-    gravity: tuple[float, ...],
-    force_arrays: Mapping[str, NDArray[Any]],
-    load: HingeLoad | None,
-) -> tuple[dict[str, Float64Array], str]:
-    """Return what `_force_noise` does, for the standard `deviations` of a smoothed motion."""
-    rows = noise_rows(len(deviations["psi"]))
-    random = np.random.default_rng(0)
-    errors = {name: own[rows] * random.standard_normal(own[rows].shape) for name, own in deviations.items()}
-    noisy = _required_forces(pair, motion_with_errors(motion.part(rows, ACCELERATION), errors), gravity, load)
-    noise = _rms_of_changes(force_arrays, noisy, rows, slice(None))
-    psidd, torque = float(finite_rms(deviations["psidd"][rows])), float(noise["hinge_torque"])
-    rms = _two_digits(float(finite_rms(force_arrays["hinge_torque"])))
-    return noise, (
-        f"noise of the log, after smoothing: {_two_digits(psidd)} rad/s^2 of psi'' and {_two_digits(torque)} N m of "
-        f"hinge_torque, whose rms is {rms} (standard deviations over the whole log; largest near its ends)"
-    )
-
-
-def _rms_of_changes(
-    forces: Mapping[str, NDArray[Any]], noisy: Mapping[str, NDArray[Any]], rows: slice, inside: slice
-) -> dict[str, Float64Array]:
-    """Return the rms by name of noisy minus exact forces and magnitudes; `noisy` has the instants `rows`, of which
-    `inside` count.
-    """
-    exact = with_magnitudes({name: forces[name][rows] for name in noisy}, unit_of)
-    changed = with_magnitudes(noisy, unit_of)
-    return {name: finite_rms((changed[name] - own)[inside]) for name, own in exact.items()}
-
-
-def _two_digits(number: float) -> str:
-    return f"{float(f'{number:.2g}'):g}"
-
-
 # ---- robots
 
 
@@ -424,16 +332,12 @@ def robot_forces(
     tau = np.asarray(acting.tau, dtype=np.float64)
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
-    deviations, notes = np.full(robot.dof, math.nan), [*non_finite_sentences(arrays)]
+    notes = [*non_finite_sentences(arrays)]
     if motion.simulated is not None:
         units = {joint.name: joint.unit for joint in tree_of(robot).coordinates}
         notes += impact_sentences(motion.simulated.impacts, units)
-    if motion.derived is not None and len(t) > DIFFERENCE_ORDER:
-        deviations, sentence = _effort_noise(robot, motion, t, tau, options)
-        notes.append(sentence)
     loads = tuple(
-        _summarize_joint(joint, i, t, known, tau[:, i], float(deviations[i]))
-        for i, joint in enumerate(tree_of(robot).coordinates)
+        _summarize_joint(joint, i, t, known, tau[:, i]) for i, joint in enumerate(tree_of(robot).coordinates)
     )
     for load in loads:
         notes += _effort_limit_sentences(load, len(t))
@@ -442,41 +346,13 @@ def robot_forces(
     return SceneForces(t, arrays, record, gravity=gravity, notes=tuple(notes), tau=tau, loads=loads)
 
 
-def _effort_noise(
-    robot: Mechanism, motion: JointMotion, t: Float64Array, tau: Float64Array, options: Mapping[str, Any]
-) -> tuple[Float64Array, str]:
-    """Return the standard deviations (dof,) that noise of the log causes in the efforts, and a sentence on it."""
-    rows = noise_rows(len(t))
-    middle = motion.part(rows, ACCELERATION)
-    units: dict[str, str] = {}
-    log = LogNoise(t[rows] - t[rows.start], motion.derived or (), DIFFERENCE_ORDER)
-    derivatives = [list(values) for values in middle.derivatives]
-    for column, joint in enumerate(tree_of(robot).coordinates):
-        if joint.name in motion.moving:
-            names = tuple(joint.name + rate for rate in RATE_SUFFIXES)
-            length = joint.unit
-            units |= zip(names, (length, f"{length}/s", f"{length}/s^2"), strict=True)
-            values = tuple(middle.column(order, column) for order in range(len(names)))
-            for order, noisy in enumerate(log.column_with_noise_added(names, values)):
-                derivatives[order][column] = noisy
-    arguments = replace(middle, derivatives=tuple(map(tuple, derivatives))).arguments()
-    acting = robot.inverse_dynamics(*arguments, base_motion=middle.base, outputs=("tau",), **options)
-    half = DIFFERENCE_ORDER // 2  # what the differences at the ends reach
-    noise = finite_rms((np.asarray(acting.tau, np.float64) - tau[rows])[half:-half])
-    sizes = ", ".join(f"{size:.2g} {units[name]} of {name}" for name, size in log.sizes.items())
-    note = f"noise of the log, by local fits: {sizes or 'none'} (standard deviations)"
-    if (noise > _NOISY * finite_rms(tau)).any():
-        note += "; hp.smooth(t, q) finds the rates of a noisy column"
-    return noise, note
-
-
 def _converted_load(load: JointLoad, units: Units) -> JointLoad:
     """Return a load with its numbers in units."""
     kind = KINDS[load.kind]
     effort, position, rate, second = (units.factor(si) for si in (kind.effort, kind.unit, f"{kind.unit}/s", "s"))
     return replace(
         load,
-        **{name: effort * getattr(load, name) for name in ("rms", "largest", "effort_limit", "noise")},
+        **{name: effort * getattr(load, name) for name in ("rms", "largest", "effort_limit")},
         **{name: second * getattr(load, name) for name in ("t_of_largest", "t_of_first")},
         **{name: rate * getattr(load, name) for name in ("rate", "rate_limit")},
         position=(position * load.position[0], position * load.position[1]),
@@ -486,11 +362,10 @@ def _converted_load(load: JointLoad, units: Units) -> JointLoad:
 
 def _load_rows(loads: tuple[JointLoad, ...], t: Float64Array, units: Units) -> list[tuple[str, ...]]:
     """Return the table of joints in units, headings first; an infinite limit is an empty cell."""
-    logged = any(math.isfinite(load.noise) for load in loads)
     offset, name = units.offset_of_instants(t[0], t[-1])
     at = name or _time_name(units)
     headings = tuple(f"at {at}" if text == "at t" else text for text in _HEADINGS)
-    rows: list[tuple[str, ...]] = [(*headings, "by noise") if logged else headings]
+    rows: list[tuple[str, ...]] = [headings]
     for load in (_converted_load(load, units) for load in loads):
         use = "" if math.isnan(load.use) else f"{load.use:.0%}"
         sizes = (
@@ -502,10 +377,9 @@ def _load_rows(loads: tuple[JointLoad, ...], t: Float64Array, units: Units) -> l
         )
         both = zip(load.position, load.position_limits, strict=True)
         q = (text for value, limit in both for text in (cell_text(value), _limit_text(limit)))
-        noise = [f"{load.noise:.2g}"] if logged else []
         position = units.unit(KINDS[load.kind].unit)
         unit = f"{units.unit(load.unit)}, {position}" if units else load.unit
-        rows.append((load.joint, unit, *sizes, *q, cell_text(load.rate), _limit_text(load.rate_limit), *noise))
+        rows.append((load.joint, unit, *sizes, *q, cell_text(load.rate), _limit_text(load.rate_limit)))
     return rows
 
 
@@ -520,9 +394,9 @@ def _limit_text(value: float) -> str:
 
 
 def _summarize_joint(
-    joint: Joint, joint_index: int, t: Float64Array, known_motion: KnownJointMotion, tau: Float64Array, noise: float
+    joint: Joint, joint_index: int, t: Float64Array, known_motion: KnownJointMotion, tau: Float64Array
 ) -> JointLoad:
-    """Return the JointLoad of a joint from its effort `tau` (N,), its motion and its noise at the instants t."""
+    """Return the JointLoad of a joint from its effort `tau` (N,) and its motion at the instants t."""
     finite = np.isfinite(tau)
     largest, when = (math.nan, math.nan)
     if finite.any():
@@ -543,7 +417,6 @@ def _summarize_joint(
         joint.position_limits,
         float(np.fmax.reduce(qd)),
         joint.rate_limit,
-        noise,
     )
 
 

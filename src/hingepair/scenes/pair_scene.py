@@ -16,7 +16,7 @@ from hingepair.equations.quantities import ACCELERATION, QUANTITIES, Quantity, u
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.accuracy import error_ratios, output_scales
-from hingepair.pair.computations import compute_arrays
+from hingepair.pair.computations import computation_of, compute_arrays
 from hingepair.pair.constants import with_hinge_frames
 from hingepair.pair.hinge_load import TORQUE_PARTS
 from hingepair.pair.hinge_pair import HingePair
@@ -25,12 +25,12 @@ from hingepair.pair.states import Energy, Momentum, PairState, PlanarState
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, default_outputs
 from hingepair.plans.points import point_outputs, unit_among
-from hingepair.scenes.explain import ScenePlan, explain
+from hingepair.plans.steps import SPATIAL_PARTS
 from hingepair.scenes.forces import SceneForces, pair_forces
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.motions.known import Derivatives, KnownMotion, MotionByBody1, quaternion_columns
 from hingepair.scenes.motions.motion import LimitCounter, PairMotion, massive
-from hingepair.scenes.scene import Residual, Scene, SceneResult
+from hingepair.scenes.scene import Residual, Scene, ScenePlan, SceneResult
 
 if TYPE_CHECKING:
     from hingepair.scenes.motions.functions import FunctionsOfTime
@@ -274,7 +274,16 @@ class PairScene(Scene):
             outputs: as for `evaluate`.
         """
         needed, order = self._needed(self.request(outputs))
-        return explain(self.pair, self.motion.source.part(slice(1), order), needed, self.motion.level)
+        motion = self.motion.source.part(slice(1), order)
+        names = default_outputs(order, self.kind) if needed is None else needed
+        # Two samples of what varies: one sample would be a known constant.
+        samples = {
+            part: tuple(np.empty(2) if isinstance(value, np.ndarray) else value for value in values)
+            for part, values in zip(SPATIAL_PARTS, motion.derivatives, strict=False)
+        }
+        computation = computation_of(self.kind, self.pair.constants, names, motion.sequence)
+        counts = [computation.count_operations(samples)] if names else []
+        return ScenePlan.of(names, counts, order, self.motion.level, motion.constant_names())
 
     def check_arrays(self, outputs: Iterable[str]) -> None:
         """Raise an ArgumentError for outputs that `arrays` does not compute."""
@@ -298,8 +307,7 @@ class PairScene(Scene):
             return arrays
         if self.motion.level < ACCELERATION:
             self.tables.refuse("motion", "a motion with accelerations, which forces need", self.motion.origin)
-        # The noise of a log is not looked for in each variant of a sweep.
-        forces = replace(self, motion=replace(self.motion, derived=None)).forces().recorded()
+        forces = self.forces().recorded()
         for name in names:
             if name in PAIR_FORCES:
                 if name not in forces:

@@ -24,12 +24,11 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.matrices import matrix_to_quaternion
-from hingepair.scenes.explain import RobotPlan
 from hingepair.scenes.forces import SceneForces, robot_forces
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.motions.joints import RATE_SUFFIXES, JointCoordinates, JointMotion, KnownJointMotion
 from hingepair.scenes.motions.motion import LimitCounter
-from hingepair.scenes.scene import Scene, SceneResult
+from hingepair.scenes.scene import Scene, ScenePlan, SceneResult
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
@@ -267,7 +266,7 @@ class RobotScene(Scene):
         t = np.asarray(read_only(self.instants[rows]))
         return RobotResult(t, state, self, known, request, first, forces)
 
-    def plan(self, outputs: Iterable[str] | None = None) -> RobotPlan:
+    def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """Return what `evaluate` would compute and skip, and why, as an object whose text says so.
 
         Args:
@@ -277,16 +276,15 @@ class RobotScene(Scene):
         order = max(_order(output.quantity) for output in request)
         known = self.known(np.zeros(2, dtype=np.intp), order)  # a single sample would be a known constant
         frames, of_frames, acting = _needed_quantities(request)
-        counted = {}
+        counts = []
         if frames:
             arguments = known.arguments()[: 1 + max(_order(name) for name in of_frames)]
-            of_what = f"{', '.join(of_frames)} of {', '.join(frames)}"
-            counted[of_what] = count_operations(self.mechanism, arguments, of_frames, frames, known.base)
+            counts.append(count_operations(self.mechanism, arguments, of_frames, frames, known.base))
         if acting:
-            name = ", ".join(acting)
-            counted[name] = count_operations(self.mechanism, known.arguments(), acting, base_motion=known.base)
+            counts.append(count_operations(self.mechanism, known.arguments(), acting, base_motion=known.base))
         still = [name for i, name in enumerate(self.mechanism.names) if not np.ndim(known.derivatives[0][i])]
-        return RobotPlan(counted, tuple(still), order, self.motion.level, known.base is None)
+        names = (*(f"{name}_{frame}" for frame in frames for name in of_frames), *acting)
+        return ScenePlan.of(names, counts, order, self.motion.level, still)
 
     def arrays(self, outputs: Iterable[str] | None = None) -> dict[str, NDArray[Any]]:
         """Return outputs by name; shape (samples, ...)."""

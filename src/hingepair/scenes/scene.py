@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.energy_balance import EnergyBalance
+from hingepair.engine.loops import OperationCounts
 from hingepair.equations.quantities import VELOCITY, unit_of
 from hingepair.errors import ArgumentError
 from hingepair.integration.trajectory import describe_instants
@@ -38,6 +39,50 @@ class Residual(NamedTuple):
     label: str
     meaning: str
     unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class ScenePlan:
+    """What a scene computes and skips."""
+
+    #: names of the outputs that are computed
+    outputs: tuple[str, ...]
+    #: numbers of operations at each instant, once for all instants, and where nothing is known
+    operations: OperationCounts
+    #: (what is left out, why)
+    skipped: tuple[tuple[str, str], ...]
+
+    @classmethod
+    def of(
+        cls, outputs: Iterable[str], counts: Iterable[OperationCounts], order: int, level: int, still: Iterable[str]
+    ) -> ScenePlan:
+        """Return the plan of programs with these counts of operations.
+
+        Args:
+            outputs: names of the outputs that are computed.
+            counts: numbers of operations of each program.
+            order: highest order of the derivatives that the outputs need.
+            level: highest order of the derivatives that the motion has.
+            still: names of the coordinates that do not change.
+        """
+        operations = OperationCounts(*map(sum, zip((0, 0, 0), *counts, strict=True)))
+        reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
+        skipped = [(f"{('first', 'second')[i]} derivatives of the coordinates", reasons[i]) for i in range(order, 2)]
+        if operations.folded:
+            skipped.append(
+                (f"{operations.folded} operations", "their results are known, such as products with 0 or 1")
+            )
+        if operations.shared:
+            skipped.append((f"operations at each instant: {operations.shared}", "they depend on constants only"))
+        if names := ", ".join(still):
+            skipped.append((f"sines, cosines and rates of {names}", "these coordinates do not change"))
+        return cls(tuple(outputs), operations, tuple(skipped))
+
+    def __str__(self) -> str:
+        left = f"{self.operations.per_sample} operations at each instant, of {self.operations.unfolded} in all"
+        lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {left}"]
+        lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)] if self.skipped else []
+        return "\n".join(lines)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -256,7 +301,7 @@ class Scene(Shown, abc.ABC):
         """Return the result at some of the instants; its motion has derivatives of `min_order` at least."""
 
     @abc.abstractmethod
-    def plan(self, outputs: Iterable[str] | None = None) -> Any:
+    def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """Return what `evaluate` would compute and skip, and why, as an object whose text says so.
 
         Args:
@@ -307,8 +352,7 @@ class Scene(Shown, abc.ABC):
             A `SceneForces` (hingepair.scenes.forces) with arrays in world axes and these attributes:
 
             - gravity: the gravity that was used;
-            - notes: sentences on forces that are not finite, on limits that are exceeded and on noise of a log;
-            - noise: standard deviation that the noise of a log causes in each array.
+            - notes: sentences on forces that are not finite, on limits that are exceeded.
 
             Of a pair (equations D1 to D5):
 
@@ -328,7 +372,7 @@ class Scene(Shown, abc.ABC):
             - force1 [N] and torque1 [N m], (N, 3): the load on the base about its reference point; of a fixed base,
               its reaction;
             - loads: a JointLoad for each joint with a coordinate of its own, with the rms and the largest value of
-              its effort, its extremes beside its limits, and the effect of the noise of a log.
+              its effort, and its extremes beside its limits.
 
         Raises:
             ArgumentError: the motion has no accelerations, body 2 of a pair has no mass properties, or gravity is

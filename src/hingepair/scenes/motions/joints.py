@@ -22,7 +22,7 @@ from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants
 from hingepair.scenes.motions.known import Derivatives, MotionByCoordinates
-from hingepair.scenes.motions.logs import Log, LogLayout, log_path
+from hingepair.scenes.motions.logs import SMOOTHING_KEYS, Log, LogLayout, is_smoothed, log_path, smoothed
 from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.tables import Table
 
@@ -33,7 +33,7 @@ RATE_SUFFIXES: Final = ("", "d", "dd")
 """Suffixes of a joint's name in the columns of a log, by the order of the derivative."""
 BASE_COORDINATES: Final = SPATIAL_COORDINATE_NAMES[:-1]
 """Keys of the table [base] for the coordinates of the base."""
-_OPTIONS: Final = ("constants", "file", "columns", "ignore", "differentiate", "unwrap")
+_OPTIONS: Final = ("constants", "file", "columns", "ignore", *SMOOTHING_KEYS)
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
 _CARRIER: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 """A pair of which only body 1 counts: it stands for the base."""
@@ -221,7 +221,7 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
         if "time" in tables.values:
             tables.fail("time", "no such table, since the column t of motion.file has the instants")
         return replace(_read_joint_log(motion, folder, robot, base), functions=base_functions)
-    for key in ("ignore", "differentiate", "unwrap"):
+    for key in ("ignore", *SMOOTHING_KEYS):
         if key in motion.values:
             motion.fail(key, "no such key without file = ..., whose samples it concerns")
     from hingepair.scenes.motions.functions import read_functions
@@ -312,13 +312,9 @@ def _rest_positions(robot: Mechanism) -> dict[str, float]:
 
 def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMotion | None) -> JointMotion:
     """Return the JointMotion of the log that the Table [motion] names by a path relative to `folder`."""
-    completed = table.flag("differentiate")
-    unwrap = table.flag("unwrap") if "unwrap" in table.values else None
-    if unwrap is not None and not completed:
-        wanted = "no such key without differentiate = true: it determines how angles are differentiated"
-        table.fail("unwrap", wanted)
     table.check_keys(_OPTIONS)
-    log = Log(log_path(table, folder), _joint_log_layout(robot), completed, unwrap, table)
+    smooths = is_smoothed(table)
+    log = Log(log_path(table, folder), _joint_log_layout(robot), table)
     parts: dict[str, list[Float64Array]] = {}
     for joint in robot.names:
         names = tuple(joint + ending for ending in RATE_SUFFIXES)
@@ -333,9 +329,15 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
     level = max(map(len, parts.values())) - 1
     for joint, columns in parts.items():
         if len(columns) <= level:
-            wanted = "a column, since the log has rates of other joints (or differentiate = true)"
+            wanted = "a column, since the log has rates of other joints"
             log.refuse(joint + RATE_SUFFIXES[len(columns)], wanted, "no such column")
-    derived = tuple(joint + rate for joint in parts for rate in RATE_SUFFIXES[1:] if joint + rate in log.derived)
+    if smooths:
+        if level:
+            rate = next(name for name in log.columns if name not in ("t", *robot.names))
+            log.refuse(rate, "coordinates of joints alone, since motion.smooth is true", "a column")
+        found = smoothed(table, log, {joint: columns[0] for joint, columns in parts.items()})
+        parts = dict(zip(parts, found, strict=True))
+        level = ACCELERATION
     rests = _rest_positions(robot)
     rows = tuple(
         tuple(_float_if_constant(parts[name][k]) if name in parts else rests[name] * (k == 0) for name in robot.names)
@@ -344,10 +346,9 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
     return JointMotion(
         t=log.t,
         source=JointSamples(rows),
-        origin="samples in a file" + ", rates by finite differences" * bool(derived),
+        origin="samples in a file" + ", smoothed, with their rates" * smooths,
         hint=log.hint,
-        notes=(*log.notes, *filter(None, [log.unknown_error_note()])),
-        derived=derived,
+        notes=tuple(log.notes),
         names=robot.names,
         moving=tuple(parts),
         base=base,

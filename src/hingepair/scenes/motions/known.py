@@ -20,10 +20,7 @@ from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.steps import (
     LOG_COLUMNS_OF,
     PLANAR_COORDINATE_NAMES,
-    PLANAR_SPLIT_STEPS,
     SPATIAL_COORDINATE_NAMES,
-    SPATIAL_PARTS,
-    SPATIAL_SPLIT_STEPS,
 )
 from hingepair.rotations.matrices import matrix_to_quaternion, rotation_exp
 from hingepair.scenes.instants import Rows
@@ -108,14 +105,9 @@ class MotionByCoordinates:
         report: CrossValidation = cross_validate(pair, *self.derivatives, **self._sequence())
         return report
 
-    def constant_names(self) -> frozenset[str]:
-        """Return the names of the coordinates, and of groups such as phi, that are floats and so do not change."""
-        derivative_by_part = dict(zip(SPATIAL_PARTS, self.derivatives, strict=False))
-        values = dict(zip(self._names, self.derivatives[0], strict=True))
-        for part, take, (name,) in SPATIAL_SPLIT_STEPS if self.sequence else PLANAR_SPLIT_STEPS:
-            if name in derivative_by_part:
-                values[part] = take(derivative_by_part[name])
-        return frozenset(name for name, value in values.items() if not _varies(value))
+    def constant_names(self) -> tuple[str, ...]:
+        """Return the names of the coordinates that are floats and so do not change."""
+        return tuple(name for name, value in zip(self._names, self.derivatives[0], strict=True) if not _varies(value))
 
     def in_space(self, pair: Any) -> MotionByBody1:
         """Return this motion of the pair in space as a MotionByBody1, with all known derivatives. A planar motion
@@ -216,9 +208,9 @@ class MotionByBody1:
         attitude = {} if order else quaternion_columns(self.body1.S)
         return columns | attitude | {angle: self.hinge[order]}
 
-    def constant_names(self) -> frozenset[str]:
-        """Return an empty frozenset: constant inputs are not looked for in this kind of motion."""
-        return frozenset()
+    def constant_names(self) -> tuple[str, ...]:
+        """Return no names: constant inputs are not looked for in this kind of motion."""
+        return ()
 
     def part(self, rows: Rows, order: int) -> MotionByBody1:
         """Return the MotionByBody1 at the instants with the indices `rows`, with the known derivatives up to

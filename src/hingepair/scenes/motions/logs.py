@@ -1,4 +1,4 @@
-"""Motion by a log: what a file of samples says; on request derivatives are found from it, or rates integrated.
+"""Motion by a log: what a file of samples says, as it is, smoothed or integrated.
 
 docs/scenes.md lists the columns. Others are refused: a misspelt one would be missed.
 """
@@ -28,31 +28,23 @@ from hingepair.measured.robust import LOSSES
 from hingepair.measured.smoothing.smooth import longest_filled, smooth
 from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.numeric.finite_differences import differentiate
-from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
 from hingepair.plans.steps import LOG_COLUMNS_OF, SPATIAL_COORDINATE_NAMES
-from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.motions.integrated import integrate_motion
 from hingepair.scenes.motions.known import HINGE_NAMES, MotionByCoordinates, motion_by_body1
 from hingepair.scenes.motions.motion import PairMotion, PairMotionSource, euler_axes_phrase
-from hingepair.scenes.motions.noise import derivative_noise
 from hingepair.scenes.tables import NamedSource, Table
 from hingepair.tables.angle_columns import PlanarColumns, doubts_about_angles, headings_among, planar_zeros
 from hingepair.tables.column_file import ColumnRequest, csv_column, read_columns
 from hingepair.tables.column_sources import ColumnSource, check_once, in_own_names, read_column_sources
 from hingepair.tables.column_tables import ColumnTable
 from hingepair.tables.instants import MeasurementWarning, gap_sentences, instants_of, split_at_gaps
-from hingepair.tables.sheets import percent
 from hingepair.tables.suspicions import suspicions
 from hingepair.tables.units import read_heading
-
-DIFFERENCE_ORDER: Final = 6
-"""Order of the error of derivatives by finite differences, in the step between samples."""
 
 LOG_ARRAYS: Final[dict[str, tuple[str, ...]]] = {
     "R1": ("x", "y", "z"),
@@ -125,6 +117,12 @@ _PAIR_LOG_LAYOUT: Final = LogLayout(
     },
 )
 """LogLayout of the log of a pair: its angles, its results and the command that writes it."""
+SMOOTHING_KEYS: Final = {
+    "smooth": "",
+    "loss": "whose outliers it makes count little",
+    "gaps": "which fills shorter times without samples",
+}
+"""Keys of [motion] for smoothing, and what the others are for beside smooth = true."""
 _POSITION = ("R1", "v1", "a1")
 """Arrays of a log with the position of body 1 [m] and its derivatives [m/s, m/s^2]."""
 _EULER = ("phi", "phid", "phidd")
@@ -133,47 +131,33 @@ _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
 _DEGREES: Final = 'unit = "deg" for {} in [motion.columns]'  # for messages
 _HEADINGS: Final = f'{_DEGREES} (unit = "compass" for headings clockwise from north)'
-_NOISY: Final = 0.1  # noise of a derivative to its rms; above, a note recommends smoothing
 
 
 def read_log(table: Table, folder: Path) -> PairMotion:
-    """Return the motion of the log that [motion] names, as it is, differentiated, smoothed or integrated."""
-    integrated, completed = table.flag("integrate"), table.flag("differentiate")
+    """Return the motion of the log that [motion] names, as it is, smoothed or integrated."""
+    integrated = table.flag("integrate")
     integration_keys = ("psi_0", "method", "S1_0")
     for key in integration_keys:
         if key in table.values and not integrated:
             table.fail(key, "no such key without integrate = true, which integrates a log of rates")
-    unwrap = table.flag("unwrap") if "unwrap" in table.values else None
-    if unwrap is not None and (integrated or not completed):
-        wanted = "without differentiate = true" if not integrated else "for a log of rates"
-        table.fail("unwrap", f"no such key {wanted}: it determines how angles are differentiated")
-    keys = integration_keys if integrated else ("sequence", "unwrap")
-    table.check_keys(
-        (
-            "file",
-            "columns",
-            "ignore",
-            "differentiate",
-            "integrate",
-            "smooth",
-            "loss",
-            "gaps",
-            "frame",
-            "constants",
-            *keys,
-        )
-    )
-    smoothed = table.flag("smooth")
-    if "loss" in table.values and not smoothed:
-        table.fail("loss", "no such key without smooth = true, whose outliers it makes count little")
-    if "gaps" in table.values and not smoothed:
-        table.fail("gaps", "no such key without smooth = true, which fills shorter times without samples")
-    if smoothed and (integrated or completed):
-        table.fail("smooth", "no such key together with differentiate or integrate: smoothing computes all rates")
-    log = Log(log_path(table, folder), _PAIR_LOG_LAYOUT, completed, unwrap, table)
+    keys = integration_keys if integrated else ("sequence",)
+    table.check_keys(("file", "columns", "ignore", "integrate", "frame", "constants", *SMOOTHING_KEYS, *keys))
+    smoothed = is_smoothed(table)
+    if smoothed and integrated:
+        table.fail("smooth", "no such key together with integrate: smoothing computes all rates")
+    log = Log(log_path(table, folder), _PAIR_LOG_LAYOUT, table)
     if smoothed:
         return _read_smoothed_motion(table, log)
     return _integrate_rates(table, log) if integrated else _read_stated_motion(table, log)
+
+
+def is_smoothed(table: Table) -> bool:
+    """Return whether the Table [motion] asks for smoothing; refuse its keys of smoothing otherwise."""
+    smoothed = table.flag("smooth")
+    for key, purpose in SMOOTHING_KEYS.items():
+        if key in table.values and not smoothed and key != "smooth":
+            table.fail(key, f"no such key without smooth = true, {purpose}")
+    return smoothed
 
 
 def log_path(table: Table, folder: Path) -> Path | ColumnTable:
@@ -222,33 +206,24 @@ class Log(NamedSource):
     Args:
         path: the file, or a table in its place.
         layout: names of the columns that it may have.
-        completed: whether derivatives that the file lacks are computed by finite differences.
-        unwrap: whether angles are unwrapped before; None means only those that jump by whole turns.
         table: [motion] of the scene, whose keys `columns` and `ignore` say how the file's columns are read.
 
     Attributes:
-        derived: names of the derivatives that were computed by finite differences.
-        noise_shares: noise of each of these derivatives, by name, as a fraction of its rms.
-        notes: sentences on instants, on angles that were unwrapped or may have to be, and on units.
+        notes: sentences on instants and on units.
         angle_doubts: those of them on angles that are, or may be, in degrees.
     """
 
-    def __init__(
-        self, path: Path | ColumnTable, layout: LogLayout, completed: bool, unwrap: bool | None, table: Table
-    ) -> None:
+    hint = "; motion.smooth = true finds the rates of poses"
+
+    def __init__(self, path: Path | ColumnTable, layout: LogLayout, table: Table) -> None:
         ignored = read_ignored_columns(table)
         sources = _read_column_sources(table, layout, path)
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
         self._has_lines = isinstance(path, Path) and path.suffix.lower() == ".csv"
         self.layout = layout
-        self.completed = completed
-        self.unwrap = unwrap
         self._sequence = table.values.get("sequence", "XYZ")
         self._file_columns: list[str] = []
         self._ignored = frozenset(column for name in ignored for column in layout.columns_of(name))
-        self.hint = "" if completed else "; motion.differentiate = true gives the others"
-        self.derived: list[str] = []
-        self.noise_shares: dict[str, float] = {}
         self.notes: list[str] = []
         self.angle_doubts: list[str] = []
         kind = path.suffix.lower()
@@ -280,7 +255,7 @@ class Log(NamedSource):
             self._kept_rows = np.flatnonzero(kept)
             self._complete_planar_columns("no column was named for" if sources else "the log has no")
             stamps = self.columns["t"]
-            t = instants_of("t", stamps, DIFFERENCE_ORDER if completed else 0)
+            t = instants_of("t", stamps)
             # s: doubles of this size are rounded to more than 1e-11 s
             late = kind == ".csv" and stamps.dtype.kind == "f" and abs(t[0]) > 1e5
             source = sources.get("t", ColumnSource("t"))
@@ -380,28 +355,15 @@ class Log(NamedSource):
         return read_names
 
     def quantity_and_rates(self, names: tuple[str, ...], required: bool = True) -> Part:
-        """Return a quantity and its derivatives as a dict of arrays by name. `names` are the names of the quantity
-        and of its derivatives, by order. If the log lacks the quantity, return an empty dict, or raise a SceneError
-        if `required` is True. If the attribute `completed` is True, compute missing derivatives by finite differences
-        and record them in the attributes `derived` and `noise_shares`.
-
-        What is missing is the derivative (order 6) of the highest that is there: of the rates, or twice of positions,
-        angles and attitudes.
+        """Return a quantity and its derivatives as a dict of arrays by name, as far as the log has them. `names` are
+        the names of the quantity and of its derivatives, by order. If the log lacks the quantity, return an empty
+        dict, or raise a SceneError if `required` is True.
         """
         arrays = {}
         for i, name in enumerate(names):
             array = self._stack_columns(name, required and i == 0)
             if array is not None:
                 arrays[name] = array
-        if self.completed and names[0] in arrays:
-            for i, name in enumerate(names[1:]):
-                if name not in arrays:
-                    derivatives, noises = self._derivatives(names[i], arrays[names[i]])
-                    for key, derivative, noise in zip(names[i + 1 :], derivatives, noises, strict=False):
-                        if key not in arrays:
-                            arrays[key] = derivative
-                            self.derived.append(key)
-                            self.noise_shares[key] = noise / max(float(np.sqrt(np.mean(derivative**2))), 1e-300)
         return {name: array if name in self.layout.arrays else array[:, 0] for name, array in arrays.items()}
 
     def _stack_columns(self, array_name: str, required: bool) -> NDArray[np.float64] | None:
@@ -421,19 +383,13 @@ class Log(NamedSource):
 
     def check_finite(self, name: str, array: Float64Array, use: str) -> None:
         """Raise a SceneError that names a column of the array `name` if the array has a number that is not finite.
-        `use` is a participle such as "integrated" that the message contains. For the log of a pair, the message
-        recommends smoothing in place of differences.
+        `use` is a participle such as "integrated" that the message contains.
         """
         columns = array.reshape(len(array), -1)
         for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
             line = f", line {self._kept_rows[sample] + 2} of the file" if self._has_lines else ""
             got = f"{columns[sample, i]} at sample {sample}{line}, t = {self.t[sample]:.10g} s"
-            can_smooth = use == "differentiated" and self.layout is _PAIR_LOG_LAYOUT
-            hint = ""
-            if can_smooth:
-                longest = longest_filled(self.since, None)
-                hint = f"; motion.smooth = true fills up to {longest:.3g} s without samples, or up to motion.gaps [s]"
-            self.refuse(self.layout.columns_of(name)[i], f"finite numbers, to be {use}{hint}", got)
+            self.refuse(self.layout.columns_of(name)[i], f"finite numbers, to be {use}", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
         """Return the rotation matrices (N, 3, 3) of quaternions (x, y, z, w), shape (N, 4)."""
@@ -441,70 +397,6 @@ class Log(NamedSource):
         if zero.size:
             self.refuse("qx, qy, qz, qw", "quaternions that are not zero", f"a zero quaternion at sample {zero[0]}")
         return np.asarray(quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False))
-
-    def _derivatives(
-        self, name: str, array: Float64Array
-    ) -> tuple[tuple[Float64Array, Float64Array], tuple[float, float]]:
-        """Return ((first, second), (first deviation, second deviation)): derivatives of the array `name` by finite
-        differences, and the standard deviations of their noise.
-        """
-        self.check_finite(name, array, "differentiated")
-        if name == "quat_xyzw":
-            S = self.rotations(array)
-            with self.naming(", ".join(LOG_ARRAYS[name])):
-                omega, alpha = angular_velocity_from_samples(self.since, S, DIFFERENCE_ORDER, with_alpha=True)
-            noises = derivative_noise(self.since, S, DIFFERENCE_ORDER)
-            return (np.asarray(omega), np.asarray(alpha)), noises
-        columns = list(array.T)
-        if name in self.layout.angle_names:
-            named = zip(self.layout.columns_of(name), columns, strict=True)
-            columns = [self._unwrap_angles(*own) for own in named]
-        derivatives = [differentiate(self.since, column, DIFFERENCE_ORDER) for column in columns]
-        noises = derivative_noise(self.since, np.stack(columns, axis=-1), DIFFERENCE_ORDER)
-        first, second = (np.stack(own, axis=-1) for own in zip(*derivatives, strict=True))
-        return (first, second), noises
-
-    def _unwrap_angles(self, name: str, angles: Float64Array) -> Float64Array:
-        """Return angles [rad], unwrapped as `unwrap` says, or, if it is None, where they are wrapped, with a note."""
-        jumps = np.abs(np.diff(angles))
-        jumps = jumps[jumps > np.pi]
-        unwrap = self.unwrap
-        if unwrap is None and jumps.size:
-            unwrap = is_wrapped(angles)
-            if unwrap:
-                times = f"at {jumps.size} instants" if jumps.size > 1 else "once"
-                self.notes.append(
-                    f"{name} jumps by about a whole turn {times} and was unwrapped before it was differentiated; "
-                    "unwrap = false takes it as it stands"
-                )
-            else:
-                self.notes.append(
-                    f"{name} changes by up to {jumps.max():.3g} rad between samples and was differentiated as it "
-                    "stands; unwrap = true takes changes of more than half a turn for jumps by 2 pi"
-                )
-        return np.unwrap(angles) if unwrap else angles
-
-    def smoothing_hint(self) -> str:
-        """Return a sentence that recommends smoothing if derivatives by finite differences are noisy; otherwise an
-        empty string.
-        """
-        noisy = {name: share for name, share in self.noise_shares.items() if share > _NOISY}
-        if not noisy:
-            return ""
-        shares = ", ".join(f"{percent(share)} of {name}" for name, share in noisy.items())
-        return (
-            f"the log is noisy: by local fits, its noise makes {shares} (rms) by finite differences; "
-            "smooth = true in place of differentiate = true smooths positions, attitudes and psi and finds all rates"
-        )
-
-    def unknown_error_note(self) -> str:
-        """Return a sentence that the error of the derivatives by finite differences is unknown; an empty string if
-        there are no such derivatives.
-        """
-        if not self.derived:
-            return ""
-        be = "were" if len(self.derived) > 1 else "was"
-        return f"{', '.join(self.derived)} {be} found by finite differences; how far off is not known"
 
 
 def _read_stated_motion(table: Table, log: Log) -> PairMotion:
@@ -529,27 +421,19 @@ def _read_stated_motion(table: Table, log: Log) -> PairMotion:
     else:
         arrays = {name: array for part in parts.values() for name, array in part.items()}
         arrays["S1"] = log.rotations(arrays["quat_xyzw"])
-        if frame == "body":  # of what was found from quaternions, omega1 is in world axes already
-            start = 1 if "omega1" not in log.derived else 2
-            rate_names = [name for name in _QUATERNION[start:] if name in arrays]
+        if frame == "body":
+            rate_names = [name for name in _QUATERNION[1:] if name in arrays]
             arrays |= {name: rotate_to_world(arrays["S1"], arrays[name]) for name in rate_names}
         source, how = motion_by_body1(arrays), "attitude as quaternions"
-    how += ", rates by finite differences" * bool(log.derived)
-    if hint := log.smoothing_hint():
-        log.notes.append(hint)
     if not level:
-        log.notes.append(
-            "the log has no rates: smooth = true in [motion], or differentiate = true, gives v2, a2, ..."
-        )
+        log.notes.append("the log has no rates: smooth = true in [motion] gives v2, a2, ...")
     return PairMotion(
         t=log.t,
         source=source,
         origin="samples in a file",
         how=how,
-        doubt=log.unknown_error_note(),
         hint=log.hint,
         notes=tuple(log.notes),
-        derived=tuple(log.derived),
     )
 
 
@@ -573,18 +457,8 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
             log.refuse(
                 column, "samples of x, y, z, of an attitude and of psi, since motion.smooth is true", "a column"
             )
-    table.check_keys(
-        (
-            "file",
-            "columns",
-            "ignore",
-            "smooth",
-            "loss",
-            "gaps",
-            "constants",
-            *(("sequence",) if attitude is _EULER else ()),
-        )
-    )
+    euler_keys = ("sequence",) if attitude is _EULER else ()
+    table.check_keys(("file", "columns", "ignore", "constants", *SMOOTHING_KEYS, *euler_keys))
     R1, turns, psi = (
         log.quantity_and_rates(names)[names[0]]
         for names in (
@@ -597,46 +471,71 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCE_NAMES, "XYZ")))
     else:
         S1 = log.rotations(turns)
-    loss = table.choice("loss", tuple(LOSSES))
-    gaps = table.number("gaps") if "gaps" in table.values else None
-    with table.naming():
-        longest = longest_filled(log.since, gaps)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", MeasurementWarning)
-        try:
-            with log.naming():
-                body = smooth(log.since, BodyMotion(R=R1, S=S1), gaps=longest, loss=loss)
-                texts = [str(warning.message) for warning in caught]
-                caught.clear()
-                angle = smooth(log.since, psi, gaps=longest, loss=loss)
-        except SceneError as error:
-            if not log.angle_doubts:
-                raise
-            raise SceneError(error.name, "angles in radians", f"probably degrees: {log.angle_doubts[0]}") from None
-        texts += [re.sub(r"\bbody\b", "psi", str(warning.message)) for warning in caught]
-    for name, samples, result in (("position", R1, body.R), ("attitude", S1, body.S), ("psi", psi, angle.psi)):
-        log.notes += _missing_sample_sentences(name, log.t, samples, result)
-    log.notes += _cut_sentences(log.t, {"position": R1, "attitude": S1, "psi": psi}, longest)
-    deviations_by_name = {f"{name}1": body.std[name] for name in ("R", "v", "a", "S", "omega", "alpha")}
-    deviations_by_name |= {name: angle.std[name] for name in HINGE_NAMES}
+    body, angle = smoothed(table, log, {"body": BodyMotion(R=R1, S=S1), "psi": psi})
     arrays = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
-    arrays |= {name: getattr(angle, name) for name in HINGE_NAMES}
-    deviations = {
-        "position": (body.noise["R"], "m"),
-        "attitude": (body.noise["S"], "rad"),
-        "psi": (angle.noise["psi"], "rad"),
-    }
-    noise = ", ".join(f"{size:.2g} {unit} of {name}" for name, (size, unit) in deviations.items())
-    texts = [f"smoothed: noise of {noise} (standard deviation of a component)", *texts]
-    notes = tuple(dict.fromkeys((*log.notes, *texts)))
+    arrays |= dict(zip(HINGE_NAMES, angle, strict=True))
     return PairMotion(
         t=log.t,
         source=motion_by_body1(arrays),
         origin="samples in a file",
         how="smoothed, with their rates",
-        notes=notes,
-        deviations=deviations_by_name,
+        notes=tuple(log.notes),
     )
+
+
+def smoothed(table: Table, log: Log, samples: Mapping[str, BodyMotion | Float64Array]) -> list[Any]:
+    """Smooth samples of a log with the options of [motion]; the log's notes tell of noise and of missing samples.
+
+    Returns:
+        For each of the samples, what `smooth` returns for a BodyMotion, or three arrays (N,): the smoothed column and
+        its derivatives.
+    """
+    loss = table.choice("loss", tuple(LOSSES))
+    gaps = table.number("gaps") if "gaps" in table.values else None
+    with table.naming():
+        longest = longest_filled(log.since, gaps)
+    found, texts, noise = [], [], []
+    quantities: dict[str, tuple[NDArray[Any], NDArray[Any] | None]] = {}
+    for name, own in samples.items():
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", MeasurementWarning)
+            try:
+                with log.naming(body=name):
+                    result = _smooth(log, name, own, longest, loss)
+            except SceneError as error:
+                if not log.angle_doubts:
+                    raise
+                doubt = log.angle_doubts[0]
+                raise SceneError(error.name, "angles in radians", f"probably degrees: {doubt}") from None
+        texts += [re.sub(r"\bbody\b", name, str(warning.message)) for warning in caught]
+        if isinstance(own, BodyMotion):
+            noise += [f"{result.noise['R']:.2g} m of position", f"{result.noise['S']:.2g} rad of attitude"]
+            quantities |= {"position": (own.R, result.R), "attitude": (own.S, result.S)}
+        else:
+            *result, deviation = result
+            noise.append(f"{deviation:.2g} {log.layout.unit_of(name)} of {name}")
+            quantities[name] = own, result[0]
+        found.append(result)
+    for name, (recorded, result) in quantities.items():
+        log.notes += _missing_sample_sentences(name, log.t, recorded, result)
+    log.notes += _cut_sentences(log.t, {name: recorded for name, (recorded, _) in quantities.items()}, longest)
+    log.notes.append(f"smoothed: noise of {', '.join(noise)} (standard deviation of a component)")
+    log.notes = list(dict.fromkeys((*log.notes, *texts)))
+    return found
+
+
+def _smooth(log: Log, name: str, samples: BodyMotion | Float64Array, gaps: float, loss: str) -> Any:
+    """Return what `smooth` makes of a body; of a column itself, its derivatives, and the deviation of its noise."""
+    if isinstance(samples, BodyMotion):
+        return smooth(log.since, samples, gaps=gaps, loss=loss)
+    if log.layout.unit_of(name) == "rad":
+        angle = smooth(log.since, samples, gaps=gaps, loss=loss)
+        return *angle, angle.noise["psi"]
+    # The shift of a slider is no angle, whose jumps might be whole turns: it is smoothed as a position.
+    zero = np.zeros_like(samples)
+    body = BodyMotion(R=np.column_stack((samples, zero, zero)), S=np.broadcast_to(np.eye(3), (samples.size, 3, 3)))
+    moved = smooth(log.since, body, gaps=gaps, loss=loss)
+    return moved.R[:, 0], moved.v[:, 0], moved.a[:, 0], moved.noise["R"]
 
 
 def _missing_sample_sentences(
@@ -700,19 +599,14 @@ def _integrate_rates(table: Table, log: Log) -> PairMotion:
     if not position:
         position = dict.fromkeys(_POSITION, np.zeros((log.t.size, 3)))
     if "v1" not in position:
-        log.refuse("v1_x", "a column, since the log has x (or differentiate = true)", "no such column")
+        log.refuse("v1_x", "a column, since the log has x", "no such column")
     _velocity_frame(table, log)
     arrays = position | turning | hinge
     signals = (
         SampledSignal(log.since, arrays["omega1"], execution_of("auto", 1)),
         SampledSignal(log.since, arrays["psid"], execution_of("auto", 1)),
     )
-    notes = (*log.notes, *filter(None, [log.unknown_error_note()]))
-    return replace(
-        integrate_motion(table, log.since, signals, arrays, hint=log.hint, notes=notes),
-        t=log.t,
-        derived=tuple(log.derived),
-    )
+    return replace(integrate_motion(table, log.since, signals, arrays, notes=tuple(log.notes)), t=log.t)
 
 
 def _attitude_names(log: Log) -> tuple[str, ...]:
@@ -739,9 +633,7 @@ def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part
         for name in names[: level + 1]:
             if name not in part:
                 column = log.layout.columns_of(name)[0]
-                log.refuse(
-                    column, "a column, since the log has other rates (or differentiate = true)", "no such column"
-                )
+                log.refuse(column, "a column, since the log has other rates", "no such column")
     return level
 
 

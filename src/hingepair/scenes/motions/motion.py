@@ -67,8 +67,6 @@ class Motion(abc.ABC):
     functions: tuple[Any, ...] = ()
     #: sentences that every reader of the results should see
     notes: tuple[str, ...] = ()
-    #: names of the rates of a log that were found by finite differences; None if it is no log, or was smoothed
-    derived: tuple[str, ...] | None = None
     #: estimates of the largest error over the instants, by unit; NaN if unknown. Empty for exact motion
     errors: Mapping[str, LazyValue] = field(default_factory=dict)
     #: why an error is unknown, in words; otherwise empty
@@ -131,9 +129,6 @@ class PairMotion(Motion):
     simulated: SimulatedMotion | SimulatedPlanarMotion | None = None
     #: lower and upper stop of the simulated hinge [rad]; infinite without a stop
     stops: tuple[float, float] = (-math.inf, math.inf)
-    #: standard deviations of a smoothed log at each instant: (N, 3) by R1, v1, a1, S1 (of a rotation vector), omega1
-    #: and alpha1, and (N,) by psi, psid and psidd; None if the motion was not smoothed
-    deviations: Mapping[str, Float64Array] | None = None
     #: spring, damper, friction and stops beside a given psi, in whose forces they are told from the motor's torque
     hinge_load: HingeLoad | None = None
     #: gravity in space [m/s^2] beside a given psi; None for the pair's default
