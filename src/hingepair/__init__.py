@@ -36,15 +36,11 @@ from hingepair.rotations.matrices import (
 )
 
 if TYPE_CHECKING:
-    from hingepair.dynamics.linearize import linearize
-    from hingepair.dynamics.simulate import simulate
     from hingepair.formats.model_writers import to_mjcf, to_urdf
     from hingepair.formats.recordings import read_recording
     from hingepair.formats.robots import load_robot, load_robot_hinge
     from hingepair.formats.urdf_reader import from_urdf
     from hingepair.identification.mass_fit import fit_masses
-    from hingepair.integration.integrate import integrate
-    from hingepair.integration.trajectory import Trajectory
     from hingepair.measured.clusters import fit_cluster
     from hingepair.measured.hinge_fit import HingeFit, fit
     from hingepair.measured.inertial.angle import fit_angle
@@ -57,6 +53,10 @@ if TYPE_CHECKING:
     from hingepair.mechanism.states import (
         MechanismState,
     )
+    from hingepair.motion.integrate import integrate
+    from hingepair.motion.linearize import linearize
+    from hingepair.motion.simulate import simulate
+    from hingepair.motion.trajectory import Trajectory
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
     from hingepair.pair.hinge_load import HingeLoad
     from hingepair.pair.tolerances import sample_pairs
@@ -144,15 +144,15 @@ _LAZY_MODULE_BY_NAME = {
     name: module
     for module, names in {
         "pair.hinge_load": "HingeLoad",
-        "dynamics.linearize": "linearize",
-        "dynamics.simulate": "simulate",
+        "motion.linearize": "linearize",
+        "motion.simulate": "simulate",
         "formats.model_writers": "to_mjcf to_urdf",
         "formats.recordings": "read_recording",
         "formats.robots": "load_robot load_robot_hinge",
         "formats.urdf_reader": "from_urdf",
         "identification.mass_fit": "fit_masses",
-        "integration.integrate": "integrate",
-        "integration.trajectory": "Trajectory",
+        "motion.integrate": "integrate",
+        "motion.trajectory": "Trajectory",
         "measured.clusters": "fit_cluster",
         "measured.hinge_fit": "HingeFit fit",
         "measured.inertial.imus": "ImuRecording fit_imus",

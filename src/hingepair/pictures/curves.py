@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from hingepair.errors import ArgumentError
-from hingepair.integration.trajectory import unwrap_euler_angles
+from hingepair.motion.trajectory import unwrap_euler_angles
 from hingepair.numeric.optional import require
 from hingepair.pictures.motion_samples import Array
 from hingepair.rotations.euler import matrix_to_euler

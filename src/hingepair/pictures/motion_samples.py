@@ -8,9 +8,9 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.dynamics.simulate import SimulatedPlanarMotion
 from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.integration.trajectory import Trajectory
+from hingepair.motion.simulate import SimulatedPlanarMotion
+from hingepair.motion.trajectory import Trajectory
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair

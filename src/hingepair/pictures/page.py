@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.equations.quantities import ACCELERATION, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.motion.simulate_robot import SimulatedRobotMotion
 from hingepair.numeric.arrays import number_not_below_0
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.curves import check_drawable

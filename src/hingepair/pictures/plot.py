@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
-from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
+from hingepair.motion.simulate_robot import SimulatedRobotMotion
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import MAX_HELD_INSTANTS, Record, Result

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Joint, loads_note
+from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.pair.hinge_load import TORQUE_PARTS, HingeLoad
 from hingepair.pair.hinge_pair import HingePair

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.run import stop_overrun
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, QUANTITIES, Quantity, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.motion.run import stop_overrun
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.computations import computation_of, compute_arrays

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.run import stop_overrun
-from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import QUANTITIES, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.methods import count_operations
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
+from hingepair.motion.run import stop_overrun
+from hingepair.motion.simulate_robot import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array, one_constant, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.states import Energy, Momentum

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.energy_balance import EnergyBalance
 from hingepair.engine.loops import OperationCounts
 from hingepair.equations.quantities import VELOCITY, unit_of
 from hingepair.errors import ArgumentError
-from hingepair.integration.trajectory import describe_instants
+from hingepair.motion.energy_balance import EnergyBalance
+from hingepair.motion.trajectory import describe_instants
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.pair.results import MAX_HELD_INSTANTS, RESULT_ROWS_PER_BLOCK, Result
 from hingepair.scenes import suspicions

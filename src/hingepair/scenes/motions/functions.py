@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError
-from hingepair.integration.signals import CallableSignal as Signal
+from hingepair.motion.signals import CallableSignal as Signal
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.steps import PLANAR_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCE_NAMES

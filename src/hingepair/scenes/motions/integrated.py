@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from hingepair.engine.backend import execution_of_steps
-from hingepair.integration.integrate import RATE_FRAME_NAMES
-from hingepair.integration.signals import Signal
-from hingepair.integration.solve import SolveOptions, solve
-from hingepair.integration.trajectory import LazyValue, quaternions_to_matrices, rotate_to_world
+from hingepair.motion.integrate import RATE_FRAME_NAMES
+from hingepair.motion.signals import Signal
+from hingepair.motion.solve import SolveOptions, solve
+from hingepair.motion.trajectory import LazyValue, quaternions_to_matrices, rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import check_rotation
 from hingepair.scenes.motions.known import MotionByCoordinates, motion_by_body1

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn
 
 import numpy as np
 
-from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.motion.simulate_robot import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_pair import HingePair

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import SceneError, choices, nearest, quoted
-from hingepair.integration.integrate import RATE_FRAME_NAMES
-from hingepair.integration.signals import SampledSignal
-from hingepair.integration.trajectory import rotate_to_world
 from hingepair.measured.robust import LOSSES
 from hingepair.measured.smoothing.smooth import longest_filled, smooth
 from hingepair.measured.smoothing.spline import MIN_PIECE
+from hingepair.motion.integrate import RATE_FRAME_NAMES
+from hingepair.motion.signals import SampledSignal
+from hingepair.motion.trajectory import rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND

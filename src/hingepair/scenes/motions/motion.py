@@ -11,9 +11,9 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.dynamics.run import Impact
-from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
-from hingepair.integration.trajectory import LazyValue
+from hingepair.motion.run import Impact
+from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
+from hingepair.motion.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
 from hingepair.pair.dynamics import DEFAULT_GRAVITY

@@ -12,16 +12,16 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from hingepair.dynamics.loads import MotionAtInstants
-from hingepair.dynamics.simulate import (
+from hingepair.equations.quantities import ACCELERATION
+from hingepair.errors import SimulationError
+from hingepair.motion.loads import MotionAtInstants
+from hingepair.motion.simulate import (
     BASES,
     SimulatedMotion,
     SimulatedPlanarMotion,
     simulate,
 )
-from hingepair.equations.quantities import ACCELERATION
-from hingepair.errors import SimulationError
-from hingepair.integration.trajectory import LazyValue
+from hingepair.motion.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays

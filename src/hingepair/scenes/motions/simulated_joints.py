@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from hingepair.dynamics.given_motions import GivenJoint
-from hingepair.dynamics.simulate_robot import SimulatedRobotMotion, simulate_robot
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import SimulationError
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.motion.given_motions import GivenJoint
+from hingepair.motion.simulate_robot import SimulatedRobotMotion, simulate_robot
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY

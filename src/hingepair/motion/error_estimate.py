@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.integration.integrals import AngleIntegral, Integral
-from hingepair.integration.methods import RULES, StepRule
-from hingepair.integration.signals import CallableSignal, ConstantSignal, SampledSignal, Signal
-from hingepair.integration.stepping import Steps, Subdivision, subdivide
+from hingepair.motion.integrals import AngleIntegral, Integral
+from hingepair.motion.methods import RULES, StepRule
+from hingepair.motion.signals import CallableSignal, ConstantSignal, SampledSignal, Signal
+from hingepair.motion.stepping import Steps, Subdivision, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
 from hingepair.numeric.bounded import UNIT_ROUNDOFF

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.dynamics.loads import (
+from hingepair.motion.loads import (
     ON_BASE,
     GivenLoad,
     Loads,

@@ -18,16 +18,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.dynamics.collocation import StepPolynomial
-from hingepair.dynamics.events import Side
-from hingepair.dynamics.given_motions import GivenBase, GivenJoint
-from hingepair.dynamics.loads import Loads, RobotMotionAtInstants
-from hingepair.dynamics.robot_programs import RobotPrograms
 from hingepair.equations import dynamics as dyn
 from hingepair.errors import ArgumentError
-from hingepair.integration.methods import quaternion_product
-from hingepair.integration.trajectory import quaternions_to_matrices
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.motion.collocation import StepPolynomial
+from hingepair.motion.events import Side
+from hingepair.motion.given_motions import GivenBase, GivenJoint
+from hingepair.motion.loads import Loads, RobotMotionAtInstants
+from hingepair.motion.methods import quaternion_product
+from hingepair.motion.robot_programs import RobotPrograms
+from hingepair.motion.trajectory import quaternions_to_matrices
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.plans.simulation import MOTION

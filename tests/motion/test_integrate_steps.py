@@ -12,11 +12,11 @@ import pytest
 import hingepair as hp
 from hingepair.bench.truth import DIGITS
 from hingepair.engine.backend import execution_of
-from hingepair.integration import step_selection
-from hingepair.integration.integrals import AttitudeIntegral
-from hingepair.integration.methods import RULES
-from hingepair.integration.signals import CallableSignal
-from hingepair.integration.stepping import Steps, subdivide
+from hingepair.motion import step_selection
+from hingepair.motion.integrals import AttitudeIntegral
+from hingepair.motion.methods import RULES
+from hingepair.motion.signals import CallableSignal
+from hingepair.motion.stepping import Steps, subdivide
 from support.sparse import sparse
 from support.spins import U
 from support.states import generator

@@ -11,8 +11,8 @@ import pytest
 
 import hingepair as hp
 from hingepair.bench.truth import DIGITS
-from hingepair.integration.methods import RULES, angle_loop, rotation_loop
-from hingepair.integration.signals import interpolation_loop
+from hingepair.motion.methods import RULES, angle_loop, rotation_loop
+from hingepair.motion.signals import interpolation_loop
 from support.sparse import sparse
 from support.spins import REFERENCE, SPINS, TURNED, U, angle
 from support.states import generator

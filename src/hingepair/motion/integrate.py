@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of, execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError, quoted
-from hingepair.integration.signals import R1_PARTS, ConstantSignal, SampledSignal, Signal, read_position, read_signal
-from hingepair.integration.solve import Solution, SolveOptions, solve, solve_together
-from hingepair.integration.trajectory import (
+from hingepair.motion.signals import R1_PARTS, ConstantSignal, SampledSignal, Signal, read_position, read_signal
+from hingepair.motion.solve import Solution, SolveOptions, solve, solve_together
+from hingepair.motion.trajectory import (
     STATE_PREFIX,
     LazyValue,
     PlanarTrajectory,

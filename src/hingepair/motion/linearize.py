@@ -9,13 +9,13 @@ from typing import Any, ClassVar, Final, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.events import JointEvents
-from hingepair.dynamics.linearize_robot import SmallMotion, linearize_robot
-from hingepair.dynamics.pair_loads import BaseArgument, LoadArgument, pair_loads
-from hingepair.dynamics.robot_motion import RobotMotion
-from hingepair.dynamics.simulate import initial_state, pair_motion, read_base, to_spatial_pair
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.motion.events import JointEvents
+from hingepair.motion.linearize_robot import SmallMotion, linearize_robot
+from hingepair.motion.pair_loads import BaseArgument, LoadArgument, pair_loads
+from hingepair.motion.robot_motion import RobotMotion
+from hingepair.motion.simulate import initial_state, pair_motion, read_base, to_spatial_pair
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only
 from hingepair.pair.body_motion import BodyMotion

@@ -11,8 +11,8 @@ import pytest
 import hingepair as hp
 from hingepair.bench.truth import DIGITS
 from hingepair.engine.backend import Execution
-from hingepair.integration.methods import RULES
-from hingepair.integration.stepping import CHUNK, GROUP, ROTATION_SCAN
+from hingepair.motion.methods import RULES
+from hingepair.motion.stepping import CHUNK, GROUP, ROTATION_SCAN
 from support.sparse import sparse
 from support.spins import REFERENCE, SPINS, TURNED, U
 from support.states import generator, rotations

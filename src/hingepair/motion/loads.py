@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hingepair.dynamics.events import Side
 from hingepair.errors import ArgumentError, ShapeError
+from hingepair.motion.events import Side
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_load import TORQUE_PARTS, HingeLoad, call_with_arrays, is_plain_hinge_load, stop_range

@@ -11,18 +11,18 @@ from typing import Any, Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.energy_balance import EnergyBalance, LazyBalance, energy_balance
-from hingepair.dynamics.events import UserEvent
-from hingepair.dynamics.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
-from hingepair.dynamics.loads import Loads, check_start
-from hingepair.dynamics.pair_loads import BODY2, BaseArgument, LoadArgument, loads_of_pair, pair_loads
-from hingepair.dynamics.robot_motion import RobotMotion, RobotSamples
-from hingepair.dynamics.robot_programs import RobotPrograms
-from hingepair.dynamics.run import Impact, Simulation, joint_impacts, joint_range, read_options
-from hingepair.dynamics.simulate_robot import simulate_robot
 from hingepair.errors import ArgumentError, quoted
-from hingepair.integration.trajectory import LazyValue, PlanarTrajectory, Trajectory
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
+from hingepair.motion.events import UserEvent
+from hingepair.motion.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
+from hingepair.motion.loads import Loads, check_start
+from hingepair.motion.pair_loads import BODY2, BaseArgument, LoadArgument, loads_of_pair, pair_loads
+from hingepair.motion.robot_motion import RobotMotion, RobotSamples
+from hingepair.motion.robot_programs import RobotPrograms
+from hingepair.motion.run import Impact, Simulation, joint_impacts, joint_range, read_options
+from hingepair.motion.simulate_robot import simulate_robot
+from hingepair.motion.trajectory import LazyValue, PlanarTrajectory, Trajectory
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, read_only
 from hingepair.pair.body import DynamicsWarning

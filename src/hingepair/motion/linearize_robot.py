@@ -9,11 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.loads import has_callable
-from hingepair.dynamics.robot_loads import loads_by_joint
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.methods import Wrenches
+from hingepair.motion.loads import has_callable
+from hingepair.motion.robot_loads import loads_by_joint
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only, vectors
 from hingepair.pair.body_motion import BodyMotion

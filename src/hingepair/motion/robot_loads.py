@@ -9,11 +9,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.dynamics.loads import GivenLoad, Loads, RobotMotionAtInstants, check_rigid_stops
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.computations import read_wrenches
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Mimic
+from hingepair.motion.loads import GivenLoad, Loads, RobotMotionAtInstants, check_rigid_stops
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, is_zero, one_constant
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable, is_plain_hinge_load

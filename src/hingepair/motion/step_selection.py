@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.integration.error_estimate import (
+from hingepair.motion.error_estimate import (
     StepErrors,
     concatenate_errors,
     equal_step_counts,
@@ -27,8 +27,8 @@ from hingepair.integration.error_estimate import (
     measure_errors,
     rounding_error,
 )
-from hingepair.integration.integrals import Integral
-from hingepair.integration.stepping import Steps, subdivide
+from hingepair.motion.integrals import Integral
+from hingepair.motion.stepping import Steps, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
 
 MAX_STEPS: Final = 2_000_000  # up to which steps are divided; more errors remain in the error estimate

@@ -9,13 +9,13 @@ import numpy as np
 
 from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError
-from hingepair.integration.error_estimate import StepErrors, estimate_error
-from hingepair.integration.integrals import AngleIntegral, AttitudeIntegral, Integral
-from hingepair.integration.methods import RULES, check_method
-from hingepair.integration.signals import Signal
-from hingepair.integration.step_selection import select_steps
-from hingepair.integration.stepping import Steps
-from hingepair.integration.trajectory import LazyValue
+from hingepair.motion.error_estimate import StepErrors, estimate_error
+from hingepair.motion.integrals import AngleIntegral, AttitudeIntegral, Integral
+from hingepair.motion.methods import RULES, check_method
+from hingepair.motion.signals import Signal
+from hingepair.motion.step_selection import select_steps
+from hingepair.motion.stepping import Steps
+from hingepair.motion.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number
 from hingepair.rotations.matrices import matrix_to_quaternion

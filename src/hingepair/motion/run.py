@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.dynamics.collocation import (
+from hingepair.errors import ArgumentError, SimulationError, quoted
+from hingepair.mechanism.mechanism import tree_of
+from hingepair.motion.collocation import (
     NODES,
     Stepper,
     StepPolynomial,
@@ -18,14 +20,12 @@ from hingepair.dynamics.collocation import (
     integration_matrix,
     interpolation_matrix,
 )
-from hingepair.dynamics.events import JointEvents, UserEvent
-from hingepair.dynamics.robot_motion import (
+from hingepair.motion.events import JointEvents, UserEvent
+from hingepair.motion.robot_motion import (
     RobotMotion,
     RobotSamples,
     StepRecord,
 )
-from hingepair.errors import ArgumentError, SimulationError, quoted
-from hingepair.mechanism.mechanism import tree_of
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, real_array
 from hingepair.pair.hinge_load import check_callable, stop_range

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.integration import integrate, stepping
+from hingepair.motion import integrate, stepping
 from support.many_motions import ERROR_NAMES, FLAT, PAIR, SPATIAL_NAMES, many_motions
 
 COUNT, MOTIONS = 70, 3

@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.energy_balance import EnergyBalance, LazyBalance, energy_balance
-from hingepair.dynamics.events import UserEvent
-from hingepair.dynamics.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
-from hingepair.dynamics.loads import check_start
-from hingepair.dynamics.robot_loads import EffortArgument, RobotLoadArgument, robot_loads
-from hingepair.dynamics.robot_motion import REST, RobotMotion
-from hingepair.dynamics.robot_programs import RobotPrograms
-from hingepair.dynamics.run import Impact, Simulation, joint_impacts, joint_range, read_options
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.integration.trajectory import LazyValue
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.mechanism.tree import loads_note
+from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
+from hingepair.motion.events import UserEvent
+from hingepair.motion.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
+from hingepair.motion.loads import check_start
+from hingepair.motion.robot_loads import EffortArgument, RobotLoadArgument, robot_loads
+from hingepair.motion.robot_motion import REST, RobotMotion
+from hingepair.motion.robot_programs import RobotPrograms
+from hingepair.motion.run import Impact, Simulation, joint_impacts, joint_range, read_options
+from hingepair.motion.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import Frozen, check_choice, finite_number, read_only
 from hingepair.pair.body import DynamicsWarning

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.dynamics.collocation import NODE_TIMES, NODES, WEIGHTS
-from hingepair.dynamics.run import Run, rate_jumps
+from hingepair.motion.collocation import NODE_TIMES, NODES, WEIGHTS
+from hingepair.motion.run import Run, rate_jumps
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.tables.sheets import ruled_table
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError
-from hingepair.integration.methods import StepRule, angle_loop, quaternion_product, rotation_loop
-from hingepair.integration.signals import ConstantSignal, Signal
-from hingepair.integration.stepping import HIGH_LOW_SUM_SCAN, ROTATION_SCAN, Steps, Subdivision
+from hingepair.motion.methods import StepRule, angle_loop, quaternion_product, rotation_loop
+from hingepair.motion.signals import ConstantSignal, Signal
+from hingepair.motion.stepping import HIGH_LOW_SUM_SCAN, ROTATION_SCAN, Steps, Subdivision
 from hingepair.numeric.arrays import FLOAT64
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.bounded import UNIT_ROUNDOFF

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from hingepair.engine.backend import Execution
 from hingepair.engine.loops import Loop
-from hingepair.integration.methods import quaternion_product, quaternion_unit
+from hingepair.motion.methods import quaternion_product, quaternion_unit
 from hingepair.numeric.arrays import FLOAT64
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.twofold import HighLow, exact_sum, twofold_sum

@@ -16,8 +16,8 @@ from typing import Any, Final, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.collocation import event_margin
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
+from hingepair.motion.collocation import event_margin
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
 from hingepair.numeric.complementarity import forces_within_limits
