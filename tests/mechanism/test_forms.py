@@ -468,33 +468,6 @@ def test_bounds_hold_for_every_backend_of_a_mimic_robot():
         assert (bounds[name] < 1e-3).all()
 
 
-@pytest.mark.slow
-def test_jax_arrays_stay_what_they_are_and_have_gradients():
-    jax = pytest.importorskip("jax")
-    robot = Robot(record_of(random_model(5, 2)))
-    motion = np.random.default_rng(6).uniform(-1, 1, (3, 4, robot.dof))
-    frames, tip = ("link_0", "link_1"), "link_1"
-    with jax.enable_x64(True):
-        q, qd, qdd = (jax.numpy.asarray(part) for part in motion)
-        state = jax.jit(lambda *x: robot.forward_kinematics(*x, frames=frames))(q, qd)
-        assert isinstance(state.R, jax.Array)
-        check_same(state.arrays(), robot.forward_kinematics(*motion[:2], frames=frames).arrays())
-        assert state["link_0"].v.shape == (4, 3)
-
-        def position(x):
-            return robot.forward_kinematics(x, frames=tip, outputs=("R",)).R[0]
-
-        def torque(x):
-            return robot.inverse_dynamics(q[0], qd[0], x, outputs=("tau",)).tau
-
-        by_hand = jax.jit(jax.jacobian(position))(q[0])
-        np.testing.assert_allclose(by_hand, robot.jacobian(motion[0, 0], tip)[:3], atol=1e-14)
-        matrix = jax.jit(jax.jacobian(torque))(qdd[0])
-        np.testing.assert_allclose(matrix, robot.mass_matrix(motion[0, 0]), atol=1e-13)
-        with pytest.raises(hp.ArgumentError, match="qd: expected an array of jax"):
-            robot.inverse_dynamics(q, motion[1].tolist(), qdd)
-
-
 def test_a_prepared_call_counts_the_operations_of_its_own_arguments(robot):
     moved = ("R1", "S1", "v1", "omega1", "a1", "alpha1")
     base = hp.BodyMotion(

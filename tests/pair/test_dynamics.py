@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import array_api_strict as strict
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -336,17 +335,6 @@ def test_dynamics_are_written_into_given_arrays_by_any_backend(name):
         ask(pair, body, psi, out={"lift": psi})
 
 
-@pytest.mark.parametrize("name", DYNAMICS)
-def test_dynamics_of_other_libraries_arrays_are_theirs(name):
-    ask, rng = DYNAMICS[name], generator(52)
-    pair, body, psi = massive(rng), moving(rng, 4), rng.normal(size=4)
-    letters = ("R", "S", "v", "omega", "a", "alpha")
-    own = hp.BodyMotion(**{letter: strict.asarray(getattr(body, letter).copy()) for letter in letters})
-    for part, expected in zip(ask(pair, own, strict.asarray(psi)), ask(pair, body, psi), strict=True):
-        assert type(part) is type(own.S)
-        np.testing.assert_allclose(np.asarray(part), expected, rtol=0, atol=1e-13 * (1 + np.abs(expected).max()))
-
-
 NEEDLE = hp.HingePair(
     (1, 0, 0), (0, 0, 0), (0, 0, 1), name="needle", body1=hp.Body(1, inertia=(1, 1, 1)),
     body2=hp.Body(mass=1, inertia=(1, 1, 1e-30)),
@@ -535,20 +523,6 @@ def test_what_was_not_given_of_a_planar_pair_is_warned_of_too():
         "pair.body1: no inertia",
     ]
     np.testing.assert_allclose(pair.massive().body2.inertia, 2 * 0.4 * 0.25 * np.eye(3), rtol=1e-15)
-
-
-@pytest.mark.slow
-def test_prepared_dynamics_takes_arrays_of_jax():
-    import jax
-
-    rng = generator(28)
-    pair, body1 = massive(rng), moving(rng, 3)
-    given = (body1.S, body1.omega, body1.a, body1.alpha, *rng.normal(size=(3, 3)))
-    inverse = pair.prepare("inverse_dynamics")
-    with jax.enable_x64(True):
-        found = inverse(*map(jax.numpy.asarray, given))
-        assert isinstance(found.force1, jax.Array)
-        np.testing.assert_allclose(found.hinge_torque, inverse(*given).hinge_torque, rtol=0, atol=1e-12)
 
 
 def test_a_mass_that_nobody_gave_is_said():

@@ -100,18 +100,6 @@ def bind(shapes: NamedShapes, values: Mapping[str, Any], single_samples_vary: bo
     return bound
 
 
-def bind_foreign(shapes: NamedShapes, values: Mapping[str, Any]) -> BoundInputs:
-    """Return inputs of another array library, divided as by `bind`: each a number or an array, or a tuple of them."""
-    bound = BoundInputs()
-    for name, shape in shapes:
-        for component in values[name] if shape else (values[name],):
-            if isinstance(component, float | int):
-                bound.add_number(component)
-            else:
-                bound.add_component(component, component)
-    return bound
-
-
 def bind_constant(name: str, shape: ArrayShape, value: Any) -> Any:
     """Return an input of one sample as a `BoundConstant`, and one of more samples unchanged."""
     bound = bind(((name, shape),), {name: value})

@@ -1,14 +1,12 @@
 """Calls: a loop with its constants, called with arrays of one state or of many.
 
 call = Call(loop, {"psi": ()}, {"n": (0.0, 0.0, 1.0)}, Results)
-call.rows(np.zeros(5))                                    # arguments that are one array each: a ufunc of NumPy
-call.run({"psi": np.zeros(5)}, {"psi": (5,)})             # arguments by components too, and the backend "numpy"
-call.run_foreign({"psi": jax_array}, {"psi": (5,)}, jax)  # arrays of another library, which computes them
+call.rows(np.zeros(5))                         # arguments that are one array each: a ufunc of NumPy
+call.run({"psi": np.zeros(5)}, {"psi": (5,)})  # arguments by components too, and the backend "numpy"
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -25,7 +23,6 @@ from hingepair.engine.rows import Output, Rows, rows_function
 from hingepair.engine.slices import run_slices
 from hingepair.engine.ufunc import MAX_OPERANDS, Layout, Operand, Ufunc
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
 from hingepair.numeric.caching import lock_free_cached_property
 
@@ -78,6 +75,7 @@ class Call:
 
     Attributes:
         outputs: names of the returned outputs.
+        has_kernels: whether kernels compute calls whose arguments are one array each.
         rows: function of the arguments in order, `out` and `workers`; returns the results, or None where `run` has to
             compute them or to say what cannot be used.
     """
@@ -112,7 +110,7 @@ class Call:
         }
         self._tails = tuple(self.argument_shapes.values())
         tails = [*self._tails, *(tail for _, tail in loop.outputs)]
-        self._has_rows = (
+        self.has_kernels = (
             backend != "numpy"
             and loop.traced
             and shape == ()
@@ -171,7 +169,7 @@ class Call:
             CompilationError: LLVM fails, and the backend is "compiled".
         """
         self._shared = False
-        if self._has_rows:
+        if self.has_kernels:
             self._kernel("d", False)
 
     def _check_constants(self, char: str) -> None:
@@ -239,7 +237,7 @@ class Call:
             outputs = {name: tail for name, tail in loop.outputs if name in self.outputs}
             loop = Loop(loop.name, loop.function, dict(loop.inputs), outputs, form=loop.form)
         call = Call(loop, self.argument_shapes, self._constants, None, shape=self._shape)
-        if not call._has_rows:
+        if not call.has_kernels:
             raise ArgumentError("ufunc", "a call of single arrays of at least one number each", quoted(self.outputs))
         program, constants = call._program(False)
         layout, loops, kernels = call._layout(bool(constants)), [], []
@@ -255,7 +253,7 @@ class Call:
 
     def _any_rows(self, *arguments: Any, out: Out = None, workers: int = 1) -> Any:
         """Return the results for single arrays, lists or numbers; None if `run` has to look at the arguments."""
-        read = self._read(arguments) if self._has_rows else None
+        read = self._read(arguments) if self.has_kernels else None
         if read is None or (out is not None and not (type(out) is dict and out.keys() <= {*self.outputs})):
             return None
         arrays, shape, dtype, alike = read
@@ -339,7 +337,7 @@ class Call:
         named = {labels.get(name, name): value for name, value in values.items()} if out and labels else values
         outputs = self._output_arrays(shape, dtype, out, named)
         kernel, few = None, math.prod(shape) < _FEW_SAMPLES
-        if self._has_rows and 0 not in shape and (few or not any(type(one) is tuple for one in values.values())):
+        if self.has_kernels and 0 not in shape and (few or not any(type(one) is tuple for one in values.values())):
             kernel = self._kernel(dtype.char, self._shared and few)
         if kernel is not None:
             arrays = [_joined(values[name], tail, dtype) for name, tail in self.argument_shapes.items()]
@@ -377,40 +375,6 @@ class Call:
         if self.result is None:
             return outputs[self.outputs[0]]
         return self.result({name: outputs[name] for name in self.outputs}, shape)
-
-    def run_foreign(
-        self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], library: Library, out: Out, workers: int
-    ) -> Any:
-        """Return the results as arrays of another array library, which computes them. Limits are not checked; the
-        result class is registered with JAX if JAX is the library.
-
-        Args:
-            values: the arguments by name: numbers, arrays of NumPy or of the library, or tuples of components.
-            shapes: leading shape of the samples of each argument.
-            library: the array library.
-            out: None; anything else is refused, as it is of `workers` but 1 and of a backend but "auto".
-            workers: 1.
-        """
-        if out is not None:
-            raise ArgumentError("out", f"None, since {library.name} makes its own arrays", quoted(out))
-        if self._backend != "auto":
-            raise ArgumentError("backend", f"'auto', since {library.name} runs the equations", self._backend)
-        if workers != 1:
-            raise ArgumentError("workers", f"1, since {library.name} has threads of its own", workers)
-        shape = self._sample_shape(shapes)
-        inputs = {**self._constants, **values}
-        parts = {name: _foreign_parts(name, inputs[name], tail, library) for name, tail in self.loop.inputs}
-        components = self.loop.foreign_outputs(parts, library)
-        tails = dict(self.loop.outputs)
-        joined = {name: library.join_components(components[name], shape, tails[name]) for name in self.outputs}
-        return self.foreign_result(joined, shape, library)
-
-    def foreign_result(self, arrays: Mapping[str, Any], shape: ArrayShape, library: Library) -> Any:
-        """Return the result that holds arrays of another library; for JAX, its class is registered as a pytree."""
-        if library.name == "jax" and self.result is not None:
-            result: Any = self.result
-            _register_for_jax(result)
-        return self._make_result(arrays, shape)
 
     # ---- limits
 
@@ -459,34 +423,3 @@ def _is_plain(values: Any) -> bool:
     return _NUMBERS.issuperset(map(type, values)) or all(
         type(x) in _NUMBERS or (type(x) in _SEQUENCES and _is_plain(x)) for x in values
     )
-
-
-def _foreign_parts(name: str, value: Any, tail: ArrayShape, library: Library) -> Any:
-    """Return the components of an input as numbers and arrays of a library: a tuple, or the only one of a scalar."""
-    if isinstance(value, tuple):
-        return tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in value)
-    if is_foreign(value):
-        return foreign_components(name, value, *tail) if tail else value
-    if not isinstance(value, np.ndarray):
-        return float(value)
-    flat = value.reshape(*value.shape[: value.ndim - len(tail)], -1)
-    parts = flat.tolist() if flat.ndim == 1 else [library.array(flat[..., k]) for k in range(flat.shape[-1])]
-    return tuple(parts) if tail else parts[0]
-
-
-@functools.cache
-def _register_for_jax(result_class: Any) -> None:
-    """Register a class of results as a JAX pytree, so that functions of JAX take and return such results."""
-    from jax.tree_util import register_pytree_node
-
-    def flatten(results: Any) -> tuple[tuple[Any, ...], tuple[tuple[str, ...], int]]:
-        arrays = tuple(results.arrays().values())
-        return arrays, (results.outputs, arrays[0].ndim - len(results.shape))
-
-    def unflatten(structure: tuple[tuple[str, ...], int], arrays: Any) -> Any:
-        names, sample_axes = structure  # sample_axes: of the first output
-        by_name = dict(zip(names, arrays, strict=True))
-        shape = getattr(by_name[names[0]], "shape", ())  # JAX also passes placeholders that are not arrays
-        return result_class(by_name, tuple(shape[: len(shape) - sample_axes]))
-
-    register_pytree_node(result_class, flatten, unflatten)

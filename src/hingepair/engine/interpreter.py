@@ -9,8 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.engine.trace import Operand, TracedValue, needed_values, square_root
-from hingepair.numeric.array_libraries import Library, is_foreign
-from hingepair.numeric.blocks import VERSINE_SWITCH, cosine, sine, versine, versines
+from hingepair.numeric.blocks import cosine, sine, versines
 
 Functions = Mapping[str, Callable[..., Any]]
 
@@ -79,32 +78,3 @@ def interpreter(
         return [values[k] for k in ends]
 
     return run
-
-
-def library_functions(library: Library) -> Functions:
-    """Return the operations on numbers and arrays of a library, which can differentiate them."""
-
-    def of_library(name: str) -> Callable[..., Any]:
-        """Return a function for arrays of the library, and for numbers."""
-        arrays = getattr(library.namespace, name.replace("arctan2", "atan2"))  # array API's name
-
-        def call(*operands: Any) -> Any:
-            return arrays(*operands) if any(map(is_foreign, operands)) else float(NUMPY[name](*operands))
-
-        return call
-
-    def where(condition: Any, then: Any, otherwise: Any) -> Any:
-        if not is_foreign(condition):
-            return then if condition else otherwise
-        return library.namespace.where(condition, library.array(then), library.array(otherwise))
-
-    def versine_of(s: Any, c: Any) -> Any:
-        """Return 1 - cos, without cancellation and with finite derivatives."""
-        if not is_foreign(c):
-            return versine(s, c)
-        near = c > VERSINE_SWITCH
-        # The denominator of the unused side is set to 1: a division by zero would make derivatives NaN.
-        return where(near, s * s / where(near, 1.0 + c, 1.0), 1.0 - c)
-
-    functions = {name: of_library(name) for name in ("sin", "cos", "sqrt", "arctan2", "hypot")}
-    return {**_ARITHMETIC, **functions, "where": where, "versine": versine_of}

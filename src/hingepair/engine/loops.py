@@ -27,10 +27,9 @@ from hingepair.engine.binding import (
     InputPattern,
     NamedShapes,
     bind,
-    bind_foreign,
     component_views,
 )
-from hingepair.engine.interpreter import BOUNDED, NUMPY, Functions, interpreter, library_functions
+from hingepair.engine.interpreter import BOUNDED, NUMPY, Functions, interpreter
 from hingepair.engine.llvm import object_cache
 from hingepair.engine.llvm.arithmetic import ComponentGroup
 from hingepair.engine.llvm.ir import kernel_ir
@@ -49,7 +48,6 @@ from hingepair.engine.trace import (
 from hingepair.engine.trace import Operand as TracedOperand
 from hingepair.engine.ufunc import FLOAT_TYPES, MAX_OPERANDS, Layout, Operand, Ufunc, loop_ir
 from hingepair.errors import CompilationError, ShapeError
-from hingepair.numeric.array_libraries import Library
 from hingepair.numeric.arrays import Block, load, split_into_blocks
 from hingepair.numeric.blocks import components, fill_blocks
 from hingepair.numeric.caching import lock_free_cached_property
@@ -173,21 +171,6 @@ class Loop:
             values[name] = tuple(group) if tail else group[0]
         results = self.function(values)
         return [sampled_value(one) for name, _ in self.outputs for one in components(results[name])]
-
-    def foreign_outputs(self, values: Mapping[str, Any], library: Library) -> dict[str, tuple[Any, ...]]:
-        """Return the components of each output, computed by another array library.
-
-        Args:
-            values: inputs by name: numbers and arrays of the library, vectors as tuples of numbers and arrays.
-            library: the array library.
-        """
-        bound = bind_foreign(self.inputs, values)
-        if self.traced:
-            function = self.program(bound.pattern).interpreted(library_functions(library))
-        else:
-            function = functools.partial(self._compute, bound.pattern, len(bound.constants))
-        flat = iter(function(*bound.constants, *bound.arrays))
-        return {name: tuple(itertools.islice(flat, math.prod(tail))) for name, tail in self.outputs}
 
     def count_operations(self, values: Mapping[str, Any]) -> OperationCounts:
         """Count the operations for these inputs, of which arrays vary and numbers are known."""

@@ -14,7 +14,6 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from hingepair.numeric import array_libraries
 from hingepair.numeric.blocks import cosine, sine
 from hingepair.numeric.bounded import Bounded
 
@@ -225,7 +224,7 @@ def square_root(x: Any) -> Any:
         return x.trace.record("sqrt", x)
     if isinstance(x, Sampled):
         return Sampled(square_root(x.value))
-    return array_libraries.apply_function("square_root", x) if array_libraries.is_foreign(x) else np.sqrt(x)
+    return np.sqrt(x)
 
 
 def arc_tangent(y: Any, x: Any) -> Any:
@@ -252,8 +251,6 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     for operand in (a, b):
         if isinstance(operand, TracedValue):
             return operand.trace.record("where", operand.trace.record("<", a, b), then, otherwise)
-        if array_libraries.is_foreign(operand):
-            return array_libraries.where_less(a, b, then, otherwise)
         if isinstance(operand, Sampled):
             return Sampled(where_less(*map(sampled_value, (a, b, then, otherwise))))
     if isinstance(a, Bounded) or isinstance(b, Bounded):

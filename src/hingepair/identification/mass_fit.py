@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, DtypeError, FitError, ShapeError, quoted
+from hingepair.errors import ArgumentError, FitError, ShapeError, quoted
 from hingepair.identification.consistency import body_units, consistent_parameters, nearest_parameters
 from hingepair.measured.findings import RANDOM_CORRELATION, Check, Finding, exceeded, verdict
 from hingepair.measured.least_squares import neighbour_correlation, sandwich
@@ -364,11 +364,9 @@ def _checked_options(robot: Any, joint_terms: Iterable[str], test: float) -> tup
 
 
 def _arrays(robot: Mechanism, given: dict[str, Any]) -> dict[str, Float64Array]:
-    """Return coordinates in any of their forms as arrays of one shape (..., dof); refuse other libraries' arrays."""
+    """Return coordinates in any of their forms as arrays of one shape (..., dof)."""
     shapes = dict.fromkeys(given, (robot.dof,))
     read = read_arguments(given, shapes, tree_of(robot).coordinate_names)
-    if read.library is not None:
-        raise DtypeError("q", "NumPy arrays", "arrays of another library")
     parts = [np.stack(np.broadcast_arrays(*one), axis=-1) if isinstance(one, tuple) else np.asarray(one)
              for one in read.values.values()]  # fmt: skip
     shape = (*broadcast_shape(read.shapes), robot.dof)

@@ -16,7 +16,6 @@ from hingepair.engine.results import Results
 from hingepair.errors import CompilationError, MissingDependencyError
 from hingepair.mechanism.computations import RobotComputation
 from hingepair.mechanism.constants import frame_numbers, number_bounds, program_numbers
-from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.bounded import UNIT_ROUNDOFF, Bounded, bounded_class, conversion_error
@@ -219,9 +218,9 @@ def _as_tuple(value: Any) -> tuple[Any, ...]:
 
 
 def _input_components(value: Any, sample_shape: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the components of an array of samples, or of a tuple, as numbers or NumPy arrays."""
+    """Return the components of an array of samples, or of a tuple, as numbers or arrays."""
     if isinstance(value, tuple):
-        return tuple(np.asarray(c) if is_foreign(c) else c for c in value)
+        return value
     array = np.asarray(value)
     if array.ndim == len(sample_shape):
         return tuple(array.ravel().tolist()) if array.dtype.char == "d" else tuple(array.ravel())

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Collection, Iterable, Mapping
 from types import MappingProxyType
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, Literal, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +35,7 @@ from hingepair.mechanism.computations import (
 )
 from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_query, read_solutions
-from hingepair.mechanism.rollout import Rollout, rolled_out
+from hingepair.mechanism.rollout import PreparedRollout, Rollout, rolled_out
 from hingepair.mechanism.states import (
     JointWrenches,
     MechanismAccelerations,
@@ -1073,6 +1074,10 @@ class MechanismMethods(Frozen, Shown):
             return written, None
         return written, conventions.written_v(convention, rates, base_motion, free)
 
+    @overload
+    def prepare(self, given: Literal["rollout"], *, dt: float, **rollout: Any) -> PreparedRollout: ...
+
+    @overload
     def prepare(
         self,
         given: str | Iterable[str],
@@ -1083,15 +1088,29 @@ class MechanismMethods(Frozen, Shown):
         joint_loads: bool | None = None,
         workers: int = 1,
         backend: str = "auto",
-    ) -> Prepared:
+    ) -> Prepared: ...
+
+    def prepare(
+        self,
+        given: str | Iterable[str],
+        *,
+        frames: str | Iterable[str] | None = None,
+        outputs: Iterable[str] | None = None,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
+        joint_loads: bool | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+        **rollout: Any,
+    ) -> Any:
         """Return a function that computes given outputs, planned and compiled once, for loops over single states or
-        small batches. Arguments not listed: see `Mechanism`.
+        small batches, and for arrays of JAX and PyTorch. Arguments not listed: see `Mechanism`.
 
         Args:
             given: names of the arguments in the order of a call, out of q, qd, qdd, tau; R1, S1, v1, omega1, a1,
                 alpha1, the motion of the base; force1 and torque1, loads on a free base. Or a word for them: "pose",
                 "velocity" or "acceleration" of frames, for q, qd and qdd as far as needed; "jacobian_in_frame"; or
-                the name of a method such as "jacobian", "inverse_dynamics" or "mass_matrix", for its first arguments.
+                the name of a method such as "jacobian", "inverse_dynamics" or "mass_matrix", for its first arguments;
+                or "rollout", for q0, qd0 and tau.
 
                 What is not given of the base is zero, S1 the identity; but a1 and alpha1 of a free base are results
                 of forward dynamics.
@@ -1099,11 +1118,12 @@ class MechanismMethods(Frozen, Shown):
                 suffice. By default all of the method; of a tuple those of `forward_dynamics` where it holds efforts,
                 else those of `forward_kinematics`.
             backend: "auto" and "compiled" compile during this call, "numpy" never does.
+            **rollout: for "rollout", dt and the other options of the method `rollout`.
 
         Returns:
             A `Prepared`, whose calls return what the method returns; with outputs of several methods the result of
             the one that has the first, in which the others are attributes of frames' motions, or else
-            `result["jacobian"]`.
+            `result["jacobian"]`. A `PreparedRollout` of "rollout".
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an argument that is not given.
@@ -1114,6 +1134,16 @@ class MechanismMethods(Frozen, Shown):
         >>> step(np.zeros(6), np.zeros(6), np.zeros(6)).tau.shape
         (6,)
         """
+        if given == "rollout":
+            for name, value in {"frames": frames, "outputs": outputs}.items():
+                if value is not None:
+                    raise ArgumentError(name, "None, since a rollout records q and qd", quoted(value))
+            shared = {"gravity": gravity, "joint_loads": joint_loads, "workers": workers}
+            inspect.signature(self.rollout).bind("q0", "qd0", "tau", **rollout)  # a TypeError as of any call
+            rolled = functools.partial(self.rollout, **shared, **rollout)
+            return PreparedRollout(rolled, len(self._constants.names), self.base == "free")
+        if rollout:
+            raise ArgumentError(next(iter(rollout)), 'an option of prepare("rollout", ...) alone', quoted(given))
         names = checked_given(given)
         loads = [name for name in names if name in ("force1", "torque1")]
         if loads and self.base != "free":

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+import functools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hingepair.engine import jax_torch
 from hingepair.engine.backend import Execution
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.computations import RESTING_BASE, Loads, RobotComputation
-from hingepair.numeric.array_libraries import is_foreign, library_of
-from hingepair.numeric.arrays import FloatArray, check_choice, finite_number, real_array
+from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.arguments import Coordinates, check_out
 from hingepair.plans.rollouts import BASE_STATE, METHODS, RolloutStep
 from hingepair.plans.trees import request_loop
 from hingepair.rollouts.gradients import gradients
-from hingepair.rollouts.libraries import rolled_out_in
 from hingepair.rollouts.motions import Motions
-from hingepair.rollouts.tracks import MOVING_BASE, Track, control_tracks, count_steps, track
+from hingepair.rollouts.tracks import MOVING_BASE, Feedback, Track, control_tracks, count_steps, track
 
 
 class Rollout(Results):
@@ -83,7 +83,9 @@ class Rollout(Results):
         (50, 6)
         """
         if self._motions is None:
-            raise ArgumentError("rollout", "one of NumPy arrays, from this process", "a copy, or arrays of a library")
+            raise ArgumentError(
+                "rollout", "the result of a call in this process", "a copy, or arrays of JAX or PyTorch"
+            )
         return gradients(self._motions, self.arrays(), cotangents, wrt)
 
     def __dir__(self) -> list[str]:
@@ -92,7 +94,7 @@ class Rollout(Results):
     @property
     def t(self) -> FloatArray | None:
         """Instants of the recorded states from 0 at the start [s]; (steps + 1,). None for copies and for arrays of
-        another library.
+        JAX and PyTorch.
         """
         motions = self._motions
         return None if motions is None else np.arange(motions.records + 1) * (motions.every * motions.known["h"])
@@ -103,6 +105,76 @@ class Rollout(Results):
         if self.R1 is None:
             return None
         return BodyMotion(R=self.R1, S=self.S1, v=self.v1, omega=self.omega1)
+
+
+class PreparedRollout:
+    """Rollouts of a robot with given options, from q0, qd0 and tau. Only hingepair calls the constructor.
+
+    Args:
+        rollout: `Mechanism.rollout` with its options.
+        dof: number of coordinates.
+        free: whether the base is free.
+
+    Attributes:
+        given: names of the arguments, in order.
+        outputs: names of the recorded states.
+    """
+
+    given: Final = ("q0", "qd0", "tau")
+
+    def __init__(self, rollout: functools.partial[Rollout], dof: int, free: bool) -> None:
+        self._rollout, self._dof = rollout, dof
+        self.outputs = ("q", "qd", *(BASE_STATE if free else ()))
+
+    def __repr__(self) -> str:
+        return f"PreparedRollout({', '.join(f'{name}={value!r}' for name, value in self._rollout.keywords.items())})"
+
+    def __call__(self, q0: Coordinates, qd0: Coordinates, tau: Any, *, out: Any = None) -> Rollout:
+        """Return what `Mechanism.rollout` returns."""
+        return self._rollout(q0, qd0, tau, out=out)
+
+    def jax(self, q0: Any, qd0: Any, tau: Any) -> Rollout:
+        """Return the rollout of arrays of JAX: q0 and qd0 (..., dof), tau (..., steps, dof) or (dof,), or a
+        `Feedback` of NumPy arrays. `jit`, `vmap`, `scan` and `grad` work; attitudes change by their nine entries.
+        """
+        return self._in_library("jax", q0, qd0, tau)
+
+    def torch(self, q0: Any, qd0: Any, tau: Any) -> Rollout:
+        """Return the rollout of tensors of PyTorch, in the forms of `jax`, which `backward` differentiates once."""
+        return self._in_library("torch", q0, qd0, tau)
+
+    def _in_library(self, library: str, q0: Any, qd0: Any, tau: Any) -> Rollout:
+        given = {"q0": q0, "qd0": qd0}
+        if not isinstance(tau, Feedback):
+            given["tau"] = np.full(self._dof, float(tau)) if isinstance(tau, int | float) else tau
+        arrays = [*jax_torch.library_arrays(library, dict.fromkeys(given, (self._dof,)), [*given.values()])]
+
+        def run(values: Sequence[Any]) -> tuple[Sequence[Any], Any]:
+            motions = self._rollout(**{"tau": tau, **dict(zip(given, values, strict=True))})
+            states = motions.arrays()
+
+            def pull(needed: Sequence[int], weights: Sequence[Any]) -> list[FloatArray]:
+                cotangents = dict(zip(states, weights, strict=True))
+                if "S1" in cotangents:  # the entries of an attitude change so where it turns
+                    cotangents["S1"] = np.cross(states["S1"], cotangents["S1"], axis=-2).sum(axis=-1)
+                wrt = [[*given][k] for k in needed]
+                gradients = motions.vjp(cotangents, wrt)
+                return [gradients[name] for name in wrt]
+
+            return [*states.values()], pull
+
+        if library == "torch":
+            found = jax_torch.torch_function(run)(*arrays)
+        else:
+            if "tau" in given and arrays[2].ndim == 1:
+                if self._rollout.keywords.get("steps") is None:
+                    raise ArgumentError("steps", "a number of steps, since tau has no axis of steps", None)
+                arrays[2] = arrays[2][None]
+            ranks = [1, 1, 2][: len(arrays)]
+            nothing = [np.zeros((0, *one.shape[one.ndim - k :])) for one, k in zip(arrays, ranks, strict=True)]
+            tails = [one.shape[1:] for one in run(nothing)[0]]
+            found = jax_torch.jax_callback(run, ranks, tails)(*arrays)
+        return jax_torch.library_results(library, Rollout, self.outputs, found, 1)
 
 
 def base_tracks(base_motion: BodyMotion | None) -> dict[str, Track]:
@@ -140,26 +212,6 @@ def rolled_out(
     execution: Execution,
 ) -> Rollout:
     """Return what `Mechanism.rollout` describes, by the computation of qdd under the given loads."""
-    users = {"q0": q0, "qd0": qd0, "tau": tau}
-    library = library_of({name: value for name, value in users.items() if is_foreign(value)})
-    if library is not None:
-        if out is not None:
-            raise ArgumentError("out", "None, since arguments are arrays of another library", quoted(out))
-
-        def roll(**arrays: Any) -> Rollout:
-            """Return the rollout with NumPy arrays in place of those of the library."""
-            return rolled_out(
-                computation, **{"q0": q0, "qd0": qd0, "tau": tau, **arrays}, dt=dt, method=method, steps=steps,
-                every=every, limit=limit, gravity=gravity, loads=loads, base_motion=base_motion, out=None,
-                execution=execution,
-            )  # fmt: skip
-
-        for name, value in users.items():
-            if isinstance(value, np.ndarray) and value.ndim > 1:  # it may have an axis of motions
-                users[name] = library.array(real_array(name, value))
-        foreign = {name: value for name, value in users.items() if is_foreign(value)}
-        states = rolled_out_in(library, roll, foreign, computation.form.dof)
-        return Rollout(states, tuple(states["q"].shape[:-1]))
     check_choice("method", method, METHODS)
     if not isinstance(every, int | np.integer) or isinstance(every, bool) or every < 1:
         raise ArgumentError("every", "a whole number from 1", quoted(every))

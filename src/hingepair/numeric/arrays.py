@@ -28,24 +28,23 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
 
     Raises:
         DtypeError: complex, object, float16, longdouble, bool or text; a masked array; a table with named columns; a
-            Dask array, which would be computed unasked.
+            Dask array, which would be computed unasked; an array of JAX, PyTorch or another library.
         ShapeError: nested sequences of unequal length.
     """
     if is_table(value):
         raise DtypeError(name, "an array (of a table: .to_numpy())", f"a {type(value).__name__} with named columns")
     if getattr(value, "__dask_graph__", lambda: None)() is not None:
         raise DtypeError(name, f"an array in memory, such as {name}.compute()", f"a Dask {type(value).__name__}")
+    if not isinstance(value, np.ndarray | np.generic) and _is_of_other_library(value):
+        library = type(value).__module__.partition(".")[0].removesuffix("lib")  # "jaxlib" is JAX too
+        prepared = f" (prepared calls, f = robot.prepare(...), take this: f.{library})"
+        expected = f"an array of NumPy{prepared if library in {'jax', 'torch'} else ''}"
+        raise DtypeError(name, expected, f"{type(value).__name__} of {library}")
     if isinstance(value, np.ma.MaskedArray):
         raise DtypeError(name, "an array without a mask (use .filled(numpy.nan))", "a masked array")
     try:
         array = np.asarray(value)
     except (ValueError, TypeError, OverflowError):
-        if type(value).__name__.endswith("Tracer"):
-            derivatives = 'prepare(...).jacobian(..., wrt="masses") and rollout(...).vjp give'
-            if name.startswith("tau."):  # of a Feedback
-                derivatives = f'motions = robot.rollout(...), motions.vjp(weights, wrt="{name[4:]}") gives'
-            expected = f"numbers, since JAX does not trace this argument ({derivatives} derivatives)"
-            raise DtypeError(name, expected, f"a {type(value).__name__}") from None
         raise ShapeError(
             name, "an array, or lists that make one", f"a {type(value).__name__} that makes none"
         ) from None
@@ -55,6 +54,11 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     if dtype.kind in "iu" or (dtype.kind == "f" and dtype.itemsize in {4, 8}):
         return array
     raise DtypeError(name, "real numbers (float64, float32 or integers)", _describe(array))
+
+
+def _is_of_other_library(value: object) -> bool:
+    """Return whether a value is an array of JAX, PyTorch, CuPy or another library of arrays."""
+    return hasattr(value, "__array_namespace__") or type(value).__module__.partition(".")[0] == "torch"
 
 
 def is_square_list(value: object, count: int) -> bool:

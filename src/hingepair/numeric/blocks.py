@@ -9,7 +9,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.numeric import array_libraries
 from hingepair.numeric.arrays import Block, Component, broadcast_shape, load, split_into_blocks
 
 Components: TypeAlias = tuple[Component, ...]
@@ -96,17 +95,17 @@ def tabulate_one(
 
 
 def sine(x: Component) -> Component:
-    """Return the sine of a float, of an array of any library, or by an object's own method; NaN of infinity."""
+    """Return the sine of a float, of an array, or by an object's own method; NaN of infinity."""
     if type(x) is float:
         return math.sin(x) if math.isfinite(x) else math.nan
-    return np.sin(x) if isinstance(x, np.ndarray | np.generic) else _apply_by_name(x, "sine")
+    return np.sin(x) if isinstance(x, np.ndarray | np.generic) else x.sine()
 
 
 def cosine(x: Component) -> Component:
-    """Return the cosine of a float, of an array of any library, or by an object's own method; NaN of infinity."""
+    """Return the cosine of a float, of an array, or by an object's own method; NaN of infinity."""
     if type(x) is float:
         return math.cos(x) if math.isfinite(x) else math.nan
-    return np.cos(x) if isinstance(x, np.ndarray | np.generic) else _apply_by_name(x, "cosine")
+    return np.cos(x) if isinstance(x, np.ndarray | np.generic) else x.cosine()
 
 
 def angle_terms(phi: Components) -> Components:
@@ -123,7 +122,7 @@ def hinge_terms(psi: Component) -> Components:
     """Return (sin psi, 1 - cos psi, cos psi), without cancellation at small angles."""
     s, c = sine(psi), cosine(psi)
     if not isinstance(psi, float | np.ndarray | np.generic):
-        return s, _apply_by_name(psi, "versine"), c
+        return s, psi.versine(), c
     return s, (versines if isinstance(c, np.ndarray) else versine)(s, c), c
 
 
@@ -140,12 +139,6 @@ def versines(sine: Component, cosine: Component) -> Component:
 def hinge_cosine(hinge: Components) -> Component:
     """Return the cosine among the terms of `hinge_terms`."""
     return hinge[2]
-
-
-def _apply_by_name(x: Component, function_name: str) -> Component:
-    """Return a function of x by its own method, or by its array library."""
-    method = getattr(x, function_name, None)
-    return array_libraries.apply_function(function_name, x) if method is None else method()
 
 
 def components(value: Any) -> tuple[Any, ...]:

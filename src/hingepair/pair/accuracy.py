@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.bounded import Bounded, BoundedDouble, bounded_class, conversion_error
@@ -240,16 +239,9 @@ def error_bounds(
     names = requested_outputs(outputs, None, pair.levels, default_outputs(level, kind))
     check_inputs(computation_of(kind, pair, names, sequence), given)
     arguments = read_arguments(given, pair.shapes, COORDINATES[kind], INPUT_LABELS)
-    values = {name: _as_numpy(value) for name, value in arguments.values.items()}
-    plan = make_plan(names, sequence, "home" in pair.values, kind=kind, given_names=tuple(values), points=pair.points)
-    return _plan_error_bounds(pair, plan, values, arguments.shapes)
-
-
-def _as_numpy(value: Any) -> Any:
-    """Return an array of another library, or a tuple of components, as NumPy's."""
-    if isinstance(value, tuple):
-        return tuple(map(_as_numpy, value))
-    return np.asarray(value) if is_foreign(value) else value
+    given_names = tuple(arguments.values)
+    plan = make_plan(names, sequence, "home" in pair.values, kind=kind, given_names=given_names, points=pair.points)
+    return _plan_error_bounds(pair, plan, arguments.values, arguments.shapes)
 
 
 def _plan_error_bounds(

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.numeric.array_libraries import check_sample_shape, is_foreign, library_of
 from hingepair.numeric.arrays import Frozen, broadcast_shape, own_copy, read_only, vectors
 from hingepair.numeric.dask_arrays import holds_dask, unwrap_lazy_xarray
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
@@ -26,8 +25,7 @@ MOTION_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
 class BodyMotion(Frozen):
     """Position, attitude, velocities and accelerations of one body at one or many samples, in world axes.
 
-    NumPy arrays are copied and read-only. Those of other libraries are kept, and S is then not checked; a Dask array
-    S is checked chunk by chunk when it is computed.
+    Arrays are copied and read-only. Those of Dask are kept, and S is then checked chunk by chunk when it is computed.
 
     Args:
         R: position of the body's reference point [m]; shape (..., 3).
@@ -71,10 +69,8 @@ class BodyMotion(Frozen):
         array_by_name: dict[str, Any] = {"R": R, "S": S, "v": v, "omega": omega, "a": a, "alpha": alpha}
         array_by_name = {name: unwrap_lazy_xarray(value) for name, value in array_by_name.items()}
         lazy = holds_dask(array_by_name)
-        if not lazy:
-            library_of(array_by_name)  # refuses arrays of two
         _set_arrays(self, array_by_name, array_by_name)
-        if isinstance(self.S, np.ndarray) and not lazy:
+        if self.S is not None and not lazy:
             check_rotation("S", self.S)
 
     def __repr__(self) -> str:
@@ -186,15 +182,16 @@ def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any], copied: Collection[
 
 
 def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
-    """Return an array of NumPy as a read-only view; one of another library, or of Dask, as it is."""
-    if not is_foreign(value) and not holds_dask(value):
+    """Return an array of NumPy as a read-only view, and one of Dask as it is."""
+    if not holds_dask(value):
         try:
             return read_only(vectors(name, value, *sample_shape))
         except ShapeError as error:
             if sample_shape == (3,) and np.shape(value)[-1:] == (2,):
                 raise ShapeError(name, "shape (..., 3), of what moves in the plane (x, y, 0)", error.got) from None
             raise
-    check_sample_shape(name, value, *sample_shape)
+    if value.shape[max(0, value.ndim - len(sample_shape)) :] != sample_shape:
+        raise ShapeError(name, f"shape (..., {', '.join(map(str, sample_shape))})", f"shape {value.shape}")
     return value
 
 
@@ -228,4 +225,4 @@ def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[A
             )
     if holds_dask(arrays):
         raise ArgumentError(name, "arrays in memory, such as what .compute() returns", "Dask arrays")
-    return {key: np.asarray(array) if is_foreign(array) else array for key, array in arrays.items()}
+    return arrays

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
-from hingepair.numeric.array_libraries import namespace_of
 from hingepair.numeric.arrays import Float64Array, Frozen, number_not_below_0, one_constant, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants, check_pair, check_single_pair
@@ -70,9 +69,8 @@ class Scatter(NamedTuple):
 
 def _std(covariance: Any) -> Any:
     """Return standard deviations, the roots of the diagonal, 0 where rounding made it negative; shape (..., k)."""
-    xp = namespace_of(covariance)
-    variances = xp.linalg.diagonal(covariance)
-    return xp.sqrt(xp.where(variances < 0, 0 * variances, variances))
+    variances = np.linalg.diagonal(covariance)
+    return np.sqrt(np.where(variances < 0, 0 * variances, variances))
 
 
 def _contributions(jacobian: Any, geometry: Any, point: str = "") -> dict[str, Any]:
@@ -84,14 +82,14 @@ def _contributions(jacobian: Any, geometry: Any, point: str = "") -> dict[str, A
     for name, part in columns.items():
         slopes = jacobian[..., part]
         products = (slopes @ geometry[part, part]) * slopes
-        variances[name] = namespace_of(products).sum(products, axis=-1)
+        variances[name] = products.sum(axis=-1)
     return variances
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
 class PointCovariance(Frozen):
     """Covariance of the position of a point that tolerances of the pair's geometry and of the point cause, to first
-    order, at every sample; read-only arrays, or arrays of the caller's library.
+    order, at every sample; read-only arrays.
 
     Attributes:
         name: name of the point.
@@ -125,7 +123,7 @@ class PointCovariance(Frozen):
 @dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
 class PoseCovariance(Frozen):
     """Covariance of the pose of body 2 that tolerances of the pair's geometry cause, to first order, at every sample;
-    read-only arrays, or arrays of the caller's library.
+    read-only arrays.
 
     The pose is R2 [m] and the attitude error [rad], the rotation vector away from the attitude without tolerances,
     world axes. The geometry is u1, u2, n, and the rotation vector by which home deviates, body-1 axes.
@@ -194,14 +192,10 @@ def propagate_covariance(
     geometry, _ = geometry_scatter(pair.arrays["n"], covariance, tolerances, required=not own)
     turned = tuple(point.name for point in pair.points if point.body == 2)
     slopes = geometry_jacobian(pair, body1, psi, turned)
-    xp = namespace_of(slopes)
-
-    def matrix(array: Float64Array) -> Any:
-        return array if xp is np else xp.asarray(array, dtype=slopes.dtype)
 
     def scattered(jacobian: Any, variances: Float64Array) -> tuple[Any, ...]:
-        arrays = (jacobian @ matrix(variances)) @ xp.matrix_transpose(jacobian), jacobian, matrix(variances)
-        return tuple(map(read_only, arrays)) if xp is np else arrays
+        arrays = (jacobian @ variances) @ np.matrix_transpose(jacobian), jacobian, variances
+        return tuple(map(read_only, arrays))
 
     found = []
     if pair.points:
@@ -212,7 +206,7 @@ def propagate_covariance(
             both = np.zeros((15, 15))
             both[:12, :12] = geometry
             both[12:, 12:] = np.diag(own[name].std ** 2) if name in own else 0.0
-            R, jacobian, variances = scattered(xp.concat([by_geometry, attitudes[body]], axis=-1), both)
+            R, jacobian, variances = scattered(np.concat([by_geometry, attitudes[body]], axis=-1), both)
             found.append(PointCovariance(name=name, R=R, jacobian=jacobian, geometry=variances))
     pose, slopes, variances = scattered(slopes[..., :6, :], geometry)
     return PoseCovariance(covariance=pose, jacobian=slopes, geometry=variances, points=tuple(found) or None)

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
-from hingepair.numeric.array_libraries import Library, check_sample_shape, is_foreign, library_of
 from hingepair.numeric.arrays import (
     broadcast_shape,
     columns_by_name,
@@ -81,7 +80,6 @@ class Arguments(NamedTuple):
 
     values: dict[str, Any]  # by input: arrays with the components last, or tuples of numbers and arrays
     shapes: dict[str, ArrayShape]  # of the samples, by the name that messages use
-    library: Library | None  # of the arrays; None for NumPy
     labels: Mapping[str, str]  # names of inputs in messages, where they differ
 
 
@@ -98,12 +96,8 @@ def read_arguments(
         sample_shapes: shape of one sample by input name.
         coordinates: names of the coordinates, for q, qd, qdd, tau and their changes.
         labels: names of inputs in messages, where they differ.
-
-    Raises:
-        ArgumentError: arrays of two libraries are mixed.
     """
     labels = labels or {}
-    library = common_library({labels.get(name, name): value for name, value in given.items()})
     values, shapes = {}, {}
     for name, value in given.items():
         label, tail = labels.get(name, name), sample_shapes[name]
@@ -112,12 +106,12 @@ def read_arguments(
             expected = f"values of the {coordinates.noun}" if is_coordinates else "a value"
             raise ArgumentError(label, f"{expected}, since what is asked for needs it", None)
         if is_coordinates:
-            values[name], shapes[label] = read_coordinates(label, value, coordinates, library)
+            values[name], shapes[label] = read_coordinates(label, value, coordinates)
         elif name.startswith(_LOADS) and tail and is_zero(value):
             values[name], shapes[label] = (0.0,) * tail[0], ()
         else:
             values[name], shapes[label] = _read_quantity(label, value, tail)
-    return Arguments(values, shapes, library, labels)
+    return Arguments(values, shapes, labels)
 
 
 def _read_quantity(name: str, value: Any, tail: ArrayShape) -> tuple[Any, ArrayShape]:
@@ -125,23 +119,18 @@ def _read_quantity(name: str, value: Any, tail: ArrayShape) -> tuple[Any, ArrayS
     if not tail:
         component = read_component(name, value)
         return component, np.shape(component)
-    if is_foreign(value):
-        check_sample_shape(name, value, *tail)
-    else:
-        value = vectors(name, value, *tail)
-    return value, tuple(value.shape[: value.ndim - len(tail)])
+    array = vectors(name, value, *tail)
+    return array, array.shape[: array.ndim - len(tail)]
 
 
 def read_component(name: str, value: Any) -> Any:
     """Return a number as a float, which takes the dtype of the arrays it is combined with, and others as an array."""
     if type(value) is float or (type(value) is int and value.bit_length() < 1024):
         return float(value)
-    return value if is_foreign(value) else real_array(name, value)
+    return real_array(name, value)
 
 
-def read_coordinates(
-    name: str, value: Any, coordinates: CoordinateNames, library: Library | None = None
-) -> tuple[Any, ArrayShape]:
+def read_coordinates(name: str, value: Any, coordinates: CoordinateNames) -> tuple[Any, ArrayShape]:
     """Return q, qd, qdd or tau as an array or a tuple of components, and the shape of its samples.
 
     Raises:
@@ -164,9 +153,6 @@ def read_coordinates(
         raise ShapeError(name, expected, f"{len(names)} sequences of {len(names)} numbers, which could be either")
     if is_tuple:
         return _components({f"{name}[{k}]": part for k, part in enumerate(value)})
-    if library is not None and is_foreign(value):
-        check_sample_shape(name, value, len(names))
-        return value, tuple(value.shape[:-1])
     try:
         array = vectors(name, value, len(names))
     except ShapeError as error:
@@ -220,29 +206,6 @@ def _check_keys(name: str, values: Mapping[str, Any], coordinates: CoordinateNam
 def _components(values: Mapping[str, Any]) -> tuple[Any, ArrayShape]:
     parts = {label: read_component(label, value) for label, value in values.items()}
     return tuple(parts.values()), broadcast_shape({label: tuple(np.shape(part)) for label, part in parts.items()})
-
-
-def common_library(arguments: Mapping[str, Any]) -> Library | None:
-    """Return the array library, such as JAX, of arguments by name, which may hold components; None for NumPy.
-
-    Raises:
-        ArgumentError: arrays of two libraries are mixed.
-    """
-    if not any(is_foreign(part) for value in arguments.values() for part in _parts(value)):
-        return None
-    leaves: dict[str, Any] = {}
-    for name, value in arguments.items():
-        if isinstance(value, Mapping):
-            leaves |= {f"{name}[{key!r}]": part for key, part in value.items()}
-        elif type(value) is tuple:
-            leaves |= {f"{name}[{k}]": part for k, part in enumerate(value)}
-        else:
-            leaves[name] = value
-    return library_of(leaves)
-
-
-def _parts(value: Any) -> Iterable[Any]:
-    return value.values() if isinstance(value, Mapping) else value if type(value) is tuple else (value,)
 
 
 # ---- what is asked for

@@ -16,13 +16,9 @@ from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop, OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, RotationError, ShapeError
-from hingepair.numeric.array_libraries import Library
-from hingepair.numeric.arrays import broadcast_shape
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
-from hingepair.plans import autodiff
 from hingepair.plans.arguments import Arguments, CoordinateNames, check_out, read_arguments
 from hingepair.plans.derivatives import Derivative, change_shape, derivative_loop
-from hingepair.plans.differentiable import Functions
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERRORS, check_rotation
 
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
@@ -100,7 +96,6 @@ class Computation:
         self.constant_shapes, self._by_constants = constant_shapes or {}, by_constants
         self._calls: dict[Any, Call] = {}
         self._sufficient: set[tuple[str, ...]] = set()  # names of arguments that suffice
-        self._functions: dict[Any, Functions | None] = {}  # of JAX and PyTorch
 
     def call(
         self,
@@ -203,7 +198,7 @@ class Computation:
             shapes = {label: call.argument_shapes[name] for label, name in zip(named, given, strict=True)}
             return apply_to_chunks(method, {**named, "out": out}, shapes, self.coordinates.table_columns)
         arguments = read_arguments(given, call.argument_shapes, self.coordinates, labels)
-        if keep is not None and arguments.library is None:
+        if keep is not None:
             keep[0].calls[keep[1]] = call
         return self.run(arguments, execution, gravity, out, derivative=derivative)
 
@@ -219,39 +214,10 @@ class Computation:
         dtype: np.dtype[Any] | None = None,
     ) -> Any:
         """Compute checked arguments of any form; the further arguments are those of `call` and `Call.run`."""
-        values, shapes, library, labels = arguments
-        checked = prepared and library is None
-        call = self.call(tuple(values), execution.backend, gravity, prepared=checked, derivative=derivative)
+        values, shapes, labels = arguments
+        call = self.call(tuple(values), execution.backend, gravity, prepared=prepared, derivative=derivative)
         out = check_out(out, call.outputs)
-        if library is not None:
-            function = None
-            if out is None and execution == ("auto", 1) and derivative is None:
-                function = self._library_function(tuple(values), gravity, library)
-            if function is not None:
-                shape = broadcast_shape(shapes)
-                return call.foreign_result(autodiff.apply(function, call, values, library), shape, library)
-            return call.run_foreign(values, shapes, library, out, execution.workers)
         return call.run(values, shapes, out, execution.workers, dtype, labels)
-
-    def _library_function(
-        self, given: tuple[str, ...], gravity: tuple[float, ...] | None, library: Library
-    ) -> Functions | None:
-        """Return the function of another library that a kernel computes; None where the library computes."""
-        key = given, gravity, library.name, library.device
-        if key not in self._functions:
-            call_of = functools.partial(self._call_for_library, given, gravity)
-            self._functions[key] = autodiff.kernel_function(call_of, library) if not self._shape else None
-        return self._functions[key]
-
-    def _call_for_library(
-        self,
-        given: tuple[str, ...],
-        gravity: tuple[float, ...] | None,
-        derivative: Derivative | None = None,
-        further: tuple[str, ...] = (),
-    ) -> Call:
-        """Return the call of the outputs or of a derivative; `further` are its weights or changes."""
-        return self.call((*given, *further), "auto", gravity, derivative=derivative)
 
     def count_operations(
         self, values: Mapping[str, Any], gravity: tuple[float, ...] | None = None

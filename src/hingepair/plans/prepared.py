@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from hingepair.engine import jax_torch
 from hingepair.engine.backend import Execution
 from hingepair.engine.calls import Call
 from hingepair.engine.loops import OperationCounts
@@ -52,6 +54,7 @@ class Prepared:
         self._call: Call = computation.call(given, execution.backend, gravity, prepared=True)
         self._plain = execution.workers == 1 and watch is None
         self._derivatives: dict[Any, _Derived] = {}
+        self._functions: dict[str, Callable[..., Any]] = {}  # of arrays of other libraries
         if execution.backend == "auto":
             self._call.compile()
 
@@ -88,6 +91,48 @@ class Prepared:
         (2, 5, 3)
         """
         return self._call.ufunc
+
+    @property
+    def jax(self) -> Callable[..., Any]:
+        """This call as a function of arrays of JAX in the processor's memory: it takes one array for each argument,
+        (..., one sample), and returns what the call returns, with arrays of JAX. Rotations are not checked.
+
+        `jit`, `vmap`, `scan` and first derivatives (`jvp`, `vjp`, `grad`, `jacfwd`, `jacrev`) are computed by
+        kernels. An attitude changes by its nine entries.
+
+        Raises:
+            ArgumentError: the robot has too many joints, or the pair's geometry has axes.
+        """
+        return self._function_of("jax")
+
+    @property
+    def torch(self) -> Callable[..., Any]:
+        """This call as a function of tensors of PyTorch in the processor's memory: it takes one tensor for each
+        argument, (..., one sample), and returns what the call returns, with tensors, which `backward` differentiates
+        once. Rotations are not checked; an attitude changes by its nine entries.
+
+        Raises:
+            ArgumentError: the robot has too many joints.
+        """
+        return self._function_of("torch")
+
+    def _function_of(self, library: str) -> Callable[..., Any]:
+        """Return this call as a function of arrays of "jax" or "torch", made once."""
+        if library not in self._functions:
+            calls = functools.cache(self._call_by_entries)
+            self._functions[library] = jax_torch.library_function(library, calls)
+        return self._functions[library]
+
+    def _call_by_entries(self, kind: str, by: tuple[str, ...]) -> Call:
+        """Return the call ("value") or a derivative by arguments, in which attitudes change by their entries."""
+        if kind == "value":
+            return self._computation.call(self.given, "auto", self._gravity)
+        arguments = tuple((name, self._call.argument_shapes[name]) for name in by)
+        derivative = Derivative(kind, self.outputs, arguments, entries=True)
+        self._computation.check_differentiable(derivative, self.given)
+        further = {"jvp": [f"change_{name}" for name in by], "vjp": [f"weight_{name}" for name in self.outputs]}
+        given = (*self.given, *further.get(kind, ()))
+        return self._computation.call(given, "auto", self._gravity, derivative=derivative)
 
     @property
     def operations(self) -> OperationCounts:
