@@ -122,7 +122,7 @@ REFUSED = {
     "argument": (lambda r: r.vjp({"q": 1}, wrt="K"), "^wrt: expected names out of q0, qd0, tau, got"),
     "copy": (
         lambda r: pickle.loads(pickle.dumps(r)).vjp({"q": 1}),
-        "^rollout: expected one of NumPy arrays, from this process",
+        "^rollout: expected the result of a call in this process",
     ),
 }
 

@@ -22,10 +22,10 @@ from hingepair.engine.binding import ArrayShape
 from hingepair.engine.calls import Call
 from hingepair.engine.llvm.builder import FunctionBuilder
 from hingepair.engine.llvm.native import Kernel
-from hingepair.engine.results import Results
 from hingepair.engine.ufunc import Layout
 from hingepair.errors import ArgumentError, CompilationError, DtypeError, ShapeError
 from hingepair.numeric.arrays import real_array
+from hingepair.numeric.optional import require
 
 Arrays: TypeAlias = Sequence[Any]
 Pull: TypeAlias = Callable[[Sequence[int], Arrays], Arrays]
@@ -46,6 +46,7 @@ class Calls(Protocol):
 
 def library_function(library: str, calls: Calls) -> Callable[..., Any]:
     """Return a call as a function of arrays of "jax" or "torch"."""
+    require(library, f"f.{library}")
     call = calls("value", ())
     function = jax_function(calls) if library == "jax" else torch_function(runner(calls))
 
@@ -56,7 +57,7 @@ def library_function(library: str, calls: Calls) -> Callable[..., Any]:
     return compute
 
 
-def library_results(library: str, kind: type[Results] | None, names: Sequence[str], found: Arrays, axes: int) -> Any:
+def library_results(library: str, kind: Any, names: Sequence[str], found: Arrays, axes: int) -> Any:
     """Return outputs as results of a class, or the only output; a sample of the first has so many `axes`."""
     if kind is None:
         return found[0]
@@ -71,20 +72,18 @@ def library_arrays(library: str, tails: Mapping[str, ArrayShape], given: Arrays)
     """
     if len(given) != len(tails):
         raise ArgumentError("*given", f"{len(tails)} arguments: {', '.join(tails)}", f"{len(given)}")
+    package, arrays = require(library, f"f.{library}"), [*given]
+    kind = package.Array if library == "jax" else package.Tensor
+    for k, name in enumerate(tails):
+        if not isinstance(arrays[k], kind):
+            arrays[k] = real_array(name, arrays[k])
     if library == "jax":
-        import jax
-        import jax.numpy as jnp
-
-        found = [_real(name, one, jax.Array) for name, one in zip(tails, given, strict=True)]
-        dtype = jnp.result_type(float, *found)  # of integers and of Python's numbers alone, that of JAX
-        arrays = [jnp.asarray(one, dtype) for one in found]
+        dtype = package.numpy.result_type(float, *arrays)  # of integers and of Python's numbers alone, that of JAX
+        arrays = [package.numpy.asarray(one, dtype) for one in arrays]
     else:
-        import torch
-
-        found = [_real(name, one, torch.Tensor) for name, one in zip(tails, given, strict=True)]
-        tensors = [one for one in found if isinstance(one, torch.Tensor)]
-        dtype = functools.reduce(torch.promote_types, [one.dtype for one in tensors] or [torch.float64])
-        arrays = [torch.as_tensor(one, dtype=dtype) for one in found]
+        dtypes = [one.dtype for one in arrays if isinstance(one, kind)]
+        dtype = functools.reduce(package.promote_types, dtypes or [package.float64])
+        arrays = [package.as_tensor(one, dtype=dtype) for one in arrays]
     for (name, tail), array in zip(tails.items(), arrays, strict=True):
         if str(dtype).removeprefix("torch.") not in {"float32", "float64"}:
             raise DtypeError(name, "float32 or float64", str(dtype))
@@ -95,18 +94,12 @@ def library_arrays(library: str, tails: Mapping[str, ArrayShape], given: Arrays)
     return arrays
 
 
-def _real(name: str, value: Any, kind: type) -> Any:
-    """Return an array of a library as it is, and what else NumPy makes an array of real numbers of, as that."""
-    return value if isinstance(value, kind) else real_array(name, value)
-
-
 # ---- PyTorch
 
 
 def torch_function(run: Run) -> Callable[..., tuple[Any, ...]]:
     """Return a function of tensors in the processor's memory, which `backward` differentiates once."""
     import torch
-    from torch.autograd.function import once_differentiable
 
     class Called(torch.autograd.Function):  # type: ignore[misc]
         """What `run` computes, with its gradients."""
@@ -119,7 +112,7 @@ def torch_function(run: Run) -> Callable[..., tuple[Any, ...]]:
             return tuple(torch.tensor(one, dtype=tensors[0].dtype) for one in found)
 
         @staticmethod
-        @once_differentiable
+        @torch.autograd.function.once_differentiable  # type: ignore[untyped-decorator]
         def backward(ctx: Any, *weights: Any) -> Any:
             tensors = ctx.saved_tensors  # refused by PyTorch if one was changed in place
             needed = [k for k, wanted in enumerate(ctx.needs_input_grad) if wanted]
@@ -277,12 +270,13 @@ def jax_callback(run: Run, ranks: Sequence[int], tails: Sequence[ArrayShape]) ->
     import jax
     import jax.numpy as jnp
 
+    struct: Any = jax.ShapeDtypeStruct
+
     def lead(arrays: Arrays, of: Sequence[int]) -> ArrayShape:
         shapes = [one.shape[: one.ndim - rank] for one, rank in zip(arrays, of, strict=True)]
         return np.broadcast_shapes(*shapes)
 
     def forward(*arrays: Any) -> Any:
-        struct: Any = jax.ShapeDtypeStruct
         results = tuple(struct((*lead(arrays, ranks), *tail), arrays[0].dtype) for tail in tails)
 
         def host(*values: Any) -> tuple[Any, ...]:
@@ -291,7 +285,6 @@ def jax_callback(run: Run, ranks: Sequence[int], tails: Sequence[ArrayShape]) ->
         return jax.pure_callback(host, results, *arrays, vmap_method="expand_dims")
 
     def backward(arrays: Arrays, weights: Arrays) -> Any:
-        struct: Any = jax.ShapeDtypeStruct
         count, motions = len(arrays), lead(arrays, ranks)
         results = tuple(struct((*motions, *one.shape[one.ndim - rank :]), one.dtype)
                         for one, rank in zip(arrays, ranks, strict=True))  # fmt: skip
@@ -321,7 +314,7 @@ def jax_callback(run: Run, ranks: Sequence[int], tails: Sequence[ArrayShape]) ->
 
 
 @functools.cache
-def _register(results: type[Results]) -> None:
+def _register(results: Any) -> None:
     """Register a class of results as a pytree of JAX, so that functions of JAX take and return such results."""
     from jax.tree_util import register_pytree_node
 
@@ -329,7 +322,7 @@ def _register(results: type[Results]) -> None:
         arrays = tuple(one.arrays().values())
         return arrays, (one.outputs, arrays[0].ndim - len(one.shape))
 
-    def unflatten(structure: tuple[tuple[str, ...], int], arrays: Arrays) -> Results:
+    def unflatten(structure: tuple[tuple[str, ...], int], arrays: Arrays) -> Any:
         names, sample_axes = structure  # sample_axes: of the first output
         shape = tuple(getattr(arrays[0], "shape", ()))  # JAX also passes placeholders that are not arrays
         return results(dict(zip(names, arrays, strict=True)), shape[: len(shape) - sample_axes])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, Final, Literal, TypeAlias, overload
 
@@ -1138,7 +1138,7 @@ class MechanismMethods(Frozen, Shown):
             for name, value in {"frames": frames, "outputs": outputs}.items():
                 if value is not None:
                     raise ArgumentError(name, "None, since a rollout records q and qd", quoted(value))
-            shared = {"gravity": gravity, "joint_loads": joint_loads, "workers": workers}
+            shared: dict[str, Any] = {"gravity": gravity, "joint_loads": joint_loads, "workers": workers}
             inspect.signature(self.rollout).bind("q0", "qd0", "tau", **rollout)  # a TypeError as of any call
             rolled = functools.partial(self.rollout, **shared, **rollout)
             return PreparedRollout(rolled, len(self._constants.names), self.base == "free")
@@ -1156,8 +1156,9 @@ class MechanismMethods(Frozen, Shown):
         names = checked_given(names, computation.inputs)
         if computation.needs_masses:
             self._warn_of_masses()
+        prepare: Callable[..., Prepared] = self.prepare
         remade = functools.partial(
-            self.prepare, names, frames=chosen or None, outputs=output_names, gravity=gravity,
+            prepare, names, frames=chosen or None, outputs=output_names, gravity=gravity,
             joint_loads=computation.request.joint_loads, workers=workers, backend=backend,
         )  # fmt: skip
         solved = not {*output_names}.isdisjoint(_SOLVED)

@@ -174,7 +174,8 @@ class PreparedRollout:
             nothing = [np.zeros((0, *one.shape[one.ndim - k :])) for one, k in zip(arrays, ranks, strict=True)]
             tails = [one.shape[1:] for one in run(nothing)[0]]
             found = jax_torch.jax_callback(run, ranks, tails)(*arrays)
-        return jax_torch.library_results(library, Rollout, self.outputs, found, 1)
+        result: Rollout = jax_torch.library_results(library, Rollout, self.outputs, found, 1)
+        return result
 
 
 def base_tracks(base_motion: BodyMotion | None) -> dict[str, Track]:

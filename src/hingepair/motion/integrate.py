@@ -414,7 +414,7 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
         inputs[name] = rotate_to_world(S1, values) if turned and S1 is not None else values
     inputs = {name: inputs[name] for name in inputs.keys() & plan.inputs}
     computation = computation_of(plan.kind, request.pair.constants, plan.outputs, result=STATES[plan.kind])
-    return computation.run(Arguments(inputs, {"t": psi.shape}, None, {}), options.execution)
+    return computation.run(Arguments(inputs, {"t": psi.shape}, {}), options.execution)
 
 
 def _integrate_lazily(
