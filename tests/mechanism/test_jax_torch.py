@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.errors import DtypeError
 from support.trees import Robot, random_model, record_of
 
 EPS = 2.0**-53
@@ -287,14 +288,14 @@ def test_torch_differentiates_rollouts(torch, rolled):
 def test_methods_refuse_arrays_of_other_libraries(library, argument, call):
     module = pytest.importorskip(library)
     array = {"jax": lambda: module.numpy.asarray(STATES[0]), "torch": lambda: module.tensor(STATES[0])}[library]()
-    with pytest.raises(hp.DtypeError, match=rf"NumPy.*f\.{library}") as refused:
+    with pytest.raises(DtypeError, match=rf"NumPy.*f\.{library}") as refused:
         call(array)
     assert refused.value.name == argument
 
 
 def test_methods_refuse_what_jax_traces(jax):
     for transform in (jax.jit, jax.grad):
-        with pytest.raises(hp.DtypeError, match=r"^q: .*f\.jax"):
+        with pytest.raises(DtypeError, match=r"^q: .*f\.jax"):
             transform(lambda q: ROBOT.forward_kinematics(q).R.sum())(START)
 
 
