@@ -193,28 +193,6 @@ def test_without_loads_nothing_is_written_of_them():
     assert hp.to_mjcf(BEAM, hinge_torque=hp.HingeLoad()) == hp.to_mjcf(BEAM)
 
 
-HERE = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
-
-
-@pytest.mark.parametrize(
-    ("write", "message"),
-    [
-        (lambda: hp.to_mjcf(BEAM, hinge_torque=3.0), "hinge_torque: expected a HingeLoad, got 3.0"),
-        (lambda: hp.to_mjcf(BEAM, body1=(0, 0, 0)), "body1: expected one pose"),
-        (lambda: hp.to_mjcf(BEAM, body1=hp.BodyMotion(R=np.zeros((2, 3)), S=np.eye(3))), "body1: expected one pose"),
-        (lambda: hp.to_mjcf(BEAM, gravity=(0, 1)), "gravity: expected shape"),
-        (lambda: hp.to_mjcf(BEAM, base="floating"), "base: expected one of free, pinned, fixed"),
-        (lambda: hp.to_urdf(BEAM, base="pinned"), "base: expected one of free, floating, fixed"),
-        (lambda: hp.to_urdf(BEAM, body1=HERE), 'body1: expected None, since a model with base="free"'),
-        (lambda: hp.to_urdf(hp.Mechanism([BEAM]), hinge_torque=SPRING), "hinge_torque: expected None, since a robot"),
-        (lambda: hp.to_urdf(hp.Mechanism([BEAM]), base="fixed", body1=HERE), "body1: expected None, since a robot"),
-    ],
-)
-def test_what_cannot_be_written_is_refused_by_name(write, message):
-    with pytest.raises(hp.ArgumentError, match=f"^{re.escape(message)}"):
-        write()
-
-
 def test_the_models_stand_where_their_scenes_start():
     text = (Path(__file__).parents[2] / "models" / "thrown_flail.xml").read_text()
     assert '<body name="body1" pos="0.0 0.0 1.5"' in text

@@ -222,16 +222,6 @@ def test_names_are_escaped_for_mujoco(name):
     assert mujoco.MjModel.from_xml_string(text).nbody == 4
 
 
-@pytest.mark.parametrize("write", [hp.to_urdf, hp.to_mjcf])
-def test_what_cannot_be_written_is_refused(write):
-    with pytest.raises(hp.ShapeError, match="pair: expected one pair"):
-        write(hp.HingePair(u1=(1, 0, 0), u2=np.ones((2, 3)), n=(0, 0, 1)))
-    with pytest.raises(hp.ArgumentError, match="name: expected characters that XML can hold"):
-        write(corner_pair(0, name="\x1b"))
-    with pytest.raises(hp.ArgumentError, match="pair: expected a HingePair"):
-        write(7)
-
-
 @pytest.mark.parametrize("base", sparse(["free", "floating", "fixed"], 3))
 def test_check_urdf_accepts_it(base, tmp_path):
     file = tmp_path / "pair.urdf"

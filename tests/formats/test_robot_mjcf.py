@@ -89,18 +89,6 @@ def test_masses_that_mujoco_refuses_are_warned_of(inertial, refusal):
         mujoco.MjModel.from_xml_string(text)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"hinge_torque": hp.HingeLoad()}, "hinge_torque: expected None, since a robot has no single hinge"),
-        ({"base": "pinned"}, "base: expected one of free, fixed"),
-    ],
-)
-def test_what_a_robot_has_not_is_refused(options, message):
-    with pytest.raises(ArgumentError, match=message):
-        hp.to_mjcf(arm(), **options)
-
-
 def test_a_screw_is_refused():
     screw = hp.Screw(
         u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), pitch=0.1, name="jack", body2=hp.Body(1, inertia=(1, 1, 1))

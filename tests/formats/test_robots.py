@@ -182,12 +182,6 @@ def test_the_ending_robot_may_be_left_out():
         robot_urdf("talos")  # several robots, none of them plain
 
 
-@pytest.mark.parametrize("robot", [None, 3, ["talos_reduced"], ""], ids=repr)
-def test_what_is_no_name_is_refused(robot):
-    with pytest.raises(ArgumentError, match="robot: expected one of the"):
-        robot_urdf(robot)
-
-
 def test_an_unknown_joint_is_refused_with_those_of_the_robot():
     with pytest.raises(URDFError, match="shoulder_pan_joint") as raised:
         load_robot_hinge("ur5_robot", "knee")

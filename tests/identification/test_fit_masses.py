@@ -299,23 +299,3 @@ def test_recordings_come_in_every_form_and_with_gaps():
     assert report["joints"]["panda_joint7"]["noise"] == plain.noise[6]
     assert "panda_joint7 coulomb" in str(plain)
     assert len(plain.plot(q, qd, qdd, tau, np.arange(300) / 100).axes) == 7
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"joint_terms": ("stiction",)}, r"^joint_terms: expected .*viscous"),
-        ({"joint_terms": "viscous"}, r"^joint_terms: expected names .* tuple"),
-        ({"test": 1}, r"^test: expected a part of the samples"),
-        ({"robot": "panda"}, r"^robot: expected a Mechanism"),
-        ({"robot": hp.Mechanism([hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0))], base="free")},
-         r"^robot: expected a robot with a fixed base"),
-        ({"q": np.zeros((2, 8, 7))}, r"^q: expected shape \(N, 7\)"),
-        ({"q": np.zeros((8, 7))}, r"^q: expected more than 9 samples"),
-        ({"qd": np.zeros((4, 7))}, r"^qd: expected leading shape"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_fitted_is_refused(change, message):
-    given = {"robot": panda(), **dict.fromkeys(("q", "qd", "qdd", "tau"), np.zeros((8, 7)))} | change
-    with pytest.raises(hp.HingePairError, match=message):
-        hp.fit_masses(**given)

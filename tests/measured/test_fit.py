@@ -116,20 +116,6 @@ def test_the_sign_of_n_may_be_chosen(direction) -> None:
     assert point.pair.n @ direction > 0
 
 
-@pytest.mark.parametrize(
-    ("direction", "words"),
-    [
-        (np.cross(N1, (1, 0, 0)), "a direction along the axis, which is .* got one at 9?[089].* deg to it"),
-        ((0, 0, 0), "a non-zero axis"),
-        ((0, 1), r"shape \(3,\)"),
-    ],
-    ids=["across", "zero", "two numbers"],
-)
-def test_a_direction_that_cannot_tell_the_sign_is_refused(direction, words: str) -> None:
-    with pytest.raises(hp.ArgumentError, match=f"n_along: expected {words}"):
-        hp.fit(*bodies(recording(200, 1e-3, 2e-3)), n_along=direction)
-
-
 def errors_of_psi(found: hp.HingeFit, made) -> np.ndarray:
     """In standard deviations; (N,)."""
     sign = np.sign(found.pair.n @ N1)
@@ -569,34 +555,6 @@ def test_no_line_of_the_figure_crosses_absent_rows_which_are_told() -> None:
     assert len(band.get_paths()) == 2
     low, high = np.sort(band.get_paths()[0].vertices[1:-1, 1].reshape(-1))[[0, -1]]
     assert (low, high) > (np.degrees(found.psi[:150].min()) - 2, np.degrees(found.psi[:150].max()))
-
-
-@pytest.mark.parametrize(
-    ("change", "name"),
-    [
-        ({"loss": "tukey"}, "loss"),
-        ({"gauge": "middle"}, "gauge"),
-        ({"weights": [1.0, 2.0]}, "weights"),
-        ({"weights": -np.ones(50)}, "weights"),
-        ({"t": np.arange(3.0)}, "t"),
-        ({"body2": hp.BodyMotion(R=np.zeros((3, 3)), S=np.eye(3))}, "body2"),
-        ({"body2": 3}, "body2"),
-    ],
-    ids=["loss", "gauge", "weights", "negative", "t", "shape", "type"],
-)
-def test_what_cannot_be_used_is_named(change: dict[str, object], name: str) -> None:
-    body1, body2 = bodies(recording(50))
-    with pytest.raises(hp.ArgumentError) as caught:
-        hp.fit(**{"body1": body1, "body2": body2} | change)
-    assert caught.value.name == name
-
-
-def test_bodies_that_do_not_fit_are_answered_with_what_makes_them_fit() -> None:
-    body1, body2 = bodies(recording(50))
-    with pytest.raises(hp.ArgumentError, match=r"body1: expected .*read_recording.*, got dict"):
-        hp.fit({"x1": [1.0]}, body2)
-    with pytest.raises(hp.ShapeError, match=r"body2: .* hingepair\.resample"):
-        hp.fit(body1, hp.BodyMotion(R=np.zeros((49, 3)), S=np.eye(3)))
 
 
 def test_few_samples_are_said_to_be_few() -> None:

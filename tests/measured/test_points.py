@@ -268,19 +268,6 @@ def test_poses_of_markers_give_the_hinge() -> None:
     assert found.std["n"].max() < 1e-3
 
 
-def test_clusters_that_cannot_be_used_are_named() -> None:
-    made = recording(20)
-    for places, words in (
-        (np.zeros((5, 2, 3)), "markers: expected shape"),
-        (np.full((5, 4, 3), np.nan), "samples with three markers"),
-        (np.outer(np.arange(4.0), (1, 2, 3)) + np.zeros((5, 1, 1)), "markers that are not on a line"),
-    ):
-        with pytest.raises(hp.HingePairError, match=words):
-            hp.fit_cluster(places)
-    with pytest.raises(hp.ArgumentError, match="reference"):
-        hp.fit_cluster(seen(made, 0.0), CLUSTER[:4])
-
-
 def test_turns_are_written_out_here() -> None:
     """The oracle of this file is the one of the other recordings."""
     assert np.abs(turns(np.pi / 2 * np.array((0.0, 0.0, 1.0))) @ (1, 0, 0) - (0, 1, 0)).max() < 1e-15

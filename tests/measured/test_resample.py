@@ -77,15 +77,6 @@ def test_two_clocks_of_nanoseconds_meet() -> None:
     assert np.abs(found - np.sin((to - t[0]) * 1e-9)).max() < 1e-10
 
 
-def test_what_cannot_be_used_is_named() -> None:
-    with pytest.raises(hp.ShapeError, match="values"):
-        hp.resample([0.0, 1.0], [1.0], [0.5])
-    with pytest.raises(hp.ArgumentError, match="gaps"):
-        hp.resample([0.0, 1.0], [1.0, 2.0], [0.5], gaps=0)
-    with pytest.raises(hp.ShapeError, match="values"):
-        hp.resample([0.0, 1.0], hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), [0.5])
-
-
 def quaternions(t: np.ndarray, rate: float) -> np.ndarray:
     """Turning about (1, 2, 2) / 3, with the scalar last; never flipped."""
     angle = rate * t[:, None] / 2

@@ -194,21 +194,6 @@ def test_uneven_stamps_are_believed() -> None:
     assert rms(rate - 3 * np.cos(3 * x)) < 1e-5  # the stamps themselves are rounded to 2.4e-7 s
 
 
-@pytest.mark.parametrize("name", ["few", "bandwidth", "too low", "too high", "shape"])
-def test_what_cannot_be_used_is_named(name: str) -> None:
-    t = np.arange(20) / 100
-    cases = {
-        "few": (lambda: hp.smooth(t, np.where(t < 0.05, t, np.nan)), "body: expected at least 8 finite samples"),
-        "bandwidth": (lambda: hp.smooth(t, t, bandwidth=-1), "bandwidth"),
-        "too low": (lambda: hp.smooth(t, np.sin(9 * t), bandwidth=1e-9), "bandwidth: expected .* 5.3 to 1e.02 Hz"),
-        "too high": (lambda: hp.smooth(t, np.sin(9 * t), bandwidth=1e6), "bandwidth: expected .* 5.3 to 1e.02 Hz"),
-        "shape": (lambda: hp.smooth(t, t[1:]), "body"),
-    }
-    call, words = cases[name]
-    with pytest.raises(hp.ArgumentError, match=words):
-        call()
-
-
 @pytest.mark.slow
 def test_short_pieces_between_gaps_are_smoothed_with_long_ones() -> None:
     """The lowest bandwidths do not determine a short piece: they are passed over."""

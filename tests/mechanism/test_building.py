@@ -196,22 +196,6 @@ def test_joints_that_follow_themselves_are_refused(rules, message):
 
 
 @pytest.mark.parametrize(
-    ("locked", "message"),
-    [
-        ({"panda_joint9": 0}, "locked: expected one of panda_joint1, .*nearest: panda_joint.*got 'panda_joint9'"),
-        ({"panda_hand_joint": 0}, "locked: expected one of"),
-        ({"panda_joint1": math.nan}, "locked, 'panda_joint1': expected a finite number"),
-        ({"panda_joint1": "0"}, "locked, 'panda_joint1': expected a finite number, got '0'"),
-        (["panda_joint1"], "locked: expected positions by the joint's name"),
-    ],
-    ids=str,
-)
-def test_what_cannot_be_locked_is_refused(locked, message):
-    with pytest.raises(ArgumentError, match=message):
-        tree_of_file("panda", locked=locked)
-
-
-@pytest.mark.parametrize(
     ("joint", "position", "message"),
     [
         ("slide", 20, "locked: 'slide' is held at 20 m, beyond its limits, -1 to 1 m"),
@@ -363,38 +347,6 @@ def test_the_motion_of_pairs_is_that_of_their_equations():
     seat = tree.links["stick"]
     assert np.abs(origin + turn @ seat.R - R).max() <= 64 * U
     assert np.abs(turn @ seat.S - S).max() <= 16 * U
-
-
-PAIRS_WRONG = {
-    "none": (([], None), "pairs: expected at least one HingePair, Slider or Screw, got none"),
-    "no pairs": ((3, None), "pairs: expected HingePairs, Sliders and Screws, got 3"),
-    "a planar one": (
-        ([hp.PlanarPair((1, 0), (0, 0))], None),
-        r"pairs: expected HingePairs, Sliders and Screws \(a PlanarPair's is pair",
-    ),
-    "one name twice": (([BOOM, BOOM], None), "expected a different name for each, by name=, got 'boom' twice"),
-    "the base's name": (([replace(BOOM, name="base")], None), "pairs: expected names other than 'base'"),
-    "too few parents": (([BOOM, STICK], [0]), r"parents: expected 2 numbers, one for each pair, got \[0\]"),
-    "a parent that is none": (([BOOM, STICK], [0, 3]), r"parents: expected numbers from 0 \(the base\) to 2, got 3"),
-    "a parent that is no number": (([BOOM, STICK], [0, 1.0]), "parents: expected numbers from 0"),
-    "a circle": (([BOOM, STICK], [2, 1]), "expected a tree that starts at the base, 0, got .* 'boom' is in a"),
-    "breadth first": (
-        ([BOOM, STICK, LIFT], [0, 0, 1]),
-        r"pairs: expected the order boom, lift, stick with parents=\[0, 1, 0\]: depth-first, siblings by name, got",
-    ),
-    "siblings not by name": (([STICK, BOOM], [0, 0]), r"the order boom, stick with parents=\[0, 0\]"),
-    "behind what it carries": (([BOOM, STICK], [2, 0]), r"the order stick, boom with parents=\[0, 1\]"),
-    "bodies that differ": (
-        ([replace(BOOM, body2=hp.Body(1, inertia=(1, 1, 1))), replace(STICK, body1=hp.Body(2))], None),
-        "body1 of 'stick': expected the body that body2 of 'boom' is, or None",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("given", "message"), PAIRS_WRONG.values(), ids=PAIRS_WRONG)
-def test_pairs_that_make_no_robot_are_refused(given, message):
-    with pytest.raises(ArgumentError, match=message):
-        tree_of_pairs(*given, "fixed", None)
 
 
 def test_pairs_without_names_are_told_apart_by_their_places():
@@ -581,11 +533,6 @@ def test_frames_of_a_model_have_one_place_for_a_name(name):
         hp.Mechanism.from_pinocchio(model)
     model.frames[-1].placement = pin.SE3.Identity()
     assert "tool" in tree_of(hp.Mechanism.from_pinocchio(model)).frames
-
-
-def test_a_snap_beyond_small_angles_is_refused():
-    with pytest.raises(ArgumentError, match="snap: expected an angle"):
-        hp.Mechanism.from_urdf(ARM, snap=10)
 
 
 @pytest.mark.parametrize("read", ["urdf", "pinocchio"])

@@ -110,14 +110,3 @@ def test_a_change_leads_to_the_other_configuration():
     )
     rate = FREE.forward_kinematics(Q, QD, frames=name, base_motion=BASE)[name].v
     np.testing.assert_allclose((after - before) / 1e-7, rate, rtol=0, atol=1e-5)
-
-
-def test_what_cannot_be_used_is_named():
-    with pytest.raises(hp.ArgumentError, match=r"^base_motion: expected None, since the base is not free"):
-        FIXED.integrate(Q, Q, BASE)
-    with pytest.raises(hp.ArgumentError, match=r"^v: "):
-        FREE.integrate(Q, Q, BASE)
-    with pytest.raises(hp.ArgumentError, match=r"^q: "):
-        FREE.from_mujoco_state(np.zeros(4))
-    with pytest.raises(hp.RotationError, match=r"^q: expected non-zero quaternions"):
-        FREE.from_mujoco_state(np.zeros(11))

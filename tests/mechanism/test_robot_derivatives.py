@@ -129,31 +129,6 @@ def test_all_forms_of_a_call_agree(ur5, torques, states):
     np.testing.assert_allclose(gradient["q"], summed, atol=1e-13)
 
 
-@pytest.mark.slow
-def test_what_cannot_be_differentiated_is_refused(torques, moving, moving_state, states):
-    given = tuple(states)
-    with pytest.raises(ArgumentError, match=r"wrt: expected names out of q, qd, qdd, masses, .*lengths, got 'tau'"):
-        torques.jacobian(given, wrt="tau")
-    with pytest.raises(ArgumentError, match="wrt: expected at least one"):
-        torques.jacobian(given, wrt=())
-    with pytest.raises(ArgumentError, match="given: expected a tuple of q, qd, qdd"):
-        torques.jacobian(states[0], wrt="q")
-    with pytest.raises(ArgumentError, match="out: expected a dict of dicts"):
-        torques.jacobian(given, wrt="q", out={"tau": np.empty((4, 6, 6))})
-    with pytest.raises(ArgumentError, match=r"out\['tau'\]\['q'\]: expected shape \(4, 6, 6\)"):
-        torques.jacobian(given, wrt="q", out={"tau": {"q": np.empty((4, 6, 5))}})
-    with pytest.raises(ArgumentError, match="cotangents: expected a dict of arrays"):
-        torques.vjp(given, np.ones(6))
-    with pytest.raises(ArgumentError, match=r"cotangents\['tau'\]: expected shape \(\.\.\., 6\)"):
-        torques.vjp(given, {"tau": np.ones(5)})
-    with pytest.raises(ArgumentError, match="cotangents: expected names out of tau"):
-        torques.vjp(given, {"qdd": np.ones(6)})
-    with pytest.raises(ArgumentError, match=r"tangents\['S1'\]: expected shape \(\.\.\., 3\)"):
-        moving.jvp(moving_state, {"S1": np.eye(3)[:2, :2]})
-    with pytest.raises(hp.RotationError, match="S1"):
-        moving.jacobian((*moving_state[:3], 2 * np.eye(3), moving_state[4]))
-
-
 ROBOTS = {
     "panda": lambda: urdf_model("panda"),
     "dog": lambda: urdf_model("solo12"),
@@ -224,17 +199,6 @@ def test_jacobians_in_both_axes_momentum_matrices_and_their_rates_are_those_of_p
     out = np.empty_like(change)
     assert robot.centroidal_momentum_matrix_rate(q, qd, base_motion=motion, out=out) is out
     np.testing.assert_array_equal(out, change)
-
-
-@pytest.mark.slow
-def test_jacobians_refuse_what_they_cannot_use(ur5):
-    q = np.zeros(6)
-    with pytest.raises(ArgumentError, match=r"axes: expected one of world, frame, got 'local'"):
-        ur5.jacobian(q, axes="local")
-    with pytest.raises(ArgumentError, match="frames: expected the name of one link or joint"):
-        ur5.acceleration_bias(q, q, frames=("tool0", "base"))
-    with pytest.raises(ArgumentError, match=r"out: expected shape \(6, 6\)"):
-        ur5.jacobian_rate(q, q, "tool0", out=np.empty((6, 5)))
 
 
 @pytest.mark.slow

@@ -75,12 +75,6 @@ def test_a_screw_comes_back_and_is_read_from_scenes(tmp_path):
     np.testing.assert_allclose(result.state["spindle"].R[:, 2], 0.006 * result.t, atol=U)
 
 
-@pytest.mark.parametrize("pitch", [0, math.inf, "fine"])
-def test_a_pitch_that_is_none_is_refused(pitch):
-    with pytest.raises(hp.ArgumentError, match=r"^pitch: "):
-        hp.Screw((0, 0, 0), (0, 0, 0), (0, 0, 1), pitch=pitch)
-
-
 def test_urdf_has_no_screws():
     with pytest.raises(hp.errors.URDFError, match="'screw'"):
         hp.to_urdf(robot("fixed"))

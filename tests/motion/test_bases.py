@@ -104,26 +104,6 @@ def test_a_pin_holds_its_point_and_gives_no_torque():
     np.testing.assert_allclose(total[::2] - total[0], done, rtol=0, atol=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        ("body1.v", {"body1": hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(1, 0, 0))}),
-        ("body1", {"body1": hp.BodyMotion(R=(0, 0, 1), S=np.eye(3))}),
-        ("body1", {"body1": hp.BodyMotion(R=(0, 0, 0), S=hp.rotation_exp((0.1, 0, 0)))}),
-        ("gravity", {"gravity": (0, 0, -9.81)}),
-        ("force2", {"force2": (0, 0, 1)}),
-        ("torque1", {"torque1": (0, 0, 1)}),
-        ("hinge_torque", {"hinge_torque": lambda _: 1}),
-        ("force1", {"force1": lambda _: (0, 0)}),
-        ("base", {"base": lambda: HELD, "body1": None}),
-    ],
-)
-def test_what_does_not_fit_the_plane_or_the_pin_is_named(name, change):
-    given = {"t": [0, 1], "body1": HELD, "psi_0": 0.0, "psid_0": 0.0, "base": "pinned"} | change
-    with pytest.raises(hp.ArgumentError, match=rf"^{name}: expected "):
-        hp.simulate(DOUBLE, **given)
-
-
 def test_where_a_planar_pair_starts_is_told():
     with pytest.raises(hp.ArgumentError, match=r"BodyMotion\(R=\(x, y, 0\), S=hp\.rodrigues\(\(0, 0, 1\), phi\)\)"):
         hp.simulate(DOUBLE, [0, 1], (0, 0, 0.3), 0.0, 0.0, base="pinned")

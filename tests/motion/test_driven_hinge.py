@@ -52,19 +52,6 @@ def test_the_torque_of_a_driven_hinge_is_that_of_inverse_dynamics(base):
         np.testing.assert_allclose(forces.force1, np.broadcast_to((0, 0, 2), (11, 3)), rtol=0, atol=1e-10)
 
 
-def test_what_does_not_go_with_a_driven_hinge_is_named():
-    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
-    for name, given in (
-        ("psi_0", {"psi_0": 1.0}), ("psid_0", {"psid_0": 1.0}), ("hinge_torque", {"hinge_torque": 1.0}),
-        ("hinge_torque", {"hinge_torque": hp.HingeLoad()}), ("hinge", {"hinge": "driven"}),
-        ("hinge", {"hinge": lambda: 0}), ("hinge", {"hinge": lambda t: t}),
-    ):  # fmt: skip
-        with pytest.raises(hp.ArgumentError, match=rf"^{name}: expected "):
-            hp.simulate(pair, [0, 1], STILL, base="fixed", **{"hinge": swing} | given)
-    with pytest.raises(hp.ArgumentError, match=r"^psi_0: expected"):
-        hp.simulate(pair, [0, 1], STILL, base="fixed")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.0, -1.0, 1.5, np.pi / 180])
 @pytest.mark.parametrize("offset", [0.0, 1e7])

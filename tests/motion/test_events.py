@@ -8,7 +8,6 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import hingepair as hp
-from hingepair.errors import DtypeError
 from support.sparse import sparse
 from support.states import generator, rotations
 
@@ -359,12 +358,6 @@ def test_a_jump_at_the_last_instant_ends_the_steps_before_it():
         assert found.steps < (8 if breaks else 60)
 
 
-@pytest.mark.parametrize("breaks", [[np.nan], [[1.0]], "now"])
-def test_breaks_that_are_no_instants_are_named(breaks):
-    with pytest.raises(hp.ArgumentError, match=r"^breaks: expected "):
-        turned(wheel(), [0, 1], 0.0, 0.0, pulse, breaks=breaks)
-
-
 # always ending
 
 
@@ -479,23 +472,3 @@ def test_a_rate_that_comes_to_zero_ends_the_motion_before_the_impact(load, end):
         assert found.ended_by_event
         assert found.t[-1] == pytest.approx(end, rel=1e-13 if power == 1 else 1e-6)
         assert found.psid[-1] == pytest.approx(1.0 if end == 1.2 else 0.0, abs=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("until", "error", "message"),
-    [
-        (lambda _t, now: now.psi[0] - 0.3, hp.ShapeError, r"^until: expected shape \(n,\), .* got \(\)$"),
-        (lambda _t, now: now.R1, hp.ShapeError, r"^until: expected shape \(n,\), .* got \(\d+, 3\)$"),
-        (lambda _t, now: now.psi > 0.3, DtypeError, r"^until: expected a number that passes 0, such as now\.psi"),
-        (lambda _t, _now: True, DtypeError, r"^until: expected a number that passes 0, such as now\.psi"),
-        (lambda _t, _now: "late", DtypeError, "^until: expected "),
-        (lambda _t, now: 1.0 if now.psi > 0.3 else -1.0, hp.ArgumentError, r"^until: .*np\.where instead of if"),
-        (lambda _t, now: now.R2[:, 2], AttributeError, "no 'R2'; known: R1, S1, v1, omega1, psi, psid$"),
-        (crossed(0.3, "down"), hp.ArgumentError, r"^until\.direction: expected 1 .*, got 'down'$"),
-        ("closed", hp.ArgumentError, r"^until: expected a callable of \(t, now\), got 'closed'$"),
-    ],
-    ids=["first", "vectors", "compared", "truth", "text", "if", "unknown", "direction", "name"],
-)  # fmt: skip
-def test_an_event_that_cannot_be_followed_is_named(until, error, message):
-    with pytest.raises(error, match=message):
-        turned(wheel(), [0.0, 0.1], 0.0, 1.0, 0.0, until=until)

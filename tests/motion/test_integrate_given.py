@@ -176,64 +176,6 @@ def test_body_2_keeps_the_hinge_point():
     assert np.abs(gap).max() <= 20 * U
 
 
-def _with_nan(shape, index):
-    values = np.ones(shape)
-    values[index] = np.nan
-    return values
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            {"omega1": _with_nan((101, 3), (17, 1))},
-            r"omega1: expected finite numbers, got \[.*nan.*\] at index 17",
-        ),
-        ({"psid": _with_nan(101, 5)}, "psid: expected finite numbers, got nan at index 5"),
-        ({"psid": np.inf}, "psid: expected finite numbers, got inf"),
-        (
-            {"psid": lambda t: np.where(t > 0.5, np.nan, t)},
-            r"psid\(t\): expected finite numbers, got nan at t = 0.5",
-        ),
-        ({"omega1": lambda t: np.ones((3, len(t)))}, r"omega1\(t\): expected shape \(\d+, 3\) for t of shape"),
-        ({"omega1": np.ones((100, 3))}, r"omega1: expected a callable, a constant of shape \(3,\), or samples of"),
-        ({"omega1": None}, "omega1: expected a callable, a constant, or samples at t, got None"),
-        ({"psid": 1j}, "psid: expected real numbers"),
-        ({"t": [0, 1, 1]}, "t: expected instants that increase, got 1.0 after 1.0 at index 2"),
-        ({"t": [0, np.nan, 1]}, "t: expected finite instants, got nan at index 1"),
-        ({"t": []}, r"t: expected shape \(N,\)"),
-        ({"t": 1.0}, r"t: expected shape \(N,\)"),
-        (
-            {"omega1": (0, 0, 1e200)},
-            "omega1: expected a rate that turns by a finite angle in each step, got overflow between",
-        ),
-        ({"psid": 1e308, "t": 10 * T}, "psid: expected a rate whose integral is finite, got overflow between the"),
-        ({"psid": lambda t: 1e308 * (t > 5), "t": 10 * T}, "overflow between the instants 50 and 51"),
-        ({"method": "euler"}, "method: expected one of magnus6, midpoint"),
-        ({"method": "dop853"}, "method: expected 'magnus6', which .*, got 'dop853', which was removed"),
-        ({"frame": "hinge"}, "frame: expected one of world, body"),
-        ({"tol": 0.0}, "tol: expected a positive number"),
-        ({"tol": "fine"}, "tol: expected a finite number"),
-        ({"psi_0": np.nan}, "psi_0: expected a finite number"),
-        ({"S1_0": 2 * np.eye(3)}, "S1_0: expected rotations"),
-        ({"S1_0": np.ones((2, 3))}, "S1_0: expected shape"),
-        ({"R1": np.zeros((100, 3))}, r"R1: expected shape \(3,\) or \(..., 101, 3\)"),
-        ({"R1": (np.zeros((101, 3)), np.zeros(2))}, r"R1\[1\]: expected shape"),
-        ({"R1": lambda _: None}, r"R1\(t\): expected a point"),
-        ({"phi_0": 1.0}, "phi_0: expected None for a HingePair"),
-        ({"pair": FLAT, "omega1": 1.0, "S1_0": np.eye(3)}, "S1_0: expected None for a PlanarPair"),
-        ({"pair": FLAT, "omega1": 1.0, "frame": "body"}, "frame: expected one of world"),
-        ({"pair": None}, "pair: expected a HingePair"),
-        ({"outputs": ("R3",)}, "outputs: expected one of"),
-        ({"backend": "cuda"}, "backend: expected one of"),
-    ],
-)
-def test_what_cannot_be_used_is_named(change, message):
-    arguments = {"pair": PAIR, "t": T, "omega1": (0, 0, 1), "psid": 1.0, **change}
-    with pytest.raises(hp.ArgumentError, match=message):
-        hp.integrate(**arguments)
-
-
 def test_inputs_are_left_alone():
     t, omega, psid = T.copy(), TURNED.omega(T), np.cos(T)
     for array in (t, omega, psid):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +13,6 @@ from support.spins import U
 MODELS = Path(__file__).parents[2] / "models"
 PAIR = hp.HingePair(u1=(0.3, -0.2, 0.5), u2=(0.1, 0.7, -0.4), n=(1, 2, -2))
 T = np.linspace(0, 1, 11)
-
-
-def test_a_callable_of_one_number_is_named():
-    """math.cos takes no array; what is a HingePairError inside a callable passes as it is."""
-    wanted = r": expected a callable vectorised over t, .* got TypeError: "
-    for name, given in (("psid", {"psid": math.cos}), ("omega1", {"omega1": lambda t: (math.sin(t), 0, 0)})):
-        with pytest.raises(hp.ArgumentError, match=name + wanted):
-            hp.integrate(PAIR, T, **{"omega1": (0, 0, 1), "psid": 1.0, **given})
-    with pytest.raises(hp.ArgumentError, match=r"R1: expected a callable vectorised over t, .* got ValueError: "):
-        hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=lambda t: (0, 0, 1) if t > 0 else (0, 0, 0))
-    with pytest.raises(hp.errors.AxisError, match=r"^n: "):
-        hp.integrate(PAIR, T, (0, 0, 1), lambda t: hp.HingePair((1, 0, 0), (1, 0, 0), (0, 0, 0)) and t)
 
 
 def test_a_callable_may_return_one_value_for_all_times():

@@ -148,15 +148,3 @@ def test_small_changes_grow_as_those_of_a_simulated_motion(base):
     ]
     grown = expm(h * small.A)[:, -2][-1]
     assert (psi[1] - psi[0]) / (2 * nudge) == pytest.approx(grown, rel=1e-4)
-
-
-def test_what_has_no_linearization_is_named():
-    still = {"base": "fixed"}
-    with pytest.raises(hp.ArgumentError, match=r"^hinge_torque: expected a torque with a linearization"):
-        hp.linearize(rod(), STILL, 0.0, hinge_torque=hp.HingeLoad(friction=30), **still)
-    with pytest.raises(hp.ArgumentError, match=r"^equilibrium: expected a stable equilibrium near the state"):
-        hp.linearize(rod(), STILL, 0.0, hinge_torque=50.0, equilibrium=True, **still)
-    with pytest.raises(hp.ArgumentError, match=r"^psid_0, body1: expected a state at rest"):
-        hp.linearize(rod(), STILL, 0.0, 1.0, equilibrium=True, **still)
-    with pytest.raises(hp.ArgumentError, match=r"^hinge_torque: expected"):
-        hp.linearize(rod(), STILL, 0.0, hinge_torque="much", **still)

@@ -65,21 +65,6 @@ def test_loads_of_the_joints_of_a_free_robot_change_its_rates():
     np.testing.assert_allclose(found.rates, plain.rates, rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("name", "given"),
-    [
-        ("joint_loads", {"loads": {}, "joint_loads": True}),
-        (r"loads\['boom'\]", {"loads": {"boom": hp.HingeLoad(friction=1.0)}}),
-        (r"loads\['boom'\]", {"loads": {"boom": hp.HingeLoad(stops=(0, 1), stop_restitution=0.5)}}),
-        ("loads", {"loads": {"stick": hp.HingeLoad()}}),
-    ],
-)
-def test_what_has_no_linearization_is_refused(name, given):
-    arm = hp.Mechanism([hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), body2=ROD, name="boom")])
-    with pytest.raises(ArgumentError, match=f"^{name}: expected"):
-        hp.linearize(arm, [0.0], **given)
-
-
 @pytest.mark.slow
 def test_rates_of_a_free_robot_change_as_the_linearization_says():
     robot = Robot(record_of(random_model(3, 4)), "free")

@@ -320,44 +320,6 @@ def test_an_event_ends_the_motion_of_a_robot():
     assert found.q[-1, 0] == pytest.approx(0.5, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("message", "change"),
-    [
-        (r"^loads: expected .*j0.*got 'j9'", {"loads": {"j9": hp.HingeLoad()}}),
-        (r"^loads\['j0'\]: expected a HingeLoad", {"loads": {"j0": 3.0}}),
-        (r"^q0\['j0'\]: expected a coordinate between the rigid stops",
-         {"loads": {"j0": hp.HingeLoad(stops=(1, 2), stop_restitution=0)}}),
-        (r"^q0: expected", {"q0": [0.0]}),
-        (r"^tau: expected .*shape \(\d+, 2\)", {"tau": lambda t, _: np.zeros((len(t), 3))}),
-        (r"^tau: expected a callable of \(t, now\)", {"tau": lambda t: t}),
-        (r"^tau: expected shape \(n, 2\), a row .*such as -50 \* now.q, .*got shape \(2,\), of one instant",
-         {"tau": lambda _, now: -50 * now.q[0]}),
-        (r"^tau: expected shape \(n, 2\), .*got shape \(2,\)", {"tau": lambda _, now: -50 * now.q[-1]}),
-        (r"^tau: expected shape \(n, 2\), .*got shape \(\)", {"tau": lambda t, _: np.cos(t[0])}),
-        (r"^tau: .* now.q\[:, 1\] is the second column", {"tau": lambda _, now: -50 * now.q[1]}),
-        (r"^tau: expected 2 efforts that stay, .*got shape \(11, 2\)", {"tau": np.zeros((11, 2))}),
-        (r"^wrenches\['j1'\]\[0\]: expected shape \(n, 3\), .*-20 \* now.v1",
-         {"wrenches": {"j1": (lambda _, now: 3 * (now.qd[0, 0],), 0)}}),
-        (r"^until: expected shape \(n,\), .* such as now.q\[:, 1\] - 0.3, got \(2,\)",
-         {"until": lambda _, now: now.q[0] - 0.3}),
-        (r"^joint_loads: expected None beside loads", {"loads": {}, "joint_loads": True}),
-        (r"^base: expected", {"base": "floating"}),
-        (r"^base_motion: expected a callable", {"base": "moving"}),
-        (r"^force1: expected 0", {"force1": (1, 0, 0)}),
-        (r"^wrenches: expected .*got 'hand'", {"wrenches": {"hand": (0, 0)}}),
-        (r"^driven\['j1'\]: .*psid is the derivative", {"driven": {"j1": lambda t: (t, 0 * t, 0 * t)}}),
-        (r"^base_motion.omega: expected None or zeros",
-         {"base_motion": hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(1, 0, 0))}),
-        (r"^breaks: expected", {"breaks": [[1.0]]}),
-        (r"^tol: expected", {"tol": 1.0}),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_used_is_named(message, change):
-    arguments = {"q0": [0.0, 0.0]} | change
-    with pytest.raises(hp.ArgumentError, match=message):
-        hp.simulate(chain(2), [0.0, 1.0], **arguments)
-
-
 def test_masses_that_resist_no_motion_are_named():
     point = hp.Body(1.0, inertia=(1, 1e-20, 1))
     bodies = {"a": point, "b": ROD}

@@ -107,14 +107,6 @@ def test_positions_are_not_taken_for_rates(columns):
         PAIR.forward_kinematics(np.zeros((5, 7)), table)
 
 
-def test_columns_that_are_no_numbers_are_named():
-    import pandas
-
-    table = pandas.DataFrame({name: ["1", "2"] if name == "psi" else [1.0, 2.0] for name in NAMES})
-    with pytest.raises(hp.errors.DtypeError, match=r"^q\['psi'\]: expected real numbers"):
-        PAIR.forward_kinematics(table)
-
-
 def test_vectors_of_a_table():
     rows = generator(62).normal(size=(4, 4))
     body = hp.BodyMotion(R=Table(["R1_z", "R1_x", "R1_y"], rows[:, [2, 0, 1]]), S=EYE)
@@ -160,21 +152,6 @@ def test_a_list_of_as_many_arrays_as_numbers_is_refused():
         compute(np.array(rows))
         compute([row.tolist() for row in rows])
         compute([*rows, rows[0]])
-
-
-@pytest.mark.parametrize("value", [["numpy"], {"a": 1}, {1}, None, 1, np.zeros(2), "numbers", b"numpy"])
-def test_a_name_that_is_none_of_those_known(value):
-    """Unhashable values too."""
-    calls = {
-        "backend": lambda: PAIR.forward_kinematics(np.zeros(7), backend=value),
-        "workers": lambda: PAIR.forward_kinematics(np.zeros(7), workers=[value]),
-        "sequence": lambda: PAIR.forward_kinematics(np.zeros(7), sequence=value),
-        "at_lock": lambda: hp.euler_rates(np.zeros(3), np.zeros(3), at_lock=value),
-        "method": lambda: hp.integrate(PAIR, (0, 1), (0, 0, 1), 1.0, method=value),
-    }
-    for name, call in calls.items():
-        with pytest.raises(hp.ArgumentError, match=f"^{name}: expected"):
-            call()
 
 
 class Counting(list):

@@ -8,11 +8,9 @@ import mpmath
 import numpy as np
 import pytest
 
-import hingepair as hp
 from hingepair.bench.truth import DIGITS
 from hingepair.numeric.unit_vectors import (
     direction,
-    finite_axis,
     polar,
     scaled_by_power_of_two,
     times_power_of_two,
@@ -91,15 +89,3 @@ def test_products_with_powers_of_two_overflow_to_infinity() -> None:
     assert times_power_of_two(1.5, 3) == 12.0
     assert times_power_of_two(1.5, 0) == 1.5
     assert times_power_of_two(np.array([1.5, -1.0]), np.array([1, 2])).tolist() == [3.0, -4.0]
-
-
-@pytest.mark.parametrize("n", [(0, 0, 0), [(1, 0, 0), (0, 0, 0)]], ids=["one", "one of two"])
-def test_a_zero_axis_is_refused(n: object) -> None:
-    with pytest.raises(hp.errors.AxisError, match="n: expected a non-zero axis"):
-        finite_axis("n", n)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_an_axis_that_is_not_finite_is_refused(value: float) -> None:
-    with pytest.raises(hp.errors.AxisError, match="n: expected a finite axis"):
-        unit_axis("n", [(1, 0, 0), (0, value, 1)])

@@ -167,29 +167,6 @@ def test_body_2_is_body_1_of_the_next_pair(monkeypatch):
         _ = first.body2
 
 
-def test_a_box_of_three_arguments_is_told_how_it_is_written():
-    with pytest.raises(hp.ShapeError, match=r"size: expected shape \(3,\), as in Box\(\(x, y, z\)\), got 0\.1"):
-        hp.Box(0.1, 0.1, 0.1)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "name"),
-    [
-        ({"shapes": (hp.Sphere(1e200),)}, "shapes"),
-        ({"shapes": (hp.Cylinder(1e160, 1.0),)}, "shapes"),
-        ({"shapes": (hp.Box((1e-200, 1e-200, 1e-200)),)}, "shapes"),
-        ({"mass": 1e308, "shapes": (hp.Box((90, 90, 90)),)}, "inertia"),
-    ],
-    ids=["sphere", "cylinder", "box", "mass"],
-)
-def test_a_size_that_overflows_is_refused(arguments, name):
-    with pytest.raises(hp.ArgumentError, match=f"^{name}: expected") as raised:
-        hp.Body(**arguments)
-    assert raised.value.name == name
-    given = {"mass": 2, "centre_of_mass": (0, 0, 0), "inertia": (1, 1, 1)}
-    assert hp.Body(**{**arguments, **given}).inertia.tolist() == np.eye(3).tolist()
-
-
 def test_the_centre_of_mass_has_two_spellings():
     body = hp.Body(mass=2, center_of_mass=(0.1, 0, 0))
     assert body.center_of_mass.tolist() == body.centre_of_mass.tolist() == [0.1, 0, 0]

@@ -264,54 +264,7 @@ def test_how_far_from_a_rotation(honest, bad, noise):
             hp.project_to_rotation(reflection)
 
 
-MASKED = object()
-
-
-def filled(shape, x):
-    return np.ma.masked_array(np.ones(shape), mask=True) if x is MASKED else np.full(shape, x)
-
-
 REST = {"R": np.zeros(3)}
-CALLS = {
-    "q": lambda x: ONE.forward_kinematics(filled(7, x)),
-    "qd": lambda x: ONE.forward_kinematics(np.zeros(7), filled(7, x)),
-    "qdd": lambda x: ONE.forward_kinematics(np.zeros(7), np.zeros(7), filled((2, 7), x)),
-    "q[3]": lambda x: ONE.forward_kinematics((0.0, 0.0, 0.0, filled(2, x), 0.0, 0.0, 0.0)),
-    "psi": lambda x: ONE.forward_kinematics_from_body1(hp.BodyMotion(S=np.eye(3), **REST), filled(1, x)),
-    "R": lambda x: hp.BodyMotion(R=filled(3, x), S=np.eye(3)),
-    "S": lambda x: hp.BodyMotion(S=filled((3, 3), x), **REST),
-    "omega": lambda x: hp.BodyMotion(S=np.eye(3), omega=filled(3, x), **REST),
-    "quat_xyzw": lambda x: hp.BodyMotion.from_quaternion_xyzw(quat_xyzw=filled(4, x), **REST),
-    "quat_wxyz": lambda x: hp.BodyMotion.from_quaternion_wxyz(quat_wxyz=filled(4, x), **REST),
-    "rotvec": lambda x: hp.rotation_exp(filled(3, x)),
-    "phi": lambda x: hp.euler_to_matrix(filled(3, x)),
-    "M": lambda x: hp.project_to_rotation(filled((3, 3), x)),
-    "u1": lambda x: hp.HingePair(u1=filled(3, x), u2=PAIR[1], n=PAIR[2]),
-    "u2": lambda x: hp.HingePair(u1=PAIR[0], u2=filled(3, x), n=PAIR[2]),
-    "n": lambda x: hp.HingePair(u1=PAIR[0], u2=PAIR[1], n=filled(3, x)),
-    "home": lambda x: hp.HingePair(u1=PAIR[0], u2=PAIR[1], n=PAIR[2], home=filled((3, 3), x)),
-}
-FOREIGN = {
-    "complex": 1j, "object": None, "text": "1", "bool": True, "float16": np.float16(1),
-    "longdouble": np.longdouble(1), "mask": MASKED,
-    "date": np.datetime64("2024-01-01"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", CALLS)
-def test_numbers_of_another_kind_are_refused_by_name(name):
-    for kind, number in FOREIGN.items():
-        with pytest.raises(hp.errors.DtypeError) as caught:
-            pytest.fail(f"{kind} is taken: {CALLS[name](number)}")
-        assert caught.value.name == name, kind
-
-
-@pytest.mark.parametrize("name", ["u1", "u2", "n", "home"])
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_constants_are_finite(name, bad):
-    with pytest.raises(ValueError, match=f"^{name}: ") as caught:
-        CALLS[name](bad)
-    assert caught.value.name == name
 
 
 def test_values_compare_as_objects():

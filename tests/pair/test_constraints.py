@@ -206,21 +206,3 @@ def test_pairs_of_their_own_and_other_dtypes():
     single = hp.BodyMotion(R=np.zeros(3, np.float32), S=np.eye(3, dtype=np.float32), omega=np.ones(3, np.float32))
     assert many.constraint_jacobian(single, single).dtype == np.float32
     assert many.constraint_bias(single, single).shape == (COUNT, 5)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda pair, body: pair.constraint_jacobian(1, body), "body1: expected a BodyMotion"),
-        (lambda pair, body: pair.constraint_jacobian(body, None), "body2: expected a BodyMotion"),
-        (lambda pair, body: pair.constraint_bias(body, body), "body1.omega: expected a value"),
-        (
-            lambda pair, body: pair.constraint_jacobian(body, hp.BodyMotion(R=np.zeros((3, 3)), S=np.eye(3))),
-            r"body2\.R: expected leading shape",
-        ),
-    ],
-)
-def test_errors_name_the_argument(call, message):
-    body = hp.BodyMotion(R=(0, 0, 0), S=np.broadcast_to(np.eye(3), (2, 3, 3)))
-    with pytest.raises(hp.ArgumentError, match=message):
-        call(hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)), body)

@@ -76,20 +76,6 @@ def test_dry_friction_has_the_sign_of_the_rate():
     assert hp.HingeLoad(friction=2, motor=hp.HingeLoad(friction=1)).sticking_friction == 3
 
 
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("stop_restitution", {"stop_restitution": 1.1}),
-        ("stop_restitution", {"stop_restitution": -0.1}),
-        ("stop_damping", {"stop_restitution": 0.5, "stop_damping": 1}),
-        ("friction_rate", {"friction_rate": 0}),
-    ],
-)
-def test_what_no_stop_or_friction_has_is_named(name, values):
-    with pytest.raises(hp.ArgumentError, match=rf"^{name}: expected "):
-        hp.HingeLoad(stops=(0, 1), **values)
-
-
 def test_what_does_not_act_is_no_part():
     assert hp.HingeLoad().parts(0.0, 0.2, 1.0) == {"motor": 0.0}
     assert hp.HingeLoad(friction=1).parts(0.0, 0.2, 0.0) == {"motor": 0.0, "friction": 0.0}
@@ -114,27 +100,6 @@ def test_a_simulated_motion_has_the_parts_of_the_hinge_torque_among_its_loads(fl
     np.testing.assert_allclose(sum(found.loads[f"{name}_torque"] for name in parts), found.loads["hinge_torque"])
     plain = hp.simulate(pair, t, start, 0.2, 0.0, base="fixed", hinge_torque=lambda *args: -args[1])
     assert {"motor_torque", "spring_torque"}.isdisjoint(plain.loads)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        *(({name: -1.0}, f"{name}: expected 0 or above, got -1.0") for name in ("stiffness", "damping", "friction")),
-        *(({name: -1.0}, f"{name}: expected 0 or above") for name in ("stop_stiffness", "stop_damping")),
-        *(({"friction_rate": rate}, "friction_rate: expected a number above 0") for rate in (0, -1)),
-        *(({name: "1"}, f"{name}: expected a finite number") for name in ("stiffness", "rest", "motor")),
-        ({"rest": np.inf}, "rest: expected a finite number"),
-        ({"stops": (1, -1)}, r"stops: expected \(lower, upper\) with lower < upper"),
-        ({"stops": (1, 1)}, r"stops: expected \(lower, upper\) with lower < upper"),
-        ({"stops": 1.0}, r"stops: expected \(lower, upper\)"),
-        ({"stops": (0, 1, 2)}, r"stops: expected \(lower, upper\)"),
-        ({"stops": (0, np.nan)}, r"stops\[1\]: expected a finite number"),
-        ({"motor": lambda t: t}, r"motor: expected a callable of \(t, psi, psid\)"),
-    ],
-)
-def test_what_no_load_can_have_is_refused_by_name(change, message):
-    with pytest.raises(hp.ArgumentError, match=f"^{message}"):
-        hp.HingeLoad(**change)
 
 
 def test_a_load_may_be_negative_where_that_has_a_meaning():

@@ -104,18 +104,3 @@ def test_shapes_dtypes_and_samples_apart():
     assert np.isnan(holed[3, :3, 3:]).sum() >= 9
     many = hp.HingePair(u1=np.ones((4, 1, 3)), u2=(0, 0, 1), n=(1, 0, 0))
     assert many.jacobian(body1, psi).shape == (4, 6, 6, 7)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda pair, _: pair.jacobian("body", 0.0), "body1: expected a BodyMotion"),
-        (lambda pair, body1: pair.jacobian(body1, "x"), "psi: expected real numbers"),
-        (lambda pair, body1: pair.jacobian(body1, np.zeros((3, 1, 5))), "psi: expected leading shape"),
-        (lambda pair, body1: pair.acceleration_bias(body1, 0.0, 0.0), "body1.omega: expected a value"),
-    ],
-)
-def test_errors_name_the_argument(call, message):
-    body1 = hp.BodyMotion(R=(0, 0, 0), S=np.broadcast_to(np.eye(3), (2, 3, 3)))
-    with pytest.raises(hp.ArgumentError, match=message):
-        call(made(7), body1)

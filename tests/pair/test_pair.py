@@ -14,7 +14,6 @@ from support.hinged import made
 from support.states import generator
 from support.states import pair as random_pair
 
-U = 2.0**-53
 EVERYTHING = {"name": "knee", "limits": (-1, 2), "body1": hp.Body(2.0), "body2": hp.Body(3.0)}
 
 
@@ -40,47 +39,6 @@ def test_values_are_replaced_in_the_plane_and_of_a_motion():
     assert flat.name == "flat"
     motion = replace(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), R=np.ones((5, 3)))
     assert motion.shape == (5,)
-
-
-@pytest.mark.parametrize(
-    ("shapes", "message"),
-    [
-        ({"u2": (4, 3)}, r"u2: expected leading shape that broadcasts with \(5,\), got shape \(4,\)"),
-        ({"n": (2, 3)}, r"n: expected leading shape that broadcasts with \(5,\), got shape \(2,\)"),
-        ({"home": (4, 3, 3)}, r"home: expected leading shape that broadcasts with \(5,\), got shape \(4,\)"),
-    ],
-)
-def test_leading_axes_that_do_not_fit_are_named(shapes, message):
-    ones = {"u2": np.ones(3), "n": np.ones(3), "home": np.eye(3)}
-    arrays = {name: np.broadcast_to(one, shapes.get(name, one.shape)) for name, one in ones.items()}
-    with pytest.raises(hp.ShapeError, match=message):
-        hp.HingePair(u1=np.zeros((5, 3)), **arrays)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: hp.Body(1, (0, 0, 0), (1, 1)), r"inertia: expected shape \(3,\), got shape \(2,\)"),
-        (lambda: hp.Body("2"), "mass: expected a finite number, got '2'"),
-        (lambda: hp.Box(1), r"size: expected shape \(3,\), as in Box\(\(x, y, z\)\), got 1"),
-        (lambda: hp.Sphere(1, center=np.zeros((2, 3))), r"center: expected shape \(3,\), got shape \(2, 3\)"),
-        (lambda: made(limits=1), r"limits: expected shape \(2,\), such as \(0, 1\), got shape \(\)"),
-        (lambda: made(limits=[(0, 1)]), r"limits: expected shape \(2,\), got shape \(1, 2\)"),
-        (
-            lambda: made(u1=[(1, 2, 3), (1, 2)]),
-            "u1: expected an array, or lists that make one, got a list that makes none$",
-        ),
-        (lambda: hp.to_urdf(made(name="a\x01")), r"name: expected characters that XML can hold, got 'a\\x01'$"),
-        (lambda: hp.to_urdf("pair"), "pair: expected a HingePair, got 'pair'"),
-        (
-            lambda: hp.euler_rates(np.array(((0, 0, 0), (0, np.pi / 2, 0))), np.ones(3)),
-            r"phi: .*, got lock of XYZ, middle angle 1\.5708 at sample \(1,\)$",
-        ),
-    ],
-)
-def test_messages_say_what_was_expected_and_what_came(call, message):
-    with pytest.raises(hp.ArgumentError, match=message):
-        call()
 
 
 def test_a_state_lists_what_it_has():

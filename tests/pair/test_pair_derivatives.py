@@ -260,8 +260,3 @@ def test_products_with_derivatives_by_constants_are_products(states, planar):
         np.testing.assert_allclose(gradient[name], np.einsum("sij,si->sj", J["a2"][name], weight), atol=1e3 * EPS)
     for ours in (value, same):
         np.testing.assert_allclose(ours.a2, call(*given).a2, rtol=0, atol=1e3 * EPS)
-
-
-def test_constants_that_a_pair_does_not_have_are_named():
-    with pytest.raises(hp.ArgumentError, match=r"wrt: expected names out of q, masses, .*, u2, got 'n'"):
-        FLAT.prepare("pose").jacobian((np.zeros(4),), wrt="n")

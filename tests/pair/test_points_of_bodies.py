@@ -180,21 +180,3 @@ def test_points_are_links_of_urdf_and_sites_of_mjcf():
         hp.errors.URDFError, match=r"points: expected links fixed to 'body1' or 'body2_at_hinge'.*'lid'"
     ):
         hp.from_urdf(text, "hinge", points=("lid",))
-
-
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        ({"R2": (0, 0, 0)}, "points1: expected names that no output and no part of a model has, got 'R2'"),
-        ({"home": (0, 0, 0)}, "points1: expected names that no output and no part of a model has, got 'home'"),
-        ({"left edge": (0, 0, 0)}, "points1: expected names of letters, digits and _ .*, got 'left edge'"),
-        ({"tip_v": (0, 0, 0)}, "points1: expected names that do not end in _v"),
-        ({"tip": (0, 0)}, r"points1\['tip'\]: expected shape \(..., 3\), got shape \(2,\)"),
-        ({"tip": (0, 0, np.nan)}, r"points1\['tip'\]: expected finite numbers"),
-        ({"arm": (0, 0, 0)}, "points2: expected names that points1 does not have, got 'arm'"),
-        ([(0, 0, 0)], "points1: expected a dict of positions by name"),
-    ],
-)
-def test_points_that_cannot_be_used_are_refused(points, message):
-    with pytest.raises(hp.ArgumentError, match=message):
-        hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), points1=points, points2={"arm": (0, 0, 0)})

@@ -210,26 +210,6 @@ def test_what_is_no_rotation_is_refused():
             assert np.isnan(by_quaternion(np.full((*shape, 4), np.inf), psi).S2).any()
 
 
-@pytest.mark.parametrize(
-    ("given", "outputs", "word"),
-    [
-        ("speed", None, "pose"),
-        (3, None, "given"),
-        (("R1", "psi"), None, "attitude"),
-        (("S1", "quat_xyzw", "psi"), None, "attitude"),
-        (("S1", "psi", "phi"), None, "quat_xyzw"),
-        ("pose", ("v2",), "v2"),
-        ("pose", (), "outputs"),
-        ("pose", ("r2",), "R2"),
-        (("S1", "psi"), ("R2",), "R1"),
-        (("S1", "R1", "psi"), ("gap",), "S2"),
-    ],
-)
-def test_bad_words_are_named(given, outputs, word):
-    with pytest.raises(hp.ArgumentError, match=word):
-        made(generator(1011)).prepare(given, outputs=outputs)
-
-
 def test_threads_do_not_mix():
     rng = generator(1012)
     fk = made(rng).prepare("acceleration", backend="compiled")
@@ -391,30 +371,6 @@ def test_names_of_outputs_from_a_generator_are_not_kept():
     for _ in range(20):
         one.forward_kinematics(np.zeros(7), outputs=(name for name in ("R2", "d")))
     assert len(one.constants.cache.calls) == size
-
-
-CALLS = {
-    "kinematics": lambda one, **k: one.forward_kinematics(np.zeros(7), **k),
-    "many": lambda one, **k: one.forward_kinematics(np.zeros((3, 7)), **k),
-    "body1": lambda one, **k: one.forward_kinematics_from_body1(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), 0.0, **k),
-    "plane": lambda one, **k: hp.PlanarPair((1, 0), (0, 1)).forward_kinematics(np.zeros(4), **k),  # noqa: ARG005
-    "prepared": lambda one, outputs=None, **k: one.prepare("pose", outputs=outputs)(np.zeros(7), **k),
-}
-
-
-@pytest.mark.parametrize("call", CALLS)
-def test_outputs_and_out_of_the_wrong_kind_are_named(call):
-    one = made(generator(1026))
-    for _ in range(2):
-        for outputs in (["R2", ["d"]], (["R2"],), ({},), 3, "R3", (), ("R2", 3), (None,)):
-            with pytest.raises(hp.ArgumentError, match=r"^outputs: "):
-                CALLS[call](one, outputs=outputs)
-        for out in (["R2"], 3, "R2", {"R3": 1}, {3: 1}, {("R2",): 1}, {"v2": np.zeros(3)}):
-            with pytest.raises(hp.ArgumentError, match=r"^out: "):
-                CALLS[call](one, outputs=("R2",), out=out)
-        for array in (3, None, [0.0, 0.0, 0.0], np.zeros(5), np.zeros(3, int)):
-            with pytest.raises(hp.ArgumentError, match=r"^out\['R2'\]: "):
-                CALLS[call](one, outputs=("R2",), out={"R2": array})
 
 
 @pytest.mark.slow

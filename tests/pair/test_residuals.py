@@ -174,22 +174,6 @@ def test_measured_motion_passes_with_tolerances_of_its_own():
 
 
 @pytest.mark.parametrize(
-    ("tolerances", "message"),
-    [
-        ({"gaps": 1.0}, "tolerances: expected one of gap, tilt, gap_rate"),
-        ({"gap": 0.0}, r"tolerances\['gap'\]: expected a positive number \[m\]"),
-        ({"tilt": math.nan}, r"tolerances\['tilt'\]: expected a finite number"),
-        ({"tilt": "1e-3"}, r"tolerances\['tilt'\]: expected a finite number"),
-        (1e-3, "tolerances: expected a dict"),
-    ],
-)
-def test_tolerances_that_cannot_be_used_are_refused(tolerances, message):
-    pair = made()
-    with pytest.raises(hp.ArgumentError, match=message):
-        pair.residuals(*bodies(pair, coordinates(generator(95), 2)), tolerances=tolerances)
-
-
-@pytest.mark.parametrize(
     ("letters", "kind", "missing"),
     [
         ((), "gap_rate", r"v and omega, .* got no body1\.v, body1\.omega, body2\.v, body2\.omega"),
@@ -224,14 +208,6 @@ def test_the_least_precise_array_sets_the_tolerance():
     assert not pair.residuals(body1, hp.BodyMotion(R=coarse.R.astype(float), S=body2.S)).ok
     found = pair.residuals(body1, coarse)
     assert (found.ok, found.u, found.gap.dtype) == (True, U[np.float32], np.float64)
-
-
-def test_errors_name_the_body():
-    pair, body = made(), hp.BodyMotion(R=np.zeros((2, 3)), S=np.eye(3))
-    with pytest.raises(hp.ArgumentError, match="body2: expected a BodyMotion"):
-        pair.residuals(body, np.eye(3))
-    with pytest.raises(hp.ShapeError, match="body2: expected leading shape"):
-        pair.residuals(body, hp.BodyMotion(R=np.zeros((3, 3)), S=np.eye(3)))
 
 
 # ---------------------------------------------------------------- samples apart, reports

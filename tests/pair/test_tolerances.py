@@ -216,60 +216,6 @@ def test_points_may_be_all_that_scatters():
 
 
 @pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        ({"hande": 1e-3}, r"points: expected one of mark, handle \(nearest: handle\), got 'hande'"),
-        ({"handle": "0.2 mm"}, r"points\['handle'\]: expected .*; a number is a standard deviation, got '0.2 mm'"),
-        ({"handle": -1}, r"points\['handle'\]: expected a number not below 0"),
-        (1e-3, r'points: expected tolerances by name, such as \{"handle": "\+-0.5 mm"\}, got 0.001'),
-    ],
-)
-def test_tolerances_of_points_that_cannot_be_used_are_named(points, message):
-    pair, body1, psi = with_points(312)
-    with pytest.raises(hp.ArgumentError, match=message):
-        pair.propagate_covariance(body1, psi, points=points)
-    with pytest.raises(hp.ArgumentError, match=message):
-        hp.sample_pairs(pair, 3, points=points)
-
-
-NEGATIVE = np.diag([1.0] * 11 + [-1.0])
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({}, r"u1: expected a tolerance \(u1, u2, axis, home\), .* or a covariance, got none"),
-        ({"u1": "+-0 mm"}, "u1: expected a tolerance"),
-        ({"u1": "+-1,000 um"}, r'u1: expected "\+-0.2 mm"'),
-        ({"u1": "0.2 mm"}, r'u1: expected "\+-0.2 mm" or "\+-0.2 mm uniform", or three of these'),
-        ({"u2": "+-0.2"}, "u2: expected .* in one of m, mm"),
-        ({"u2": 2e-4}, "u2: expected .* u2_std takes a standard deviation, got 0.0002"),
-        ({"home": "+-0.2 mm"}, "home: expected .* in one of rad, mrad, deg"),
-        ({"axis": ("+-1 deg",) * 3}, r'axis: expected "\+-0.1 deg" or "\+-0.1 deg uniform", in'),
-        ({"u1": ("+-1 mm", "+-1 mm")}, "u1: expected"),
-        ({"u1": ("+-1 mm", None, "0")}, "u1: expected"),
-        ({"u1": "+-1 mm", "u1_std": 1}, "u1_std: expected 0, since u1 gives the tolerance"),
-        ({"covariance": np.eye(12), "u2": "+-1 mm"}, "u2: expected None, since covariance"),
-        ({"u1_std": -1}, "u1_std: expected a number not below 0"),
-        ({"u1_std": (1, 2)}, r"u1_std: expected shape \(3,\)"),
-        ({"u2_std": (1, 2, -3)}, "u2_std: expected numbers not below 0"),
-        ({"axis_std": (1, 2, 3)}, "axis_std: expected a finite number"),
-        ({"home_std": np.inf}, "home_std: expected a finite number"),
-        ({"covariance": np.eye(11)}, r"covariance: expected shape \(12, 12\)"),
-        ({"covariance": NEGATIVE}, "covariance: expected a covariance"),
-        ({"covariance": np.zeros((12, 12))}, "covariance: expected a covariance"),
-        ({"covariance": np.eye(12), "u2_std": 1}, "u2_std: expected 0, since covariance"),
-    ],
-)
-def test_what_cannot_be_used_is_named(given, message):
-    pair, body1, psi = pair_and_states(306)
-    with pytest.raises(hp.ArgumentError, match=message):
-        hp.sample_pairs(pair, 10, **given)
-    with pytest.raises(hp.ArgumentError, match=message):
-        pair.propagate_covariance(body1, psi, **given)
-
-
-@pytest.mark.parametrize(
     ("given", "message"),
     [
         ({"samples": 0}, "samples: expected a whole number from 1"),

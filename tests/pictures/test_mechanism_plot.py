@@ -157,21 +157,3 @@ def test_a_table_of_coordinates_is_drawn_over_samples_and_in_units(arm):
     np.testing.assert_allclose(turn.get_lines()[0].get_data(), (np.arange(7), np.degrees(Q[:, 0])), rtol=1e-14)
     np.testing.assert_allclose(reach.get_lines()[0].get_ydata(), 1000 * Q[:, 1], rtol=1e-14)
     assert paths.get_lines()[0].get_data_3d()[2][-1] == pytest.approx(1000 * (7 - 1.3 * np.sin(0.9)), rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({}, "q: expected coordinates of the robot, as in hp.plot"),
-        ({"q": Q[0]}, r"q: expected shape \(T, 2\)"),
-        ({"q": Q, "tau": Q[:2]}, r"tau: expected shape \(7, 2\), that of q"),
-        ({"q": Q, "t": [1, 2]}, r"t: expected shape \(7,\)"),
-        ({"q": Q, "outputs": "q"}, "outputs: expected None"),
-    ],
-)
-def test_coordinates_that_cannot_be_drawn_are_named(arm, options, message):
-    with pytest.raises(hp.ArgumentError, match=message):
-        hp.plot(arm, **options)
-    if options:
-        with pytest.raises(hp.ArgumentError, match="None, since only a robot"):
-            hp.plot(arm["turn"], q=Q)

@@ -179,17 +179,6 @@ def test_a_gap_hides_the_bodies_and_a_title_is_only_text(tmp_path):
     assert (tmp_path / "page.html").read_text() == page.html
 
 
-def test_what_cannot_be_shown_or_written_is_named(tmp_path):
-    flat = hp.PlanarPair(u1=(1, 0), u2=(0, 1))
-    with pytest.raises(hp.ArgumentError, match=r"^source: expected a pair in space"):
-        hp.view(flat)
-    with pytest.raises(hp.ArgumentError, match=r"^path: expected a file name that ends in \.html"):
-        hp.view(flat.to_spatial(), tmp_path / "page.png")
-    several = hp.HingePair(u1=np.zeros((2, 3)), u2=(1, 0, 0), n=(0, 0, 1))
-    with pytest.raises(hp.ShapeError, match="pair"):
-        hp.view(several)
-
-
 # ---------------------------------------------------------------- robots
 
 
@@ -298,38 +287,6 @@ def test_the_base_of_a_robot_stands_or_moves_as_it_is_told():
         np.testing.assert_array_equal(places[:, :3, :3], np.broadcast_to(turn, (len(places), 3, 3)))
     still = content_of(hp.view(robot, base_motion=hp.BodyMotion(R=(1, 2, 3), S=turn)))
     assert still["origin"] == [1, 2, 3]
-
-
-REFUSED = {
-    "a base at other instants": (
-        {"q": np.zeros((3, 7)), "base_motion": hp.BodyMotion(R=np.zeros((2, 3)), S=np.eye(3))},
-        r"^base_motion: expected one instant, or the 3 instants of q, got \(2,\)",
-    ),
-    "a base without attitude": ({"base_motion": hp.BodyMotion(R=np.zeros(3))}, r"^base_motion.S: expected a value"),
-    "a base that is none": ({"base_motion": np.zeros(3)}, "^base_motion: expected a BodyMotion"),
-    "one state": ({"q": np.zeros(7)}, r"^q: expected shape \(T, 7\) with T from 1 on, got \(7,\)"),
-    "another robot's": ({"q": np.zeros((3, 8))}, r"^q: expected shape \(T, 7\)"),
-    "no instant": ({"q": np.zeros((0, 7))}, r"^q: expected shape \(T, 7\) with T from 1 on"),
-    "other instants": ({"q": np.zeros((3, 7)), "t": [0, 1]}, r"^t: expected shape \(3,\), as many instants as q has"),
-    "backwards": ({"q": np.zeros((3, 7)), "t": [0, 2, 1]}, "^t: expected finite instants that do not decrease"),
-    "text": ({"q": "sin(t)"}, "^q: expected"),
-    "complex": ({"q": np.zeros((3, 7), complex)}, "^q: expected"),
-    "not finite": ({"q": np.zeros((3, 7)), "t": [0, 1, np.nan]}, "^t: expected finite instants"),
-    "instants alone": ({"t": [0, 1]}, r"^t: expected shape \(0,\)"),
-    "q as a path": (
-        {"path": np.zeros((3, 7))},
-        r"^path: expected a file name \(the motion of a robot is given as q=\)",
-    ),
-}
-
-
-@pytest.mark.parametrize(("arguments", "message"), REFUSED.values(), ids=REFUSED)
-def test_a_motion_that_is_none_of_the_robot_is_refused(arguments, message):
-    robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
-    with pytest.raises(hp.ArgumentError, match=message):
-        hp.view(robot, **arguments)
-    with pytest.raises(hp.ArgumentError, match=r"^q: expected None, since only a robot"):
-        hp.view(PAIR, q=[[0.0]])
 
 
 SCENE = """

@@ -231,37 +231,7 @@ def test_a_chain_of_ten_hinges_keeps_its_energy():
     assert np.ptp(energy.kinetic + energy.potential) <= 1e-8 * energy.kinetic.max()
 
 
-REFUSED = {
-    "method": (lambda: ROBOT.rollout(0 * Q, Q, 0, H, method="euler", steps=1), "^method"),
-    "no_steps": (lambda: ROBOT.rollout(Q, Q, 0, H), "^steps: expected a number of steps"),
-    "other_steps": (
-        lambda: ROBOT.rollout(Q, Q, np.zeros((4, DOF)), H, steps=3),
-        "^tau: expected values for 3 instants",
-    ),
-    "width": (lambda: ROBOT.rollout(Q, Q, np.zeros((4, 2)), H), "^tau: expected shape"),
-    "gains": (lambda: ROBOT.rollout(Q, Q, hp.Feedback(np.zeros(2), 0, 0), H, steps=1), r"^tau\.K: expected shape"),
-    "every": (lambda: ROBOT.rollout(Q, Q, 0, H, steps=1, every=0), "^every"),
-    "dt": (lambda: ROBOT.rollout(Q, Q, 0, np.nan, steps=1), "^dt"),
-    "no_dt": (lambda: ROBOT.rollout(Q, Q, 0, 0, steps=1), "^dt: expected a number above 0"),
-    "limits": (
-        lambda: ROBOT.rollout(Q, Q, 0, H, steps=1, effort_limits=-1),
-        "^effort_limits: expected numbers from 0",
-    ),
-    "q0": (lambda: ROBOT.rollout(np.zeros(2), Q, 0, H, steps=1), "^q0"),
-    "out": (lambda: ROBOT.rollout(Q, Q, 0, H, steps=1, out={"q": np.zeros((3, DOF))}), r"^out\['q'\]"),
-    "base": (
-        lambda: ROBOT.rollout(Q, Q, 0, H, steps=1, base_motion=np.eye(3)),
-        "^base_motion: expected a BodyMotion",
-    ),
-}
 Q = np.zeros(DOF)
-
-
-@pytest.mark.parametrize("what", REFUSED)
-def test_what_cannot_be_used_is_named(what):
-    call, message = REFUSED[what]
-    with pytest.raises(hp.ArgumentError, match=message):
-        call()
 
 
 def test_recorded_states_have_their_instants():

@@ -315,23 +315,3 @@ def test_forms_are_attributes_and_can_be_copied():
     assert copy.copy(forms).R == forms.R
     with pytest.raises(AttributeError, match="it has q, qd, R, S, jacobian, v, omega"):
         forms.R2  # noqa: B018
-
-
-def test_what_cannot_be_derived_is_refused_by_name():
-    robot = hp.load_robot("ur5_robot")
-    with pytest.raises(hp.ArgumentError, match="base='fixed'"):
-        hp.derive(hp.load_robot("solo12", base="free"), frame="FL_FOOT")
-    with pytest.raises(
-        hp.ArgumentError,
-        match="frame: expected the name of a link or joint, since ur5 ends in 2 links: one of ee_link, tool0",
-    ):
-        hp.derive(robot)
-    with pytest.raises(hp.ArgumentError, match=r"frame: expected .*got 'tool'"):
-        hp.derive(robot, frame="tool")
-    for letters in ("u", ("n",), 3):
-        with pytest.raises(hp.ArgumentError, match="symbolic: expected"):
-            hp.derive(robot, letters, "tool0")
-    with pytest.raises(hp.ArgumentError, match="frame: expected a robot"):
-        hp.derive(hp.PlanarPair(u1=(1, 0), u2=(0, 0)), frame="tool0")
-    with pytest.raises(hp.ArgumentError, match="outputs: expected one of R, S"):
-        hp.derive(robot, frame="tool0").to_text(["R2"])

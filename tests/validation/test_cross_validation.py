@@ -337,17 +337,3 @@ def test_one_state_is_one_sample():
     report = cross_validate(pair_of(states.pair(rng)), *(c[0] for c in states.coordinates(rng, 1)))
     assert (report.ok, report.shape, report.samples) == (True, (), 1)
     assert "1 sample " in str(report)
-
-
-@pytest.mark.parametrize("form", ["pair", "planar", "robot"])
-def test_an_argument_without_a_meaning_is_refused(form):
-    pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0), name="arm")
-    subject, dof = {
-        "pair": (pair, 7), "planar": (hp.PlanarPair((1, 0), (0, 1)), 4), "robot": (hp.Mechanism([pair]), 1)
-    }[form]  # fmt: skip
-    body = hp.BodyMotion(R=np.zeros(3), S=np.eye(3))
-    meaningless = {"frames": "arm", "base_motion": body, "gravity": (0, 0, 0)} if form != "robot" else {}
-    meaningless |= {"sequence": "ZYX"} if form != "pair" else {}
-    for name, value in meaningless.items():
-        with pytest.raises(hp.ArgumentError, match=f"^{name}: expected nothing"):
-            hp.cross_validate(subject, np.zeros(dof), **{name: value})

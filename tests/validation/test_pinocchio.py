@@ -15,8 +15,6 @@ from hingepair.formats.model_writers import to_urdf
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.derive import derive
 from hingepair.validation.cross_validate import cross_validate
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from support import states
@@ -144,16 +142,6 @@ def test_the_twin_is_a_free_flyer_and_a_hinge():
     assert twin.model.frames[twin.body2_frame].type == pin.FrameType.OP_FRAME
 
 
-@pytest.mark.parametrize("name", ["u1", "u2", "n", "home"])
-def test_a_pair_that_varies_from_sample_to_sample_has_no_twin(name):
-    constants = dict(zip(("u1", "u2", "n", "home"), states.pair(states.generator(54)), strict=True))
-    constants[name] = np.stack([constants[name]] * 3)
-    expected = r"pair: expected one pair, such as HingePair\(u1\[i\], \.\.\.\), got pairs of shape \(3,\)"
-    for export in (to_pinocchio, to_urdf, derive):
-        with pytest.raises(ShapeError, match=expected):
-            export(HingePair(**constants))
-
-
 def test_the_twin_has_the_masses_and_limits_of_the_urdf():
     """Inertia of the coordinates and forces that hold the bodies still: the same from either text or twin."""
     u1, u2, n, home = states.pair(states.generator(57))
@@ -187,15 +175,3 @@ def test_pinocchio_is_imported_only_when_it_is_used():
     module = "hingepair.validation.cross_validate"
     code = f"import sys, {module} as m; assert m.to_pinocchio; assert 'pinocchio' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
-
-
-@pytest.mark.parametrize("call", [to_pinocchio, to_urdf, lambda x: cross_validate(x, np.zeros(7))])
-def test_what_is_no_pair_is_refused(call):
-    with pytest.raises(ArgumentError, match="pair: expected a HingePair, got"):
-        call(np.zeros(7))
-
-
-@pytest.mark.parametrize("call", [to_pinocchio, to_urdf])
-def test_a_planar_pair_is_told_the_way(call):
-    with pytest.raises(ArgumentError, match=r"pair: expected a HingePair \(a PlanarPair's is pair\.to_spatial\(\)\)"):
-        call(PlanarPair((1, 0), (0, 1)))

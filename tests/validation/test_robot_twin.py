@@ -80,14 +80,6 @@ def test_coordinates_of_a_free_base_are_those_of_a_free_flyer(shape):
     assert twin.configuration(q)[..., :7].tolist() == np.broadcast_to((0, 0, 0, 0, 0, 0, 1), (*shape, 7)).tolist()
 
 
-def test_what_a_twin_cannot_take_is_refused():
-    twin = hp.to_pinocchio(hp.load_robot("ur5_robot"))
-    with pytest.raises(ArgumentError, match=r"q: expected shape \(..., 6\)"):
-        twin.configuration(np.zeros(7))
-    with pytest.raises(ArgumentError, match="base_motion: expected None, since the base stands in this model"):
-        twin.configuration(np.zeros(6), base_motion(states.generator(501)))
-
-
 def test_the_twin_has_masses_that_no_rigid_body_has():
     twin = robot_twin(hp.load_robot("icub"))
     model = pin.buildModelFromUrdf(str(robot_urdf("icub")))
