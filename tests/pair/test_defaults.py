@@ -1,4 +1,4 @@
-"""Every refusal of every constructor of pairs, bodies, shapes and motions: its error, argument and words."""
+"""What constructors take where nothing is given; coordinates by name."""
 
 from __future__ import annotations
 
