@@ -27,10 +27,6 @@ ACCEPTED = {
 }  # fmt: skip
 """Arguments that each takes."""
 
-SHAPE, KIND = (hp.ShapeError, "shape"), (hp.errors.DtypeError, "real numbers (float64, float32 or integers)")
-FINITE, NUMBER = (hp.ArgumentError, "finite numbers"), (hp.ArgumentError, "a finite number")
-TEXT, A_BODY = (hp.ArgumentError, "a text that is not empty"), (hp.ArgumentError, "a Body")
-
 
 DEFAULTS = {
     hp.HingePair: {"home": EYE, "name": "hinge_pair", "limits": None, "torque_limit": None, "rate_limit": None},
