@@ -76,6 +76,43 @@ def test_errors_come_down_to_tight_tolerances():
     assert max(found.position_error[found.ok].max(), found.angle_error[found.ok].max()) <= 1e-13
 
 
+def test_solutions_are_exact_where_the_jacobian_is_regular():
+    robot = hp.load_robot("ur5_robot")
+    wanted = robot.forward_kinematics(random_coordinates(robot, 2000), frames="tool0")["tool0"]
+    found = robot.inverse_kinematics(wanted.R, wanted.S, frame="tool0")
+    sizes = np.linalg.svd(robot.jacobian(found.q, "tool0"), compute_uv=False)
+    regular = found.ok & (sizes[:, 0] < 30 * sizes[:, -1])
+    assert regular.sum() > 1000
+    inexact = np.maximum(found.position_error, found.angle_error)[regular] > 64 * U
+    assert inexact.mean() < 0.005  # of these few, the search ended with its last step
+
+
+@pytest.mark.parametrize("limits", [None, (-999_999, 999_999)])
+def test_sliders_go_as_far_as_the_target(limits):
+    rail = hp.Slider((0, 0, 0), (0, 0, 0), (1, 0, 0), name="rail", limits=limits)
+    upper = hp.HingePair((0, 0, 0.2), (0, 0, 0), (0, 1, 0), name="upper")
+    lower = hp.HingePair((0.4, 0, 0), (-0.5, 0, 0), (0, 1, 0), name="lower")
+    for joints in ([rail], [rail, upper, lower]):
+        robot = hp.Mechanism(joints)
+        q = np.random.default_rng(3).uniform(
+            (-5000, 0.2, 0.4)[: robot.dof], (5000, 0.6, 1.2)[: robot.dof], (20, robot.dof)
+        )
+        R = robot.forward_kinematics(q).R[:, 0]
+        found = robot.inverse_kinematics(R)
+        assert found.ok.all()
+        np.testing.assert_allclose(robot.forward_kinematics(found.q).R[:, 0], R, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("limits", [(0, 400), None])
+def test_the_angle_of_a_lead_screw_is_not_a_length(limits):
+    pitch = 0.005 / (2 * np.pi)
+    robot = hp.Mechanism([hp.Screw((0, 0, 0), (0, 0, 0), (0, 0, 1), pitch=pitch, name="s", limits=limits)])
+    z = np.linspace(0.01, 0.3, 6)
+    found = robot.inverse_kinematics(np.stack([0 * z, 0 * z, z], axis=-1))
+    assert found.ok.all()
+    np.testing.assert_allclose(found.q[:, 0] * pitch, z, rtol=0, atol=1e-9)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",

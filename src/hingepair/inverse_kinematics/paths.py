@@ -135,9 +135,8 @@ class _Branches:
         if not len(path):
             return lasting
         before, targets = self.q[path, branch], self.targets.at(rows[path])
-        ends, taken = self.solver.descend(before, targets, _CHECKS)
+        found, taken = self.solver.descend(before, targets, _CHECKS)
         np.add.at(self.steps[:, i], path, taken)
-        found = self.solver.measure(ends, targets)
         if self.posture is not None:
             wanted = targets._replace(posture=self.posture[rows[path]])
             copy = found.at(np.arange(len(path)))  # a slice would be a view

@@ -19,7 +19,7 @@ from hingepair.engine.calls import Call
 from hingepair.engine.results import Results
 from hingepair.inverse_kinematics.goals import Goal, off_axis
 from hingepair.inverse_kinematics.starts import PER_SHARE, Starts
-from hingepair.inverse_kinematics.steps import Problem, measure_loop, step_loop
+from hingepair.inverse_kinematics.steps import Problem, measure_loop, shifts_by_column, slide_loop, step_loop
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.trees import Form, Request
@@ -119,8 +119,8 @@ class Solver:
         carrying = {joint for goal in goals for joint in joints_to_base(form, request.frames[goal.frame])}
         self._moving = np.isin(np.arange(form.dof), [form.columns[joint] for joint in carrying])
         self.redundant = int(self._moving.sum()) > sum(goal.rank for goal in goals)
-        self._shifts = np.zeros(form.dof, bool)
-        self._shifts[[column for column, axis in zip(form.columns, form.axes, strict=True) if axis.shifts]] = True
+        shifts = np.array(shifts_by_column(form))
+        self._shifts = shifts > 0
         # A coordinate that also drives a mimic joint is not the same after a turn.
         self._turns = (np.bincount(form.columns, minlength=form.dof) == 1) & ~self._shifts
         sizes = [reach if goal.is_length else 1.0 for goal, reach in zip(goals, reaches, strict=True)]
@@ -133,6 +133,18 @@ class Solver:
         finite = np.isfinite(self.low) & np.isfinite(self.high)
         halves = np.where(finite, self.low, 0.0) / 2 + np.where(finite, self.high, 0.0) / 2
         self.middle = np.clip(halves, self.low, self.high)
+        # Random starts reach half a turn to each side of the middle where a turn changes nothing, else a whole one,
+        # and as far as the robot itself where a coordinate shifts.
+        shifting = 2 * max(reaches) / np.where(self._shifts, shifts, 1.0)
+        width = np.where(self._turns, _TURN / 2, np.where(self._shifts, shifting, _TURN))
+        low = np.maximum(self.low, self.middle - width)
+        high = np.minimum(self.high, low + 2 * width)
+        low = np.maximum(self.low, high - 2 * width)
+        far = self._moving & self._shifts & ((self.low < low) | (self.high > high))
+        self._slide_call = None  # of those that may have to go farther
+        if far.any() and any(goal.is_length for goal in goals):
+            self._slide_call = self._call(slide_loop(self._problem, tuple(np.flatnonzero(far).tolist())))
+        self._box = np.where(self._moving, low, self.middle), np.where(self._moving, high, self.middle)
         self._starts: dict[int, Starts] = {}
 
     def _call(self, loop: Any) -> Call:
@@ -149,13 +161,7 @@ class Solver:
         """Return the starts of a seed, within the limits and around their middle; only those of the last are kept."""
         found = self._starts.get(seed)
         if found is None:
-            # Half a turn to each side of the middle where a turn changes nothing.
-            width = np.where(self._turns, _TURN / 2, np.where(self._shifts, 2 * max(self._reaches), _TURN))
-            low = np.maximum(self.low, self.middle - width)
-            high = np.minimum(self.high, low + 2 * width)
-            low = np.where(self._moving, np.maximum(self.low, high - 2 * width), self.middle)
-            high = np.where(self._moving, high, self.middle)
-            found = Starts(self._measure_call, self.goals, self._reaches, low, high, seed)
+            found = Starts(self._measure_call, self.goals, self._reaches, *self._box, seed)
             self._starts = {seed: found}
         return found
 
@@ -228,8 +234,8 @@ class Solver:
         starts = [self._start(targets, k, among, seed) for k in trials]
         shape = len(targets.poses), len(trials)
         lanes = targets if len(trials) == 1 else targets.at(np.repeat(np.arange(shape[0]), shape[1]))
-        ends, steps = self.descend(np.stack(starts, axis=1).reshape(-1, self.dof), lanes)
-        return self._finish(ends, lanes).reshape(*shape), steps.reshape(shape).sum(axis=1)
+        ends, steps = self.descend(np.stack(starts, axis=1).reshape(-1, self.dof), lanes, near=self._centre(lanes))
+        return self.pull(ends, lanes).reshape(*shape), steps.reshape(shape).sum(axis=1)
 
     def _start(self, targets: Targets, trial: int, among: int, seed: int) -> Float64Array:
         """Return where a trial begins: near the target or, for trial 0, at `near`. Joints that move no frame stand
@@ -237,14 +243,22 @@ class Solver:
         """
         starts = self.starts(seed)
         if targets.near is None and targets.posture is None:
-            return starts.nearest(targets.poses, trial, among)
+            return self._slid(starts.nearest(targets.poses, trial, among), targets)
         own = np.clip(self._centre(targets), self.low, self.high)
         if targets.near is not None:
             trial -= 1
-        start = own if trial < 0 else np.where(self._moving, starts.nearest(targets.poses, trial, among), own)
+        start = own
+        if trial >= 0:
+            start = np.where(self._moving, starts.nearest(targets.poses, trial, among), own)
         if targets.posture is not None:
             start = np.where(self._moving, start, np.clip(targets.posture, self.low, self.high))
-        return start
+        return start if trial < 0 else self._slid(start, targets)
+
+    def _slid(self, start: Float64Array, targets: Targets) -> Float64Array:
+        """Return random starts, moved towards targets by joints that shift farther than starts are drawn."""
+        if self._slide_call is None:
+            return start
+        return np.clip(self._slide_call.rows(start, targets.poses)["q_new"], self.low, self.high)
 
     def _centre(self, targets: Targets) -> Float64Array:
         """Return the coordinates to which solutions are to be near."""
@@ -255,26 +269,36 @@ class Solver:
         return np.broadcast_to(self.middle, (len(targets.poses), self.dof))
 
     def descend(
-        self, q: Float64Array, targets: Targets, checks: Sequence[int] = _CHECKS
-    ) -> tuple[Float64Array, Integers]:
-        """Take up to sum(checks) steps until the errors are within the tolerances. Return the coordinates at which
-        they were judged last, and the counts of steps.
+        self,
+        q: Float64Array,
+        targets: Targets,
+        checks: Sequence[int] = _CHECKS,
+        near: Float64Array | None = None,
+    ) -> tuple[Solutions, Integers]:
+        """Take up to sum(checks) steps until the errors are within the tolerances, and turn hinges by full turns
+        towards `near`. Return where that leads, and the counts of steps.
         """
-        ends, steps, lanes = np.empty_like(q), np.zeros(len(q), np.int64), np.arange(len(q))
+        judged, ends = np.empty_like(q), np.empty_like(q)
+        steps, lanes = np.zeros(len(q), np.int64), np.arange(len(q))
         poses, options = targets.poses, targets.options()
         for count in checks:
             before, q, unmet = self._steps(q, poses, options, count)
-            ends[lanes] = before
+            judged[lanes], ends[lanes] = before, q
             steps[lanes] += count
             going = unmet > 0
             lanes, q, poses = lanes[going], q[going], poses[going]
             if not len(lanes):
                 break
-        return ends, steps
+        found = self._ended(ends, targets, near)
+        # The last step, taken after the errors were judged, squares them, but in singular poses it may lead away.
+        worse = np.flatnonzero(~found.ok)
+        if len(worse):
+            back = self._ended(judged[worse], targets.at(worse), None if near is None else near[worse])
+            found.put(worse[back.ok], back.at(back.ok))
+        return found, steps
 
-    def _finish(self, q: Float64Array, targets: Targets) -> Solutions:
-        """Turn hinges by full turns towards what solutions are to be near, move to the posture, and measure."""
-        return self.pull(self.measure(self._turned(q, self._centre(targets)), targets), targets)
+    def _ended(self, q: Float64Array, targets: Targets, near: Float64Array | None) -> Solutions:
+        return self.measure(q if near is None else self._turned(q, near), targets)
 
     def _turned(self, q: Float64Array, near: Float64Array) -> Float64Array:
         """Turn hinges by full turns within their limits, as near to some coordinates as they get."""
@@ -299,7 +323,7 @@ class Solver:
             q = best.q
             for _ in range(_PULL_STEPS):
                 q = self._pull_call.rows(q, part.poses, options, posture)["q_new"]
-            moved = self.measure(self.descend(q, part, (_LAST_PULLS,))[0], part)
+            moved, _ = self.descend(q, part, (_LAST_PULLS,))
             now = _sum_of_squares(moved.q - posture)
             nearer = moved.ok & (now < distance)
             best.put(nearer, moved.at(nearer))

@@ -19,6 +19,7 @@ from hingepair.plans.trees import Form, Request, TreeQuantities
 
 _DAMPING = 1e-2  # times the squared error; errors are angles, and lengths in reaches of the robot
 _LEAST_DAMPING = 1e-12  # keeps the matrix regular in a singular pose
+_SLIDE_DAMPING = 1e-9  # keeps the matrix regular where two joints shift along one line
 _MAX_STEP = 1.5  # norm of a step of the coordinates [rad or m]
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -27,6 +28,14 @@ OPTIONS = ("caution", "position_tolerance", "angle_tolerance", "pull")
 `pull` moves by this share of the way towards a posture where that does not move the frames. The tolerance of angles
 is of what `off_axis` returns.
 """
+
+
+def shifts_by_column(form: Form) -> list[float]:
+    """Return for each coordinate how far one unit of it shifts a body [m]; 0 of hinges. Followers count alike."""
+    shifts = [0.0] * form.dof
+    for column, axis in zip(form.columns, form.axes, strict=True):
+        shifts[column] = max(shifts[column], abs(axis.shifts))
+    return shifts
 
 
 class Problem(NamedTuple):
@@ -68,6 +77,17 @@ def step_loop(problem: Problem, pulls: bool) -> Loop:
     return Loop("pose_step", functools.partial(_step, problem), inputs, {"q_new": (n,), "unmet": ()}, form=form)
 
 
+@functools.lru_cache(maxsize=64)
+def slide_loop(problem: Problem, columns: tuple[int, ...]) -> Loop:
+    """Return the Loop that moves coordinates that shift, those in `columns`, until the frames are as near to their
+    targets as these alone can bring them.
+    """
+    shapes = {"constants": (problem.constants,), "q": (problem.form.dof,), "target": (target_size(problem.goals),)}
+    form = ("inverse kinematics: slide", problem, columns)
+    run = functools.partial(_slide, problem, columns)
+    return Loop("pose_slide", run, shapes, {"q_new": (problem.form.dof,)}, form=form)
+
+
 def _measure(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:
     """Return the pose in the order of a target, and the error of each goal."""
     found = TreeQuantities(problem.form, problem.request, {**values, "S1": _IDENTITY})
@@ -78,6 +98,25 @@ def _measure(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:
         pose += goal.pose(frame)
         errors.append(goal.error(frame, values["target"][part]))
     return {"pose": tuple(pose), "errors": tuple(errors)}
+
+
+def _slide(problem: Problem, columns: tuple[int, ...], values: dict[str, Any]) -> dict[str, Any]:
+    """Return the coordinates after the step: one of least squares, which is exact for joints that shift only."""
+    q, shifts = values["q"], shifts_by_column(problem.form)
+    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _IDENTITY})
+    n, jacobians = problem.form.dof, found.jacobian(in_frame=False)
+    rows: list[Any] = []
+    error: list[Any] = []
+    for goal, part in zip(problem.goals, target_slices(problem.goals), strict=True):
+        if goal.is_length:
+            frame, target = found.frame_poses[goal.frame], values["target"][part]
+            error += [wanted - place for wanted, place in zip(target, frame.d, strict=True)]
+            moves = [jacobians[i * n : (i + 1) * n] for i in range(6 * goal.frame, 6 * goal.frame + 3)]
+            rows += [[row[k] * (1 / shifts[k]) for k in columns] for row in moves]  # by metres, whatever the pitch
+    new = [*q]
+    for k, change in zip(columns, _damped_solution(rows, error, _SLIDE_DAMPING), strict=True):
+        new[k] = q[k] + change * (1 / shifts[k])
+    return {"q_new": tuple(new)}
 
 
 def _step(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:

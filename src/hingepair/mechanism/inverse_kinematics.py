@@ -327,13 +327,15 @@ def _read_weights(weights: Any, reaches: Mapping[str, float]) -> list[tuple[floa
 
 def _reach(tree: Tree, frame: Frame) -> float:
     """Return the stretched length of the chain that carries a frame [m]; 1 if it is 0."""
-    reach, body = float(np.linalg.norm(frame.R)), frame.body
+    lengths, travels, body = float(np.linalg.norm(frame.R)), [], frame.body
     while body:
         joint = tree.joints[body - 1]
-        reach += float(np.linalg.norm(joint.u))
-        reach += joint.reach
+        lengths += float(np.linalg.norm(joint.u))
+        travels.append(joint.reach)
         body = joint.parent
-    return reach or 1.0
+    # Files write 999999 for no limit: what is much longer than the robot is none of its lengths.
+    most = 10 * max(lengths, 1.0)
+    return lengths + sum(travel for travel in travels if travel <= most) or 1.0
 
 
 def _in_base_axes(target: _FrameTargets, base: BodyMotion | None, shape: tuple[int, ...]) -> Float64Array:

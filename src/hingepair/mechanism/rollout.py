@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -13,7 +14,7 @@ from hingepair.engine import jax_torch
 from hingepair.engine.backend import Execution
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.computations import RESTING_BASE, Loads, RobotComputation
+from hingepair.mechanism.computations import RESTING_BASE, Loads, RobotComputation, base_inputs
 from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.arguments import Coordinates, check_out
@@ -230,9 +231,10 @@ def rolled_out(
     control, tracks = control_tracks(tau, dof, limit)
     tracks |= {name: track(label, value, 3) for name, (value, label) in loads.items()}
     if request.free:
+        given = {**known, **base_inputs(base_motion, BASE_STATE)}
         for name, tail in BASE_STATE.items():
-            given = None if base_motion is None else getattr(base_motion, name[:-1])
-            starts[name] = np.asarray(np.reshape(known[name], tail) if given is None else given, np.float64)
+            start = np.asarray(given[name], np.float64)
+            starts[name] = start.reshape(tail) if start.size == math.prod(tail) else start
     else:
         tracks |= base_tracks(base_motion)
     if request.varied:
