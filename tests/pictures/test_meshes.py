@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import json
+import re
 import sys
 from pathlib import Path
 
@@ -35,9 +37,6 @@ def urdf_file(folder: Path, file: str, colour: str = "") -> Path:
 
 
 def shapes(page: hp.Page) -> list[dict[str, object]]:
-    import json
-    import re
-
     content = json.loads(re.search(r'<script id="content" type="application/json">(.*?)</script>', page.html)[1])
     return content["bodies"][1]["shapes"]
 
@@ -131,3 +130,58 @@ def test_every_mesh_of_a_robot_of_the_package_is_read() -> None:
     page = hp.view(hp.load_robot("solo12"), meshes=0.5)
     assert page.notes == ()
     assert page.html.count('"kind": "mesh"') == 17
+
+
+def test_a_file_is_read_once_for_all_visuals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    box_file(tmp_path)
+    read = []
+    load_scene = trimesh.load_scene
+    monkeypatch.setattr(trimesh, "load_scene", lambda *given, **how: read.append(given) or load_scene(*given, **how))
+    pose = FramePose(np.eye(3), np.zeros(3))
+    meshes = [Mesh("box.stl", tmp_path, (scale, 1.0, 1.0), pose, None) for scale in (1.0, 2.0, 3.0)]
+    pieces, notes = read_meshes(meshes, 1.0)
+    assert (len(read), notes) == (1, [])
+    widths = [np.ptp(pieces[id(mesh)][0].vertices[:, 0]) for mesh in meshes]
+    np.testing.assert_allclose(np.array(widths) / widths[0], (1, 2, 3))
+
+
+@pytest.mark.parametrize("place", [0, 1], ids=["vertices", "faces"])
+def test_elements_without_data_are_refused_before_they_are_allocated(tmp_path: Path, place: int) -> None:
+    data = [base64.b64encode(content).decode() for content in (bytes(36), bytes(12))]
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"},
+        {"bufferView": 1, "componentType": 5125, "count": 3, "type": "SCALAR"},
+    ]
+    del accessors[place]["bufferView"]
+    accessors[place]["count"] = 10**12
+    lengths = (36, 12)
+    model = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": 4}]}],
+        "buffers": [
+            {"uri": f"data:;base64,{text}", "byteLength": length} for text, length in zip(data, lengths, strict=True)
+        ],
+        "bufferViews": [{"buffer": i, "byteLength": length} for i, length in enumerate(lengths)],
+        "accessors": accessors,
+    }  # fmt: skip
+    (tmp_path / "arm.gltf").write_text(json.dumps(model))
+    mesh = Mesh("arm.gltf", tmp_path, (1.0, 1.0, 1.0), FramePose(np.eye(3), np.zeros(3)), None)
+    pieces, (note,) = read_meshes([mesh], 1.0)
+    assert pieces == {}
+    assert "1000000000000 elements without data" in note
+
+
+def test_a_mesh_brings_no_other_file_onto_the_page(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.txt"
+    secret.write_bytes(b"SECRET KEY" * 12)
+    (tmp_path / "meshes").mkdir()
+    model = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 4}]}],
+        "buffers": [{"uri": str(secret), "byteLength": 108}],
+        "bufferViews": [{"buffer": 0, "byteLength": 108}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 9, "type": "VEC3"}],
+    }  # fmt: skip
+    (tmp_path / "meshes" / "arm.gltf").write_text(json.dumps(model))
+    mesh = Mesh("arm.gltf", tmp_path / "meshes", (1.0, 1.0, 1.0), FramePose(np.eye(3), np.zeros(3)), None)
+    assert read_meshes([mesh], 1.0)[0] == {}

@@ -100,6 +100,19 @@ def test_a_number_that_is_lost_stays_lost_in_its_sample(tmp_path):
     assert scene.cross_validate().skipped == 1
 
 
+def test_what_is_done_to_a_result_changes_no_other(tmp_path):
+    scene = scene_of(tmp_path, some(logged(30), *BODY))
+    names = ("psi", "q", "R1", "S1", "R2", "quat1")
+    first, other = scene.evaluate(names), scene.evaluate(names)
+    before = {name: np.copy(array) for name, array in other.recorded().items()}
+    for array in (*first.recorded().values(), *(getattr(first, name) for name in names)):
+        if array.flags.writeable:
+            array[...] = 0
+    for result in (other, scene.evaluate(names)):
+        for name, array in result.recorded().items():
+            np.testing.assert_array_equal(array, before[name])
+
+
 @pytest.mark.slow
 def test_results_do_not_overwrite_the_files_that_they_come_from(tmp_path, monkeypatch):
     body2 = "[pair.body2]\nmass = 1\ninertia = [1, 1, 1]\n"

@@ -183,3 +183,22 @@ def test_wrenches_act_on_links_and_joints_of_motion_move_as_given(tmp_path):
 def test_an_energy_balance_needs_a_simulation():
     with pytest.raises(hp.ArgumentError, match="that \\[dynamics\\] simulates"):
         hp.load_scene("models/excavator.toml").energy_balance()
+
+
+def test_efforts_are_those_of_motors_in_every_command(tmp_path):
+    """What wrenches on links, dampers and springs do is not the motors' to do, in results and forces alike."""
+    loads = "[dynamics]\n[dynamics.lift]\ndamping = 3\n[dynamics.arm]\nqd_0 = 1\ndamping = 0.5\nstiffness = 2\n"
+    text = loads + "tau = '0.3*sin(t)'\n[dynamics.wrenches.arm]\nforce = [0, 0, 30]\ntorque = [0, '5*t', 0]\n"
+    found = hp.load_scene(scene(tmp_path, text))
+    motors = found.motion.simulated.loads["motor"]
+    assert np.abs(motors[:, 1]).max() > 0.2
+    for tau in (found.evaluate(("tau",)).tau, found.forces().tau, next(found.blocks(("tau",))).tau):
+        np.testing.assert_allclose(tau, motors, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.arrays(("tau_arm",))["tau_arm"], motors[:, 1], rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(found.sampled(5, ("tau",)).tau, found.evaluate(("tau",)).tau[::25])
+
+
+def test_a_simulated_motion_has_the_gravity_of_its_scene(tmp_path):
+    found = hp.load_scene(scene(tmp_path, "[dynamics]\n"))
+    with pytest.raises(hp.ArgumentError, match="gravity: expected None, since the motion is simulated"):
+        found.forces(gravity=(0, 0, 0))

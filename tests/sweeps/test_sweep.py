@@ -526,3 +526,15 @@ def test_a_scheduler_that_is_named_computes_all_chunks(scheduler, monkeypatch):
     with pytest.raises(hp.ArgumentError, match="path"):  # no chunk was stored
         run_sweep(load_sweep("grid.toml"), Path("grid.parquet"), scheduler)
     assert computed == [scheduler]
+
+
+def test_stops_of_a_given_motion_follow_swept_limits(tmp_path):
+    text = ARM.replace("n = [1, 2, 0]", "n = [1, 2, 0]\nlimits = [-1, 0.5]") + "[dynamics]\nstops = true\n"
+    (tmp_path / "arm.toml").write_text(text)
+    (tmp_path / "sweep.toml").write_text(
+        'scene = "arm.toml"\noutputs = ["stop_torque"]\nreduce = ["absmax"]\n'
+        '[[vary]]\nkey = "pair.limits[1]"\nvalues = [0.5, 4.0]\n'
+    )
+    sweep = load_sweep(tmp_path / "sweep.toml")
+    torque = sweeps.compute_chunk(sweep.task, 0, 0, sweep.numbers)["stop_torque_absmax"]
+    assert torque[0] > 0 == torque[1]

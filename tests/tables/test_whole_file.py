@@ -39,6 +39,15 @@ def test_the_mode_of_what_is_replaced_is_kept(tmp_path, mode):
     assert stat.S_IMODE(target.stat().st_mode) == mode
 
 
+def test_what_replaces_a_private_file_is_private_while_it_is_written(tmp_path):
+    target = tmp_path / "a"
+    target.write_bytes(b"old")
+    target.chmod(0o600)
+    with whole_file(target):
+        (beside,) = set(tmp_path.iterdir()) - {target}
+        assert stat.S_IMODE(beside.stat().st_mode) == 0o600
+
+
 @pytest.mark.parametrize("there", [True, False], ids=["file", "dangling"])
 def test_through_a_symlink_the_file_behind_it_is_written(tmp_path, there):
     (tmp_path / "folder").mkdir()

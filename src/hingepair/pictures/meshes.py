@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import json
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +14,7 @@ from hingepair.mechanism.shapes import Mesh
 from hingepair.pictures.motion_samples import Array
 
 _BYTES_PER_FACE = 26.0  # on the page: three indices of 4 bytes, about 0.6 vertices of 12, and base64's third
+_MAX_FACES = 5_000_000  # of a file; more takes gigabytes
 _MIN_FACES = 200  # of a piece: what is smaller is not simplified
 
 
@@ -42,36 +45,65 @@ def read_meshes(meshes: Iterable[Mesh], megabytes: float) -> tuple[dict[int, lis
     except ImportError:
         advice = "meshes are not drawn, as trimesh is not installed: pip install 'hingepair[robots]'"
         return {}, [advice] if wanted else []
-    scenes: dict[int, list[tuple[str | None, Any]]] = {}
     notes: dict[str, None] = {}
+    files: dict[Path, list[tuple[str | None, Any]]] = {}  # colours and geometries of each file, read once
+    found: list[tuple[Mesh, Path]] = []
     for mesh in wanted:
         path = mesh.find()
         if path is None:
             notes[f"mesh not found: {mesh.file}"] = None
             continue
-        try:
-            loaded = trimesh.load_scene(path, process=False).dump()
-            pieces = [_placed(mesh, geometry) for geometry in loaded if len(getattr(geometry, "faces", ()))]
-        except Exception as error:  # whatever a file of a stranger does to the reader
-            notes[f"mesh not read: {path.name} ({type(error).__name__}: {error})"] = None
-            continue
-        if pieces:
-            scenes[id(mesh)] = pieces
-        else:
-            notes[f"mesh not read: {path.name} (no triangles)"] = None
-    count = sum(len(geometry.faces) for pieces in scenes.values() for _, geometry in pieces)
+        if path not in files:
+            try:
+                files[path] = _load(trimesh, path)
+                reason = "" if files[path] else "no triangles"
+            except Exception as error:  # whatever a file of a stranger does to the reader
+                files[path], reason = [], f"{type(error).__name__}: {error}"
+            if reason:
+                notes[f"mesh not read: {path.name} ({reason})"] = None
+        if files[path]:
+            found.append((mesh, path))
+    count = sum(len(geometry.faces) for _, path in found for _, geometry in files[path])
     share = min(1.0, 1e6 * megabytes / _BYTES_PER_FACE / max(1, count))
-    return {key: [_piece(*one, share) for one in pieces] for key, pieces in scenes.items()}, list(notes)
+    pieces = {path: [_piece(*one, share) for one in files[path]] for path in files}
+    return {id(mesh): [_placed(mesh, piece) for piece in pieces[path]] for mesh, path in found}, list(notes)
 
 
-def _placed(mesh: Mesh, geometry: Any) -> tuple[str | None, Any]:
-    """Move a geometry into the axes of the body, in place, merge equal vertices, and return (colour, geometry)."""
-    geometry.vertices = mesh.pose.origin + (geometry.vertices * mesh.scale) @ mesh.pose.rotation.T
-    if np.prod(mesh.scale) < 0:  # a mirrored body: triangles keep their outer side
-        geometry.invert()
-    colour = _own_colour(geometry) if mesh.colour is None else _hex_colour(np.multiply(mesh.colour, 255))
-    geometry.merge_vertices(merge_tex=True, merge_norm=True)
-    return colour, geometry
+def _load(trimesh: Any, path: Path) -> list[tuple[str | None, Any]]:
+    """Return the colours and geometries of a file; raise a ValueError if it stands for more than it can hold."""
+    size = path.stat().st_size
+    for accessor in _gltf_accessors(path):
+        if "bufferView" not in accessor and accessor.get("count", 0) > size:
+            raise ValueError(f"{accessor['count']} elements without data in a file of {size} bytes")
+    scene = trimesh.load_scene(path, process=False)
+    drawn = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
+    count = sum(len(getattr(geometry, "faces", ())) for geometry in drawn)
+    if count > _MAX_FACES:
+        raise ValueError(f"{count} triangles, more than {_MAX_FACES}")
+    pieces = []
+    for geometry in scene.dump():
+        if len(getattr(geometry, "faces", ())):
+            colour = _own_colour(geometry)
+            geometry.merge_vertices(merge_tex=True, merge_norm=True)
+            pieces.append((colour, geometry))
+    return pieces
+
+
+def _gltf_accessors(path: Path) -> list[dict[str, Any]]:
+    """Return the accessors of a glTF file, which say how many elements it has; none of other files."""
+    content = path.read_bytes() if path.suffix.lower() in {".gltf", ".glb"} else b""
+    if content[:4] == b"glTF":  # a chunk of JSON follows a header of 12 bytes and its own of 8
+        content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
+    accessors: list[dict[str, Any]] = json.loads(content).get("accessors", []) if content else []
+    return accessors
+
+
+def _placed(mesh: Mesh, piece: MeshPiece) -> MeshPiece:
+    """Return a piece of a mesh's file in the axes of the body, in the colour of the mesh if it has one."""
+    vertices = mesh.pose.origin + (piece.vertices * mesh.scale) @ mesh.pose.rotation.T
+    mirrored = np.prod(mesh.scale) < 0  # triangles keep their outer side
+    colour = piece.colour if mesh.colour is None else _hex_colour(np.multiply(mesh.colour, 255))
+    return MeshPiece(colour, vertices, piece.faces[:, ::-1] if mirrored else piece.faces)
 
 
 def _own_colour(geometry: Any) -> str | None:

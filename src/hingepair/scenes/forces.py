@@ -14,6 +14,7 @@ from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.states import MechanismForces
 from hingepair.mechanism.tree import Joint, loads_note
 from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.numeric.arrays import Float64Array, one_constant
@@ -159,7 +160,7 @@ class SceneForces(Record):
         at = name or _time_name(shown.units)
         keys = ("first", "smallest", "largest", "rms", "t_of_largest_size")
         texts = number_texts([*ranges], [[row[key] for key in keys[:-1]] for row in ranges.values()], digits=5)
-        rows = [("", "unit", *keys[:-1], f"max |.| at {at}")]
+        rows: list[tuple[str, ...]] = [("", "unit", *keys[:-1], f"max |.| at {at}")]
         plain = plain_magnitudes(ranges, [name for name, own in zip(ranges, texts, strict=True) if {*own} == {"0"}])
         for (name, row), numbers in zip(ranges.items(), texts, strict=True):
             if name not in plain:
@@ -187,7 +188,8 @@ class SceneForces(Record):
         return {"gravity": list(self.gravity), **joints, "outputs": ranges}
 
 
-def _check_accelerations(motion: Motion) -> None:
+def check_accelerations(motion: Motion) -> None:
+    """Raise an ArgumentError if a motion has no accelerations."""
     if motion.level < ACCELERATION:
         raise ArgumentError("scene", f"a motion with accelerations, which forces need{motion.hint}", motion.origin)
 
@@ -203,7 +205,7 @@ def pair_forces(
     record: Mapping[str, Any],
 ) -> SceneForces:
     """Return the forces that the motion of a pair requires at its instants t, as `Scene.forces` describes them."""
-    _check_accelerations(motion)
+    check_accelerations(motion)
     flat = isinstance(pair, PlanarPair)
     size, fall = 2 if flat else 3, motion.gravity(pair)
     if gravity is not None:
@@ -315,20 +317,16 @@ def _torque_limit_sentences(
 def robot_forces(
     robot: Mechanism,
     motion: JointMotion,
+    known: KnownJointMotion,
+    acting: MechanismForces,
     t: Float64Array,
     gravity: tuple[float, ...],
     record: Mapping[str, Any],
     joint_loads: bool,
 ) -> SceneForces:
-    """Return the forces that the motion of a robot requires at its instants t, as `Scene.forces` describes them.
-    `joint_loads` says whether springs, dampers and friction of the joints count.
+    """Return the forces `acting` on a robot at the instants t of its motion, as `Scene.forces` describes them.
+    `joint_loads` says whether springs, dampers and friction of the joints as described count.
     """
-    _check_accelerations(motion)
-    known = motion.part(slice(len(t)), ACCELERATION)
-    options: dict[str, Any] = {"gravity": gravity, "joint_loads": joint_loads}
-    if motion.simulated is not None:
-        options["wrenches"] = dict(motion.simulated.wrenches)
-    acting = robot.inverse_dynamics(*known.arguments(), base_motion=known.base, **options)
     tau = np.asarray(acting.tau, dtype=np.float64)
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}

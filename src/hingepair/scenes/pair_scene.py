@@ -385,8 +385,11 @@ class PairScene(Scene):
         return both[: self.motion.level + 1]
 
     def is_moved_by(self, keys: Sequence[Sequence[str | int]]) -> bool:
-        """Return whether the motion may depend on numbers of the file: only a simulated one depends on [pair]."""
-        return self.motion.simulated is not None or any(steps[0] != "pair" for steps in keys)
+        """Return whether the motion may depend on numbers of the file: a given one without loads does not depend on
+        [pair]; of loads, stops may stand at the limits of the pair.
+        """
+        loaded = self.motion.simulated is not None or self.motion.hinge_load is not None
+        return loaded or any(steps[0] != "pair" for steps in keys)
 
     def by_body1(self, outputs: Sequence[str] | None) -> PairScene:
         """Return the scene with its motion as that of body 1, which is computed once, unless outputs need the

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.results import missing_attribute_error
-from hingepair.equations.quantities import QUANTITIES, VELOCITY, unit_of
+from hingepair.equations.quantities import ACCELERATION, QUANTITIES, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.methods import count_operations
@@ -21,10 +21,11 @@ from hingepair.motion.run import stop_overrun
 from hingepair.motion.simulate_robot import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array, one_constant, read_only
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.hinge_load import TORQUE_PARTS
 from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.matrices import matrix_to_quaternion
-from hingepair.scenes.forces import SceneForces, robot_forces
+from hingepair.scenes.forces import SceneForces, check_accelerations, robot_forces
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.motions.joints import RATE_SUFFIXES, JointCoordinates, JointMotion, KnownJointMotion
 from hingepair.scenes.motions.motion import LimitCounter
@@ -250,21 +251,57 @@ class RobotScene(Scene):
 
     def _evaluated(self, rows: Rows, request: tuple[RobotOutput, ...], min_order: int = 0) -> RobotResult:
         known = self.known(rows, max([*(_order(output.quantity) for output in request), min_order]))
-        options: dict[str, Any] = {"base_motion": known.base, "backend": self.backend}
         frames, of_frames, acting = _needed_quantities(request)
         state = forces = None
         if frames:
             order = max(_order(name) for name in of_frames)
             arguments = known.arguments()[: order + 1]
-            state = self.mechanism.forward_kinematics(*arguments, frames=frames, outputs=of_frames, **options)
-        if acting:
-            arguments = known.arguments()
-            forces = self.mechanism.inverse_dynamics(
-                *arguments, gravity=self.gravity, outputs=acting, joint_loads=self.joint_loads, **options
+            state = self.mechanism.forward_kinematics(
+                *arguments, frames=frames, outputs=of_frames, base_motion=known.base, backend=self.backend
             )
+        if acting:
+            forces = self.inverse_dynamics(known, rows, acting, backend=self.backend)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
         t = np.asarray(read_only(self.instants[rows]))
         return RobotResult(t, state, self, known, request, first, forces)
+
+    def inverse_dynamics(
+        self,
+        known: KnownJointMotion,
+        rows: Rows,
+        outputs: tuple[str, ...] | None = None,
+        *,
+        robot: Mechanism | None = None,
+        gravity: tuple[float, ...] | None = None,
+        backend: str = "auto",
+    ) -> MechanismForces:
+        """Compute the efforts of motors and the load on the base (equations T1 to T3) beside all other loads of the
+        scene: those on links and, in a simulated motion, springs, dampers, friction and stops of the joints.
+
+        Args:
+            known: the motion at the instants with the indices `rows`.
+            rows: these indices.
+            outputs: names out of tau, force1 and torque1; None for all.
+            robot: a robot with other masses, which may have an axis of variants; by default that of the scene.
+            gravity: by default that of the scene.
+            backend: "auto", "numpy" or "compiled".
+        """
+        simulated = self.motion.simulated
+        wrenches = {} if simulated is None else simulated.wrenches
+        forces = (robot or self.mechanism).inverse_dynamics(
+            *known.arguments(),
+            gravity=self.gravity if gravity is None else gravity,
+            wrenches={link: (force[rows], torque[rows]) for link, (force, torque) in wrenches.items()} or None,
+            joint_loads=self.joint_loads and simulated is None,  # those of a simulated motion are known
+            base_motion=known.base,
+            outputs=outputs,
+            backend=backend,
+        )
+        if simulated is None or forces.tau is None:
+            return forces
+        others = [simulated.loads[part][rows] for part in TORQUE_PARTS if part != "motor" and part in simulated.loads]
+        arrays = forces.arrays() | {"tau": forces.tau - sum(others)}
+        return type(forces)(arrays, forces.shape)
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """Return what `evaluate` would compute and skip, and why, as an object whose text says so.
@@ -311,8 +348,15 @@ class RobotScene(Scene):
         return replace(report, forces=forces, rates=rates, notes=self.motion.error_notes(report.u))
 
     def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces:
+        if gravity is not None and self.motion.simulated is not None:
+            expected = "None, since the motion is simulated in the gravity of the scene"
+            raise ArgumentError("gravity", expected, gravity)
         fall = self.gravity if gravity is None else tuple(one_constant("gravity", gravity, 3).tolist())
-        return robot_forces(self.mechanism, self.motion, t, fall, record, self.joint_loads)
+        check_accelerations(self.motion)
+        rows = slice(len(t))
+        known = self.known(rows, ACCELERATION)
+        acting = self.inverse_dynamics(known, rows, gravity=fall)
+        return robot_forces(self.mechanism, self.motion, known, acting, t, fall, record, self.joint_loads)
 
     def watches(self) -> list[LimitCounter]:
         """Return counters of the joints' positions and, where they are limited, rates."""

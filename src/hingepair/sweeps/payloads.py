@@ -113,16 +113,12 @@ class PayloadVariantComputer:
 
     def _forces(self, numbers: Float64Array, outputs: tuple[str, ...]) -> MechanismForces:
         """Return the forces of all variants, arrays (variants, samples, ...)."""
-        robot, known = self._robot, self._result.known
+        robot, result = self._robot, self._result
         for link, payload in zip(self._links, self._payloads, strict=True):
             mass, centre, inertia = (part[:, None] for part in payload.mass_properties(numbers))
             robot = robot.with_payload(link, mass=mass, centre_of_mass=centre, inertia=inertia)
         # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
-        return robot.inverse_dynamics(
-            *known.arguments(), base_motion=known.base, gravity=self._scene.gravity,
-            joint_loads=self._scene.joint_loads,
-            outputs=outputs, backend="compiled",
-        )  # fmt: skip
+        return self._scene.inverse_dynamics(result.known, slice(None), outputs, robot=robot, backend="compiled")
 
 
 def payload_variant_computer(

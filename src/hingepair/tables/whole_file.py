@@ -92,7 +92,9 @@ def _temporary_replacement(target: Path, status: os.stat_result | None) -> Itera
     """Yield a file beside the target, which replaces it (mode and, if possible, owner kept) if the block succeeds."""
     _check_access(target, status)
     path = target.with_name(f".hingepair-{uuid4().hex}")
-    with path.open("xb") as file:
+    # What replaces a private file is private from the first byte; a new file has the mode of the process.
+    mode = 0o666 if status is None else 0o600
+    with open(path, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
         try:
             yield file
             file.flush()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.accuracy import angular_rate_sizes, euler_rate_sizes
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.planar_pair import motion_in_space
@@ -184,13 +184,13 @@ class MotionByBody1:
 
     def hinge_angle(self, order: int) -> Float64Array:
         """Return psi, or its derivative of an order that is known; shape (count,) rad, rad/s, rad/s^2."""
-        return self.hinge[order]
+        return read_only(self.hinge[order])
 
     def coordinates(self) -> dict[str, Float64Array]:
         """Return the hinge angle as a dict with the key psi, shape (count,). Results record it beside the requested
         outputs.
         """
-        return {"psi": self.hinge[0]}
+        return {"psi": self.psi}
 
     def log_columns(self, order: int) -> dict[str, Float64Array]:
         """Return columns of a log as a dict of arrays, shape (count,) each: position, quaternion and psi for `order`
@@ -206,7 +206,7 @@ class MotionByBody1:
             for c, v in zip("xyz", a.T, strict=True)
         }
         attitude = {} if order else quaternion_columns(self.body1.S)
-        return columns | attitude | {angle: self.hinge[order]}
+        return columns | attitude | {angle: self.hinge_angle(order)}
 
     def constant_names(self) -> tuple[str, ...]:
         """Return no names: constant inputs are not looked for in this kind of motion."""

@@ -535,7 +535,7 @@ def _smooth(log: Log, name: str, samples: BodyMotion | Float64Array, gaps: float
     zero = np.zeros_like(samples)
     body = BodyMotion(R=np.column_stack((samples, zero, zero)), S=np.broadcast_to(np.eye(3), (samples.size, 3, 3)))
     moved = smooth(log.since, body, gaps=gaps, loss=loss)
-    return moved.R[:, 0], moved.v[:, 0], moved.a[:, 0], moved.noise["R"]
+    return *(np.asarray(array)[:, 0] for array in (moved.R, moved.v, moved.a)), moved.noise["R"]
 
 
 def _missing_sample_sentences(
