@@ -51,6 +51,7 @@ PROCESSORS = {"haswell": "+fma", "x86-64": ""}  # with AVX2 and without AVX: LLV
 
 def pytest_addoption(parser):
     parser.addoption("--processor", choices=PROCESSORS, help="compile kernels for a processor with fewer features")
+    parser.addoption("--renew-golden", action="store_true", help="write the files of tests/golden again")
 
 
 def pytest_configure(config):
