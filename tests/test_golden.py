@@ -135,6 +135,7 @@ def rounded(text):
         return f"{number:.2g}" if abs(number) > 1e-12 else "0"
 
     text = re.sub(r"(?<![\w.])-?\d+(\.\d+(e[-+]\d+)?|e[-+]\d+)(?![\w.])", shorter, text)
+    text = re.sub(r"np\.float64\((.*?)\)", r"\1", text)  # as NumPy 1 writes it
     text = re.sub(r"[\d.e-]+ (?=u \* scale)", "# ", text)
     text = re.sub(r"(?<=\S) {3,}|(?<=\S)-{4,}", "  ", text).replace(str(MODELS), "models")
     return "\n".join(line.rstrip() for line in text.strip().splitlines()) + "\n"
