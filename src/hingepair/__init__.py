@@ -49,10 +49,12 @@ if TYPE_CHECKING:
     from hingepair.measured.smoothing.resample import resample
     from hingepair.measured.smoothing.smooth import smooth
     from hingepair.mechanism.joints import Screw, Slider
+    from hingepair.mechanism.linkages import Loop
     from hingepair.mechanism.mechanism import Mechanism
     from hingepair.mechanism.states import (
         MechanismState,
     )
+    from hingepair.mechanism.struts import GasSpring
     from hingepair.motion.integrate import integrate
     from hingepair.motion.linearize import linearize
     from hingepair.motion.simulate import simulate
@@ -83,11 +85,18 @@ __all__ = [
     "DynamicsWarning",
     "Feedback",
     "FitError",
+    "GasSpring",
+    "GimbalLockError",
     "HingeFit",
     "HingeLoad",
     "HingePair",
     "HingePairError",
     "ImuRecording",
+    "InverseKinematics",
+    "InverseKinematicsPath",
+    "JointWrenches",
+    "Loop",
+    "MassFit",
     "MeasurementWarning",
     "Mechanism",
     "MechanismState",
@@ -161,6 +170,10 @@ _LAZY_MODULE_BY_NAME = {
         "measured.smoothing.resample": "resample",
         "measured.smoothing.smooth": "smooth",
         "tables.instants": "MeasurementWarning",
+        "inverse_kinematics.results": "InverseKinematics InverseKinematicsPath",
+        "mechanism.inertial_parameters": "BaseParameters",
+        "mechanism.linkages": "Loop",
+        "mechanism.struts": "GasSpring",
         "mechanism.mechanism": "Mechanism",
         "mechanism.joints": "Screw Slider",
         "mechanism.states": "MechanismState",

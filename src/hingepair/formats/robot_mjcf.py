@@ -36,7 +36,7 @@ _FARTHEST = 1e9  # rad or m; written for a missing limit beside a given one
 
 def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike, *, meshes: bool) -> str:
     """Return a Mechanism as MJCF text, with its meshes or without; `base` is "free" or "fixed"."""
-    tree = tree_of(robot).single()
+    tree = tree_of(robot).plain()
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
     root = ET.Element("mujoco", {"model": tree.name})

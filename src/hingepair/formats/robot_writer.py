@@ -34,7 +34,7 @@ from hingepair.rotations.euler import matrix_to_euler
 
 def robot_to_urdf(robot: Mechanism, base: str = "free", *, meshes: bool = True) -> str:
     """Return a robot as URDF text, with its meshes or without; see `to_urdf`."""
-    tree = tree_of(robot).single()
+    tree = tree_of(robot).plain()
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
     geared = [joint.name for joint in tree.joints if joint.armature]

@@ -116,13 +116,17 @@ class Solver:
         self.dof = form.dof
         self.low, self.high = np.ascontiguousarray(limits.T)
         self.goals, self._reaches = goals, reaches
-        carrying = {joint for goal in goals for joint in joints_to_base(form, request.frames[goal.frame])}
-        self._moving = np.isin(np.arange(form.dof), [form.columns[joint] for joint in carrying])
-        self.redundant = int(self._moving.sum()) > sum(goal.rank for goal in goals)
         shifts = np.array(shifts_by_column(form))
         self._shifts = shifts > 0
-        # A coordinate that also drives a mimic joint is not the same after a turn.
-        self._turns = (np.bincount(form.columns, minlength=form.dof) == 1) & ~self._shifts
+        if form.closure is None:
+            carrying = {joint for goal in goals for joint in joints_to_base(form, request.frames[goal.frame])}
+            self._moving = np.isin(np.arange(form.dof), [form.columns[joint] for joint in carrying])
+            # A coordinate that also drives a mimic joint is not the same after a turn.
+            self._turns = (np.bincount(form.columns, minlength=form.dof) == 1) & ~self._shifts
+        else:  # loops may let every coordinate move every frame
+            self._moving = np.ones(form.dof, bool)
+            self._turns = ~self._shifts
+        self.redundant = int(self._moving.sum()) > sum(goal.rank for goal in goals)
         sizes = [reach if goal.is_length else 1.0 for goal, reach in zip(goals, reaches, strict=True)]
         self._weights = np.array(weights, np.float64) / max(np.multiply(weights, sizes))
         bounded = bool(np.isfinite(limits[self._moving]).any())

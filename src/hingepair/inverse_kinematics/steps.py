@@ -32,6 +32,8 @@ is of what `off_axis` returns.
 
 def shifts_by_column(form: Form) -> list[float]:
     """Return for each coordinate how far one unit of it shifts a body [m]; 0 of hinges. Followers count alike."""
+    if form.closure is not None:
+        return [0.0 if turns else 1.0 for turns in form.closure.turning]
     shifts = [0.0] * form.dof
     for column, axis in zip(form.columns, form.axes, strict=True):
         shifts[column] = max(shifts[column], abs(axis.shifts))

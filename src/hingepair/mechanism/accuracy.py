@@ -44,7 +44,7 @@ class _BoundedProgram:
     """Program of a robot's outputs, run with numbers that carry error bounds, in the precision of the arguments."""
 
     def __init__(self, computation: RobotComputation, outputs: tuple[str, ...], values: Arguments) -> None:
-        computation.constants.tree.single()
+        computation.constants.tree.plain()
         components = [c for name in values.values for c in _as_tuple(values.values[name])]
         self._kind = bounded_class(result_dtype(components))
         constants, frames = computation.constants, computation.frames

@@ -74,6 +74,9 @@ MOTION_LEVELS: Final = ("pose", "velocity", "acceleration")  # tasks of frames, 
 FREE_BASE_OUTPUTS: Final = ("a1", "alpha1")  # of forward dynamics, where forces move the base
 ONE_FRAME: Final = ("acceleration_bias",)  # outputs that take a single frame
 OF_FRAMES: Final = (*FRAME_OUTPUTS, *JACOBIANS, *ONE_FRAME)  # outputs that take frames, and need no masses
+ALL_COORDINATES: Final = ("q_all", "qd_all", "qdd_all")  # of a closed mechanism; each is a task, with those before it
+OF_STRUTS: Final = ("strut_length", "strut_rate", "strut_force")
+OF_LOOPS: Final = (*ALL_COORDINATES, "loop_jacobian", "loop_wrenches")  # like those of struts, without masses
 OF_BODIES: Final = ("torque_regressor",)  # outputs that take the frames of all bodies, and need no masses
 _MOTION: Final = ("q", "qd", "qdd")
 
@@ -93,6 +96,10 @@ TASKS: Final[Mapping[str, Task]] = {
     "joint_wrenches": Task(_MOTION, ("force", "torque"), JointWrenches),
     "torque_regressor": Task(_MOTION, ("torque_regressor",)),
     "forward_dynamics": Task(("q", "qd", "tau"), ("qdd", *FREE_BASE_OUTPUTS), MechanismAccelerations),
+    **{name: Task(_MOTION[:order], ALL_COORDINATES[:order]) for order, name in enumerate(ALL_COORDINATES, 1)},
+    "struts": Task(("q", "qd"), OF_STRUTS),
+    **{name: Task(("q",), (name,)) for name in ("loop_jacobian", "loop_wrenches")},
+    "tree_tau": Task(_MOTION, ("tree_tau",)),
     "mass_matrix": Task(("q",), ("mass_matrix",)),
     "bias_forces": Task(("q", "qd"), ("bias_forces",)),
     "gravity_forces": Task(("q",), ("gravity_forces",)),
@@ -202,7 +209,7 @@ class RobotComputation(Computation):
         samples, moved = constants.tree.samples, _moved_frames(constants, frames)
         folded, parameters = split_numbers(numbers, moved)
         self.constants, self.frames, self.form = constants, frames, constants.form
-        self.needs_masses = not {*outputs} <= {*OF_FRAMES, *OF_BODIES}
+        self.needs_masses = not {*outputs} <= {*OF_FRAMES, *OF_BODIES, *OF_STRUTS, *OF_LOOPS}
         varied: dict[int, Any] = {}
         if samples is not None and (self.needs_masses or samples.lengths):
             behind = len(self.form.known)

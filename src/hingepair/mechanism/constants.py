@@ -22,6 +22,7 @@ from hingepair.numeric.arrays import read_only
 from hingepair.numeric.balls import Ball, axes_balls, error_bound, rotation_balls
 from hingepair.pair.dynamics import PIVOT_ROUNDING
 from hingepair.plans.computation import Cache
+from hingepair.plans.struts import StrutForm
 from hingepair.plans.trees import Form, constant_place
 
 Exact: TypeAlias = list[Any]
@@ -83,6 +84,15 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
         numbers += [*S.ravel().tolist(), *u.tolist(), *_rounded_numbers(moments[k])]
         numbers += [joint.armature, multiplier, offset, thresholds[k]]
     numbers += base_thresholds
+    closure = tree.closure
+    if closure is not None:
+        numbers.append(closure.size)
+        for (first, second), loop in zip(closure.frames, closure.loops, strict=True):
+            numbers += [*_numbers_of_frame(axes, first), *_numbers_of_frame(axes, second), loop.length or 0.0]
+        numbers += closure.starts
+    for strut in tree.struts:
+        points = [_numbers_of_frame(axes, frame)[:3] for frame in strut.frames]
+        numbers += [*points[0], *points[1], *strut.law, *(number for knot in strut.knots for number in knot)]
     varied = _varied_numbers(tree, free, axes, numbers)
     folded, parameters = split_numbers(numbers, varied)
     form = Form(
@@ -90,11 +100,15 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
         tuple(joint.axis for joint in tree.joints),
         _columns_of_joints(tree),
         folded,
+        None if closure is None else closure.form,
+        tuple(StrutForm((one.frames[0].body, one.frames[1].body), len(one.knots)) for one in tree.struts),
     )
-    by_column = np.zeros(form.dof)
+    by_column = np.zeros(form.tree_dof)
     for joint, column, value in zip(tree.joints, form.columns, thresholds[1:], strict=True):
         ratio = 1.0 if joint.mimic is None else joint.mimic.multiplier
         by_column[column] += value * ratio * ratio
+    if closure is not None:  # each coordinate may move all joints
+        by_column = np.full(form.dof, by_column.sum())
     return RobotConstants(
         tree,
         free,
@@ -165,7 +179,11 @@ def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[fl
 
 def frame_numbers(constants: RobotConstants, frame: Frame) -> list[float]:
     """Return position R and rotation S of a Frame, in the program's axes of its body, as a list of 12 numbers."""
-    back = constants.axes[frame.body].T
+    return _numbers_of_frame(constants.axes, frame)
+
+
+def _numbers_of_frame(axes: Sequence[NDArray[np.float64]], frame: Frame) -> list[float]:
+    back = axes[frame.body].T
     return [*_matrix_product(back, frame.R).tolist(), *_matrix_product(back, frame.S).ravel().tolist()]
 
 
@@ -204,7 +222,7 @@ def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
 
 def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
     """Return the rotation of each body, the base first, from the program's axes to its own."""
-    return [np.eye(3), *(_axes_along(joint.n) for joint in tree.joints)]
+    return [np.eye(3), *(axes_along(joint.n) for joint in tree.joints)]
 
 
 def _poses_in_program_axes(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[tuple[Any, Any]]:
@@ -216,7 +234,7 @@ def _poses_in_program_axes(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> l
     ]
 
 
-def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
+def axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a rotation whose third column is n, an exact permutation where n is along x, y or z."""
     size = tuple(np.abs(n).tolist())
     if size in _AXES_ALONG:

@@ -23,8 +23,10 @@ from hingepair.mechanism.inertial_parameters import (
     tree_with_parameters,
 )
 from hingepair.mechanism.joints import RobotJoint
+from hingepair.mechanism.linkages import Loop, close_tree
 from hingepair.mechanism.methods import MechanismMethods
 from hingepair.mechanism.samples import read_payload
+from hingepair.mechanism.struts import GasSpring, add_strut
 from hingepair.mechanism.tree import BASE_KINDS, LOAD_FIELDS, NO_LOAD, Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant, read_only, set_frozen
 from hingepair.pair.body import Body
@@ -450,6 +452,83 @@ class Mechanism(MechanismMethods):
         frame = self._tree.known_frame("link", link)
         return self._with_tree(changes.add_frame(self._tree, name, frame, R, S))
 
+    # ---- struts and loops
+
+    def with_strut(
+        self,
+        frame1: str,
+        frame2: str,
+        name: str,
+        *,
+        force: GasSpring | ArrayLike | None = None,
+        stiffness: float = 0.0,
+        free_length: float | None = None,
+        damping: float = 0.0,
+    ) -> Mechanism:
+        """Return a copy of the robot with a strut between two frames: a spring, a damper, a gas spring.
+
+        A positive force pushes the points apart. It acts in dynamics beside tau, and its potential is part of
+        `energy`. A strut without a force can be a coordinate of `closed`: q is its length, and tau its force.
+
+        Args:
+            frame1: name of a frame, link or joint, in whose origin the strut begins.
+            frame2: where it ends.
+            name: name of the strut.
+            force: a GasSpring, or a table (lengths [m], forces [N]) between whose lines the force is linear.
+            stiffness: of a spring [N/m].
+            free_length: length [m] at which the spring exerts nothing, or the gas spring is extended.
+            damping: of a damper [N s/m].
+
+        >>> import hingepair as hp
+        >>> lid = hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="lid")
+        >>> hatch = hp.Mechanism([lid]).with_frame("a", "base", R=(0.3, 0, -0.2))
+        >>> hatch = hatch.with_frame("b", "lid", R=(0.5, 0, 0))
+        >>> hatch = hatch.with_strut("a", "b", "gas", force=hp.GasSpring(300, 400, 0.2), free_length=0.4)
+        >>> hatch.struts([0.0])["gas"].length.round(4)
+        0.2828
+        """
+        tree = add_strut(self._tree, (frame1, frame2), name, force, stiffness, free_length, damping)
+        return self._with_tree(tree)
+
+    def closed(
+        self,
+        *loops: Loop,
+        coordinates: str | Iterable[str] | None = None,
+        at: Mapping[str, float] | None = None,
+    ) -> Mechanism:
+        """Return the mechanism with loops closed: a robot with fewer coordinates, which determine all joints.
+
+        Every method works on it as on other robots: q, tau and Jacobians are of its coordinates, and what the other
+        joints do follows within the same program. All joints are a function of q alone: the assembly near `at`, as
+        far as it can be followed without taking the loops apart. Where they cannot be closed, and at dead points,
+        results are NaN.
+
+        Args:
+            loops: Loops between frames of this robot; all that are to be closed.
+            coordinates: names of what determines all joints: joints, or struts, whose coordinate is their length. By
+                default joints are found, near the base first.
+            at: coordinates [rad or m] by joint near which the mechanism is assembled, 0 of those not named.
+
+        Raises:
+            ArgumentError: the loops cannot be closed near `at`, or `coordinates` are too few, too many, or do not
+                determine the others.
+
+        >>> import hingepair as hp
+        >>> bars = [("crank", (0, 0, 0)), ("coupler", (0.3, 0, 0)), ("rocker", (1, 0, 0))]
+        >>> joints = [hp.HingePair(u1, (0, 0, 0), (0, 0, 1), name=name) for name, u1 in bars]
+        >>> chain = hp.Mechanism(joints, parents=[0, 1, 0])
+        >>> ends = chain.with_frame("a", link="coupler", R=(0.9, 0, 0)).with_frame("b", link="rocker", R=(0.7, 0, 0))
+        >>> four_bar = ends.closed(hp.Loop("a", "b"), coordinates="crank", at={"coupler": 0.8, "rocker": 1.9})
+        >>> four_bar.dof, four_bar.all_coordinates([0.3]).round(4).tolist()
+        (1, [0.3, 0.5583, 1.6961])
+        """
+        return self._with_tree(close_tree(self._tree, loops, coordinates, at))
+
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        """Loops of a closed mechanism; none of a tree."""
+        return () if self._tree.closure is None else self._tree.closure.loops
+
     # ---- inertial parameters
 
     @property
@@ -548,6 +627,15 @@ class Mechanism(MechanismMethods):
         notes = [*self._tree.notes, *([f"dynamics: {note}, unless joint_loads=True"] if note else ())]
         if self._tree.samples is not None:
             notes.append(f"payloads or lengths differ from sample to sample, shape {self._tree.samples.shape}")
+        closure = self._tree.closure
+        if closure is not None:
+            loops = ", ".join(f"{loop.name} ({loop.kind})" for loop in closure.loops)
+            notes.append(f"closed loops: {loops}; coordinates: {', '.join(closure.names)}")
+            if closure.redundant:
+                notes.append(f"conditions of the loops that are redundant: {closure.redundant}")
+        if self._tree.struts:
+            ends = ", ".join(f"{strut.name} ({strut.ends[0]} to {strut.ends[1]})" for strut in self._tree.struts)
+            notes.append(f"struts: {ends}")
         return Sheet(title, rows, notes)
 
 

@@ -6,7 +6,7 @@ import functools
 import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping
 from types import MappingProxyType
-from typing import Any, Final, Literal, TypeAlias, overload
+from typing import Any, Final, Literal, NamedTuple, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinem
 from hingepair.mechanism import conventions
 from hingepair.mechanism.accuracy import error_bounds, slope_bounds
 from hingepair.mechanism.computations import (
+    ALL_COORDINATES,
     ALL_OUTPUTS,
     FREE_BASE_OUTPUTS,
     MOTION_LEVELS,
@@ -35,6 +36,7 @@ from hingepair.mechanism.computations import (
 )
 from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_query, read_solutions
+from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, transmission
 from hingepair.mechanism.rollout import PreparedRollout, Rollout, rolled_out
 from hingepair.mechanism.states import (
     JointWrenches,
@@ -59,6 +61,15 @@ from hingepair.tables.sheets import Shown
 
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
+
+
+class StrutState(NamedTuple):
+    """A strut at every sample."""
+
+    length: FloatArray  # between its points [m]
+    rate: FloatArray  # of its length [m/s]
+    force: FloatArray  # [N]; positive pushes the points apart
+
 
 _JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # tasks by the argument `axes`
 _SOLVED: Final = TASKS["forward_dynamics"].outputs  # NaN where nothing resists
@@ -545,6 +556,10 @@ class MechanismMethods(Frozen, Shown):
         >>> robot.joint_wrenches(np.zeros(6), np.zeros(6), np.zeros(6))["wrist_3_joint"].force.shape
         (3,)
         """
+        if self._tree.closure is not None:
+            raise ArgumentError(
+                "robot", "one without loops; loop_wrenches has what closes them", "a closed mechanism"
+            )
         return self._ask(
             "joint_wrenches", (q, qd, qdd), base_motion, out, workers, backend,
             gravity=gravity, outputs=outputs, wrenches=wrenches,
@@ -748,6 +763,89 @@ class MechanismMethods(Frozen, Shown):
         if self._constants.may_be_singular and np.isnan(result.q[..., -1, :]).any():
             self.forward_dynamics(q0, qd0, np.zeros(len(self._constants.names)), joint_loads=False)  # which warns
         return result
+
+    def all_coordinates(
+        self,
+        q: Coordinates,
+        qd: Coordinates | None = None,
+        qdd: Coordinates | None = None,
+        *,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> Any:
+        """Compute the coordinates of all joints of a closed mechanism, an array (..., joints); with qd and qdd, a
+        tuple of these and their derivatives.
+
+        The order is that of `names` before the loops were closed. Samples that cannot be closed are NaN. Arguments:
+        see `Mechanism`.
+        """
+        if qd is None and qdd is not None:
+            raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
+        given = tuple(part for part in (q, qd, qdd) if part is not None)
+        outputs = ALL_COORDINATES[: len(given)]
+        found = self._ask(outputs[-1], given, None, None, workers, backend)
+        return found if len(given) == 1 else tuple(found[name] for name in outputs)
+
+    def loop_wrenches(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        qdd: Coordinates,
+        *,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
+        wrenches: Wrenches = None,
+        base_motion: BodyMotion | None = None,
+        backend: str = "auto",
+    ) -> dict[str, LoopWrench]:
+        """Compute what the body of each loop's first frame exerts on that of the second during a motion, world axes.
+
+        Redundant conditions leave components open, which no rigid body determines: they are NaN. Arguments: see
+        `inverse_dynamics`; efforts `tau` act at the coordinates.
+
+        Returns:
+            By the loop's name, force [N] and torque about the frame's origin [N m], shape (..., 3).
+        """
+        closure = self._tree.closure
+        if closure is None:
+            raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
+        efforts = self._ask(
+            "tree_tau", (q, qd, qdd), base_motion, None, 1, backend, gravity=gravity, wrenches=wrenches
+        )
+        jacobian = self._ask("loop_jacobian", (q,), None, None, 1, backend)
+        units = self._ask("loop_wrenches", (q,), base_motion, None, 1, backend)
+        return loop_wrenches(closure, efforts, jacobian, units)
+
+    def transmission(self, q: Coordinates, *, backend: str = "auto") -> FloatArray:
+        """Compute the smallest over the largest singular value of the loops' Jacobian by the joints that follow.
+
+        Its shape is (...). It is 0 at a dead point, where the coordinates do not move the others. Arguments: see
+        `Mechanism`.
+        """
+        closure = self._tree.closure
+        if closure is None:
+            raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
+        return transmission(closure, self._ask("loop_jacobian", (q,), None, None, 1, backend))
+
+    def struts(
+        self,
+        q: Coordinates,
+        qd: Coordinates | None = None,
+        *,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> dict[str, StrutState]:
+        """Compute the lengths of all struts [m], their rates [m/s] and forces [N], by name. Arguments not listed: see
+        `Mechanism`.
+
+        Args:
+            qd: time derivatives of q; by default 0.
+        """
+        rates = (0.0,) * len(self._constants.names) if qd is None else qd
+        found = self._ask("struts", (q, rates), None, None, workers, backend)
+        columns = (found[name] for name in TASKS["struts"].outputs)
+        parts = [np.moveaxis(column, -1, 0) for column in columns]
+        names = (strut.name for strut in self._tree.struts)
+        return {name: StrutState(*values) for name, *values in zip(names, *parts, strict=True)}
 
     def mass_matrix(
         self,
@@ -1198,7 +1296,7 @@ class MechanismMethods(Frozen, Shown):
             key = task, derivative, outputs, frames, backend, joint_loads
             found = self._again(key, given, out, workers)
             if found is not None:
-                return found
+                return self._noted_where_open(found, given[0])
         row = TASKS[task]
         by_arguments = derivative == "matrices"
         if by_arguments:
@@ -1228,10 +1326,33 @@ class MechanismMethods(Frozen, Shown):
         lasts = isinstance(frames, str | tuple | None) and (
             isinstance(outputs, tuple) or (outputs is None and names == default)
         )
-        return self._run(
+        result = self._run(
             computation, coordinates, base_motion, out, workers, backend, gravity, all_loads, asked,
             key if lasts else None,
         )  # fmt: skip
+        return self._noted_where_open(result, given[0])
+
+    def _noted_where_open(self, result: Any, q: Coordinates) -> Any:
+        """Return a result; of a closed mechanism, a DynamicsWarning counts the samples that cannot be closed."""
+        closure = self._tree.closure
+        if closure is None:
+            return result
+        arrays = [result] if isinstance(result, np.ndarray) else [*result.arrays().values()]
+        if not any(np.isnan(array).any() for array in arrays):
+            return result
+        rows = self._tree.rows("q", q)
+        bad = np.isnan(self._run(self._computation(("q_all",)), {"q": rows}, None, None, 1, "auto")).any(axis=-1)
+        bad &= np.isfinite(rows).all(axis=-1)
+        if bad.any():
+            first = rows.reshape(-1, rows.shape[-1])[int(np.argmax(bad))]
+            where = ", ".join(f"{name} = {value:.6g}" for name, value in zip(closure.names, first, strict=True))
+            loops = ", ".join(str(loop.name) for loop in closure.loops)
+            count = f"at {int(bad.sum())} of {bad.size} samples" if bad.shape else "here"
+            warn_of_dynamics(
+                f"{self._tree.name}: {loops} cannot be closed, or not moved from a dead point, {count}, "
+                f"first at {where}; results are NaN there"
+            )
+        return result
 
     def _again(self, key: tuple[Any, ...], given: tuple[Any, ...], out: Out | FloatArray, workers: int) -> Any:
         """Return the results of a call that differs from one stored by `key` in its arrays alone; None if none is."""
@@ -1406,6 +1527,15 @@ class MechanismMethods(Frozen, Shown):
                 warn_of_dynamics(
                     f"{self._tree.name}: {note}; joint_loads=True counts them, joint_loads=False is silent"
                 )
+        if joint_loads and self._tree.closure is not None:
+            rubbing = [
+                joint.name
+                for joint in self._tree.joints
+                if joint.load.friction and joint.name not in self._constants.names
+            ]
+            if rubbing:
+                expected = "False, since dry friction acts at joints that are no coordinates of the closed mechanism"
+                raise ArgumentError("joint_loads", expected, ", ".join(rubbing))
         return bool(joint_loads) and any(load_numbers(self._tree))
 
     def _warn_where_singular(self, result: Any, arguments: Mapping[str, Any]) -> None:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
+from hingepair.plans.closures import Closure
 
 BASE_KINDS = ("fixed", "free")
 """Accepted values of the argument `base`."""
@@ -149,6 +150,31 @@ class Source(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TreeStrut(Frozen):
+    """A strut between two frames."""
+
+    name: str
+    ends: tuple[str, str]  # names of its frames
+    frames: tuple[Frame, Frame]
+    law: tuple[float, ...]  # numbers of its force, as `plans.struts.Strut` has them
+    knots: tuple[tuple[float, float], ...]  # lengths [m] and changes of the force's slope there [N/m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TreeClosure(Frozen):
+    """Loops of a closed mechanism, as programs close them."""
+
+    loops: tuple[Any, ...]  # the Loops as they were given
+    form: Closure  # their structure
+    frames: tuple[tuple[Frame, Frame], ...]  # the two frames of each, z along the axis of a hinge
+    size: float  # of the mechanism [m], by which a gap is judged
+    starts: tuple[float, ...]  # numbers of the starts of all chains
+    names: tuple[str, ...]  # of the coordinates: joints, and struts whose length is a coordinate
+    assembled: Mapping[str, float]  # coordinates of the tree at which the mechanism was assembled
+    redundant: int  # number of conditions that say nothing new
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Tree(Frozen):
     """Record of a robot: a tree of joints that move. Bodies that fixed and locked joints connect are merged."""
 
@@ -174,6 +200,9 @@ class Tree(Frozen):
     """What differs from sample to sample beside all this; None for one robot."""
     leaves: tuple[str, ...] = ()
     """Names of all links that carry no further link, tips among them."""
+    closure: TreeClosure | None = None
+    """Loops that are closed; None of a tree."""
+    struts: tuple[TreeStrut, ...] = ()
 
     def single(self) -> Tree:
         """Return this tree where it is one robot; refuse masses or lengths that differ from sample to sample."""
@@ -182,9 +211,26 @@ class Tree(Frozen):
             raise ShapeError("robot", expected, f"samples of shape {self.samples.shape}")
         return self
 
+    def plain(self) -> Tree:
+        """Return this tree where it is one robot without loops and struts; refuse all else."""
+        if self.closure is not None or self.struts:
+            parts = ("loops", self.closure is not None), ("struts", bool(self.struts))
+            got = " and ".join(part for part, has in parts if has)
+            raise ArgumentError("robot", "one without loops and struts, as it was before closed and with_strut", got)
+        return self.single()
+
     @property
     def coordinates(self) -> tuple[Joint, ...]:
-        """Joints with a coordinate of their own, in the order of q."""
+        """Joints whose coordinates are q, in its order; the length of a strut stands as a slider."""
+        own = self.own_coordinates
+        if self.closure is None:
+            return own
+        pairs = zip(self.closure.names, self.closure.form.columns, strict=True)
+        return tuple(_length(name) if column is None else own[column] for name, column in pairs)
+
+    @property
+    def own_coordinates(self) -> tuple[Joint, ...]:
+        """Joints that follow no other by a rule, those that loops close among them."""
         return tuple(joint for joint in self.joints if joint.mimic is None)
 
     @property
@@ -227,6 +273,14 @@ class Tree(Frozen):
             frame_names = self.frame_names
             raise ArgumentError(argument, choices(frame_names) + nearest(str(name), frame_names), quoted(name))
         return frame
+
+
+def _length(name: str) -> Joint:
+    """Return the record of a length that is a coordinate."""
+    zero = read_only(np.zeros(3))
+    return Joint(
+        name, "slider", 0, zero, read_only(np.eye(3)), read_only(np.array([0.0, 0.0, 1.0])), ZERO_MASS_PROPERTIES
+    )
 
 
 def loads_note(tree: Tree) -> str:

@@ -74,6 +74,7 @@ _INNER_SHAPES: Final[dict[str, ArrayShape]] = {  # of constants, and of what ste
 def _sample_shapes(coordinates: int) -> dict[str, ArrayShape]:
     """Return the shape of a sample of all that can be given or computed of a pair in space."""
     sizes = {"coordinates": coordinates, "velocities": _VELOCITIES, "joints": 1, "parameters": 20}
+    sizes |= {"tree": 1, "conditions": 0, "struts": 0}  # of mechanisms with loops and struts
     shapes = {name: sample_shape(name, sizes) for name in QUANTITIES}
     return {**shapes, **_INNER_SHAPES}
 

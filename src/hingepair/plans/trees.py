@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -33,7 +34,9 @@ from hingepair.equations.spatial import (
 )
 from hingepair.numeric.blocks import cosine, sine
 from hingepair.numeric.caching import lock_free_cached_property
+from hingepair.plans.closures import Chains, Closure, condition_count
 from hingepair.plans.steps import ATTITUDE_STEPS
+from hingepair.plans.struts import Strut, StrutForm, line_of_action
 
 # Shapes of the constants of the base.
 BASE_SHAPES: Final = {"mass": (), "first": (3,), "second": (6,)}
@@ -61,17 +64,25 @@ class Form(NamedTuple):
     parents: tuple[int, ...]  # number of the body that carries it; 0 is the base
     axes: tuple[Axis, ...]
     columns: tuple[int, ...]  # its column in q; a mimic joint has the column of its leader
-    known: tuple[float | None, ...]  # the constants of base and joints that are 0, 1 or -1; None for all others
+    # the constants of base and joints, and of loops, that are 0, 1 or -1; None for all others
+    known: tuple[float | None, ...]
+    closure: Closure | None = None  # its loops; None of a tree, whose coordinates are those of q
+    struts: tuple[StrutForm, ...] = ()
 
     @property
-    def dof(self) -> int:
-        """Number of coordinates."""
+    def tree_dof(self) -> int:
+        """Number of coordinates of the tree."""
         return len(set(self.columns))
 
     @property
-    def mimics(self) -> bool:
-        """Whether any joint is a mimic joint, which follows another."""
-        return self.dof < len(self.columns)
+    def dof(self) -> int:
+        """Number of coordinates in q."""
+        return self.tree_dof if self.closure is None else len(self.closure.columns)
+
+    @property
+    def follows(self) -> bool:
+        """Whether joints move by the coordinates of others: mimic joints, and those that loops close."""
+        return self.dof < len(self.columns) or self.closure is not None
 
 
 class Request(NamedTuple):
@@ -130,6 +141,11 @@ class TreeQuantities:
         ]
         lowest = _take_numbers(parts, PIVOT_SHAPES)
         self.base_min_pivots = [lowest["min_force_pivot"]] * 3 + [lowest["min_torque_pivot"]] * 3
+        self.chains = None
+        if form.closure is not None:
+            numbers = [next(parts) for _ in range(form.closure.size)]
+            self.chains = Chains(form.closure, numbers, self.links, self.ratios, form.columns, values["q"])
+        self.strut_list = [Strut.of_numbers(one, [next(parts) for _ in range(one.size)]) for one in form.struts]
         self.frames = [(body, _take_numbers(parts, FRAME_SHAPES)) for body in request.frames]
         loaded = form.parents if request.joint_loads else ()
         self.loads = [eq.JointLoad(**_take_numbers(parts, LOAD_SHAPES)) for _ in loaded]
@@ -146,29 +162,54 @@ class TreeQuantities:
 
     # ---- coordinates of joints, and what acts along them
 
-    def _values_by_joint(self, name: str) -> list[Scalar]:
+    @lock_free_cached_property
+    def tree_q(self) -> Sequence[Scalar]:
+        """Coordinates of the tree: those given, or those that close its loops."""
+        return self.values["q"] if self.chains is None else self.chains.coordinates()
+
+    @lock_free_cached_property
+    def tree_qd(self) -> Sequence[Scalar]:
+        """Rates of the tree's coordinates."""
+        return self.values["qd"] if self.chains is None else self.chains.rates(self.values["qd"])
+
+    @lock_free_cached_property
+    def tree_bias(self) -> Sequence[Scalar]:
+        """Second derivatives of the tree's coordinates where those in q are 0."""
+        return [0.0] * self.form.tree_dof if self.chains is None else self.chains.bias(self.values["qd"])
+
+    @lock_free_cached_property
+    def tree_qdd(self) -> Sequence[Scalar]:
+        """Second derivatives of the tree's coordinates."""
+        given = self.values["qdd"]
+        return given if self.chains is None else self.chains.accelerations(self.tree_bias, given)
+
+    def _values_by_joint(self, row: Sequence[Scalar]) -> list[Scalar]:
         """Return q, qd or qdd of each joint; a mimic joint has that of its leader, times the multiplier."""
-        row = self.values[name]
         return [row[column] * ratio for column, (ratio, _) in zip(self.form.columns, self.ratios, strict=True)]
 
     @lock_free_cached_property
     def q(self) -> list[Scalar]:
         """List of the coordinates q of all joints."""
-        pairs = zip(self._values_by_joint("q"), self.ratios, strict=True)
+        pairs = zip(self._values_by_joint(self.tree_q), self.ratios, strict=True)
         return [value + offset for value, (_, offset) in pairs]
 
     @lock_free_cached_property
     def qd(self) -> list[Scalar]:
         """List of the rates q' of all joints."""
-        return self._values_by_joint("qd")
+        return self._values_by_joint(self.tree_qd)
 
     @lock_free_cached_property
     def qdd(self) -> list[Scalar]:
         """List of the second derivatives q'' of all joints."""
-        return self._values_by_joint("qdd")
+        return self._values_by_joint(self.tree_qdd)
 
     @lock_free_cached_property
-    def zero_rates(self) -> list[Scalar]:
+    def bias_qdd(self) -> list[Scalar]:
+        """List of the second derivatives of all joints where those of q are 0: zeros, unless loops are closed."""
+        return self._values_by_joint(self.tree_bias)
+
+    @property
+    def at_rest(self) -> list[Scalar]:
         """List of zeros, one for each joint."""
         return [0.0] * len(self.links)
 
@@ -176,10 +217,18 @@ class TreeQuantities:
         """Return a tuple of efforts by coordinate from the efforts of all joints. The effort of a mimic joint is
         multiplied by its multiplier and added to the effort of its leader.
         """
-        sums: list[Scalar] = [0.0] * self.form.dof
+        return tuple(self._onto_coordinates(list(self._by_tree_coordinate(joint_efforts))))
+
+    def _by_tree_coordinate(self, joint_efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
+        """Return efforts along the tree's coordinates: those of joints, and of the joints that follow them."""
+        sums: list[Scalar] = [0.0] * self.form.tree_dof
         for column, (ratio, _), effort in zip(self.form.columns, self.ratios, joint_efforts, strict=True):
             sums[column] = sums[column] + effort * ratio
         return tuple(sums)
+
+    def _onto_coordinates(self, sums: list[Scalar]) -> list[Scalar]:
+        """Return efforts along q from those along the tree's coordinates: G^T times them where loops are closed."""
+        return sums if self.chains is None else self.chains.onto_coordinates(sums, operator.mul, 0.0)
 
     @lock_free_cached_property
     def placements(self) -> list[eq.Placement]:
@@ -248,10 +297,12 @@ class TreeQuantities:
         self, joint_columns: Sequence[tuple[Vector, Vector]], base_columns: Sequence[tuple[Vector, Vector]]
     ) -> list[Any]:
         """Return the columns of a Jacobian: those of the base, then one for each coordinate."""
-        sums: list[Any] = [(0.0,) * 6] * self.form.dof
+        sums: list[Any] = [(0.0,) * 6] * self.form.tree_dof
         for column, (ratio, _), (linear, angular) in zip(self.form.columns, self.ratios, joint_columns, strict=True):
             moved = (part * ratio for part in (*linear, *angular))
             sums[column] = tuple(a + b for a, b in zip(sums[column], moved, strict=True))
+        if self.chains is not None:
+            sums = self.chains.onto_coordinates(sums, lambda part, x: tuple(y * x for y in part), (0.0,) * 6)
         return [*((*linear, *angular) for linear, angular in base_columns), *sums]
 
     def jacobian(self, in_frame: bool) -> tuple[Scalar, ...]:
@@ -275,7 +326,7 @@ class TreeQuantities:
         is taken to have no acceleration; any other base has the given acceleration.
         """
         base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration
-        a, alpha = self._accelerations_of_frames(self._body_accelerations(self.zero_rates, base))[0]
+        a, alpha = self._accelerations_of_frames(self._body_accelerations(self.bias_qdd, base))[0]
         return (*a, *alpha)
 
     # ---- dynamics, base axes
@@ -285,17 +336,24 @@ class TreeQuantities:
         """Rotation matrix that converts vectors from world axes to base axes."""
         return transpose(self.values["S1"])
 
-    def _transmitted_wrenches(self, motions: list[eq.Acceleration], with_loads: bool = True) -> list[eq.Wrench]:
+    def _transmitted_wrenches(self, motions: list[eq.Acceleration], with_rates: bool = True) -> list[eq.Wrench]:
         """Return what the joints transmit, own axes, about the bodies' reference points; that on the base first (T2,
-        T3).
+        T3). Struts push on their bodies, at rest unless `with_rates`.
         """
         wrenches = eq.inertial_wrenches(self.base, self.links, motions)
-        for k, place in enumerate(self.request.loaded if with_loads else ()):
+        for k, place in enumerate(self.request.loaded):
             body, frame = self.frames[place]
             back = transpose(self.poses[body].S)
             force, torque = rotate(back, self.values[f"force_{k}"]), rotate(back, self.values[f"torque_{k}"])
             f, t = wrenches[body]
             wrenches[body] = subtract(f, force), subtract(t, add(torque, cross(frame["R"], force)))
+        for k, strut in enumerate(self.strut_list):
+            length, along = self.strut_lines[k]
+            push = scale(along, strut.force(length, self.strut_rates[k] if with_rates else 0.0))
+            for (body, point), force in zip(strut.points(), (scale(push, -1.0), push), strict=True):
+                own = rotate(transpose(self.poses[body].S), force)
+                f, t = wrenches[body]
+                wrenches[body] = subtract(f, own), subtract(t, cross(point, own))
         return eq.sum_inward(self.links, self.placements, wrenches)
 
     def _motions_in_own_axes(
@@ -339,7 +397,7 @@ class TreeQuantities:
         if not free:
             alpha = rotate(self.base_axes, values["alpha1"])
             fall = rotate(self.base_axes, subtract(values["a1"], values["gravity"]))
-        return self._transmitted_wrenches(self._motions_in_own_axes(self.qd, self.zero_rates, omega, alpha, fall))
+        return self._transmitted_wrenches(self._motions_in_own_axes(self.qd, self.bias_qdd, omega, alpha, fall))
 
     def efforts(self) -> tuple[Scalar, ...]:
         """Return a tuple of the efforts tau of all coordinates (inverse dynamics)."""
@@ -350,6 +408,10 @@ class TreeQuantities:
             parts = zip(efforts, self.spring_and_damper_efforts, friction, strict=True)
             efforts = [effort - smooth - dry for effort, smooth, dry in parts]
         return self.efforts_by_coordinate(efforts)
+
+    def tree_efforts(self) -> tuple[Scalar, ...]:
+        """Return the efforts along the coordinates of the tree that the given motion takes without loops."""
+        return self._by_tree_coordinate(eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd))
 
     # ---- loads of joints
 
@@ -371,6 +433,34 @@ class TreeQuantities:
         if step is not None:
             return held
         return where_less(rate, 0.0, most, where_less(0.0, rate, -most, held + rate))  # NaN stays NaN
+
+    # ---- struts
+
+    @lock_free_cached_property
+    def strut_lines(self) -> list[tuple[Scalar, Vector]]:
+        """List of the length of each strut and the unit vector along it, world axes."""
+        ends = [
+            [add(self.poses[body].d, rotate(self.poses[body].S, point)) for body, point in strut.points()]
+            for strut in self.strut_list
+        ]
+        return [line_of_action(first, second) for first, second in ends]
+
+    @lock_free_cached_property
+    def strut_rates(self) -> list[Scalar]:
+        """List of the rates of the lengths of all struts."""
+        rates = []
+        for strut, (_, along) in zip(self.strut_list, self.strut_lines, strict=True):
+            velocities = []
+            for body, point in strut.points():
+                v, omega = self.velocities[body]
+                velocities.append(add(v, cross(omega, rotate(self.poses[body].S, point))))
+            rates.append(dot(along, subtract(velocities[1], velocities[0])))
+        return rates
+
+    def strut_forces(self) -> tuple[Scalar, ...]:
+        """Return the forces of all struts."""
+        parts = zip(self.strut_list, self.strut_lines, self.strut_rates, strict=True)
+        return tuple(strut.force(length, rate) for strut, (length, _), rate in parts)
 
     def torque_regressor(self) -> tuple[Scalar, ...]:
         """Return the regressor Y in Y p = (force1, torque1, tau), the first two of a free base only, as a flat tuple
@@ -419,9 +509,10 @@ class TreeQuantities:
             fall = rotate(self.base_axes, subtract(values["a1"] if with_rates else still, values["gravity"]))
             alpha = rotate(self.base_axes, values["alpha1"]) if with_rates else still
         omega = rotate(self.base_axes, values["omega1"]) if with_rates else still
-        qd = self.qd if with_rates else self.zero_rates
-        wrenches = self._transmitted_wrenches(self._motions_in_own_axes(qd, self.zero_rates, omega, alpha, fall))
-        tau = self.efforts_by_coordinate(eq.along_axes(self.links, wrenches))
+        qd, qdd = (self.qd, self.bias_qdd) if with_rates else (self.at_rest, self.at_rest)
+        motions = self._motions_in_own_axes(qd, qdd, omega, alpha, fall)
+        wrenches = self._transmitted_wrenches(motions, with_rates=with_rates)
+        tau = self.efforts_by_coordinate(eq.driving_efforts(self.links, wrenches, qdd))
         if not self.request.free:
             return tau
         return (*rotate(values["S1"], wrenches[0][0]), *rotate(values["S1"], wrenches[0][1]), *tau)
@@ -439,8 +530,8 @@ class TreeQuantities:
         first, then one row for each coordinate.
         """
         rows, on_base = eq.mass_matrix(self.links, self.placements, self.composites)
-        dof, shift = self.form.dof, 6 * self.request.free
-        sums: list[list[Scalar]] = [[0.0] * (shift + k + 1) for k in range(dof)]
+        shift = 6 * self.request.free
+        sums: list[list[Scalar]] = [[0.0] * (shift + k + 1) for k in range(self.form.tree_dof)]
         for i, (row, (force, torque)) in enumerate(zip(rows, on_base, strict=True)):
             column, (ratio, _) = self.form.columns[i], self.ratios[i]
             if shift:
@@ -454,7 +545,20 @@ class TreeQuantities:
                 if j < i and low == high:  # what follows and its leader stand on the diagonal: both halves count
                     value = value + value
                 sums[high][shift + low] = sums[high][shift + low] + value
+        if self.chains is not None:
+            sums = self._closed_mass_rows(sums, shift)
         return [*(eq.base_mass_rows(self.values["S1"], self.composites[0]) if shift else ()), *sums]
+
+    def _closed_mass_rows(self, rows: list[list[Scalar]], shift: int) -> list[list[Scalar]]:
+        """Return the rows of G^T M G, each up to its diagonal entry, behind their `shift` entries of the base."""
+        size = range(len(rows))
+        whole = [[*rows[i][:shift], *(rows[max(i, j)][shift + min(i, j)] for j in size)] for i in size]
+        of_base = [self._onto_coordinates([row[k] for row in whole]) for k in range(shift)]
+        by_q = [self._onto_coordinates(row[shift:]) for row in whole]  # M G
+        columns = [self._onto_coordinates(list(column)) for column in zip(*by_q, strict=True)]
+        return [
+            [*(part[i] for part in of_base), *(columns[j][i] for j in range(i + 1))] for i in range(self.form.dof)
+        ]
 
     def mass_matrix(self) -> tuple[Scalar, ...]:
         """Return all entries of the mass matrix M, as a flat tuple row by row."""
@@ -497,7 +601,7 @@ class TreeQuantities:
         """Solution of forward dynamics as three tuples: a1 and alpha1 of a free base in world axes, which are
         meaningless for any other base, and q''. All are NaN if M is singular.
         """
-        return self._solve_by_mass_matrix() if self.form.mimics else self._solve_by_articulated_bodies()
+        return self._solve_by_mass_matrix() if self.form.follows else self._solve_by_articulated_bodies()
 
     def _solve_by_articulated_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
         """Return (a1, alpha1, q'') by articulated bodies (T5); NaN where M is singular."""
@@ -524,7 +628,7 @@ class TreeQuantities:
         """Tuple of the pivots of the factored mass matrix, one for each coordinate. At least one pivot is 0, up to
         rounding errors, if the matrix is singular.
         """
-        if self.form.mimics:
+        if self.form.follows:
             return factor_symmetric(self.mass_entries)[1][::-1][6 * self.request.free :]
         return tuple(step.pivot for step in self.articulated[0])
 
@@ -535,7 +639,7 @@ class TreeQuantities:
         """
         if not self.request.free:
             return ()
-        lower, pivots = factor_symmetric(self.mass_entries if self.form.mimics else self.articulated_base)
+        lower, pivots = factor_symmetric(self.mass_entries if self.form.follows else self.articulated_base)
         growths: list[Scalar] = []
         for row in lower:  # a pivot has the errors of those before it, times the squares of the entries of L
             growth: Scalar = 1.0
@@ -543,7 +647,7 @@ class TreeQuantities:
                 growth = growth + entry * entry * before
             growths.append(growth)
         ratios = [pivot / growth for pivot, growth in zip(pivots, growths, strict=True)][-6:]
-        return tuple(ratios[::-1] if self.form.mimics else ratios)
+        return tuple(ratios[::-1] if self.form.follows else ratios)
 
     def _nan_where_singular(
         self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]
@@ -556,9 +660,11 @@ class TreeQuantities:
     @lock_free_cached_property
     def singular_doubt(self) -> Scalar:
         """NaN where a pivot of the mass matrix is not larger than its rounding error, else 0."""
-        limits: list[Scalar] = [0.0] * self.form.dof
+        limits: list[Scalar] = [0.0] * self.form.tree_dof
         for column, (ratio, _), limit in zip(self.form.columns, self.ratios, self.min_pivots, strict=True):
             limits[column] = limits[column] + limit * ratio * ratio
+        if self.chains is not None:
+            limits = self.chains.onto_coordinates(limits, lambda limit, x: limit * (x * x), 0.0)
         pivots = self.pivots
         if self.request.free and any(type(limit) is not float or limit for limit in self.base_min_pivots):
             limits, pivots = [*limits, *self.base_min_pivots], (*pivots, *self.base_pivots)
@@ -574,7 +680,7 @@ class TreeQuantities:
         M is eliminated from the tips inward, where entries between branches are zero.
         """
         values, shift = self.values, 6 * self.request.free
-        bias = eq.along_axes(self.links, self.transmitted_bias_wrenches)
+        bias = eq.driving_efforts(self.links, self.transmitted_bias_wrenches, self.bias_qdd)
         if self.loads:
             bias = [force - load for force, load in zip(bias, self.spring_and_damper_efforts, strict=True)]
         loads = [load - force for load, force in zip(values["tau"], self.efforts_by_coordinate(bias), strict=True)]
@@ -589,10 +695,12 @@ class TreeQuantities:
 
     def _with_friction(self, loads: Sequence[Scalar]) -> list[Scalar]:
         """Return the loads of all coordinates with dry friction, which takes the other coordinates as at rest."""
-        most: list[Scalar] = [0.0] * self.form.dof
+        most: list[Scalar] = [0.0] * self.form.tree_dof
         for column, (ratio, _), load in zip(self.form.columns, self.ratios, self.loads, strict=True):
             size = abs(ratio) if isinstance(ratio, float) else square_root(ratio * ratio)
             most[column] = most[column] + load.friction * size
+        if self.chains is not None:  # joints that are no coordinates have no friction
+            most = [most[column] if column is not None else 0.0 for column in self.chains.closure.columns]
         inertias = [row[-1] for row in self.mass_rows[6 * self.request.free :]]
         by_coordinate = zip(most, loads, inertias, self.values["qd"], strict=True)
         return [load + self._dry_friction(most, load, inertia, rate) for most, load, inertia, rate in by_coordinate]
@@ -658,9 +766,14 @@ class TreeQuantities:
         return eq.kinetic_energy(self.links, self.velocities_in_own_axes, self.momenta, self.qd)
 
     def potential(self) -> Scalar:
-        """Return the potential energy of the robot [J]. It is zero if the centre of mass is at the world's origin."""
+        """Return the potential energy of the robot [J], with that of struts. That of weight is zero if the centre of
+        mass is at the world's origin.
+        """
         mass, first, _ = self.composites[0]
-        return -dot(self.values["gravity"], add(scale(self.values["R1"], mass), rotate(self.values["S1"], first)))
+        energy = -dot(self.values["gravity"], add(scale(self.values["R1"], mass), rotate(self.values["S1"], first)))
+        for strut, (length, _) in zip(self.strut_list, self.strut_lines, strict=True):
+            energy = energy + strut.potential(length)
+        return energy
 
     @lock_free_cached_property
     def momentum(self) -> eq.Wrench:
@@ -726,6 +839,8 @@ def _matrix_rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
 def output_shape(name: str, form: Form, request: Request) -> ArrayShape:
     """Return the shape of one sample of an output."""
     sizes = {"coordinates": form.dof, "velocities": velocity_count(form, request), "joints": len(form.parents)}
+    sizes |= {"tree": form.tree_dof, "conditions": 0 if form.closure is None else condition_count(form.closure)}
+    sizes["struts"] = len(form.struts)
     sizes["parameters"] = 10 * len(request.frames)  # of the torque regressor, which has a frame for each body
     shape = sample_shape(name, sizes)
     of_frames = name in FRAME_OUTPUTS or (name in JACOBIANS and len(request.frames) != 1)
@@ -779,6 +894,15 @@ OUTPUTS: Final[Mapping[str, Output]] = {
     "angular_about_centre": Output(
         (*_RATE_INPUTS, "v1"), lambda c: c.angular_momentum_about(scale(c.centre_from_base, -1.0))
     ),
+    "q_all": Output(("q",), lambda c: tuple(c.tree_q)),
+    "qd_all": Output(("q", "qd"), lambda c: tuple(c.tree_qd)),
+    "qdd_all": Output(("q", "qd", "qdd"), lambda c: tuple(c.tree_qdd)),
+    "tree_tau": Output(_INVERSE_INPUTS, TreeQuantities.tree_efforts),
+    "loop_wrenches": Output(_POSE_INPUTS, lambda c: () if c.chains is None else c.chains.wrenches(c.poses)),
+    "loop_jacobian": Output(("q",), lambda c: () if c.chains is None else c.chains.loop_jacobian()),
+    "strut_length": Output(_POSE_INPUTS, lambda c: tuple(length for length, _ in c.strut_lines)),
+    "strut_rate": Output(_RATE_INPUTS, lambda c: tuple(c.strut_rates)),
+    "strut_force": Output(_RATE_INPUTS, TreeQuantities.strut_forces),
     "S1_check": Output(("S1",), lambda c: ATTITUDE_STEPS["S1"][0].function(c.values["S1"])),
 }
 """All that can be computed of a tree, by name."""
@@ -831,7 +955,7 @@ def estimated_operations(form: Form, request: Request) -> int:
         total += 300 * joints + 100 * (sum(depths) + 6 * request.free * joints)
     if outputs & {"qdd", "a1", "alpha1", "pivots"}:
         total += (
-            (500 * joints + by_ancestor + velocity_count(form, request) ** 3 // 3) if form.mimics else 1200 * joints
+            (500 * joints + by_ancestor + velocity_count(form, request) ** 3 // 3) if form.follows else 1200 * joints
         )
     if outputs & {"tau", "force1", "torque1", "force", "torque", "bias_forces", "gravity_forces"}:
         total += 300 * joints

@@ -95,7 +95,7 @@ class FrameForms(WrittenForms):
                 f"({POINTS!r},): points of a robot's joints, or nothing",
                 quoted(symbolic),
             )
-        end_links = tree_of(robot).single().tips
+        end_links = tree_of(robot).plain().tips
         if frame is None and len(end_links) != 1:
             raise ArgumentError(
                 "frame",

@@ -379,7 +379,7 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Twin:
         has_free_flyer: whether the base is a free-flyer; unless given, it is one if the robot's base is "free".
     """
     pin = import_pinocchio("to_pinocchio")
-    tree, is_free = tree_of(robot).single(), robot.base == "free"
+    tree, is_free = tree_of(robot).plain(), robot.base == "free"
     if has_free_flyer is None:
         has_free_flyer = is_free
     names = {joint.name for joint in tree.joints}

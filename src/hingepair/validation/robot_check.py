@@ -90,7 +90,7 @@ def cross_validate_robot(
     """
     fall = one_constant("gravity", gravity, 3)
     names = (
-        tuple(tree_of(robot).single().links)
+        tuple(tree_of(robot).plain().links)
         if frames is None
         else (frames,)
         if isinstance(frames, str)

@@ -99,7 +99,7 @@ def set_loads(tree: Tree, loads: Mapping[str, HingeLoad]) -> Tree:
 
 def lock_joints(tree: Tree, base: str, positions: Mapping[str, float]) -> Tree:
     """Return a copy of a tree in which joints, by name, are held at positions [rad or m]."""
-    bodies = [tree.single().base, *(joint.body for joint in tree.joints)]
+    bodies = [tree.plain().base, *(joint.body for joint in tree.joints)]
     contents = [_content(tree, number, masses) for number, masses in enumerate(bodies)]
     parts = [JointPart("", "fixed", -1, **contents[0])]
     for joint, content in zip(tree.joints, contents[1:], strict=True):

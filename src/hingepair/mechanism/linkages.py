@@ -1,0 +1,503 @@
+"""Loops of a closed mechanism: read, assembled, and given the starts from which programs close them.
+
+A closed mechanism is assembled once, near coordinates that the user names. From there each chain of joints that a
+loop closes is followed as far as its coordinate leads, and a series is fitted to what was found: the start of the
+Newton steps in `plans.closures`. So every q has one assembly, whatever was computed before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.constants import axes_along, frame_numbers, robot_constants
+from hingepair.mechanism.tree import Frame, Tree, TreeClosure
+from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, one_constant, read_only
+from hingepair.numeric.unit_vectors import unit_axis
+from hingepair.plans.closures import CONDITIONS, Chain, Chains, Closure
+from hingepair.plans.trees import Request, TreeQuantities
+
+_GRID: Final = 256  # points of a full turn, or of a range, to which a start is fitted
+_MAX_TERMS: Final = 60  # of a series; more would cost more than further Newton steps
+_FIT_ERROR: Final = 1e-9  # from here one Newton step leads to rounding; a second is taken near dead points
+_LINE_STEPS: Final = 12  # from the assembly to q, where several coordinates move one chain
+_MAX_REACH: Final = 20.0  # multiples of its size [m] by which a length or a slider is followed
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """Two frames of a mechanism that stay together, by which `Mechanism.closed` closes a loop.
+
+    Args:
+        frame1: name of a frame, link or joint of the mechanism, or of its base.
+        frame2: the other one.
+        kind: "ball": the origins are one point (E1); "hinge": a point and an axis are shared (E1, E2); "weld": the
+            frames are one; "distance": the origins stay at a distance.
+        axis: axis of a "hinge", with the same components in the axes of both frames; shape (3,).
+        length: distance [m] of a "distance".
+        name: name of the loop; by default "frame1-frame2".
+
+    >>> import hingepair as hp
+    >>> hp.Loop("tip_a", "tip_b").name
+    'tip_a-tip_b'
+    """
+
+    frame1: str
+    frame2: str
+    kind: str = "ball"
+    axis: ArrayLike | None = None
+    length: float | None = None
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        check_choice("kind", self.kind, tuple(CONDITIONS))
+        given = {"axis": self.axis, "length": self.length}
+        for argument, kind in (("axis", "hinge"), ("length", "distance")):
+            if (given[argument] is None) == (self.kind == kind):
+                expected = "a value" if self.kind == kind else "None"
+                raise ArgumentError(argument, f"{expected} for a loop of kind {self.kind!r}", quoted(given[argument]))
+        if self.axis is not None:
+            object.__setattr__(self, "axis", tuple(unit_axis("axis", one_constant("axis", self.axis, 3)).tolist()))
+        if self.length is not None:
+            length = finite_number("length", self.length)
+            if length <= 0:
+                raise ArgumentError("length", "a distance above 0", quoted(self.length))
+        if self.name is None:
+            object.__setattr__(self, "name", f"{self.frame1}-{self.frame2}")
+
+
+def close_tree(
+    tree: Tree, loops: Sequence[Loop], coordinates: str | Iterable[str] | None, at: Mapping[str, float] | None
+) -> Tree:
+    """Return a tree with loops closed, whose coordinates are those named."""
+    if tree.closure is not None:
+        raise ArgumentError("robot", "one without loops: all loops are closed in one call", "a closed mechanism")
+    tree.single()
+    names = None if coordinates is None else _read_coordinates(tree, coordinates)
+    start, lengths = _read_positions(tree, at)
+    assembly = _Assembly(tree, _checked_loops(loops, names or ()), names)
+    values = assembly.assembled(start, lengths)
+    closure = assembly.closure
+    pieces = [assembly.with_start(chain, values) for chain in assembly.chains()]
+    record = TreeClosure(
+        tuple(assembly.loops), closure._replace(chains=tuple(chain for chain, _ in pieces)), assembly.frames,
+        assembly.size, tuple(number for _, numbers in pieces for number in numbers), assembly.names,
+        {joint.name: values[column] for column, joint in enumerate(tree.coordinates)}, assembly.redundant,
+    )  # fmt: skip
+    return replace(tree, closure=record, source=None)
+
+
+def _checked_loops(loops: Sequence[Any], names: Sequence[str]) -> list[Loop]:
+    wrong = [loop for loop in loops if not isinstance(loop, Loop)]
+    if wrong or not (loops or names):
+        raise ArgumentError("loops", "Loops", quoted(wrong[0]) if wrong else "none")
+    found = [str(loop.name) for loop in loops]
+    if len({*found}) < len(found):
+        raise ArgumentError("loops", "a different name for each", ", ".join(found))
+    return list(loops)
+
+
+def _read_positions(tree: Tree, at: Mapping[str, float] | None) -> tuple[dict[int, float], dict[str, float]]:
+    """Return the argument `at`: coordinates of the tree by column, 0 where none is named; and lengths of struts."""
+    names, struts = [joint.name for joint in tree.coordinates], [strut.name for strut in tree.struts]
+    if at is not None and not isinstance(at, Mapping):
+        raise ArgumentError("at", "coordinates by joint", quoted(at))
+    values, lengths = dict.fromkeys(range(len(names)), 0.0), {}
+    for name, value in (at or {}).items():
+        if name in struts:
+            lengths[name] = finite_number(f"at[{name!r}]", value)
+        elif name in names:
+            values[names.index(name)] = finite_number(f"at[{name!r}]", value)
+        else:
+            raise ArgumentError(
+                "at", choices([*names, *struts]) + nearest(str(name), [*names, *struts]), quoted(name)
+            )
+    return values, lengths
+
+
+def _read_coordinates(tree: Tree, coordinates: str | Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the joints and struts that the argument `coordinates` names."""
+    names = [*(joint.name for joint in tree.coordinates), *(strut.name for strut in tree.struts)]
+    wanted = (coordinates,) if isinstance(coordinates, str) else tuple(coordinates)
+    for name in wanted:
+        if name not in names:
+            raise ArgumentError("coordinates", choices(names) + nearest(str(name), names), quoted(name))
+    if len({*wanted}) < len(wanted):
+        raise ArgumentError("coordinates", "each name once", quoted(wanted))
+    return wanted
+
+
+class _Point(NamedTuple):
+    """Where a chain is."""
+
+    s: float  # the coordinate that drives it
+    x: Float64Array  # its dependent coordinates
+
+
+class _Assembly:
+    """The loops of a tree, evaluated with numbers while the mechanism is put together.
+
+    Values are by key: the column of a coordinate of the tree, or -1 - k of a length that is the k-th coordinate.
+    """
+
+    def __init__(self, tree: Tree, loops: Sequence[Loop], names: Sequence[str] | None) -> None:
+        self._tree = tree
+        constants = robot_constants(tree, free=False)
+        quantities = TreeQuantities(constants.form, Request((), False), {"constants": constants.numbers})
+        self._links, self._ratios = quantities.links, quantities.ratios
+        self._columns = constants.form.columns
+        self._joints = [joint.name for joint in tree.coordinates]
+        self.turns = [joint.axis.turns == 1 and not joint.axis.shifts for joint in tree.coordinates]
+        struts = {strut.name: strut for strut in tree.struts}
+        self._asked = len(loops)  # behind these stand the lengths that are coordinates
+        driving = [struts[name] for name in names or () if name in struts]
+        self.loops = [*loops, *(Loop(*strut.ends, kind="distance", length=1.0, name=strut.name) for strut in driving)]
+        self.frames = (*(self._frames_of(loop) for loop in loops), *(strut.frames for strut in driving))
+        self._ends = [(first.body, second.body) for first, second in self.frames]
+        self._check_bodies()
+        lengths: list[Any] = [np.linalg.norm(joint.u) for joint in tree.joints]
+        lengths += [np.linalg.norm(frame.R) for pair in self.frames for frame in pair]
+        lengths += [loop.length or 0.0 for loop in loops]
+        self.size = float(max(lengths)) or 1.0
+        self._numbers = [self.size]
+        for (first, second), loop in zip(self.frames, self.loops, strict=True):
+            self._numbers += [*frame_numbers(constants, first), *frame_numbers(constants, second), loop.length or 0.0]
+        self._free_choice = names is None
+        self.names: tuple[str, ...] = ()
+        self._choose(names)
+        self.redundant = 0
+
+    def _choose(self, names: Sequence[str] | None) -> None:
+        """Take these as the coordinates."""
+        kinds = tuple(loop.kind for loop in self.loops)
+        self.names = tuple(names or ())
+        columns = tuple(self._joints.index(name) if name in self._joints else None for name in self.names)
+        places = {str(loop.name): self._asked + k for k, loop in enumerate(self.loops[self._asked :])}
+        lengths = tuple(None if name in self._joints else places[name] for name in self.names)
+        turning = tuple(column is not None and self.turns[column] for column in columns)
+        self.closure = Closure(columns, lengths, kinds, (), turning)
+        self._keys = [self.closure.key(k) for k in range(len(self.names))]
+        self._chains = Chains(
+            self.closure, self._numbers, self._links, self._ratios, self._columns, (0.0,) * len(self.names)
+        )
+
+    def _frames_of(self, loop: Loop) -> tuple[Frame, Frame]:
+        """Return the frames of a loop, with their z axes along the axis of a hinge."""
+        found = [self._tree.known_frame(f"Loop.{k}", getattr(loop, k)) for k in ("frame1", "frame2")]
+        if loop.axis is not None:
+            turn = axes_along(np.asarray(loop.axis, float))
+            found = [replace(frame, S=read_only(frame.S @ turn)) for frame in found]
+        return found[0], found[1]
+
+    def _check_bodies(self) -> None:
+        for loop, ends in zip(self.loops, self._ends, strict=True):
+            if ends[0] == ends[1]:
+                got = f"{loop.frame1!r} and {loop.frame2!r} of one body"
+                raise ArgumentError(f"loop {loop.name}", "frames of two bodies that move against each other", got)
+
+    # ---- which joints close which loops
+
+    def _path(self, place: int) -> tuple[set[int], set[int]]:
+        """Return the joints between the bodies of a loop, and those that carry both."""
+        paths = []
+        for body in self._ends[place]:
+            path, number = set(), body
+            while number:
+                path.add(number)
+                number = self._links[number - 1].parent
+            paths.append(path)
+        return paths[0] ^ paths[1], paths[0] & paths[1]
+
+    def _chain(self, places: Sequence[int]) -> Chain:
+        """Return the chain that closes loops, with the joints from the last body that carries all of them."""
+        parts = [self._path(place) for place in places]
+        carrying = set.intersection(*(common for _, common in parts))
+        joints = tuple(sorted(set().union(*(own | common for own, common in parts)) - carrying))
+        body_places = {number: k for k, number in enumerate(joints, 1)}
+        columns = sorted({self._columns[number - 1] for number in joints})
+        return Chain(
+            joints,
+            tuple(body_places.get(self._links[number - 1].parent, 0) for number in joints),
+            tuple(places),
+            tuple((body_places.get(a, 0), body_places.get(b, 0)) for a, b in (self._ends[place] for place in places)),
+            tuple(column for column in columns if column not in self._keys),
+            tuple(k for k, key in enumerate(self._keys) if key in columns or self.closure.lengths[k] in places),
+            "line", 0, 0,
+        )  # fmt: skip
+
+    def chains(self) -> list[Chain]:
+        """Return the chains of all loops; those that share dependent coordinates are one."""
+        groups = [[place] for place in range(len(self.loops))]
+        merged = True
+        while merged:
+            merged = False
+            found = [self._chain(group) for group in groups]
+            for i in range(len(groups)):
+                for j in range(i):
+                    if {*found[i].dependent} & {*found[j].dependent}:
+                        groups[j] = sorted(groups[j] + groups.pop(i))
+                        merged = True
+                        break
+                if merged:
+                    break
+        return [self._chain(group) for group in groups]
+
+    # ---- assembly
+
+    def conditions(self, chain: Chain, values: Mapping[int, float], keys: Sequence[int]) -> tuple[Any, Any]:
+        """Return the conditions of a chain and their derivatives by keys, as arrays."""
+        linear = self._chains.linear(chain, values)
+        rows = [[float(row.get(key, 0.0)) for key in keys] for row in linear.rows]
+        return np.array(linear.gaps, float), np.array(rows, float).reshape(len(linear.rows), len(keys))
+
+    def assembled(self, start: Mapping[int, float], lengths: Mapping[str, float]) -> dict[int, float]:
+        """Return values at which all loops are closed; the coordinates keep their start where they can."""
+        asked = list(range(self._asked))
+        values = {
+            **start,
+            **{key: lengths.get(name, 1.0) for key, name in zip(self._keys, self.names, strict=True) if key < 0},
+        }
+        loosely = self._closed_near(asked, values, [*start])
+        self._check_count(loosely)
+        if self._free_choice:
+            self._choose(self._found(loosely))
+        known = asked + [
+            place
+            for name, place in zip(self.names, self.closure.lengths, strict=True)
+            if place is not None and name in lengths
+        ]
+        values = self._closed_near(known, values, [column for column in start if column not in self._keys])
+        for key, place in zip(self._keys, self.closure.lengths, strict=True):
+            if place is not None:  # a length that was not told is what it is
+                gaps, _ = self.conditions(self._chain([place]), values, ())
+                values[key] += float(gaps[0])
+        everything = self._chain(range(len(self.loops)))
+        dependent = [column for column in start if column not in self._keys]
+        _, A = self.conditions(everything, values, dependent)
+        rank = _rank(A)
+        if rank < len(dependent):
+            expected = "coordinates that determine all others where it is assembled"
+            raise ArgumentError("coordinates", expected, ", ".join(self.names))
+        self.redundant = len(A) - rank
+        return values
+
+    def _found(self, values: Mapping[int, float]) -> list[str]:
+        """Return names of joints that determine all others, those near the base first."""
+        _, A = self.conditions(self._chain(range(self._asked)), values, range(len(self._joints)))
+        dependent: list[int] = []
+        for column in reversed(range(len(self._joints))):
+            if _rank(A[:, [*dependent, column]]) > len(dependent):
+                dependent.append(column)
+        return [name for column, name in enumerate(self._joints) if column not in dependent]
+
+    def _check_count(self, values: Mapping[int, float]) -> None:
+        """Refuse coordinates that are too few or too many."""
+        rank = 0
+        if self._asked:
+            _, A = self.conditions(self._chain(range(self._asked)), values, range(len(self._joints)))
+            rank = _rank(A)
+        count = len(self._joints) - rank
+        if count == 0:
+            raise ArgumentError("loops", "loops that leave a degree of freedom", "none is left")
+        if not self._free_choice and len(self.names) != count:
+            degrees = "1 degree" if count == 1 else f"{count} degrees"
+            expected = f"{count} of them, since the mechanism has {degrees} of freedom"
+            raise ArgumentError("coordinates", expected, f"{len(self.names)}: {', '.join(self.names)}")
+
+    def _closed_near(
+        self, places: Sequence[int], start: Mapping[int, float], columns: Sequence[int]
+    ) -> dict[int, float]:
+        """Return values at which these loops are closed by the given columns, near the start."""
+        values = dict(start)
+        if not places:
+            return values
+        chain = self._chain(places)
+        damping = 1e-3
+        gaps, A = self.conditions(chain, values, columns)
+        for _ in range(200):
+            if np.linalg.norm(gaps) < 1e-15 * self.size or not columns:
+                break
+            scale = damping * max(float(np.linalg.norm(A, 2)), 1e-300) if damping > 1e-15 else 0.0
+            padded = np.vstack((A, scale * np.eye(len(columns))))
+            step = np.linalg.lstsq(padded, np.concatenate((gaps, np.zeros(len(columns)))), rcond=None)[0]
+            moved = values | {column: values[column] - float(x) for column, x in zip(columns, step, strict=True)}
+            after, A_after = self.conditions(chain, moved, columns)
+            if np.linalg.norm(after) < np.linalg.norm(gaps):
+                values, gaps, A, damping = moved, after, A_after, damping / 10
+            elif damping > 1e6:
+                break
+            else:
+                damping = max(damping, 1e-12) * 10
+        left = iter(gaps.tolist())
+        for place in chain.loops:
+            apart = math.hypot(*(next(left) for _ in range(CONDITIONS[self.closure.loops[place]])))
+            if not apart < 1e-10 * self.size:
+                expected = f"coordinates near which the loop {self.loops[place].name} can be closed"
+                raise ArgumentError("at", expected, f"{apart * 1e3:.3g} mm apart")
+        return values
+
+    # ---- starts
+
+    def with_start(self, chain: Chain, values: Mapping[int, float]) -> tuple[Chain, list[float]]:
+        """Return a chain with the kind of its start, and the numbers of that start."""
+        keys = [self._keys[k] for k in chain.driving]
+        if len(keys) != 1:
+            here = [values[key] for key in (*keys, *chain.dependent)]
+            return chain._replace(start="line", terms=_LINE_STEPS, steps=6), here
+        key = keys[0]
+        shifts = key < 0 or bool(self._tree.coordinates[key].axis.shifts)
+        path = _Path(self, chain, key, values, self.size if shifts else 1.0)
+        found = None if shifts else path.turn()
+        return path.range() if found is None else found
+
+
+def _rank(A: NDArray[np.float64]) -> int:
+    if A.size == 0:
+        return 0
+    singular = np.linalg.svd(A, compute_uv=False)
+    return int((singular > 1e-9 * singular[0]).sum()) if singular[0] > 0 else 0
+
+
+class _Path:
+    """The way of a chain that one coordinate drives."""
+
+    def __init__(self, assembly: _Assembly, chain: Chain, key: int, values: Mapping[int, float], unit: float) -> None:
+        self._assembly, self._chain, self._key = assembly, chain, key
+        self._unit = unit  # what counts as a long step: a radian, or the size of the mechanism
+        self._home = _Point(values[key], np.array([values[column] for column in chain.dependent]))
+
+    def _linear(self, point: _Point) -> tuple[Any, Any, Any]:
+        """Return conditions, and their derivatives by the dependent coordinates and by the one that drives."""
+        keys = [*self._chain.dependent, self._key]
+        values = dict(zip(keys, (*point.x.tolist(), point.s), strict=True))
+        gaps, A = self._assembly.conditions(self._chain, values, keys)
+        return gaps, A[:, :-1], A[:, -1]
+
+    def _corrected(self, point: _Point) -> _Point | None:
+        """Return the closed assembly next to a point; None if Newton steps do not lead to one close by."""
+        x = point.x
+        for _ in range(6):
+            gaps, A, _ = self._linear(_Point(point.s, x))
+            if not np.isfinite(gaps).all():
+                return None
+            step = np.linalg.lstsq(A, gaps, rcond=None)[0]
+            x = x - step
+            if np.abs(step).max() < 1e-13 * max(1.0, np.abs(x).max()):
+                gaps, _, _ = self._linear(_Point(point.s, x))
+                return _Point(point.s, x) if np.linalg.norm(gaps) < 1e-11 * self._assembly.size else None
+        return None
+
+    def _slope(self, point: _Point) -> tuple[Float64Array, float]:
+        """Return dx/ds, and the least singular value of A."""
+        _, A, B = self._linear(point)
+        return -np.linalg.lstsq(A, B, rcond=None)[0], float(np.linalg.svd(A, compute_uv=False)[-1])
+
+    def _advance(self, point: _Point, target: float) -> tuple[_Point, bool]:
+        """Follow the chain to s = target, in steps as short as they must be; False where it ends before."""
+        slope, _ = self._slope(point)
+        step = target - point.s
+        while abs(target - point.s) > 1e-15 * max(1.0, abs(target)):
+            step = math.copysign(min(abs(step), abs(target - point.s)), step)
+            ahead = self._corrected(_Point(point.s + step, point.x + step * slope))
+            accepted = False
+            if ahead is not None:
+                new_slope, _ = self._slope(ahead)
+                # Along one branch, the mean of both slopes leads to the next point.
+                error = np.abs(ahead.x - point.x - 0.5 * step * (slope + new_slope)).max()
+                accepted = bool(error < 0.05 * max(np.abs(ahead.x - point.x).max(), 0.02 * abs(step)))
+            if accepted and ahead is not None:
+                point, slope, step = ahead, new_slope, 2 * step
+            else:
+                step /= 2
+                if abs(step) < 1e-13 * self._unit:
+                    return point, False
+        return point, True
+
+    def turn(self) -> tuple[Chain, list[float]] | None:
+        """Return the start by trigonometric series; None if the chain does not come back after a turn."""
+        grid = self._home.s + 2 * np.pi * np.arange(_GRID + 1) / _GRID
+        points, point = [self._home], self._home
+        for s in grid[1:]:
+            point, reached = self._advance(point, float(s))
+            if not reached:
+                return None
+            points.append(point)
+        x = np.array([one.x for one in points])
+        turned = (x[-1] - x[0]) / (2 * np.pi)
+        windings = np.where([self._assembly.turns[c] for c in self._chain.dependent], np.round(turned), 0.0)
+        if np.abs(x[-1] - x[0] - 2 * np.pi * windings).max() > 1e-7 * max(1.0, self._unit):
+            return None
+        around = x[:-1] - np.outer(grid[:-1], windings)
+        modes = (
+            np.fft.rfft(around, axis=0) / _GRID * np.exp(-1j * np.outer(np.arange(_GRID // 2 + 1), [self._home.s]))
+        )
+        size = np.abs(modes)
+        left = np.cumsum(size[::-1], axis=0)[::-1].max(axis=1)  # what is left out from each term on
+        terms = next((k for k in range(1, _MAX_TERMS + 1) if left[k] < _FIT_ERROR / 4), _MAX_TERMS + 1) - 1
+        numbers: list[float] = []
+        for j, winding in enumerate(windings):
+            a, b = 2 * modes[1 : terms + 1, j].real, -2 * modes[1 : terms + 1, j].imag
+            numbers += [float(winding), float(modes[0, j].real), *_without_dust(a), *_without_dust(b)]
+        return self._chain._replace(start="turn", terms=terms, steps=_steps(float(left[terms + 1]))), numbers
+
+    def _end(self, direction: float) -> float:
+        """Return how far the chain can be followed in a direction: to a dead point, a turn, or many lengths."""
+        point, reached = self._home, True
+        limit = self._home.s + direction * (2 * np.pi if self._unit == 1.0 else _MAX_REACH * self._unit)
+        while reached and (limit - point.s) * direction > 0:
+            point, reached = self._advance(point, point.s + direction * 0.05 * self._unit)
+        return point.s
+
+    def range(self) -> tuple[Chain, list[float]]:
+        """Return the start by polynomials between the ends of the chain's way."""
+        low, high = self._end(-1.0), self._end(1.0)
+        centre, half = (low + high) / 2, (high - low) / 2
+        theta = np.pi * (np.arange(_GRID) + 0.5) / _GRID
+        s = centre + half * np.cos(theta)
+        found: dict[int, Float64Array] = {}
+        home_index = int(np.searchsorted(-s, -self._home.s))
+        for order in (range(home_index, _GRID), range(home_index - 1, -1, -1)):
+            point = self._home
+            for k in order:
+                point, reached = self._advance(point, float(s[k]))
+                if not reached:
+                    break
+                found[k] = point.x
+        rows = sorted(found)
+        x = np.cos(theta[rows])
+        values = np.array([found[k] for k in rows])
+        root = np.sqrt(np.maximum(1 - x * x, 1e-12))
+        best: tuple[float, int, Float64Array] | None = None
+        for terms in (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 30):
+            T = np.polynomial.chebyshev.chebvander(x, terms - 1)
+            basis = np.hstack((T, root[:, None] * T))
+            fitted = np.linalg.lstsq(basis[::2], values[::2], rcond=1e-13)[0]
+            error = float(np.abs(basis @ fitted - values).max())
+            if best is None or error < 0.5 * best[0]:
+                best = error, terms, fitted
+            if error < _FIT_ERROR:
+                break
+        error, terms, fitted = best  # type: ignore[misc]
+        numbers = [centre, 1 / half]
+        for j in range(len(self._chain.dependent)):
+            numbers += [*_without_dust(fitted[:terms, j]), *_without_dust(fitted[terms:, j])]
+        return self._chain._replace(start="range", terms=terms, steps=_steps(error)), [float(n) for n in numbers]
+
+
+def _without_dust(numbers: Iterable[float]) -> list[float]:
+    """Return coefficients with 0 in place of rounding, which programs fold."""
+    return [0.0 if abs(number) < 1e-12 else float(number) for number in numbers]
+
+
+def _steps(error: float) -> int:
+    """Return the number of Newton steps from a start of this error, with one to spare."""
+    steps = 2
+    while error > 1e-9 and steps < 7:
+        error, steps = error * error, steps + 1
+    return steps

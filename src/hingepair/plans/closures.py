@@ -1,0 +1,506 @@
+"""Loops that close inside a program: all coordinates of a tree, and their derivatives, from those that are driven.
+
+A closed mechanism is a tree of which frames meet in pairs. The conditions c(q_all) = 0 of its loops (E1 and E2, or a
+distance) determine the dependent coordinates from q. Newton steps from a start that is a function of q alone solve
+them; with A and B, the derivatives of c by the dependent coordinates and by q, follow
+
+    q_all' = G q',  G = (1, -A^-1 B),    q_all'' = G q'' + g,  g = (0, -A^-1 c''(q'' = 0)).
+
+A is solved in the sense of least squares, so that conditions may say the same twice; those that fold to 0, such as z
+in a plane, cost nothing. Coordinates are NaN where the loops do not close, or where A loses its rank.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+from hingepair.engine.trace import arc_tangent, square_root, where_less
+from hingepair.equations import constraints
+from hingepair.equations import trees as eq
+from hingepair.equations.derivatives import WORLD_UNIT_VECTORS
+from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, cross, dot, rotate, scale, subtract
+from hingepair.numeric.blocks import cosine, sine
+
+MAX_GAP: Final = 1e-12  # of the size of the mechanism; loops with a larger one count as open
+MIN_TRANSMISSION: Final = 1e-8  # least pivot of A over the entries of A and B; less is a dead point
+_IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+CONDITIONS: Final = {"ball": 3, "hinge": 5, "weld": 6, "distance": 1}
+"""Kinds of loops - a shared point, point and axis, or frame, and two points at a distance - and their conditions."""
+
+
+class Chain(NamedTuple):
+    """The joints that close one or several loops together, from the last body that carries them all."""
+
+    joints: tuple[int, ...]  # numbers of the joints in the tree
+    parents: tuple[int, ...]  # for each joint, the place of its parent: 0 of the body that carries all, else k + 1
+    loops: tuple[int, ...]  # places of the loops
+    ends: tuple[tuple[int, int], ...]  # for each loop, the places of its two bodies
+    dependent: tuple[int, ...]  # columns of the tree's coordinates that the loops determine
+    driving: tuple[int, ...]  # places in q of the coordinates that move the chain
+    start: str  # where Newton steps start: "turn", "range" or "line", see `Chains._start`
+    terms: int  # of the series of a start, or steps along the line
+    steps: int  # Newton steps
+
+
+class Closure(NamedTuple):
+    """Structure of the loops of a robot."""
+
+    columns: tuple[int | None, ...]  # for each coordinate in q, its column in the tree's; None of a length
+    lengths: tuple[int | None, ...]  # for each coordinate in q, the loop whose length it is; None of a joint
+    loops: tuple[str, ...]  # kinds
+    chains: tuple[Chain, ...]
+    turning: tuple[bool, ...]  # for each coordinate in q, whether a full turn leads back to the start
+
+    def key(self, k: int) -> int:
+        """Return by what the k-th coordinate in q is known: its column in the tree, or -1 - k of a length."""
+        column = self.columns[k]
+        return -1 - k if column is None else column
+
+    @property
+    def size(self) -> int:
+        """How many numbers `Chains` takes."""
+        return 1 + 25 * len(self.loops) + sum(start_size(chain) for chain in self.chains)
+
+
+def start_size(chain: Chain) -> int:
+    """Return how many numbers the start of a chain has."""
+    unknowns, driving = len(chain.dependent), len(chain.driving)
+    if chain.start == "line":
+        return driving + unknowns
+    return unknowns * (2 + 2 * chain.terms) if chain.start == "turn" else 2 + unknowns * 2 * chain.terms
+
+
+class Meeting(NamedTuple):
+    """Where the two frames of a loop are, in the axes of the body that carries its chain."""
+
+    first: eq.Pose
+    second: eq.Pose
+    length: Scalar  # wanted distance; of a loop of that kind only
+
+
+class Linear(NamedTuple):
+    """Conditions of a chain at given coordinates: their values, and their derivatives by each column and length."""
+
+    gaps: list[Scalar]  # [m]; angles times the size of the mechanism
+    rows: list[dict[int, Scalar]]  # by `Closure.key`
+
+
+class Chains:
+    """All coordinates of a tree with loops, from q, for numbers, arrays or traced values.
+
+    Args:
+        closure: structure of the loops.
+        numbers: the size of the mechanism; of each loop, R and S of both frames in the axes of their bodies, and the
+            length; of each chain the numbers of its start.
+        links: the joints of the tree.
+        ratios: for each joint its multiplier and offset.
+        joint_columns: for each joint its column among the tree's coordinates.
+        q: the coordinates of the closed mechanism.
+    """
+
+    def __init__(
+        self,
+        closure: Closure,
+        numbers: Sequence[Scalar],
+        links: Sequence[eq.Link],
+        ratios: Sequence[tuple[Scalar, Scalar]],
+        joint_columns: Sequence[int],
+        q: Sequence[Scalar],
+    ) -> None:
+        self.closure, self._links, self._ratios, self._joint_columns = closure, links, ratios, joint_columns
+        self._given = tuple(q)
+        left = iter(numbers)
+
+        def take(count: int) -> tuple[Scalar, ...]:
+            return tuple(next(left) for _ in range(count))
+
+        (self._size,) = take(1)
+        self._frames = [((take(3), take(9)), (take(3), take(9)), take(1)[0]) for _ in closure.loops]
+        self._starts = [take(start_size(chain)) for chain in closure.chains]
+        self._width = max(joint_columns, default=-1) + 1
+        self._solved = False
+
+    # ---- conditions of one chain
+
+    def _links_of(self, chain: Chain) -> list[eq.Link]:
+        return [
+            self._links[number - 1]._replace(parent=parent)
+            for number, parent in zip(chain.joints, chain.parents, strict=True)
+        ]
+
+    def _joint_values(self, chain: Chain, by_column: Mapping[int, Scalar], offsets: bool) -> list[Scalar]:
+        """Return q of each joint of a chain, or with no offsets q' or q'', from those of the tree's coordinates."""
+        values = []
+        for number in chain.joints:
+            ratio, offset = self._ratios[number - 1]
+            value = by_column[self._joint_columns[number - 1]] * ratio
+            values.append(value + offset if offsets else value)
+        return values
+
+    def _meetings(self, chain: Chain, by_column: Mapping[int, Scalar]) -> tuple[list[eq.Pose], list[Meeting]]:
+        """Return the poses of the bodies of a chain, and of the frames of its loops."""
+        links, q = self._links_of(chain), self._joint_values(chain, by_column, True)
+        angles = [link.axis.turn(value) if link.axis.turns else None for link, value in zip(links, q, strict=True)]
+        turns = [None if angle is None else (sine(angle), cosine(angle)) for angle in angles]
+        poses = eq.poses(links, eq.joint_placements(links, turns, q), _IDENTITY)
+        meetings = []
+        for place, (first, second) in zip(chain.loops, chain.ends, strict=True):
+            (R1, S1), (R2, S2), length = self._frames[place]
+            if place in self.closure.lengths:
+                length = by_column[-1 - self.closure.lengths.index(place)]
+            meetings.append(
+                Meeting(eq.frame_pose(poses[first], R1, S1), eq.frame_pose(poses[second], R2, S2), length)
+            )
+        return poses, meetings
+
+    def linear(self, chain: Chain, by_column: Mapping[int, Scalar]) -> Linear:
+        """Return the conditions of a chain and their derivatives."""
+        links, (poses, meetings) = self._links_of(chain), self._meetings(chain, by_column)
+        gaps: list[Scalar] = []
+        rows: list[dict[int, Scalar]] = []
+        for place, ends, meeting in zip(chain.loops, chain.ends, meetings, strict=True):
+            kind = self.closure.loops[place]
+            first, second = (
+                eq.point_jacobian_columns(links, poses, body, pose.d)
+                for body, pose in zip(ends, meeting[:2], strict=True)
+            )
+            common = eq.joints_to_base(links, ends[0]) & eq.joints_to_base(links, ends[1])
+            moved = [
+                (subtract(v1, v2), subtract(w1, w2)) if k not in common else (ZERO_VECTOR, ZERO_VECTOR)
+                for k, ((v1, w1), (v2, w2)) in enumerate(zip(first, second, strict=True), 1)
+            ]
+            values, rates = _conditions(kind, meeting, self._size)
+            gaps += values
+            for along, about in rates:
+                row: dict[int, Scalar] = {}
+                for number, (v, omega) in zip(chain.joints, moved, strict=True):
+                    column, (ratio, _) = self._joint_columns[number - 1], self._ratios[number - 1]
+                    row[column] = row.get(column, 0.0) + (dot(along, v) + dot(about, omega)) * ratio
+                if place in self.closure.lengths:
+                    row[-1 - self.closure.lengths.index(place)] = -1.0
+                rows.append(row)
+        return Linear(gaps, rows)
+
+    def _biases(self, chain: Chain, by_column: Mapping[int, Scalar], rates: Mapping[int, Scalar]) -> list[Scalar]:
+        """Return the second time derivatives of the conditions of a chain at q'' = 0."""
+        links, (poses, meetings) = self._links_of(chain), self._meetings(chain, by_column)
+        qd = self._joint_values(chain, rates, False)
+        at_rest = ZERO_VECTOR, ZERO_VECTOR
+        velocities = eq.body_velocities(links, poses, qd, at_rest)
+        changes = eq.body_accelerations(links, poses, qd, [0.0] * len(links), velocities, at_rest)
+        biases: list[Scalar] = []
+        for place, ends, (first, second, _) in zip(chain.loops, chain.ends, meetings, strict=True):
+            moving = [
+                (
+                    eq.frame_velocity(pose, velocities[body]),
+                    eq.frame_acceleration(pose, velocities[body][1], changes[body]),
+                )
+                for pose, body in zip((first, second), ends, strict=True)
+            ]
+            biases += _condition_biases(self.closure.loops[place], (first, second), moving, self._size)
+        return biases
+
+    # ---- the solution
+
+    def _start(self, place: int) -> list[Scalar]:
+        """Return where the dependent coordinates of a chain are sought from.
+
+        "turn": trigonometric series of the one coordinate that drives the chain, which leads back after a turn;
+        "range": a(x) + sqrt(1 - x^2) b(x) with polynomials, for one that reaches from dead point to dead point;
+        "line": the coordinates at which the mechanism is assembled, from which a line leads to q.
+        """
+        chain, numbers = self.closure.chains[place], iter(self._starts[place])
+        if chain.start == "line":
+            return self._along_line(chain, numbers)
+        s = self._given[chain.driving[0]]
+        if chain.start == "turn":
+            sin, cos = sine(s), cosine(s)
+            starts = []
+            for _ in chain.dependent:
+                winding, mean = next(numbers), next(numbers)
+                a, b = ([next(numbers) for _ in range(chain.terms)] for _ in range(2))
+                u1, u2 = _clenshaw(a, cos)
+                v1, _ = _clenshaw(b, cos)
+                starts.append(mean + winding * s + (cos * u1 - u2) + sin * v1)
+            return starts
+        x = (s - next(numbers)) * next(numbers)
+        x = where_less(x, -1.0, -1.0, where_less(1.0, x, 1.0, x))
+        rest = 1.0 - x * x
+        root = square_root(where_less(rest, 1e-12, 1e-12, rest))  # whose derivative stays finite
+        starts = []
+        for _ in chain.dependent:
+            a, b = ([next(numbers) for _ in range(chain.terms)] for _ in range(2))
+            sums = []
+            for terms in (a, b):
+                u1, u2 = _clenshaw(terms[1:], x)
+                sums.append(terms[0] + (x * u1 - u2))
+            starts.append(sums[0] + root * sums[1])
+        return starts
+
+    def _along_line(self, chain: Chain, numbers: Any) -> list[Scalar]:
+        """Return the dependent coordinates of a chain after steps along the line from the assembly to q."""
+        from_driving = [next(numbers) for _ in chain.driving]
+        found = [next(numbers) for _ in chain.dependent]
+        ways = []
+        for k, start in zip(chain.driving, from_driving, strict=True):
+            way = self._given[k] - start
+            ways.append(arc_tangent(sine(way), cosine(way)) if self.closure.turning[k] else way)
+        whole = self._given
+        for step in range(chain.terms):
+            here = {
+                k: start + way * (step / chain.terms)
+                for k, start, way in zip(chain.driving, from_driving, ways, strict=True)
+            }
+            self._given = tuple(here.get(k, value) for k, value in enumerate(whole))
+            linear = self.linear(chain, self._by_column(chain, found))
+            left = list(linear.gaps)
+            for k, way in zip(chain.driving, ways, strict=True):
+                key = self.closure.key(k)
+                left = [
+                    gap + row.get(key, 0.0) * (way * (1 / chain.terms))
+                    for gap, row in zip(left, linear.rows, strict=True)
+                ]
+            (moved,), _ = _least_squares([[row.get(c, 0.0) for c in chain.dependent] for row in linear.rows], [left])
+            found = [x - dx for x, dx in zip(found, moved, strict=True)]
+        self._given = whole
+        return found
+
+    def _by_column(self, chain: Chain, dependent: Iterable[Scalar]) -> dict[int, Scalar]:
+        """Return the values of what moves a chain, by column of the tree or key of a length."""
+        known = {self.closure.key(k): self._given[k] for k in chain.driving}
+        return known | dict(zip(chain.dependent, dependent, strict=True))
+
+    def _solve(self) -> None:
+        """Close all loops."""
+        if self._solved:
+            return
+        self._q: dict[int, Scalar] = {self.closure.key(k): value for k, value in enumerate(self._given)}
+        self._G: dict[int, dict[int, Scalar]] = {self.closure.key(k): {k: 1.0} for k in range(len(self._given))}
+        self._factors = []
+        for place, chain in enumerate(self.closure.chains):
+            found = self._start(place)
+            for _ in range(chain.steps):
+                linear = self.linear(chain, self._by_column(chain, found))
+                (moved,), _ = _least_squares(self._by_dependent(chain, linear), [linear.gaps])
+                found = [x - dx for x, dx in zip(found, moved, strict=True)]
+            values = self._by_column(chain, found)
+            linear = self.linear(chain, values)
+            matrix = self._by_dependent(chain, linear)
+            sides = []
+            for k in chain.driving:
+                sides.append([-row.get(self.closure.key(k), 0.0) for row in linear.rows])
+            by_driving, pivots = _least_squares(matrix, sides)
+            doubt = self._doubt(linear.gaps, [*matrix, *sides], pivots)
+            self._factors.append((chain, matrix, doubt))
+            for i, (column, value) in enumerate(zip(chain.dependent, found, strict=True)):
+                self._q[column] = value + doubt
+                self._G[column] = {k: by_driving[j][i] + doubt for j, k in enumerate(chain.driving)}
+        self._solved = True
+
+    def _by_dependent(self, chain: Chain, linear: Linear) -> list[list[Scalar]]:
+        return [[row.get(column, 0.0) for column in chain.dependent] for row in linear.rows]
+
+    def _doubt(
+        self, gaps: Sequence[Scalar], derivatives: Sequence[Sequence[Scalar]], pivots: Sequence[Scalar]
+    ) -> Scalar:
+        """Return NaN where a loop is open, or at a dead point, else 0."""
+        limit = (MAX_GAP * MAX_GAP) * (self._size * self._size)
+        open_by = _total(gap * gap for gap in gaps)
+        doubt: Scalar = 0.0
+        if not isinstance(open_by, float):
+            doubt = doubt + where_less(open_by, limit, 0.0, math.nan)
+        elif open_by:
+            doubt = 0.0 if open_by < limit else math.nan
+        largest = _total(entry * entry for row in derivatives for entry in row)
+        least = largest * (MIN_TRANSMISSION * MIN_TRANSMISSION)
+        for pivot in pivots:
+            doubt = doubt + where_less(least, pivot, 0.0, math.nan)
+        return doubt
+
+    # ---- what users of the chains ask for
+
+    def coordinates(self) -> tuple[Scalar, ...]:
+        """Return all coordinates of the tree."""
+        self._solve()
+        return tuple(self._q[column] for column in range(self._width))
+
+    def transfer(self) -> list[dict[int, Scalar]]:
+        """Return for each coordinate of the tree its derivatives by those in q on which it depends, a row of G."""
+        self._solve()
+        return [self._G[column] for column in range(self._width)]
+
+    def rates(self, qd: Sequence[Scalar]) -> tuple[Scalar, ...]:
+        """Return the rates of all coordinates of the tree, G q'."""
+        return tuple(_total(x * qd[k] for k, x in row.items()) for row in self.transfer())
+
+    def bias(self, qd: Sequence[Scalar]) -> tuple[Scalar, ...]:
+        """Return the second derivatives of all coordinates of the tree at q'' = 0, g."""
+        rates = dict(enumerate(self.rates(qd)))
+        found: list[Scalar] = [0.0] * self._width
+        for chain, matrix, _ in self._factors:
+            (left,), _ = _least_squares(matrix, [self._biases(chain, self._q, rates)])
+            for column, value in zip(chain.dependent, left, strict=True):
+                found[column] = -value
+        return tuple(found)
+
+    def accelerations(self, bias: Sequence[Scalar], qdd: Sequence[Scalar]) -> tuple[Scalar, ...]:
+        """Return the second derivatives of all coordinates of the tree, G q'' + g."""
+        return tuple(
+            _total(x * qdd[k] for k, x in row.items()) + g for row, g in zip(self.transfer(), bias, strict=True)
+        )
+
+    def onto_coordinates(self, efforts: Sequence[Any], product: Callable[[Any, Scalar], Any], zero: Any) -> list[Any]:
+        """Return G^T times numbers, or what `product` multiplies, one for each coordinate of the tree."""
+        sums: list[Any] = [zero] * len(self.closure.columns)
+        for row, effort in zip(self.transfer(), efforts, strict=True):
+            for k, x in row.items():
+                sums[k] = _plus(sums[k], product(effort, x))
+        return sums
+
+    def wrenches(self, poses: Sequence[eq.Pose]) -> tuple[Scalar, ...]:
+        """Return for each condition of all loops the wrench on the second body by which it acts, world axes, six
+        numbers each. `poses` are those of the bodies of the tree.
+        """
+        self._solve()
+        by_loop: dict[int, list[Scalar]] = {}
+        for chain in self.closure.chains:
+            carrier = poses[self._links[chain.joints[0] - 1].parent]
+            for place, meeting in zip(chain.loops, self._meetings(chain, self._q)[1], strict=True):
+                _, rates = _conditions(self.closure.loops[place], meeting, self._size)
+                by_loop[place] = [-x for pair in rates for part in pair for x in rotate(carrier.S, part)]
+        return tuple(entry for place in sorted(by_loop) for entry in by_loop[place])
+
+    def loop_jacobian(self) -> tuple[Scalar, ...]:
+        """Return the derivatives of the conditions of all loops by all coordinates of the tree, as a flat tuple row
+        by row: those of a loop's points, then of its angles times the size of the mechanism.
+        """
+        self._solve()
+        by_loop: dict[int, list[Scalar]] = {}
+        for chain in self.closure.chains:
+            rows = iter(self.linear(chain, self._q).rows)
+            for place in chain.loops:
+                entries = by_loop.setdefault(place, [])
+                for _ in range(CONDITIONS[self.closure.loops[place]]):
+                    row = next(rows)
+                    entries += [row.get(column, 0.0) for column in range(self._width)]
+        return tuple(entry for place in sorted(by_loop) for entry in by_loop[place])
+
+
+def condition_count(closure: Closure) -> int:
+    """Return the number of conditions of all loops."""
+    return sum(CONDITIONS[kind] for kind in closure.loops)
+
+
+def _conditions(kind: str, meeting: Meeting, size: Scalar) -> tuple[list[Scalar], list[eq.Rates]]:
+    """Return the values of a loop's conditions, and for each the pair (f, t) of vectors in its rate
+    f . (v1 - v2) + t . (omega1 - omega2), which is also the wrench with which it holds the first body.
+    """
+    first, second, length = meeting
+    apart = subtract(first.d, second.d)
+    if kind == "distance":
+        distance = square_root(dot(apart, apart))
+        return [distance - length], [(scale(apart, 1.0 / distance), ZERO_VECTOR)]
+    values: list[Scalar] = list(apart)
+    rates: list[eq.Rates] = [(axis, ZERO_VECTOR) for axis in WORLD_UNIT_VECTORS]
+    if kind != "ball":
+        f1, f2, _ = _columns(first)
+        _, g2, h2 = _columns(second)
+        angles, axes = [*constraints.tilt(f1, f2, h2)], [*constraints.tilt_axes(f1, f2, h2)]
+        if kind == "weld":
+            angles.append(dot(f1, g2))
+            axes.append(cross(g2, f1))
+        values += [angle * size for angle in angles]
+        rates += [(ZERO_VECTOR, scale(axis, -size)) for axis in axes]
+    return values, rates
+
+
+def _condition_biases(
+    kind: str, frames: tuple[eq.Pose, eq.Pose], moving: Sequence[tuple[eq.Rates, eq.Rates]], size: Scalar
+) -> list[Scalar]:
+    """Return the second derivatives of a loop's conditions from the velocities and accelerations of its frames."""
+    (first, second), (((v1, omega1), (a1, alpha1)), ((v2, omega2), (a2, alpha2))) = frames, moving
+    v, a = subtract(v1, v2), subtract(a1, a2)
+    if kind == "distance":
+        apart = subtract(first.d, second.d)
+        inverse = 1.0 / square_root(dot(apart, apart))
+        along = scale(apart, inverse)
+        rate = dot(along, v)
+        return [dot(along, a) + (dot(v, v) - rate * rate) * inverse]
+    if kind == "ball":
+        return [*a]
+    f1, f2, _ = _columns(first)
+    _, g2, h2 = _columns(second)
+    omega, alpha = subtract(omega2, omega1), subtract(alpha2, alpha1)
+    bias = constraints.tilt_bias((f1, f2), h2, omega1, omega2, omega)
+    angles = [*constraints.tilt_acceleration(constraints.tilt_axes(f1, f2, h2), alpha, bias)]
+    if kind == "weld":
+        turned = cross(cross(omega2, g2), f1), cross(g2, cross(omega1, f1))
+        angles.append(dot(cross(g2, f1), alpha) + dot(turned[0], omega) + dot(turned[1], omega))
+    return [*a, *(angle * size for angle in angles)]
+
+
+def _columns(pose: eq.Pose) -> tuple[Vector, Vector, Vector]:
+    S = pose.S
+    return (S[0], S[3], S[6]), (S[1], S[4], S[7]), (S[2], S[5], S[8])
+
+
+def _clenshaw(coefficients: Sequence[Scalar], x: Scalar) -> tuple[Scalar, Scalar]:
+    """Return u1 and u2 of Clenshaw's recurrence u_k = a_k + 2 x u_(k+1) - u_(k+2), for a_1, a_2, ..."""
+    after: Scalar = 0.0
+    now: Scalar = 0.0
+    double = x + x
+    for a in reversed(coefficients):
+        now, after = a + (double * now - after), now
+    return now, after
+
+
+def _least_squares(
+    matrix: Sequence[Sequence[Scalar]], sides: Sequence[Sequence[Scalar]]
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    """Return for each right side the x that minimises |A x - side|, and the squares of the pivots of A.
+
+    The columns of A are made orthogonal one after the other, as by Gram and Schmidt, and with them the sides: what
+    remains of a later column then has no part along an earlier one, however ill A is conditioned.
+    """
+    count = len(matrix[0])
+    columns = [[row[j] for row in matrix] for j in range(count)]
+    rests = [list(side) for side in sides]
+    upper: list[list[Scalar]] = []
+    pivots: list[Scalar] = []
+    projected: list[list[Scalar]] = [[] for _ in sides]
+    for j, column in enumerate(columns):
+        pivot = _total(x * x for x in column)
+        share = math.nan if isinstance(pivot, float) and pivot == 0 else 1.0 / pivot
+        direction = [x * share for x in column]
+        row: list[Scalar] = []
+        for other in columns[j + 1 :]:
+            part = _total(x * y for x, y in zip(direction, other, strict=True))
+            other[:] = [y - part * x for x, y in zip(column, other, strict=True)]
+            row.append(part)
+        for rest, parts in zip(rests, projected, strict=True):
+            part = _total(x * y for x, y in zip(direction, rest, strict=True))
+            rest[:] = [y - part * x for x, y in zip(column, rest, strict=True)]
+            parts.append(part)
+        upper.append(row)
+        pivots.append(pivot)
+    solutions = []
+    for parts in projected:
+        x = list(parts)
+        for j in reversed(range(count)):
+            for k, part in enumerate(upper[j], j + 1):
+                x[j] = x[j] - part * x[k]
+        solutions.append(x)
+    return solutions, pivots
+
+
+def _total(parts: Iterable[Scalar]) -> Scalar:
+    total: Scalar = 0.0
+    for part in parts:
+        total = total + part
+    return total
+
+
+def _plus(a: Any, b: Any) -> Any:
+    return tuple(x + y for x, y in zip(a, b, strict=True)) if isinstance(a, tuple) else a + b

@@ -1,0 +1,262 @@
+"""Closed mechanisms: all joints from the coordinates, efforts of the coordinates, and forces in the loops."""
+
+import mpmath
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hingepair as hp
+
+U = 2.0**-53
+Z = (0, 0, 1)
+GRAVITY = (0, -9.81, 0)
+TURN = np.linspace(0.01, 6.29, 97)[:, None]
+
+
+def bar(name: str, u1: tuple[float, ...], length: float, n: tuple[float, ...] = Z) -> hp.HingePair:
+    inertia = (0.01, length**3 / 6, length**3 / 6 + 0.01)
+    return hp.HingePair(u1, (0, 0, 0), n, name=name, body2=hp.Body(2 * length, (length / 2, 0, 0), inertia))
+
+
+def open_four_bar(crank: float = 0.3, coupler: float = 0.9, rocker: float = 0.7) -> hp.Mechanism:
+    bars = [bar("crank", (0, 0, 0), crank), bar("coupler", (crank, 0, 0), coupler), bar("rocker", (1, 0, 0), rocker)]
+    robot = hp.Mechanism(bars, parents=[0, 1, 0])
+    return robot.with_frame("a", "coupler", R=(coupler, 0, 0)).with_frame("b", "rocker", R=(rocker, 0, 0))
+
+
+OPEN = open_four_bar()
+AT = {"crank": 0.3, "coupler": 0.8, "rocker": 1.9}
+FOUR_BAR = OPEN.closed(hp.Loop("a", "b"), coordinates="crank", at=AT)
+
+
+def rocker_angle(crank: float) -> float:
+    """The law of cosines in the triangle of the rocker's foot and both ends of the coupler (Freudenstein)."""
+    x, y = mpmath.mpf("0.3") * mpmath.cos(crank) - 1, mpmath.mpf("0.3") * mpmath.sin(crank)
+    square = x * x + y * y
+    cosine = (square + mpmath.mpf("0.49") - mpmath.mpf("0.81")) / (2 * mpmath.mpf("0.7") * mpmath.sqrt(square))
+    return mpmath.atan2(y, x) - mpmath.acos(cosine)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_rocker_of_a_four_bar_is_that_of_the_law_of_cosines(backend: str) -> None:
+    with mpmath.workdps(40):
+        exact = np.array([[mpmath.diff(rocker_angle, s, k) for k in range(3)] for s in TURN[:, 0]])
+    angle, rate, change = (np.float64(column) for column in exact.T)
+    q, qd, qdd = FOUR_BAR.all_coordinates(TURN, np.full_like(TURN, 2.0), np.full_like(TURN, 3.0), backend=backend)
+    assert np.abs(np.sin((q[:, 2] - angle) / 2)).max() < 32 * U
+    assert np.abs(qd[:, 2] - 2 * rate).max() < 200 * U
+    assert np.abs(qdd[:, 2] - (4 * change + 3 * rate)).max() < 2000 * U  # rates of 4 and transmission of 0.3
+
+
+def test_a_slider_crank_has_the_stroke_of_the_textbook() -> None:
+    joints = [
+        bar("crank", (0, 0, 0), 0.3), bar("rod", (0.3, 0, 0), 0.9),
+        hp.Slider((0, 0, 0), (0, 0, 0), (1, 0, 0), name="piston", body2=hp.Body(2, inertia=(1, 1, 1))),
+    ]  # fmt: skip
+    robot = hp.Mechanism(joints, parents=[0, 1, 0]).with_frame("pin", "rod", R=(0.9, 0, 0))
+    at = {"crank": 0.5, "rod": -0.7, "piston": 1.1}
+    engine = robot.closed(hp.Loop("pin", "piston"), coordinates="crank", at=at)
+    stroke = 0.3 * np.cos(TURN[:, 0]) + np.sqrt(0.81 - 0.09 * np.sin(TURN[:, 0]) ** 2)
+    assert np.abs(engine.all_coordinates(TURN)[:, 2] - stroke).max() < 16 * U
+
+    # Driven by the piston, it reaches from dead point to dead point, and no further.
+    pump = robot.closed(hp.Loop("pin", "piston"), coordinates="piston", at=at)
+    x = np.linspace(0.6, 1.2, 51)[1:-1, None]
+    crank = np.arccos((x[:, 0] ** 2 + 0.09 - 0.81) / (0.6 * x[:, 0]))
+    assert np.abs(pump.all_coordinates(x)[:, 0] - crank).max() < 1e-13  # some 100 U near the dead points
+    with pytest.warns(hp.DynamicsWarning, match="at 2 of 3 samples, first at piston = 0.59"):
+        assert np.isnan(pump.all_coordinates([[0.59], [0.9], [1.21]])).any(axis=1).tolist() == [True, False, True]
+
+
+def test_a_parallelogram_passes_its_change_points() -> None:
+    bars = [bar("crank", (0, 0, 0), 0.5), bar("coupler", (0.5, 0, 0), 1.0), bar("rocker", (1, 0, 0), 0.5)]
+    robot = hp.Mechanism(bars, parents=[0, 1, 0]).with_frame("a", "coupler", R=(1, 0, 0))
+    robot = robot.with_frame("b", "rocker", R=(0.5, 0, 0))
+    at = {"crank": 0.3, "coupler": -0.3, "rocker": 0.3}
+    lift = robot.closed(hp.Loop("a", "b"), coordinates="crank", at=at)
+    q = np.concatenate([np.pi + side * np.logspace(-6, 0, 40) for side in (-1, 1)])[:, None]
+    assert np.abs(lift.all_coordinates(q)[:, 2] - q[:, 0]).max() < 1e-9  # 1e-15 over the transmission of 1e-6
+    with pytest.warns(hp.DynamicsWarning, match="dead point"):
+        assert np.isnan(lift.all_coordinates([np.pi])[2])
+
+
+def tilted(vector: tuple[float, ...]) -> np.ndarray:
+    return hp.rotation_exp((0.3, 0.5, -0.2)) @ np.array(vector)
+
+
+@pytest.mark.parametrize(("kind", "redundant"), [("ball", 1), ("hinge", 3)])
+def test_redundant_conditions_of_a_plane_that_lies_anyhow_are_counted(kind: str, redundant: int) -> None:
+    bars = [
+        hp.HingePair(tilted(u1), (0, 0, 0), tilted(Z), name=name)
+        for name, u1 in (("crank", (0, 0, 0)), ("coupler", (0.3, 0, 0)), ("rocker", (1, 0, 0)))
+    ]
+    robot = hp.Mechanism(bars, parents=[0, 1, 0]).with_frame("a", "coupler", R=tilted((0.9, 0, 0)))
+    robot = robot.with_frame("b", "rocker", R=tilted((0.7, 0, 0)))
+    loop = hp.Loop("a", "b", kind=kind, axis=tilted(Z) if kind == "hinge" else None)
+    closed = robot.closed(loop, coordinates="crank", at=AT)
+    assert f"redundant: {redundant}" in str(closed)
+    plain = FOUR_BAR.all_coordinates(TURN, TURN, TURN)
+    for found, wanted in zip(closed.all_coordinates(TURN, TURN, TURN), plain, strict=True):
+        assert np.abs(found - wanted).max() < 5000 * U * np.abs(wanted).max()
+
+
+def test_a_weld_and_a_distance_close_as_a_ball_does() -> None:
+    q = FOUR_BAR.all_coordinates(TURN, TURN, TURN)
+    # Without the rocker: the coupler's end stays at its length from the foot.
+    two = hp.Mechanism([bar("crank", (0, 0, 0), 0.3), bar("coupler", (0.3, 0, 0), 0.9)])
+    two = two.with_frame("a", "coupler", R=(0.9, 0, 0)).with_frame("foot", "base", R=(1, 0, 0))
+    loop = hp.Loop("a", "foot", kind="distance", length=0.7)
+    closed = two.closed(loop, coordinates="crank", at={name: AT[name] for name in ("crank", "coupler")})
+    # With a fourth hinge between coupler and rocker's end, both are one frame there.
+    joints = [OPEN["crank"], OPEN["coupler"], bar("knee", (0.9, 0, 0), 0.1), OPEN["rocker"]]
+    four = hp.Mechanism(joints, parents=[0, 1, 2, 0]).with_frame("b", "rocker", R=(0.7, 0, 0))
+    welded = four.closed(hp.Loop("knee", "b", kind="weld"), coordinates="crank", at={**AT, "knee": 0.8})
+    for k, wanted in enumerate(q):
+        assert np.abs(closed.all_coordinates(TURN, TURN, TURN)[k] - wanted[:, :2]).max() < 1e-12
+        assert np.abs(welded.all_coordinates(TURN, TURN, TURN)[k][:, [0, 1, 3]] - wanted).max() < 1e-12
+
+
+def test_forces_in_the_loop_leave_no_effort_at_joints_that_follow() -> None:
+    q, qd, qdd = TURN, np.full_like(TURN, 2.0), np.full_like(TURN, 0.5)
+    everything = FOUR_BAR.all_coordinates(q, qd, qdd)
+    wrench = FOUR_BAR.loop_wrenches(q, qd, qdd, gravity=GRAVITY)["a-b"]
+    assert np.isnan(wrench.force[:, 2]).all()  # out of the plane, all three bars could share a force
+    force = np.nan_to_num(wrench.force)
+    state = OPEN.forward_kinematics(everything[0], frames=("a", "b", "coupler", "rocker"))
+    pushes = {
+        link: (sign * force, np.cross(state[end].R - state[link].R, sign * force))
+        for link, end, sign in (("coupler", "a", -1), ("rocker", "b", 1))
+    }
+    tau = OPEN.inverse_dynamics(*everything, gravity=GRAVITY, wrenches=pushes).tau
+    assert np.abs(tau[:, 1:]).max() < 64 * U * np.abs(force).max()
+    crank = FOUR_BAR.inverse_dynamics(q, qd, qdd, gravity=GRAVITY).tau
+    assert np.abs(tau[:, :1] - crank).max() < 64 * U * np.abs(force).max()
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_accelerations_are_those_of_pinocchio_with_a_constraint(backend: str) -> None:
+    twin = hp.to_pinocchio(OPEN)
+    model, data = twin.model, twin.model.createData()
+    model.gravity.linear = np.array(GRAVITY)
+    loop = pin.RigidConstraintModel(
+        pin.ContactType.CONTACT_3D, model, model.getJointId("coupler"), pin.SE3(np.eye(3), np.array([0.9, 0, 0])),
+        model.getJointId("rocker"), pin.SE3(np.eye(3), np.array([0.7, 0, 0])), pin.ReferenceFrame.LOCAL,
+    )  # fmt: skip
+    constraint = pin.StdVec_RigidConstraintModel([loop]), pin.StdVec_RigidConstraintData([loop.createData()])
+    pin.initConstraintDynamics(model, data, *constraint)
+    settings = pin.ProximalSettings(1e-14, 1e-10, 50)
+    q, qd, tau = TURN[:12], np.full((12, 1), 2.0), np.full((12, 1), 0.7)
+    everything, rates = FOUR_BAR.all_coordinates(q, qd, 0 * q)[:2]
+    wanted = [
+        pin.constraintDynamics(model, data, everything[k], rates[k], np.array([0.7, 0, 0]), *constraint, settings)[0]
+        for k in range(12)
+    ]
+    found = FOUR_BAR.forward_dynamics(q, qd, tau, gravity=GRAVITY, backend=backend).qdd
+    assert np.abs(found[:, 0] - wanted).max() < 1e-7 * np.abs(wanted).max()  # the proximal steps of Pinocchio
+
+
+def test_the_power_of_the_crank_is_the_change_of_energy() -> None:
+    motion = hp.simulate(FOUR_BAR, np.linspace(0, 2, 41), [0.3], [1.0], gravity=GRAVITY)
+    energy = FOUR_BAR.energy(motion.q, motion.qd, gravity=GRAVITY)
+    assert np.ptp(energy.kinetic + energy.potential) < 1e-9 * np.ptp(energy.kinetic)
+    steps = FOUR_BAR.rollout([[0.3]], [[1.0]], np.zeros((1, 2000, 1)), 1e-3, method="rk4", gravity=GRAVITY)
+    assert abs(steps.q[0, -1, 0] - motion.q[-1, 0]) < 1e-9
+
+
+def test_derivatives_go_through_the_loop() -> None:
+    q, qd, qdd = TURN[:20], np.full((20, 1), 2.0), np.full((20, 1), 0.5)
+    call = FOUR_BAR.prepare("inverse_dynamics", outputs=("tau",), gravity=GRAVITY)
+    slope = call.jacobian((q, qd, qdd), wrt=("q",))["tau"]["q"][..., 0]
+    h = 1e-5
+    ahead, behind = (call(q + side * h, qd, qdd).tau for side in (1, -1))
+    assert np.abs((ahead - behind) / (2 * h) - slope).max() < 1e-8 * np.abs(slope).max()
+    jacobian = FOUR_BAR.jacobian(q, "a")
+    points = [FOUR_BAR.forward_kinematics(q + side * h, frames="a")["a"].R for side in (1, -1)]
+    assert np.abs((points[0] - points[1]) / (2 * h) - jacobian[:, :3, 0]).max() < 1e-9
+
+
+def test_a_sample_has_the_same_joints_in_any_batch() -> None:
+    whole = FOUR_BAR.all_coordinates(TURN, backend="compiled")
+    order = np.random.default_rng(1).permutation(len(TURN))
+    assert np.array_equal(FOUR_BAR.all_coordinates(TURN[order], backend="compiled"), whole[order])
+    turns = FOUR_BAR.all_coordinates(TURN + 20 * np.pi)
+    assert np.abs(np.sin((turns - whole) / 2)).max() < 1e-13
+
+
+def test_a_five_bar_has_two_coordinates() -> None:
+    bars = [
+        bar("l1", (0, 0, 0), 0.5),
+        bar("l2", (0.5, 0, 0), 0.8),
+        bar("r1", (0.6, 0, 0), 0.5),
+        bar("r2", (0.5, 0, 0), 0.8),
+    ]
+    robot = hp.Mechanism(bars, parents=[0, 1, 0, 3]).with_frame("a", "l2", R=(0.8, 0, 0))
+    robot = robot.with_frame("b", "r2", R=(0.8, 0, 0))
+    at = {"l1": 2.2, "l2": -1.5, "r1": 0.9, "r2": 1.4}
+    five = robot.closed(hp.Loop("a", "b"), coordinates=("l1", "r1"), at=at)
+    q = np.random.default_rng(0).uniform((1.2, 0.2), (2.8, 1.8), (500, 2))
+    state = robot.forward_kinematics(five.all_coordinates(q), frames=("a", "b"))
+    assert np.abs(state["a"].R - state["b"].R).max() < 16 * U
+    assert robot.closed(hp.Loop("a", "b"), at=at).dof == 2
+    found = five.inverse_kinematics(state["a"].R, frame="a", q0=q + 0.05)
+    assert found.ok.all()
+    reached = five.forward_kinematics(found.q, frames="a")["a"].R
+    assert np.abs(reached - state["a"].R).max() < 1e-9
+
+
+def excavator() -> tuple[hp.Mechanism, hp.Mechanism]:
+    y = (0, 1, 0)
+    joints = [bar("boom", (0, 0, 1), 4, y), bar("stick", (4, 0, 0), 2, y), bar("bucket", (2, 0, 0), 1, y)]
+    arm = hp.Mechanism(joints)
+    points = {
+        "foot1": ("base", (0.4, 0, 0.3)), "eye1": ("boom", (1.8, 0, 0.4)), "foot2": ("boom", (1.6, 0, 0.7)),
+        "eye2": ("stick", (-0.5, 0, 0.3)), "foot3": ("stick", (0.3, 0, 0.5)), "eye3": ("bucket", (0.2, 0, 0.35)),
+    }  # fmt: skip
+    for name, (link, R) in points.items():
+        arm = arm.with_frame(name, link, R=R)
+    for k in "123":
+        arm = arm.with_strut(f"foot{k}", f"eye{k}", f"cylinder{k}")
+    return arm, arm.closed(
+        coordinates=("cylinder1", "cylinder2", "cylinder3"), at={"boom": -0.4, "stick": 1.2, "bucket": 0.6}
+    )
+
+
+def test_cylinders_drive_an_excavator_by_their_lengths() -> None:
+    arm, driven = excavator()
+    rng = np.random.default_rng(0)
+    angles = np.array([-0.4, 1.2, 0.6]) + rng.uniform(-0.25, 0.25, (200, 3))
+    lengths = np.stack([arm.struts(angles)[name].length for name in driven.names], axis=-1)
+    assert np.abs(driven.all_coordinates(lengths) - angles).max() < 1e-13
+    qd, qdd = rng.uniform(-1, 1, (2, 200, 3))
+    force = driven.inverse_dynamics(lengths, qd, qdd).tau
+    everything = driven.all_coordinates(lengths, qd, qdd)
+    power = (arm.inverse_dynamics(*everything).tau * everything[1]).sum(axis=-1)
+    assert np.abs((force * qd).sum(axis=-1) - power).max() < 1000 * U * np.abs(power).max()
+    assert np.abs(driven.forward_dynamics(lengths, qd, force).qdd - qdd).max() < 1e-11
+
+
+REFUSED = {
+    "too few": (lambda: OPEN.closed(hp.Loop("a", "b"), coordinates=(), at=AT), "coordinates"),
+    "too many": (lambda: OPEN.closed(hp.Loop("a", "b"), coordinates=("crank", "rocker"), at=AT), "coordinates"),
+    "unknown": (lambda: OPEN.closed(hp.Loop("a", "b"), coordinates="crnk"), "coordinates"),
+    "apart": (lambda: open_four_bar(0.1, 0.1, 0.1).closed(hp.Loop("a", "b"), coordinates="crank"), "at"),
+    "one body": (lambda: OPEN.closed(hp.Loop("a", "coupler")), "loop a-coupler"),
+    "no loop": (lambda: OPEN.closed("a"), "loops"),
+    "twice": (lambda: FOUR_BAR.closed(hp.Loop("a", "b")), "robot"),
+    "axis": (lambda: hp.Loop("a", "b", kind="hinge"), "axis"),
+    "length": (lambda: hp.Loop("a", "b", kind="distance", length=-1), "length"),
+    "urdf": (lambda: hp.to_urdf(FOUR_BAR), "robot"),
+    "twin": (lambda: hp.to_pinocchio(FOUR_BAR), "robot"),
+    "bounds": (lambda: FOUR_BAR.error_bounds([0.3]), "robot"),
+    "locked": (lambda: FOUR_BAR.with_locked({"crank": 0.3}), "robot"),
+    "bearings": (lambda: FOUR_BAR.joint_wrenches([0.3], [0], [0]), "robot"),
+    "tree": (lambda: OPEN.loop_wrenches(*np.zeros((3, 3))), "robot"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_closed_is_refused(case: str) -> None:
+    call, name = REFUSED[case]
+    with pytest.raises(hp.ArgumentError) as caught:
+        call()
+    assert caught.value.name == name

@@ -1,0 +1,111 @@
+"""Struts: their lengths and rates, what they do at the joints, and their energy."""
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+
+U = 2.0**-53
+LID = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), name="lid", body2=hp.Body(12, (0.4, 0, 0), (0.1, 0.8, 0.9)))
+HATCH = hp.Mechanism([LID]).with_frame("a", "base", R=(0.3, 0, -0.2)).with_frame("b", "lid", R=(0.5, 0, 0))
+Q = np.linspace(-1.2, 0.3, 31)[:, None]
+FORCES = {
+    "gas": {"force": hp.GasSpring(300, 400, 0.2, friction=20), "free_length": 0.6},
+    "spring": {"stiffness": 900.0, "free_length": 0.5, "damping": 30.0},
+    "table": {"force": ([0.1, 0.2, 0.4, 0.7], [500, 300, 320, 100])},
+}
+
+
+def by_hand(kind: str, length: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    if kind == "gas":  # the data sheet's line on extension; friction adds to it on compression
+        return 300 + 100 * (0.6 - length) / 0.2 + np.where(rate < 0, 20, 0)
+    if kind == "spring":
+        return 900 * (0.5 - length) - 30 * rate
+    return np.interp(length, *FORCES["table"]["force"])
+
+
+def arm(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The length of the strut and its derivative by q, the lever arm, by plane geometry."""
+    x, z = 0.5 * np.cos(q) - 0.3, -0.5 * np.sin(q) + 0.2
+    length = np.hypot(x, z)
+    return length, (-0.5 * np.sin(q) * x - 0.5 * np.cos(q) * z) / length
+
+
+@pytest.mark.parametrize("kind", FORCES)
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_a_strut_acts_by_its_lever_arm(kind: str, backend: str) -> None:
+    robot = HATCH.with_strut("a", "b", "strut", **FORCES[kind])
+    length, lever = arm(Q[:, 0])
+    for rate in (-0.7, 0.4):
+        qd = np.full_like(Q, rate)
+        strut = robot.struts(Q, qd, backend=backend)["strut"]
+        force = by_hand(kind, length, lever * rate)
+        assert np.abs(strut.length - length).max() < 8 * U
+        assert np.abs(strut.rate - lever * rate).max() < 16 * U
+        assert np.abs(strut.force - force).max() < 64 * U * 1000
+        without = HATCH.inverse_dynamics(Q, qd, Q, backend=backend).tau[:, 0]
+        tau = robot.inverse_dynamics(Q, qd, Q, backend=backend).tau
+        assert np.abs(without - tau[:, 0] - force * lever).max() < 64 * U * 1000
+        assert np.abs(robot.forward_dynamics(Q, qd, tau, backend=backend).qdd - Q).max() < 1e-12
+
+
+@pytest.mark.parametrize("kind", FORCES)
+def test_energy_is_what_the_force_along_the_length_leaves(kind: str) -> None:
+    robot = HATCH.with_strut("a", "b", "strut", **FORCES[kind])
+    stored = robot.energy(Q, 0 * Q).potential - HATCH.energy(Q, 0 * Q).potential
+    lengths = arm(Q[:, 0])[0]
+    for k in (5, 20):
+        steps = np.linspace(lengths[k], lengths[k + 1], 20_001)
+        middle = (steps[1:] + steps[:-1]) / 2
+        still = 10.0 if kind == "gas" else 0.0  # half of the friction, at rest
+        work = ((by_hand(kind, middle, np.zeros_like(middle)) + still) * np.diff(steps)).sum()
+        assert abs(stored[k] - stored[k + 1] - work) < 1e-6 * abs(work)
+
+
+def test_a_spring_keeps_the_energy_of_a_motion() -> None:
+    robot = HATCH.with_strut("a", "b", "strut", stiffness=900, free_length=0.5)
+    motion = hp.simulate(robot, np.linspace(0, 1, 21), [-0.6], [0.0])
+    energy = robot.energy(motion.q, motion.qd)
+    assert np.ptp(energy.kinetic + energy.potential) < 1e-9 * np.ptp(energy.kinetic)
+
+
+def test_a_strut_between_moving_bodies_pushes_both() -> None:
+    second = hp.HingePair(
+        (0.8, 0, 0), (0, 0, 0), (0, 1, 0), name="flap", body2=hp.Body(3, (0.2, 0, 0), (0.1, 0.1, 0.1))
+    )
+    arm = (
+        hp.Mechanism([LID, second]).with_frame("a", "lid", R=(0.2, 0.1, 0.3)).with_frame("b", "flap", R=(0.3, 0, 0.1))
+    )
+    robot = arm.with_strut("a", "b", "strut", stiffness=700, free_length=0.3, damping=12)
+    rng = np.random.default_rng(3)
+    q, qd, qdd = rng.uniform(-1, 1, (3, 20, 2))
+    h = 1e-6
+    force = robot.struts(q, qd)["strut"].force
+    tau = arm.inverse_dynamics(q, qd, qdd).tau - robot.inverse_dynamics(q, qd, qdd).tau
+    for k in range(2):
+        step = np.eye(2)[k] * h
+        lever = (robot.struts(q + step)["strut"].length - robot.struts(q - step)["strut"].length) / (2 * h)
+        assert np.abs(tau[:, k] - force * lever).max() < 1e-8 * np.abs(force).max()
+    base = arm.inverse_dynamics(q, qd, qdd).force1, robot.inverse_dynamics(q, qd, qdd).force1
+    assert np.abs(base[0] - base[1]).max() < 64 * U * np.abs(base[0]).max()  # the base feels nothing of it
+
+
+REFUSED = {
+    "one body": (lambda: HATCH.with_strut("b", "lid", "strut"), "frame2"),
+    "name": (lambda: HATCH.with_strut("a", "b", "lid"), "name"),
+    "frame": (lambda: HATCH.with_strut("a", "c", "strut"), "frame2"),
+    "length": (lambda: HATCH.with_strut("a", "b", "strut", stiffness=9), "free_length"),
+    "table": (lambda: HATCH.with_strut("a", "b", "strut", force=([0.2, 0.1], [1, 2])), "force"),
+    "function": (lambda: HATCH.with_strut("a", "b", "strut", force=np.minimum), "force"),
+    "gas": (lambda: hp.GasSpring(300, 200, 0.2), "F2"),
+    "stroke": (lambda: hp.GasSpring(300, 400, 0), "stroke"),
+    "urdf": (lambda: hp.to_urdf(HATCH.with_strut("a", "b", "strut")), "robot"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_strut_is_refused(case: str) -> None:
+    call, name = REFUSED[case]
+    with pytest.raises(hp.ArgumentError) as caught:
+        call()
+    assert caught.value.name == name
