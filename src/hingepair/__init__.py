@@ -86,7 +86,6 @@ __all__ = [
     "Feedback",
     "FitError",
     "GasSpring",
-    "GimbalLockError",
     "HingeFit",
     "HingeLoad",
     "HingePair",
