@@ -83,7 +83,7 @@ def test_masses_that_mujoco_refuses_are_warned_of(inertial, refusal):
     if refusal is None:
         mujoco.MjModel.from_xml_string(hp.to_mjcf(robot))
         return
-    with pytest.warns(hp.DynamicsWarning, match=r"MuJoCo refuses this model: .*; these have none: l4 \("):
+    with pytest.warns(hp.DynamicsWarning, match=r"MuJoCo refuses this model: .*; these have none: l4$"):
         text = hp.to_mjcf(robot)
     with pytest.raises(ValueError, match=refusal):
         mujoco.MjModel.from_xml_string(text)
@@ -95,3 +95,24 @@ def test_a_screw_is_refused():
     )
     with pytest.raises(ArgumentError, match="robot: expected joints that MJCF has, got 'jack', a screw"):
         hp.to_mjcf(hp.Mechanism([screw]))
+
+
+def test_joints_without_a_body_between_them_are_joints_of_one_body():
+    pose = 'pos="0.1 0.2 -0.3" quat="0.8 0.6 0 0"'
+    text = f"""<mujoco><compiler angle="radian"/><worldbody><body name="trunk"><freejoint/>{GEOM}
+      <body name="leg" {pose}><joint name="hx" axis="1 0 0.3" pos="0 0 0.1"/>
+      <joint name="hz" type="slide" axis="0 1 1"/>
+      <joint name="hy" axis="0 1 0" pos="0.05 0 0" ref="0.3"/>{GEOM}</body></body></worldbody></mujoco>"""
+    robot = hp.Mechanism.from_mjcf(text)
+    back = hp.Mechanism.from_mjcf(hp.to_mjcf(robot))
+    assert back.names == robot.names == ("hx", "hz", "hy")
+    state = np.random.default_rng(4).uniform(-1, 1, (3, 4, 3))
+    for got, expected in (
+        (back.inverse_dynamics(*state).tau, robot.inverse_dynamics(*state).tau),
+        (back.mass_matrix(state[0]), robot.mass_matrix(state[0])),
+        (back.forward_kinematics(state[0], frames="leg").R, robot.forward_kinematics(state[0], frames="leg").R),
+    ):
+        assert np.abs(got - expected).max() <= 256 * U * np.abs(expected).max()
+
+
+GEOM = '<geom type="box" size=".1 .2 .3" mass="2"/>'

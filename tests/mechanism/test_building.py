@@ -285,6 +285,44 @@ def test_a_body_with_several_joints_has_as_many(composite_model):
     assert tree.frame("Composite_h1").body == 2
 
 
+def test_screws_and_chains_of_a_model_move_as_in_pinocchio():
+    rng, model = np.random.default_rng(5), pin.Model()
+    inner, outer = pin.JointModelComposite(), pin.JointModelComposite()
+    inner.addJoint(pin.JointModelRX(), pin.SE3.Random())
+    inner.addJoint(pin.JointModelPZ(), pin.SE3.Random())
+    outer.addJoint(pin.JointModelRY(), pin.SE3.Random())
+    outer.addJoint(inner, pin.SE3.Random())
+    axes = [axis / np.linalg.norm(axis) for axis in rng.normal(size=(3, 3))]
+    first, second = (np.cross(axes[2], axis) for axis in axes[:2])
+    universal = pin.JointModelUniversal(first / np.linalg.norm(first), second / np.linalg.norm(second))
+    joints = [pin.JointModelHY(0.3), pin.JointModelHelicalUnaligned(axes[0], -0.2), universal]
+    parent = 0
+    for number, joint in enumerate([*joints, pin.JointModelSphericalZYX(), outer]):
+        parent = model.addJoint(parent, joint, pin.SE3.Random(), f"j{number}")
+        model.inertias[parent] = pin.Inertia.FromBox(2.0, *rng.uniform(0.2, 1, 3))
+    robot, data = hp.Mechanism.from_pinocchio(model), model.createData()
+    assert [tree_of(robot).joints[k].kind for k in range(3)] == ["screw", "screw", "hinge"]
+    q, qd, qdd = rng.uniform(-2, 2, (3, 4, model.nq))
+    found, torques = robot.forward_kinematics(q), robot.inverse_dynamics(q, qd, qdd).tau
+    for k in range(4):
+        pin.forwardKinematics(model, data, q[k])
+        np.testing.assert_allclose(found.S[k, 0], data.oMi[parent].rotation, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(found.R[k, 0], data.oMi[parent].translation, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(torques[k], pin.rnea(model, data, q[k], qd[k], qdd[k]), rtol=0, atol=1e-11)
+
+
+def test_a_screw_comes_back_from_pinocchio():
+    screw = hp.Screw(
+        (0, 1, 0), (0, 0, 0), (0, 1, 1), pitch=0.1, name="s", limits=(-3, 9), body2=hp.Body(2, inertia=(1, 1, 1))
+    )
+    robot = hp.Mechanism([screw])
+    back = hp.Mechanism.from_pinocchio(hp.to_pinocchio(robot).model)
+    assert (back["s"].pitch, back["s"].limits) == (0.1, (-3.0, 9.0))
+    np.testing.assert_allclose(
+        back.inverse_dynamics([2.0], [1.0], [3.0]).tau, robot.inverse_dynamics([2.0], [1.0], [3.0]).tau, rtol=1e-14
+    )
+
+
 def test_joints_of_a_model_that_are_no_part_of_a_tree_are_refused_by_name():
     model = pin.Model()
     model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")

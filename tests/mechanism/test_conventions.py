@@ -57,6 +57,24 @@ def test_mujoco_places_and_moves_the_robot_from_our_state():
         np.testing.assert_allclose(data.energy[1], kinetic[k], rtol=1e-13)
 
 
+def test_only_continuous_hinges_have_cosine_and_sine():
+    def joint(name, kind, parent, child, limit=""):
+        ends = f'<parent link="{parent}"/><child link="{child}"/>'
+        return f'<joint name="{name}" type="{kind}">{ends}<axis xyz="0 0 1"/>{limit}</joint>'
+
+    zero = '<limit lower="0" upper="0" effort="1" velocity="1"/>'  # as many URDFs write that there is none
+    joints = joint("j", "revolute", "a", "b", zero) + joint("k", "continuous", "b", "c")
+    text = f'<robot name="x"><link name="a"/><link name="b"/><link name="c"/>{joints}</robot>'
+    model = pin.buildModelFromXML(text)
+    for robot in (hp.Mechanism.from_urdf(text), hp.Mechanism.from_pinocchio(model)):
+        assert np.isinf(robot.position_limits).all()
+        q, _ = robot.to_pinocchio_state([0.3, 0.4], cos_sin=True)
+        np.testing.assert_allclose(q, [0.3, np.cos(0.4), np.sin(0.4)], rtol=1e-15)
+        np.testing.assert_allclose(robot.from_pinocchio_state(q).q, [0.3, 0.4], rtol=1e-15)
+        assert q.shape == pin.neutral(model).shape
+    assert robot.with_locked({"j": 0.0, "k": 0.0}).to_pinocchio_state([])[0].shape == (0,)
+
+
 @pytest.mark.parametrize("package", ["pinocchio", "mujoco"])
 def test_states_come_back(package):
     q, v = getattr(FREE, f"to_{package}_state")(Q, QD, BASE)

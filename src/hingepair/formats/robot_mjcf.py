@@ -18,6 +18,7 @@ from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.numeric.arrays import one_constant
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.rotations.matrices import matrix_to_quaternion
+from hingepair.urdf.rigid import IDENTITY_POSE, FramePose
 
 # Nothing is left to the compiler's judgement: masses are those written, and fixed bodies stay bodies.
 MJCF_COMPILER: Final = {
@@ -48,9 +49,17 @@ def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike, *, meshes: bo
     bodies = [_add_body(world, tree, 0, tree.base if base == "free" else None, drawn, is_world=base == "fixed")]
     if base == "free":
         bodies[0].insert(0, ET.Element("freejoint"))
+    chains: dict[int, list[Joint]] = {}  # joints whose bodies are left to the next one
     for number, joint in enumerate(tree.joints, 1):
-        bodies.append(_add_body(bodies[joint.parent], tree, number, joint.body, drawn))
-        insert_mjcf_joint(bodies[number], joint, f"joint {joint.name!r}")
+        chain = [*chains.get(joint.parent, ()), joint]
+        if _is_between_joints(tree, number):
+            chains[number] = chain
+            bodies.append(bodies[joint.parent])
+            continue
+        seats = _poses_in_last_body(chain)
+        bodies.append(_add_body(bodies[joint.parent], tree, number, joint.body, drawn, seats[0]))
+        for one, seat in zip(reversed(chain), reversed(seats[1:]), strict=True):
+            insert_mjcf_joint(bodies[number], one, f"joint {one.name!r}", seat)
     followers = [joint for joint in tree.joints if joint.mimic is not None]
     equality = add_element(root, "equality") if followers else root
     for joint in followers:
@@ -60,18 +69,37 @@ def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike, *, meshes: bo
     return document(root, [*_mass_sentences(tree, bodies, base), *drawn.sentences, *unread_sentences(tree)])
 
 
+def _is_between_joints(tree: Tree, number: int) -> bool:
+    """Return whether a body is nothing but the place between two joints, which MJCF has as joints of one body."""
+    masses = tree.joints[number - 1].body
+    carried = [joint for joint in tree.joints if joint.parent == number]
+    named = any(frame.body == number for frame in (*tree.links.values(), *tree.frames.values()))
+    drawn = bool(tree.drawings) and bool(tree.drawings[number].shapes)
+    return len(carried) == 1 and not (masses.mass or masses.inertia.any() or named or drawn)
+
+
+def _poses_in_last_body(chain: list[Joint]) -> list[FramePose]:
+    """Return the pose of the last body of a chain of joints in what carries the first, and the poses of the joints,
+    whose axes are those of the bodies behind them, in the last body.
+    """
+    seats = [IDENTITY_POSE]
+    for joint in chain:
+        seats.append(seats[-1].placed(FramePose(np.array(joint.S), np.array(joint.u))))
+    last = seats[-1]
+    return [last, *(IDENTITY_POSE if seat is last else last.seen(seat) for seat in seats[1:])]
+
+
 def _mass_sentences(tree: Tree, bodies: list[ET.Element], base: str) -> list[str]:
     """Return a sentence, if any, on the moving bodies that MuJoCo refuses for their masses."""
     masses = [tree.base, *(joint.body for joint in tree.joints)]
-    moving = list(zip(bodies, masses, strict=True))[base != "free" :]
+    moving = [
+        (bodies[k], masses[k]) for k in range(base != "free", len(bodies)) if not (k and _is_between_joints(tree, k))
+    ]
     refused = [body.get("name", "") for body, one in moving if not _has_mass(one)]
     if not refused:
         return []
     need = "moving bodies need a mass, and an inertia that a rigid body can have"
-    return [
-        f"{tree.name}: MuJoCo refuses this model: {need}; these have none: {first_few(refused)} (robot.with_payload "
-        "adds both)"
-    ]
+    return [f"{tree.name}: MuJoCo refuses this model: {need}; these have none: {first_few(refused)}"]
 
 
 def _has_mass(masses: MassProperties) -> bool:
@@ -85,14 +113,17 @@ def _add_body(
     number: int,
     masses: MassProperties | None,
     drawn: MjcfMeshes,
+    place: FramePose | None = None,
     *,
     is_world: bool = False,
 ) -> ET.Element:
-    """Return the added body behind a joint (number 0: the base); a fixed base called "world" is the parent itself."""
+    """Return the added body behind a joint (number 0: the base), at a place in the parent; a fixed base called
+    "world" is the parent itself.
+    """
     links = {name: frame for name, frame in tree.links.items() if frame.body == number}
     seat = next((name for name, frame in links.items() if is_here(frame)), None)
     joint = tree.joints[number - 1] if number else None
-    pose: dict[str, Any] = {} if joint is None else _pose(joint.u, joint.S)
+    pose: dict[str, Any] = {} if place is None else _pose(place.origin, place.rotation)
     name = _body_name(seat or f"{joint.name if joint else 'base'}_at_joint")
     body = parent if is_world and seat == "world" else add_element(parent, "body", name=name, **pose)
     if masses is not None and (masses.mass or masses.inertia.any()):
@@ -113,16 +144,18 @@ def _body_name(link: str) -> str:
     return "world_link" if link == "world" else link  # MuJoCo's own body has this name
 
 
-def insert_mjcf_joint(body: ET.Element, joint: Joint, label: str) -> None:
-    """Insert a joint as the first child of its body. Warn of what MuJoCo refuses, under the name `label`: equal
-    limits, and an effort limit of 0; they are left out.
+def insert_mjcf_joint(body: ET.Element, joint: Joint, label: str, seat: FramePose = IDENTITY_POSE) -> None:
+    """Insert a joint, which has the pose `seat` in its body, as the first child of the body. Warn of what MuJoCo
+    refuses, under the name `label`: equal limits, and an effort limit of 0; they are left out.
 
     Raises:
         ArgumentError: MJCF has no such joint.
     """
     if joint.kind not in _TYPES:
         raise ArgumentError("robot", "joints that MJCF has", f"{joint.name!r}, a {joint.kind}")
-    attributes: dict[str, Any] = {"type": _TYPES[joint.kind], "axis": joint.n}
+    attributes: dict[str, Any] = {"type": _TYPES[joint.kind], "axis": seat.rotation @ joint.n}
+    if seat.origin.any():
+        attributes["pos"] = seat.origin
     lower, upper = np.clip(joint.position_limits, -_FARTHEST, _FARTHEST).tolist()
     if lower == upper:
         warn_of_dynamics(f"MJCF cannot hold equal limits, {lower:g}: left out, so that {label} is not limited")

@@ -40,9 +40,13 @@ MUJOCO: Final = Convention(scalar_first=True, local_velocity=False)
 
 
 def continuous_columns(tree: Tree) -> list[int]:
-    """Return the columns in q of the hinges without limits, which Pinocchio's models of URDF have as two numbers."""
+    """Return the columns in q of the continuous hinges, which Pinocchio's models of URDF have as two numbers."""
     joints = enumerate(tree.coordinates)
-    return [k for k, one in joints if one.kind == "hinge" and not np.isfinite(one.position_limits).any()]
+    return [
+        k
+        for k, one in joints
+        if one.kind == "hinge" and one.continuous and not np.isfinite(one.position_limits).any()
+    ]
 
 
 def written_q(
@@ -57,7 +61,7 @@ def written_q(
     for k in range(q.shape[-1]):
         angle = q[..., k : k + 1]
         parts += [np.cos(angle), np.sin(angle)] if k in turning else [angle]
-    return _joined(parts)
+    return _joined(parts) if parts else q
 
 
 def written_v(convention: Convention, qd: Float64Array, base: BodyMotion | None, free: bool) -> Float64Array:

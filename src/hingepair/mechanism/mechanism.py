@@ -185,10 +185,11 @@ class Mechanism(MechanismMethods):
         the loops of the robot are open.
 
         Args:
-            model: a Pinocchio model with revolute, continuous, prismatic, mimic and composite joints in depth-first
-                order. The joint at its root may be a free-flyer; links that are fixed to the world are then left out.
-                The robot's q is Pinocchio's, without the seven numbers of a free-flyer (`base_motion` gives the pose
-                of the base), and with the angle of a continuous joint in place of its cosine and sine.
+            model: a Pinocchio model with revolute, continuous, prismatic, helical, mimic, composite, universal and
+                SphericalZYX joints in depth-first order. The joint at its root may be a free-flyer; links that are
+                fixed to the world are then left out. The robot's q is Pinocchio's, without the seven numbers of a
+                free-flyer (`base_motion` gives the pose of the base), and with the angle of a continuous joint in
+                place of its cosine and sine.
             base: "fixed" or "free". By default, the base is free if the model has a free-flyer, and otherwise fixed.
             locked: positions at which joints are held, as for `from_urdf`.
 
@@ -212,9 +213,10 @@ class Mechanism(MechanismMethods):
         Read are bodies with their masses, hinges and slide joints with `ref`, `range`, `armature`, `damping`,
         `frictionloss`, `stiffness`, `springref` and `actuatorfrcrange`, linear equalities of two joints as mimic
         joints, sites as frames, and a free joint of the only body of the world that moves, which is the base. Without
-        it, the base is the world. q is MuJoCo's qpos of the joints in its order, without mimic joints. Not read are
-        shapes and contacts, actuators, tendons, other equalities, gravity compensation and the medium; a
-        DynamicsWarning names those that the model has.
+        it, the base is the world. q is MuJoCo's qpos of the joints in its order, without mimic joints. What has no
+        name is `joint1`, `body2` and so on; a site with the name of a body or a joint gets "_" behind it. Not read
+        are shapes and contacts, actuators, tendons, other equalities, gravity compensation, the medium, loads of the
+        free joint and bodies that stand beside it; a DynamicsWarning names those that the model has.
 
         Args:
             model: path of a file, its text (which starts with "<"), or a mujoco.MjModel.

@@ -85,6 +85,8 @@ class Joint(Frozen):
     load: HingeLoad = NO_LOAD  # spring, damper and dry friction as they are written; a slider's in N/m, N s/m and N
     mimic: Mimic | None = None  # rule of a joint that follows another; None for a joint with a coordinate of its own
     pitch: float = 0.0  # displacement for one radian of a joint that also turns [m/rad]
+    # whether Pinocchio has cosine and sine in q for a hinge without limits; it has not where URDF says "revolute"
+    continuous: bool = True
 
     @property
     def axis(self) -> Axis:

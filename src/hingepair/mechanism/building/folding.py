@@ -60,6 +60,7 @@ class JointPart:
     load: HingeLoad = NO_LOAD  # spring, damper and dry friction
     mimic: records.MimicRecord | None = None  # rule of a joint that follows another joint; else None
     pitch: float = 0.0  # displacement of a screw for one radian [m/rad]
+    continuous: bool = True  # as of `Joint`
     notes: Sequence[str] = ()  # sentences about assumed masses
     without_mass: Sequence[str] = ()  # its links whose mass was never given; a URDF's link without inertia has 0 kg
 
@@ -118,6 +119,14 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
         name, joints, base_masses, links, frames, tuple(tips), tuple(notes), drawings, without_mass=without_mass,
         leaves=leaves,
     )  # fmt: skip
+
+
+def unused_name(name: str, taken: set[str]) -> str:
+    """Return a name, with "_" behind it as often as it is in use, and add it to those in use."""
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
 
 
 def chosen_base(base: str | None, own: str) -> str:
@@ -244,6 +253,7 @@ def _tree_joint(
         load=part.load,
         mimic=Mimic(body_numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None,
         pitch=part.pitch,
+        continuous=part.continuous,
     )
 
 

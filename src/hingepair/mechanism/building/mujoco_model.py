@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.building.folding import JointPart, chosen_base, displaced, fold_parts
+from hingepair.mechanism.building.folding import JointPart, chosen_base, displaced, fold_parts, unused_name
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.shapes import LinkDrawing
 from hingepair.mechanism.tree import Tree
@@ -68,6 +68,11 @@ class _Reader:
         self._root = int(model.jnt_bodyid[free[0]]) if len(free) == 1 and len(moving) == 1 else 0
         if self._root and model.body_parentid[self._root] != 0:
             self._root = 0
+        self._joint_names = _names(model.joint, model.njnt, "joint", set())
+        self._body_names = _names(model.body, model.nbody, "body", set())
+        frames = {*self._joint_names, *self._body_names}
+        self._site_names = _names(model.site, model.nsite, "site", frames)
+        self._rules, self._unread_rules = self._mimic_rules()
 
     def parts(self) -> tuple[str, Literal["fixed", "free"], list[JointPart]]:
         """Return the name of the model, the kind of the base and the parts."""
@@ -85,10 +90,10 @@ class _Reader:
                     parts.append(_Part(part))
                 places[body] = number, pose
             number, pose = places[body]
-            parts[number].add(self._name("body", body), pose, self._inertia(body), body not in carrying)
+            parts[number].add(self._body_names[body], pose, self._inertia(body), body not in carrying)
             for site in np.flatnonzero(model.site_bodyid == body).tolist():
                 own = _pose(model.site_pos[site], model.site_quat[site])
-                parts[number].frames[self._name("site", site)] = pose.placed(own)
+                parts[number].frames[self._site_names[site]] = pose.placed(own)
         self._warn()
         return self._title(), ("free" if root else "fixed"), [part.made() for part in parts]
 
@@ -105,10 +110,6 @@ class _Reader:
         first = int(self._model.body_jntadr[body])
         return range(first, first + int(self._model.body_jntnum[body]))
 
-    def _name(self, kind: str, number: int) -> str:
-        found: str = getattr(self._model, kind)(number).name
-        return found or f"{kind}{number}"
-
     def _pose_of(self, body: int) -> FramePose:
         return _pose(self._model.body_pos[body], self._model.body_quat[body])
 
@@ -122,7 +123,7 @@ class _Reader:
 
     def _part(self, joint: int, parent: int, pose: FramePose) -> JointPart:
         """Return a joint as a part; `pose` is that of the joint's body in the part `parent`, which carries it."""
-        model, name = self._model, self._name("joint", joint)
+        model, name = self._model, self._joint_names[joint]
         kind = _KINDS.get(int(model.jnt_type[joint]))
         if kind is None:
             expected = "a hinge or a slide joint, or one free joint of the only moving body of the world"
@@ -142,39 +143,44 @@ class _Reader:
             ),
         )  # fmt: skip
         # The body stands as written where q is the joint's ref.
-        return replace(
-            part, mimic=self._mimic(joint), pose=part.pose.placed(displaced(part, -float(model.qpos0[at])))
-        )
+        seat = part.pose.placed(displaced(part, -float(model.qpos0[at])))
+        return replace(part, mimic=self._rules.get(joint), pose=seat)
 
-    def _mimic(self, joint: int) -> MimicRecord | None:
-        """Return the rule by which a linear equality makes a joint follow another; None if there is none."""
-        model = self._model
-        for number in self._mimic_equalities():
-            if model.eq_obj1id[number] == joint:
-                leader, (constant, factor) = int(model.eq_obj2id[number]), model.eq_data[number, :2].tolist()
-                own, its = (float(model.qpos0[model.jnt_qposadr[one]]) for one in (joint, leader))
-                return MimicRecord(self._name("joint", leader), factor, constant + own - factor * its)
-        return None
+    def _mimic_rules(self) -> tuple[dict[int, MimicRecord], int]:
+        """Return the rules by which joints follow others, and how many equalities are none.
 
-    def _mimic_equalities(self) -> list[int]:
-        """Return the numbers of the active, linear equalities by which a joint follows another."""
-        model = self._model
-        return [
-            number for number in range(model.neq)
-            if model.eq_type[number] == _JOINT_EQUALITY and model.eq_active0[number] and model.eq_obj2id[number] >= 0
-            and model.eq_data[number, 1] and not model.eq_data[number, 2:5].any()
-        ]  # fmt: skip
+        An equality of two joints, of which one follows another already, makes that other one follow instead.
+        """
+        model, leaders, rules = self._model, dict[int, int](), dict[int, MimicRecord]()
+        for number in range(model.neq):
+            joint, leader = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
+            constant, factor, *curve = model.eq_data[number, :5].tolist()
+            linear = model.eq_type[number] == _JOINT_EQUALITY and leader >= 0 and factor and not any(curve)
+            if not linear or not model.eq_active0[number]:
+                continue
+            own, its = (float(model.qpos0[model.jnt_qposadr[one]]) for one in (joint, leader))
+            offset = constant + own - factor * its
+            if joint in leaders:
+                joint, leader, factor, offset = leader, joint, 1 / factor, -offset / factor
+            last = leader
+            while last in leaders:
+                last = leaders[last]
+            if joint not in leaders and last != joint:
+                leaders[joint] = leader
+                rules[joint] = MimicRecord(self._joint_names[leader], factor, offset)
+        return rules, model.neq - len(rules)
 
     def _warn(self) -> None:
         """Issue a DynamicsWarning that names what acts in MuJoCo and is not read."""
         model = self._model
         left_out = [f"{count} {noun}" for count, noun in (
-            (model.neq - len(self._mimic_equalities()), "equality constraints"),
+            (self._unread_rules, "equality constraints"),
             (model.ntendon, "tendons"), (model.nu, "actuators"),
             (np.count_nonzero(model.body_gravcomp), "bodies with gravity compensation"),
             (np.count_nonzero(getattr(model, "dof_dampingpoly", ())), "damping polynomials"),
             (np.count_nonzero(getattr(model, "jnt_stiffnesspoly", ())), "stiffness polynomials"),
         ) if count]  # fmt: skip
+        left_out += self._standing_bodies() + self._loads_of_base()
         if model.opt.density or model.opt.viscosity or model.opt.wind.any():
             left_out.append("the medium (density, viscosity, wind)")
         if left_out:
@@ -182,6 +188,30 @@ class _Reader:
         if not np.array_equal(model.opt.gravity, DEFAULT_GRAVITY):
             gravity = model.opt.gravity.tolist()
             warn_of_dynamics(f"the model's gravity {gravity} is not the robot's: methods take gravity=")
+
+    def _standing_bodies(self) -> list[str]:
+        """Return, for the message, the bodies that stand in the world beside a free base."""
+        read = {0, *self._bodies()}
+        left = [name for body, name in enumerate(self._body_names) if body not in read]
+        return [f"bodies that stand in the world ({', '.join(left)})"] if left else []
+
+    def _loads_of_base(self) -> list[str]:
+        """Return, for the message, what acts at the free joint of the base."""
+        if not self._root:
+            return []
+        model, joint = self._model, int(self._model.body_jntadr[self._root])
+        six = slice(first := int(model.jnt_dofadr[joint]), first + 6)
+        loads = {"damping": model.dof_damping[six], "armature": model.dof_armature[six]}
+        loads |= {"dry friction": model.dof_frictionloss[six], "stiffness": model.jnt_stiffness[joint]}
+        found = [name for name, values in loads.items() if np.any(values)]
+        return [f"{', '.join(found)} of the free joint"] if found else []
+
+
+def _names(of: Any, count: int, kind: str, taken: set[str]) -> list[str]:
+    """Return the names of all elements of a kind, `joint1` and so on of unnamed ones; none is in use twice."""
+    given, taken = [str(of(number).name) for number in range(count)], {*taken}
+    named = [unused_name(name, taken) if name else "" for name in given]
+    return [name or unused_name(f"{kind}{number}", taken) for number, name in enumerate(named)]
 
 
 class _Part:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.building.folding import JointPart, chosen_base, fold_parts, limit_or_infinity
+from hingepair.mechanism.building.folding import JointPart, chosen_base, fold_parts, limit_or_infinity, unused_name
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
@@ -28,6 +28,8 @@ _HINGES = {
 }
 # Names of the joint types that are sliders.
 _SLIDERS = {*(f"JointModelP{axis}" for axis in "XYZ"), "JointModelPrismaticUnaligned"}
+# Names of the joint types that are screws.
+_SCREWS = {*(f"JointModelH{axis}" for axis in "XYZ"), "JointModelHelicalUnaligned"}
 
 
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
@@ -40,8 +42,8 @@ def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] 
 def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
     """Return the kind of the base, and the parts: the base, then the joints.
 
-    A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A composite
-    joint, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
+    A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A joint that is
+    a chain of joints, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
     """
     if not all(hasattr(model, name) for name in ("jointPlacements", "inertias", "frames", "parents")):
         raise ArgumentError("model", "a model of Pinocchio", quoted(model))
@@ -54,6 +56,7 @@ def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
         message = f"the model's gravity {model.gravity.linear.tolist()} is not the robot's: methods take gravity="
         warnings.warn(message, DynamicsWarning, stacklevel=4)
     bodies = _BodyContents(model)
+    names = {*model.names}
     numbers = {root: 0}  # number of the part of each joint's body, by the joint's number
     parts = [JointPart("", "fixed", -1, **bodies.content(root))]
     for joint in range(root + 1, model.njoints):
@@ -64,8 +67,7 @@ def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
             raise _unsupported_joint_error(
                 model, joint, f"its place right behind what {model.names[parent]!r} carries, depth-first"
             )
-        joint_parts = _parts_of_joint(model, joint, numbers[parent], len(parts), bodies.content(joint))
-        parts += joint_parts
+        parts += _parts_of_joint(model, joint, numbers[parent], len(parts), bodies.content(joint), names)
         numbers[joint] = len(parts) - 1
     return ("free" if free else "fixed"), parts
 
@@ -76,35 +78,47 @@ def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentE
 
 
 def _parts_of_joint(
-    model: Any, joint_number: int, parent_part: int, first_part: int, body_content: dict[str, Any]
+    model: Any, number: int, parent_part: int, first_part: int, content: dict[str, Any], names: set[str]
 ) -> list[JointPart]:
-    """Return a joint as parts numbered from `first_part`, several of a composite one, whose last gets the body."""
-    joint, name, pose = (
-        model.joints[joint_number],
-        model.names[joint_number],
-        _convert_placement(model.jointPlacements[joint_number]),
-    )
-    if joint.shortname() != "JointModelComposite":
-        return [
-            _part_of_joint(
-                model, joint, name, joint_number, parent_part, pose, joint.idx_q, joint.idx_v, body_content
-            )
-        ]
-    composite = joint.extract()
-    parts: list[JointPart] = []
+    """Return a joint as parts numbered from `first_part`: several of a chain, whose last gets the body."""
+    joint, name = model.joints[number], model.names[number]
+    pose = _convert_placement(model.jointPlacements[number])
     idx_q, idx_v = joint.idx_q, joint.idx_v
-    for i, (single, inner) in enumerate(zip(composite.joints, composite.jointPlacements, strict=True), 1):
-        last = i == len(composite.joints)
-        carrying_part = first_part + i - 2 if i > 1 else parent_part
-        seat = pose.placed(_convert_placement(inner)) if i == 1 else _convert_placement(inner)
-        part_content = body_content | {"frames": {**body_content["frames"], name: IDENTITY_POSE}} if last else {}
-        parts.append(
-            _part_of_joint(
-                model, single, f"{name}_{i}", joint_number, carrying_part, seat, idx_q, idx_v, part_content
-            )
-        )
+    chain = [*_chain(joint, pose)]
+    if joint.shortname() not in _CHAINS:
+        return [_part_of_joint(model, joint, name, number, parent_part, pose, idx_q, idx_v, content)]
+    content = content | {"frames": {**content["frames"], name: IDENTITY_POSE}}
+    parts: list[JointPart] = []
+    for i, (single, seat) in enumerate(chain, 1):
+        carrier = first_part + i - 2 if i > 1 else parent_part
+        own, carried = unused_name(f"{name}_{i}", names), content if i == len(chain) else {}
+        parts.append(_part_of_joint(model, single, own, number, carrier, seat, idx_q, idx_v, carried))
         idx_q, idx_v = idx_q + single.nq, idx_v + single.nv
     return parts
+
+
+_CHAINS = {"JointModelComposite", "JointModelUniversal", "JointModelSphericalZYX"}
+
+
+def _chain(joint: Any, seat: FramePose) -> Iterator[tuple[Any, FramePose]]:
+    """Yield the joints of which a joint is a chain, each with its place in the one before; `seat` is the first's."""
+    import pinocchio as pin
+
+    kind = joint.shortname()
+    own = joint.extract() if hasattr(joint, "extract") else joint
+    if kind == "JointModelComposite":
+        for single, inner in zip(own.joints, own.jointPlacements, strict=True):
+            yield from _chain(single, seat.placed(_convert_placement(inner)))
+            seat = IDENTITY_POSE
+        return
+    links = [joint]
+    if kind == "JointModelUniversal":
+        links = [pin.JointModelRevoluteUnaligned(axis) for axis in (own.axis1, own.axis2)]
+    elif kind == "JointModelSphericalZYX":
+        links = [pin.JointModelRZ(), pin.JointModelRY(), pin.JointModelRX()]
+    for link in links:
+        yield link, seat
+        seat = IDENTITY_POSE
 
 
 def _part_of_joint(
@@ -120,11 +134,16 @@ def _part_of_joint(
 ) -> JointPart:
     """Return a joint, or one of a composite joint, as a part that another carries."""
     kind = joint.shortname()
-    if kind not in {*_HINGES, *_SLIDERS, "JointModelMimic"}:
+    if kind not in {*_HINGES, *_SLIDERS, *_SCREWS, "JointModelMimic"}:
         raise _unsupported_joint_error(
-            model, joint_number, "a revolute, continuous, prismatic or mimic joint, or a free-flyer at the root"
+            model, joint_number, "a revolute, prismatic, helical or mimic joint, or a free-flyer at the root"
         )
     motion = np.ravel(joint.createData().S)
+    pitch = 0.0
+    if kind in _SCREWS:
+        own = joint.extract() if hasattr(joint, "extract") else joint
+        axis = own.axis if hasattr(own, "axis") else np.eye(3)["XYZ".index(kind[-1])]
+        motion, pitch = np.concatenate([np.zeros(3), axis]), float(own.pitch)
     if kind == "JointModelMimic":
         mimic = joint.extract()
         if mimic.scaling == 0:
@@ -146,11 +165,13 @@ def _part_of_joint(
         raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
     return JointPart(
         name,
-        "hinge" if kind in _HINGES else "slider",
+        "hinge" if kind in _HINGES else "screw" if kind in _SCREWS else "slider",
         parent_part,
         pose,
         _unit_axis(motion),
         **body_content,
+        pitch=pitch,
+        continuous=joint.nq == 2,
         limits=limits,
         effort_limit=limit_or_infinity(model.upperEffortLimit[idx_v]),
         rate_limit=limit_or_infinity(model.upperVelocityLimit[idx_v]),

@@ -75,9 +75,8 @@ def _parts(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"], list[J
             )
             warn_of_dynamics(message)
             mimic = None
-        parts.append(
-            JointPart(joint.name, kind, numbers[joint.parent], joint.pose, axis, **link, **limits, mimic=mimic)
-        )
+        limits |= {"mimic": mimic, "continuous": joint.type == "continuous"}
+        parts.append(JointPart(joint.name, kind, numbers[joint.parent], joint.pose, axis, **link, **limits))
     return ("free" if is_free else "fixed"), parts
 
 
