@@ -112,6 +112,6 @@ def each_backend(request, monkeypatch):
     def forced(backend, workers):
         return execution_of(request.param if backend == "auto" else backend, workers)
 
-    for module in (hingepair.pair.hinge_pair, hingepair.pair.computations):
+    for module in (hingepair.pair.hinge_pair, hingepair.pair.requests):
         monkeypatch.setattr(module, "execution_of", forced)
     return request.param

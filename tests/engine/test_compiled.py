@@ -15,14 +15,14 @@ import hingepair as hp
 from hingepair.engine.backend import Execution
 from hingepair.engine.llvm.ir import LANES
 from hingepair.engine.loops import Loop
-from hingepair.plans.plan import SPATIAL_MOTION_KIND, default_outputs, make_plan, plan_loop
+from hingepair.plans.pairs import SPACE, PairRequest, pair_loop
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support.sparse import sparse
 from support.states import coordinates, generator, pair, rotations
 from support.work import HANG
 
 U = 2.0**-53
-NAMES = tuple(SPATIAL_MOTION_KIND.levels)
+NAMES = tuple(SPACE.levels)
 
 
 def pair_of(rng, home=True):
@@ -285,7 +285,7 @@ def test_a_kernel_serves_all_pairs_of_the_same_build():
     rng = generator(72)
     motion = coordinates(rng, 30)
     one, other = pair_of(rng), pair_of(rng)
-    loop = plan_loop(make_plan(default_outputs(2), "XYZ", True, given_names=("q", "qd", "qdd")))
+    loop = pair_loop(PairRequest(SPACE.default_outputs(2), ("q", "qd", "qdd"), sequence="XYZ"))
     loop.program.cache_clear()
     both(one, *motion)
     programs = loop.program.cache_info().currsize

@@ -15,7 +15,7 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
 from hingepair.equations import spatial as eq
 from hingepair.errors import ShapeError
-from hingepair.plans.plan import SPATIAL_MOTION_KIND, make_plan
+from hingepair.plans.pairs import PairRequest, pair_loop
 from support.sparse import sparse
 
 F8, F4 = np.dtype(np.float64), np.dtype(np.float32)
@@ -69,11 +69,10 @@ def test_every_count(count, dtype):
     assert all((array[[0, -1]] == 7.0).all() for array in room.values())
 
 
-def test_a_plan_is_the_same_however_it_is_asked_for():
-    """Else what was compiled for one way to call would be compiled again for another."""
-    plan = make_plan(("R2",), "XYZ", True)
-    assert make_plan(("R2",), sequence="XYZ", has_home=True, kind=SPATIAL_MOTION_KIND) is plan
-    assert make_plan(("R2",), has_home=True) is plan
+def test_pairs_share_the_program_of_equal_requests():
+    """Else what was compiled for one pair would be compiled again for another."""
+    request = PairRequest(("R2",), ("q",), sequence="XYZ")
+    assert pair_loop(PairRequest(("R2",), ("q",), False, "XYZ")) is pair_loop(request)
 
 
 def test_lanes_do_not_know_of_each_other():

@@ -9,6 +9,7 @@ import pytest
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, exactly, unit
 from hingepair.numeric.twofold import Twofold
+from hingepair.pair.geometry import hinge_frames
 from support.states import generator, rotations
 
 CASES = {
@@ -23,21 +24,22 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_levers_are_rounded_once(case):
+def test_frames_of_the_hinge_are_rounded_once(case):
+    """The axes e1, e2 and n of the tree, and in these the vector from the hinge point to R2."""
     sizes, rng = CASES[case], generator(80)
     u1, u2, n = (rng.normal(size=(40, 3)) * size for size in sizes)
     home = rotations(rng, 40)
-    found = hp.HingePair(u1=u1, u2=u2, n=n, home=home).constants.arrays
+    frames = hinge_frames(hp.HingePair(u1=u1, u2=u2, n=n, home=home).constants)
     with mpmath.workdps(DIGITS):
         axis, arm = unit(n), (exactly(home) @ exactly(u2)[..., None])[..., 0]
-        dot = (axis * arm).sum(axis=-1, keepdims=True)
-        lever_cos = arm - axis * dot
-        lever_sin = np.cross(axis, arm)
-        exact = {"lever_cos": lever_cos, "lever_sin": lever_sin, "lever_fixed": exactly(u1) - axis * dot}
-        for name, value in exact.items():
-            size = max(sizes[:2]) if name == "lever_fixed" else sizes[1]
-            rounding = np.spacing(abs(found[name])) * 0.5 + 1e-28 * size
-            assert np.all(abs(exactly(found[name]) - value) <= rounding), name
+        e2 = unit(np.cross(exactly(n), np.eye(3)[np.argmin(np.abs(n), axis=-1)]))
+        axes = np.stack((np.cross(e2, axis), e2, axis), axis=-1)
+        exact = {"axes": (axes, 1.0), "origin": (-(np.swapaxes(axes, -1, -2) @ arm[..., None])[..., 0], sizes[1])}
+        for name, found in (("axes", frames.axes), ("origin", frames.origins[0])):
+            value, size = exact[name]
+            computed = np.stack(np.broadcast_arrays(*found), axis=-1).reshape(value.shape)
+            rounding = np.spacing(abs(computed)) * 0.5 + 1e-26 * size
+            assert np.all(abs(exactly(computed) - value) <= rounding), name
 
 
 def test_numbers_of_twice_the_precision():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
+from hingepair.plans.pairs import SPACE
 from hingepair.scenes.motions.logs import LOG_ARRAYS, LOG_COLUMNS
 from hingepair.scenes.motions.simulated import DYNAMICS_KEYS
 from hingepair.scenes.motions.waypoints import PROFILES
@@ -24,7 +24,7 @@ MODELS = ROOT / "models"
 PAGE = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
 PAIR = "\n[pair]\nu1 = [0.5, 0.2, 0.1]\nu2 = [-0.25, 0.1, 0.3]\nn = [1, 2, 0]\n"
-MOTION = "\n[motion]\n" + "".join(f"{name} = 'sin(t)'\n" for name in SPATIAL_COORDINATE_NAMES)
+MOTION = "\n[motion]\n" + "".join(f"{name} = 'sin(t)'\n" for name in SPACE.coordinates)
 TIME = "\n[time]\nstart = 0\nstop = 4\nsamples = 41\n"
 
 

@@ -133,11 +133,11 @@ def _write_pair(derived: _PairForms, outputs: Sequence[str] | None, output_forma
     """Return the formulas of a pair in a format; text that would be long is abbreviated unless `short` is given."""
     from hingepair.equations.quantities import ACCELERATION
     from hingepair.plans.arguments import check_outputs
-    from hingepair.plans.plan import PLANAR_MOTION_KIND, default_outputs
+    from hingepair.plans.pairs import PLANE
 
     forms, title, named = derived
-    planar = forms.kind is PLANAR_MOTION_KIND
-    usual = named or (default_outputs(ACCELERATION, PLANAR_MOTION_KIND) if planar else _DERIVED)
+    planar = forms.kind is PLANE
+    usual = named or (PLANE.default_outputs(ACCELERATION) if planar else _DERIVED)
     of_points = () if named else tuple(name for name in forms.names if name not in forms.kind.levels)
     names = (*usual, *of_points) if outputs is None else check_outputs(outputs, forms.names)
     text = _write(forms, names, output_format, short, title)

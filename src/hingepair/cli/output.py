@@ -21,7 +21,7 @@ import typer
 
 from hingepair.errors import ArgumentError, printable, quoted
 from hingepair.pair.results import RESULT_ROWS_PER_BLOCK
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
+from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.scenes.pair_scene import FURTHER_OUTPUTS
 from hingepair.tables.sheets import ruled_table
 from hingepair.tables.whole_file import check_writable, whole_file
@@ -41,8 +41,8 @@ OutputsOption = Annotated[
     str | None,
     typer.Option(
         metavar="NAMES",
-        help=f"Outputs, separated by commas: {', '.join(SPATIAL_MOTION_KIND.levels)}; of a planar pair: "
-        f"{', '.join(PLANAR_MOTION_KIND.levels)}; coordinates and, unless planar, quaternions: "
+        help=f"Outputs, separated by commas: {', '.join(SPACE.levels)}; of a planar pair: "
+        f"{', '.join(PLANE.levels)}; coordinates and, unless planar, quaternions: "
         f"{', '.join(FURTHER_OUTPUTS)}; of a point, here tip: tip, tip_v, tip_a.",
     ),
 ]

@@ -18,10 +18,10 @@ from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.xml_text import commented
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.scenes.motions.motion import PRESCRIBED
 
 if TYPE_CHECKING:

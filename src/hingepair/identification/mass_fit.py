@@ -17,7 +17,7 @@ from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, 
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only
 from hingepair.numeric.optional import new_figure
-from hingepair.pair.dynamics import DEFAULT_GRAVITY
+from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.plans.arguments import Coordinates, read_arguments
 from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text, percent
 from hingepair.tables.suspicions import suspicions

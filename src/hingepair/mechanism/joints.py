@@ -17,7 +17,7 @@ from hingepair.equations.joints import HINGE, SLIDER, Axis
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Frozen, call_text, finite_number, set_frozen
 from hingepair.pair.body import Body
-from hingepair.pair.constants import check_single_pair
+from hingepair.pair.geometry import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
 

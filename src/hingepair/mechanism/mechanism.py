@@ -31,8 +31,8 @@ from hingepair.mechanism.tree import BASE_KINDS, LOAD_FIELDS, NO_LOAD, Tree, loa
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant, read_only, set_frozen
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
+from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import Sheet, align_columns, cell_text
 from hingepair.urdf import records

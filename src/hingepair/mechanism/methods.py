@@ -50,7 +50,7 @@ from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_cho
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion
-from hingepair.pair.dynamics import DEFAULT_GRAVITY
+from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.arguments import Coordinates, renamed_out, requested_outputs
 from hingepair.plans.derivatives import Derivative

@@ -12,7 +12,7 @@ from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.hinge_load import call_with_arrays, check_callable
-from hingepair.plans.plan import SPATIAL_MOTION_KIND
+from hingepair.plans.pairs import SPACE
 
 JointCallable: TypeAlias = Callable[[Array], Any]
 """Coordinate of a joint and its first two derivatives at instants (n,) [s]; (n,) each."""
@@ -55,7 +55,7 @@ class GivenBase(GivenMotion):
 
     def _read(self, returned: Any, t: Array) -> dict[str, Array]:
         arrays = motion_arrays(f"{self.label}1", returned, "R", "S", "v", "omega", "a", "alpha")
-        shapes = SPATIAL_MOTION_KIND.shapes
+        shapes = SPACE.shapes
         try:
             return {name: np.broadcast_to(x, (len(t), *shapes[name])) for name, x in arrays.items()}
         except ValueError:

@@ -34,19 +34,12 @@ from hingepair.numeric.arrays import (
     vectors,
 )
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask, unwrap_lazy_xarray
-from hingepair.pair.computations import STATES, computation_of
-from hingepair.pair.constants import Constants, check_pair, check_single_pair
+from hingepair.pair.geometry import Constants, check_pair, check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.pair.requests import STATES, computation_of
 from hingepair.plans.arguments import Arguments, Outputs, check_outputs
-from hingepair.plans.plan import (
-    PLANAR_MOTION_KIND,
-    SPATIAL_MOTION_KIND,
-    MotionKind,
-    Plan,
-    default_outputs,
-    make_plan,
-)
+from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.matrices import check_rotation
 from hingepair.tables.instants import instants_of, warn_of_measurements
 from hingepair.tables.suspicions import suspicions
@@ -55,7 +48,7 @@ RATE_FRAME_NAMES: Final = ("world", "body")  # axes in which omega1 and alpha1 m
 
 RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
 
-# Arguments that give rates, by input of a plan.
+# Arguments that give rates, by input of a pair's program.
 _RATE_OF_INPUT: Final = {
     **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
     **{"psid": "psid", "psidd": "psidd"},
@@ -231,7 +224,7 @@ class _Request(NamedTuple):
     start: Array  # attitudes S1_0 (..., 3, 3), in the plane angles phi_0 (...,) [rad]
     psi_0: Array  # hinge angles at t[0] [rad]; shape (...,)
     motions: tuple[int, ...]  # leading shape of the motions; () for one motion
-    plan: Plan  # of the outputs
+    outputs: tuple[str, ...]
 
     @property
     def is_planar(self) -> bool:
@@ -285,9 +278,8 @@ def _read_request(
     shapes |= {name: points[key].shape[:-2] for key, name in R1_PARTS.items() if key in points}
     shapes |= {"phi_0": start.shape} if is_planar else {"S1_0": start.shape[:-2]}
     motions = broadcast_shape({**shapes, "psi_0": psi_0.shape})
-    kind = PLANAR_MOTION_KIND if is_planar else SPATIAL_MOTION_KIND
-    plan = _make_plan(pair.constants, outputs, signals.keys() | points.keys(), kind)
-    return _Request(pair, options, signals, points, start, psi_0, motions, plan)
+    names = _checked_outputs(pair.constants, outputs, signals.keys() | points.keys())
+    return _Request(pair, options, signals, points, start, psi_0, motions, names)
 
 
 def _read_start(name: str, value: Any, *one: int) -> Array:
@@ -402,18 +394,19 @@ def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
 
 def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
     """Return the requested outputs at all instants of all motions as a `PairState` or `PlanarState`."""
-    options, plan = request.options, request.plan
-    if not plan.outputs:
-        return STATES[plan.kind]({}, psi.shape)
+    options, constants = request.options, request.pair.constants
+    if not request.outputs:
+        return STATES[constants.kind]({}, psi.shape)
+    needed = _needed_inputs(constants, request.outputs)
     S1 = None if request.is_planar else quaternions_to_matrices(orientations)
     inputs: dict[str, Any] = {**request.points, "psi": psi, **({"phi1": orientations} if S1 is None else {"S1": S1})}
-    for name in plan.inputs & _RATE_OF_INPUT.keys():
+    for name in needed & _RATE_OF_INPUT.keys():
         argument = _RATE_OF_INPUT[name]
         values = request.signals[argument].values_at(options.t)
         turned = S1 is not None and options.omega_in_body_axes and argument in {"omega1", "alpha1"}
         inputs[name] = rotate_to_world(S1, values) if turned and S1 is not None else values
-    inputs = {name: inputs[name] for name in inputs.keys() & plan.inputs}
-    computation = computation_of(plan.kind, request.pair.constants, plan.outputs, result=STATES[plan.kind])
+    inputs = {name: inputs[name] for name in inputs if name in needed}
+    computation = computation_of(constants, request.outputs, result=STATES[constants.kind])
     return computation.run(Arguments(inputs, {"t": psi.shape}, {}), options.execution)
 
 
@@ -447,7 +440,7 @@ def _integrate_lazily(
     arrays |= {"_error": errors["error_estimate"], "_psi_error": errors["psi_error_estimate"]}
     values = {"t": read_only(t), "method": other_arguments["method"]} | ({} if is_planar else {"pair": pair})
     make_state = functools.partial(
-        STATES[PLANAR_MOTION_KIND if is_planar else SPATIAL_MOTION_KIND],
+        STATES[PLANE if is_planar else SPACE],
         shape=arrays["psi"].shape,
     )
     return trajectory_from_arrays(PlanarTrajectory if is_planar else Trajectory, values, make_state, arrays)
@@ -511,26 +504,25 @@ def _trajectory_arrays(trajectory: Any) -> dict[str, NDArray[Any]]:
     return arrays | {STATE_PREFIX + name: array for name, array in trajectory.state.arrays().items()}
 
 
-def _make_plan(pair: Constants, outputs: Outputs, arguments: Set[str], kind: MotionKind) -> Plan:
-    """Return the Plan that computes `outputs` from the `arguments` that are given; None: all outputs of body 2 that
-    these allow.
+def _needed_inputs(pair: Constants, outputs: tuple[str, ...]) -> set[str]:
+    """Return the names of the inputs that outputs need, the constants of the pair apart."""
+    computation, attitude = computation_of(pair, outputs), "phi1" if pair.kind.planar else "S1"
+    return {name for one in outputs for name in computation.missing_inputs(one, ())} | {attitude, "psi"}
+
+
+def _checked_outputs(pair: Constants, outputs: Outputs, arguments: Set[str]) -> tuple[str, ...]:
+    """Return the names of the outputs, all of body 2 for which the `arguments` suffice if `outputs` is None; refuse
+    those that need more.
     """
-    available = (
-        {"S1", "phi1", "psi"}
-        | pair.values.keys()
-        | arguments
-        | {name for name, argument in _RATE_OF_INPUT.items() if argument in arguments}
-    )
-
-    def plan(names: tuple[str, ...]) -> Plan:
-        return make_plan(names, None, "home" in pair.values, kind=kind, points=pair.points)
-
+    available = {"S1", "phi1", "psi"} | arguments
+    available |= {name for name, argument in _RATE_OF_INPUT.items() if argument in arguments}
     if outputs is None:
-        return plan(tuple(name for name in default_outputs(ACCELERATION, kind) if plan((name,)).inputs <= available))
+        default = pair.kind.default_outputs(ACCELERATION)
+        return tuple(name for name in default if _needed_inputs(pair, (name,)) <= available)
     names = check_outputs(outputs, pair.levels) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
-        for missing in sorted(plan((name,)).inputs - available):
+        for missing in sorted(_needed_inputs(pair, (name,)) - available):
             expected = f"{_R1_FORMS.get(missing, 'a value')}, since output {name} needs it"
             got = f"no {missing}" if missing in _R1_FORMS else None
             raise ArgumentError(_RATE_OF_INPUT.get(missing, "R1"), expected, got)
-    return plan(names)
+    return names

@@ -19,10 +19,10 @@ from hingepair.motion.simulate import initial_state, pair_motion, read_base, to_
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeTorque, stop_range
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.tables.sheets import ruled_table
 
 _STEP: Final = 1e-5  # of differences of order 4, in sizes of the state's components

@@ -17,8 +17,8 @@ from hingepair.motion.robot_loads import loads_by_joint
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only, vectors
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, stop_range
+from hingepair.pair.requests import DEFAULT_GRAVITY
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,11 +27,11 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, read_only
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
-from hingepair.pair.constants import check_pair, check_single_pair
-from hingepair.pair.dynamics import DEFAULT_GRAVITY, check_masses, tree_constants
+from hingepair.pair.geometry import check_pair, check_single_pair
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, stop_range
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.requests import DEFAULT_GRAVITY, check_masses, pivot_limits
 from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.arguments import Outputs
 from hingepair.tables.instants import instants_of
@@ -471,8 +471,7 @@ def _check_masses(pair: HingePair, *, moves_body1: bool) -> None:
     """Refuse a pair of which a body that moves has no mass properties, or whose motion nothing resists."""
     bodies = ({"body1": pair.body1} if moves_body1 else {}) | {"body2": pair.body2}
     check_masses(bodies, "; or base='fixed', for which body 2 suffices")
-    tree = tree_constants(pair.constants, (pair.body1, pair.body2)).arrays["tree"]
-    of_hinge, *of_body1 = tree[-3:] > 0  # sizes below which pivots are rounding; 0 where they are larger
+    of_hinge, *of_body1 = pivot_limits(pair.constants) > 0  # sizes below which pivots are rounding
     if of_hinge or (moves_body1 and any(of_body1)):
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError(

@@ -28,8 +28,8 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import Frozen, check_choice, finite_number, read_only
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeTorque
+from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.pair.results import Result
 from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.arguments import Coordinates

@@ -20,7 +20,7 @@ from hingepair.numeric.dask_arrays import DaskCollection, apply_to_chunks, holds
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.points import unit_among
+from hingepair.plans.pairs import unit_among
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.tables.sheets import instant_text

@@ -16,15 +16,16 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike
 
+from hingepair.engine.binding import FOLDED
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
-from hingepair.numeric.blocks import Named, components_of, tabulate
-from hingepair.numeric.bounded import Bounded, BoundedDouble, bounded_class, conversion_error
-from hingepair.pair.computations import COORDINATES, INPUT_LABELS, check_inputs, computation_of
-from hingepair.pair.constants import Constants
+from hingepair.numeric.blocks import Named, components_of, numbers, tabulate
+from hingepair.numeric.bounded import Bounded, bounded_class, conversion_error
+from hingepair.pair.geometry import Constants, axis_errors, tree_errors, tree_numbers
+from hingepair.pair.requests import COORDINATES, INPUT_LABELS, check_inputs, computation_of
 from hingepair.plans.arguments import Outputs, read_arguments, requested_outputs
-from hingepair.plans.plan import MotionKind, Plan, default_outputs, make_plan
+from hingepair.plans.pairs import PairRequest
 
 
 class PromisedBound(NamedTuple):
@@ -211,69 +212,44 @@ def largest(vector: ArrayLike) -> Float64Array:
     return np.asarray(np.abs(np.asarray(vector, dtype=np.float64)).max(axis=-1))
 
 
-Bounds = dict[str, NDArray[np.float64]]
-
-# The inputs that each constant of a pair was computed from; the error of the constant is relative to their size.
-_SOURCES = {
-    "n": ("n",),
-    "lever_fixed": ("u1", "u2"),
-    "lever_cos": ("u2",),
-    "lever_sin": ("u2",),
-}
-
-
 def error_bounds(
-    kind: MotionKind,
-    pair: Constants,
-    given: Mapping[str, Any],
-    level: int,
-    outputs: Outputs,
-    sequence: str | None = None,
-) -> Bounds:
+    pair: Constants, given: Mapping[str, Any], level: int, outputs: Outputs, sequence: str | None = None
+) -> dict[str, Float64Array]:
     """Compute bounds on the rounding errors of outputs of forward kinematics; return arrays (...,) by output name.
     `given` are the inputs by name, as users give them, `level` (0 to 2) is that of the default outputs.
 
     Raises:
         ArgumentError: an output needs an input that is not given.
     """
-    names = requested_outputs(outputs, None, pair.levels, default_outputs(level, kind))
-    check_inputs(computation_of(kind, pair, names, sequence), given)
-    arguments = read_arguments(given, pair.shapes, COORDINATES[kind], INPUT_LABELS)
-    given_names = tuple(arguments.values)
-    plan = make_plan(names, sequence, "home" in pair.values, kind=kind, given_names=given_names, points=pair.points)
-    return _plan_error_bounds(pair, plan, arguments.values, arguments.shapes)
-
-
-def _plan_error_bounds(
-    pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
-) -> Bounds:
-    """Return bounds on the rounding errors of the outputs of a plan; arrays (...,) by name."""
-    dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
-    kind = bounded_class(dtype)
-    aligned = pair.axis is not None and pair.single and np.count_nonzero(pair.axis) == 1  # and so exactly 1 or -1
-    source_names = {name: parts for name, parts in _SOURCES.items() if name != "n" or not aligned}
-
-    def bounds(numbers: Named) -> Mapping[str, Any]:
-        """Run the plan on inputs and their errors, and return by output the largest bound of its components."""
-        bounded = {
-            name: _bounded_input(numbers[name], errors, source_names.get(name, ()), numbers, kind)
-            for name, errors in ((name, numbers[f"{name} error"]) for name in groups)
-        }
-        plan.run(bounded)
-        return {name: _largest(bounded[name]) for name in plan.outputs}
-
-    required_names = plan.inputs | {"u1", "u2"}
-    groups = {
-        name: _as_components(group, pair.shapes[name])
-        for name, group in {**pair.values, **values}.items()
-        if name in required_names
-    }
+    names = requested_outputs(outputs, None, pair.levels, pair.kind.default_outputs(level))
+    check_inputs(computation_of(pair, names, sequence), given)
+    arguments = read_arguments(given, pair.shapes, COORDINATES[pair.kind], INPUT_LABELS)
+    values = arguments.values
+    number_type = bounded_class(
+        result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
+    )
+    request = PairRequest(names, tuple(values), pair.kind.planar, sequence, pair.points)
+    needed = request.inputs()
+    groups = {name: _as_components(values[name], tail) for name, tail in needed.items() if name in values}
     errors = {
-        f"{name} error": tuple(map(conversion_error, group)) if isinstance(group, tuple) else conversion_error(group)
+        name: tuple(map(conversion_error, group)) if isinstance(group, tuple) else conversion_error(group)
         for name, group in groups.items()
     }
-    shape = broadcast_shape({**shapes, "pair": pair.shape})
-    return tabulate(bounds, groups | errors, dict.fromkeys(plan.outputs, ()), shape, np.dtype(np.float64))
+    if "constants" in needed:
+        groups["constants"], errors["constants"] = tree_numbers(pair).components, tree_errors(pair)
+    for name in ("n", "home"):
+        if name in needed:
+            groups[name] = numbers(pair.arrays[name], len(needed[name]))
+            errors[name] = axis_errors(pair) if name == "n" else (0.0,) * 9
+
+    def bounds(block: Named) -> Mapping[str, Any]:
+        """Run the program on inputs and their errors, and return by output the largest bound of its components."""
+        bounded = {name: _bounded(block[name], block[f"{name} error"], number_type) for name in groups}
+        return {name: _largest(found) for name, found in request.compute(bounded).items()}
+
+    inputs = groups | {f"{name} error": error for name, error in errors.items()}
+    shape = broadcast_shape({**arguments.shapes, "pair": pair.shape})
+    return tabulate(bounds, inputs, dict.fromkeys(names, ()), shape, np.dtype(np.float64))
 
 
 def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
@@ -285,20 +261,15 @@ def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
     return components_of(quantity, len(sample_shape))
 
 
-def _bounded_input(
-    quantity: Any, errors: Any, source_names: tuple[str, ...], numbers: Named, number_type: type[Bounded]
-) -> Any:
-    """Return an input of a plan with bounds on the errors of its conversion or, if it has sources, of computation."""
-    if not isinstance(quantity, tuple):
-        return number_type.rounded(quantity, errors)
-    if not source_names:
-        return tuple(map(number_type.rounded, quantity, errors))
-    source_size = sum(functools.reduce(np.maximum, map(np.abs, numbers[name])) for name in source_names)
-    error_before_rounding = 2.0**-90 * source_size  # a bound for the axis and the levers
-    return tuple(
-        number_type.rounded(c, np.spacing(np.abs(c)) / 2 + error_before_rounding + BoundedDouble.smallest)
-        for c in quantity
-    )
+def _bounded(quantity: Any, error: Any, number_type: type[Bounded]) -> Any:
+    """Return a number, or the components of a vector, with bounds on their errors; 0, 1 and -1 as they are, if they
+    are exact, since programs fold them.
+    """
+    if isinstance(quantity, tuple):
+        return tuple(_bounded(*one, number_type) for one in zip(quantity, error, strict=True))
+    if type(quantity) is float and type(error) is float and error == 0 and quantity in FOLDED:
+        return quantity + 0.0
+    return number_type.rounded(quantity, error)
 
 
 def _largest(quantity: Any) -> Any:

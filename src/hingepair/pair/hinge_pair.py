@@ -15,14 +15,11 @@ from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, Frozen, call_text, number_not_below_0, one_constant, set_frozen
 from hingepair.numeric.dask_arrays import holds_dask
-from hingepair.pair import accuracy, dynamics, residuals, tolerances
-from hingepair.pair import computations as kinematics
+from hingepair.pair import accuracy, requests, residuals, tolerances
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion, motion_inputs
-from hingepair.pair.constants import Constants, pair_constants
-from hingepair.pair.dynamics import DEFAULT_GRAVITY
-from hingepair.pair.points import Points, checked_points
-from hingepair.pair.prepare import prepare
+from hingepair.pair.geometry import Constants, Points, checked_points, spatial_constants
+from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import (
     Accelerations,
@@ -34,7 +31,6 @@ from hingepair.pair.states import (
 )
 from hingepair.pair.tolerances import PoseCovariance
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
-from hingepair.plans.plan import SPATIAL_MOTION_KIND
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
@@ -145,17 +141,17 @@ class HingePair(Frozen, Shown):
             raise ArgumentError("name", "a text that is not empty", quoted(name))
         axis = constants.axis if constants is not None and n is constants.arrays["n"] else n
         points = {key: checked_points(key, value, 3) for key, value in (("points1", points1), ("points2", points2))}
-        new_constants = pair_constants(u1, u2, n if axis is None else axis, home, **points)
-        rotation = new_constants.arrays["home"]
+        bodies = {"body1": checked_mass_properties("body1", body1), "body2": checked_mass_properties("body2", body2)}
+        new_constants = spatial_constants(
+            u1, u2, n if axis is None else axis, home, **points, bodies=(bodies["body1"], bodies["body2"])
+        )
         most = {"torque_limit": torque_limit, "rate_limit": rate_limit}
         set_frozen(
             self,
-            **{key: new_constants.arrays[key] for key in ("u1", "u2", "n")},
-            home=rotation.reshape(*rotation.shape[:-1], 3, 3),
+            **new_constants.arrays,
             name=name,
             limits=_checked_limits(limits),
-            body1=checked_mass_properties("body1", body1),
-            body2=checked_mass_properties("body2", body2),
+            **bodies,
             **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
             **points,
             constants=new_constants,
@@ -176,14 +172,6 @@ class HingePair(Frozen, Shown):
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
         points = (*self.points1.items(), *self.points2.items())
         return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses, *points])
-
-    def massive(self) -> HingePair:
-        """Return the pair in space with the same dynamics: this one."""
-        return self
-
-    def with_masses(self) -> Constants:
-        """Return the constants with those of the pair as a tree."""
-        return dynamics.tree_constants(self.constants, (self.body1, self.body2))
 
     def forward_kinematics(
         self,
@@ -208,9 +196,7 @@ class HingePair(Frozen, Shown):
         >>> state.v2[0]
         array([ 1.,  4., -1.])
         """
-        return kinematics.from_coordinates(
-            SPATIAL_MOTION_KIND, self.constants, q, qd, qdd, outputs, out, sequence, backend, workers
-        )
+        return requests.from_coordinates(self.constants, q, qd, qdd, outputs, out, sequence, backend, workers)
 
     def prepare(
         self,
@@ -264,7 +250,7 @@ class HingePair(Frozen, Shown):
         >>> at(np.array([0.0, 0.0, 0.0, 1.0]), 0.0).jacobian @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return prepare(self, given, outputs, sequence, gravity, execution_of(backend, workers))
+        return requests.prepare(self, given, outputs, sequence, gravity, execution_of(backend, workers))
 
     def forward_kinematics_from_body1(
         self,
@@ -289,7 +275,7 @@ class HingePair(Frozen, Shown):
         >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
-        return kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, backend, workers)
+        return requests.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, backend, workers)
 
     @overload
     def error_bounds(
@@ -345,16 +331,16 @@ class HingePair(Frozen, Shown):
         '5e-16'
         """
         if isinstance(q, BodyMotion):
-            given = kinematics.body1_inputs(q, qd, qdd, psidd)
+            given = requests.body1_inputs(q, qd, qdd, psidd)
             level = ("psid" in given) + ("psidd" in given)
-            return accuracy.error_bounds(SPATIAL_MOTION_KIND, self.constants, given, level, outputs)
+            return accuracy.error_bounds(self.constants, given, level, outputs)
         if psidd is not None:
             raise ArgumentError("psidd", "nothing, since the first argument is no BodyMotion", quoted(psidd))
         if holds_dask(q, qd, qdd):
-            return kinematics.lazily(self, self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs, sequence=sequence)
-        given = kinematics.coordinate_rows(q, qd, qdd)
+            return requests.lazily(self, self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs, sequence=sequence)
+        given = requests.coordinate_rows(q, qd, qdd)
         find_sequence(sequence)
-        return accuracy.error_bounds(SPATIAL_MOTION_KIND, self.constants, given, len(given) - 1, outputs, sequence)
+        return accuracy.error_bounds(self.constants, given, len(given) - 1, outputs, sequence)
 
     def mass_matrix(
         self,
@@ -378,7 +364,7 @@ class HingePair(Frozen, Shown):
         [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
         given = {**motion_inputs("body1", body1, ("S",)), "psi": psi}
-        return dynamics.ask(self, "mass_matrix", given, out=out, workers=workers, backend=backend)
+        return requests.ask(self, "mass_matrix", given, out=out, workers=workers, backend=backend)
 
     def inverse_dynamics(
         self,
@@ -407,7 +393,7 @@ class HingePair(Frozen, Shown):
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         given = {**motion_inputs("body1", body1, _MOVED), **hinge}
-        return dynamics.ask(
+        return requests.ask(
             self, "inverse_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
         )
 
@@ -453,10 +439,10 @@ class HingePair(Frozen, Shown):
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
         given = {**motion_inputs("body1", body1, ("S", "omega")), **hinge, **loads}
-        found: Accelerations = dynamics.ask(
+        found: Accelerations = requests.ask(
             self, "forward_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
         )
-        dynamics.warn_where_singular(found["psidd"], self)
+        requests.warn_where_singular(found["psidd"], self)
         return found
 
     def hinge_wrench(
@@ -485,7 +471,7 @@ class HingePair(Frozen, Shown):
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         given = {**motion_inputs("body1", body1, _MOVED), **hinge}
-        return dynamics.ask(
+        return requests.ask(
             self,
             "hinge_wrench",
             given,
@@ -520,7 +506,7 @@ class HingePair(Frozen, Shown):
         [2.0, 78.48]
         """
         given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        return dynamics.ask(self, "energy", given, gravity=gravity, out=out, workers=workers, backend=backend)
+        return requests.ask(self, "energy", given, gravity=gravity, out=out, workers=workers, backend=backend)
 
     def momentum(
         self,
@@ -545,7 +531,7 @@ class HingePair(Frozen, Shown):
         [4.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        return dynamics.ask(self, "momentum", given, out=out, workers=workers, backend=backend)
+        return requests.ask(self, "momentum", given, out=out, workers=workers, backend=backend)
 
     def residuals(
         self,
@@ -587,7 +573,7 @@ class HingePair(Frozen, Shown):
         True
         """
         if holds_dask(body1, body2):
-            arrays = kinematics.lazily(self, self._residual_arrays, body1=body1, body2=body2, tolerances=tolerances)
+            arrays = requests.lazily(self, self._residual_arrays, body1=body1, body2=body2, tolerances=tolerances)
             lazy: Any = residuals.lazy_residuals(arrays, self.name, body1, body2, tolerances, t)
             return lazy
         return residuals.residuals(self.constants, self.name, body1, body2, tolerances, t)
@@ -617,8 +603,8 @@ class HingePair(Frozen, Shown):
         >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return dynamics.ask(
-            self, "jacobian", kinematics.body1_inputs(body1, psi), out=out, workers=workers, backend=backend
+        return requests.ask(
+            self, "jacobian", requests.body1_inputs(body1, psi), out=out, workers=workers, backend=backend
         )
 
     def acceleration_bias(
@@ -643,10 +629,10 @@ class HingePair(Frozen, Shown):
         >>> pair.acceleration_bias(body1, 0.0, 2.0)
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        return dynamics.ask(
+        return requests.ask(
             self,
             "acceleration_bias",
-            kinematics.body1_inputs(body1, psi, psid),
+            requests.body1_inputs(body1, psi, psid),
             out=out,
             workers=workers,
             backend=backend,
@@ -714,7 +700,7 @@ class HingePair(Frozen, Shown):
             if points:
                 raise ArgumentError("points", "None for Dask arrays", quoted(points))
             plain = replace(self, points1={}, points2={})
-            return kinematics.lazily(
+            return requests.lazily(
                 plain, plain.propagate_covariance, body1=body1, psi=psi, covariance=covariance, **given
             )
         return tolerances.propagate_covariance(self.constants, body1, psi, covariance, points, **given)
@@ -745,7 +731,7 @@ class HingePair(Frozen, Shown):
         [0.0, 0.0, 0.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        return dynamics.ask(self, "constraint_jacobian", given, out=out, workers=workers, backend=backend)
+        return requests.ask(self, "constraint_jacobian", given, out=out, workers=workers, backend=backend)
 
     def constraint_bias(
         self,
@@ -770,7 +756,7 @@ class HingePair(Frozen, Shown):
         [-4.0, 0.0, 0.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        return dynamics.ask(self, "constraint_bias", given, out=out, workers=workers, backend=backend)
+        return requests.ask(self, "constraint_bias", given, out=out, workers=workers, backend=backend)
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:

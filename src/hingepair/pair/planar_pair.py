@@ -12,26 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, call_text, constant, set_frozen
-from hingepair.numeric.blocks import numbers
+from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, call_text, set_frozen
 from hingepair.numeric.dask_arrays import holds_dask
-from hingepair.pair import accuracy, dynamics
-from hingepair.pair import computations as kinematics
+from hingepair.pair import accuracy, requests
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import motion_of_rotations
-from hingepair.pair.constants import Constants
+from hingepair.pair.geometry import Constants, Points, checked_points, lifted, planar_constants
 from hingepair.pair.hinge_pair import WRENCH_OUTPUTS, HingePair, checked_mass_properties
-from hingepair.pair.points import Points, checked_points, named_points
-from hingepair.pair.prepare import prepare
 from hingepair.pair.states import Energy, Forces, HingeWrench, Momentum, PlanarState
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
-from hingepair.plans.dynamics_steps import LOADS, MASS_NUMBERS
-from hingepair.plans.plan import PLANAR_MOTION_KIND
+from hingepair.plans.pairs import PLANE
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
 
-PLANAR_GRAVITY = PLANAR_MOTION_KIND.gravity  # (0, -9.81) m/s^2
+PLANAR_GRAVITY = PLANE.gravity  # (0, -9.81) m/s^2
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -91,15 +86,11 @@ class PlanarPair(Frozen, Shown):
     ) -> None:
         if not isinstance(name, str) or not name.strip():
             raise ArgumentError("name", "a text that is not empty", quoted(name))
-        arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
-        values = {key: numbers(array) for key, array in arrays.items()}
         points = {key: checked_points(key, value, 2) for key, value in (("points1", points1), ("points2", points2))}
-        names, positions = named_points(**points)
-        shape = broadcast_shape({key: array.shape[:-1] for key, array in {**arrays, **positions}.items()})
-        values |= {key: numbers(array) for key, array in positions.items()}
-        constants = Constants(values, {**arrays, **positions}, shape, points=names)
         bodies = {"body1": checked_mass_properties("body1", body1), "body2": checked_mass_properties("body2", body2)}
-        set_frozen(self, **arrays, **bodies, **points, name=name, constants=constants)
+        moving = tuple(None if body is None else _body_in_plane(body) for body in bodies.values())
+        constants = planar_constants(u1, u2, **points, bodies=(moving[0], moving[1]))
+        set_frozen(self, **constants.arrays, **bodies, **points, name=name, constants=constants)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (
@@ -139,9 +130,7 @@ class PlanarPair(Frozen, Shown):
         >>> state.v2[0], state.omega2[0]
         (array([1., 4.]), np.float64(2.0))
         """
-        return kinematics.from_coordinates(
-            PLANAR_MOTION_KIND, self.constants, q, qd, qdd, outputs, out, None, backend, workers
-        )
+        return requests.from_coordinates(self.constants, q, qd, qdd, outputs, out, None, backend, workers)
 
     def prepare(
         self,
@@ -169,7 +158,7 @@ class PlanarPair(Frozen, Shown):
         >>> (f.jacobian((np.zeros(4),))["R2"]["q"] + 0.0).tolist()
         [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 2.0, 1.0]]
         """
-        return prepare(self, given, outputs, None, gravity, execution_of(backend, workers))
+        return requests.prepare(self, given, outputs, None, gravity, execution_of(backend, workers))
 
     def error_bounds(
         self,
@@ -187,9 +176,9 @@ class PlanarPair(Frozen, Shown):
         '7e-16'
         """
         if holds_dask(q, qd, qdd):
-            return kinematics.lazily(self, self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs)
-        given = kinematics.coordinate_rows(q, qd, qdd)
-        return accuracy.error_bounds(PLANAR_MOTION_KIND, self.constants, given, len(given) - 1, outputs)
+            return requests.lazily(self, self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs)
+        given = requests.coordinate_rows(q, qd, qdd)
+        return accuracy.error_bounds(self.constants, given, len(given) - 1, outputs)
 
     def to_spatial(self) -> HingePair:
         """Return this pair as a HingePair with n = (0, 0, 1), and the same mass properties.
@@ -217,19 +206,17 @@ class PlanarPair(Frozen, Shown):
         """
         pair: HingePair | None = self.constants.cache.others.get("massive")
         if pair is None:
-            pair = self._in_space(
-                *(None if body is None else _body_in_plane(body) for body in (self.body1, self.body2))
-            )
+            pair = self._in_space(*self.constants.bodies)
             self.constants.cache.others["massive"] = pair
         return pair
 
     def _in_space(self, body1: Body | None, body2: Body | None) -> HingePair:
         """Return the HingePair with n = (0, 0, 1), the levers of this pair and these mass properties."""
         points1, points2 = (
-            {name: _lifted(position) for name, position in points.items()} for points in (self.points1, self.points2)
+            {name: lifted(position) for name, position in points.items()} for points in (self.points1, self.points2)
         )
         return HingePair(
-            _lifted(self.u1), _lifted(self.u2), (0, 0, 1), name=self.name, body1=body1, body2=body2,
+            lifted(self.u1), lifted(self.u2), (0, 0, 1), name=self.name, body1=body1, body2=body2,
             points1=points1, points2=points2,
         )  # fmt: skip
 
@@ -249,7 +236,7 @@ class PlanarPair(Frozen, Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).mass_matrix((0, 0, 0, 0)).diagonal().tolist()
         [4.0, 4.0, 10.0, 3.0]
         """
-        return dynamics.ask(self, "mass_matrix", {"q": q}, out=out, workers=workers, backend=backend)
+        return requests.ask(self, "mass_matrix", {"q": q}, out=out, workers=workers, backend=backend)
 
     def inverse_dynamics(
         self,
@@ -274,7 +261,7 @@ class PlanarPair(Frozen, Shown):
         ([0.0, 39.24], 19.62)
         """
         given = {"q": q, "qd": qd, "qdd": qdd}
-        return dynamics.ask(
+        return requests.ask(
             self, "inverse_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
         )
 
@@ -301,7 +288,7 @@ class PlanarPair(Frozen, Shown):
         ([0.0, 19.62], 19.62)
         """
         given, named = {"q": q, "qd": qd, "qdd": qdd}, renamed_out(out, WRENCH_OUTPUTS)
-        return dynamics.ask(self, "hinge_wrench", given, gravity=gravity, out=named, workers=workers, backend=backend)
+        return requests.ask(self, "hinge_wrench", given, gravity=gravity, out=named, workers=workers, backend=backend)
 
     def forward_dynamics(
         self,
@@ -340,10 +327,10 @@ class PlanarPair(Frozen, Shown):
         """
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
         given = {"q": q, "qd": qd, "hinge_torque": hinge_torque, **loads}
-        found: FloatArray = dynamics.ask(
+        found: FloatArray = requests.ask(
             self, "forward_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
         )
-        dynamics.warn_where_singular(found, self)
+        requests.warn_where_singular(found, self)
         return found
 
     def energy(
@@ -364,7 +351,7 @@ class PlanarPair(Frozen, Shown):
         >>> pair.energy((0, 1, 0, 0), (1, 0, 0, 0)).potential.round(9).tolist()
         19.62
         """
-        return dynamics.ask(
+        return requests.ask(
             self, "energy", {"q": q, "qd": qd}, gravity=gravity, out=out, workers=workers, backend=backend
         )
 
@@ -385,20 +372,7 @@ class PlanarPair(Frozen, Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).momentum((0, 1, 0, 0), (1, 0, 0, 0)).linear.tolist()
         [4.0, 0.0]
         """
-        return dynamics.ask(self, "momentum", {"q": q, "qd": qd}, out=out, workers=workers, backend=backend)
-
-    def with_masses(self) -> Constants:
-        """Return the pair's constants, extended by its masses in the form of a tree of one hinge."""
-        kept = self.constants.cache.others
-        if "tree" not in kept:
-            tree = self.massive().with_masses().arrays
-            arrays = {name: tree[name] for name in (*MASS_NUMBERS, "masses", "least_pivots")}
-            arrays |= {name: np.zeros(PLANAR_MOTION_KIND.shapes[name]) for name in LOADS}
-            arrays["first_moments"] = tree["first_moments"][[0, 1, 3, 4]]
-            arrays["inertias"] = tree["inertias"][[5, 11]]  # about z
-            kept["tree"] = self.constants.extended(arrays)
-        constants: Constants = kept["tree"]
-        return constants
+        return requests.ask(self, "momentum", {"q": q, "qd": qd}, out=out, workers=workers, backend=backend)
 
 
 def _body_in_plane(body: Body) -> Body:
@@ -413,7 +387,7 @@ def _body_in_plane(body: Body) -> Body:
 
 def motion_in_space(q: Coordinates, qd: Coordinates | None = None, qdd: Coordinates | None = None) -> tuple[Any, ...]:
     """Return planar coordinates as the motion (body1, psi, psid, psidd) in space; the rates as far as given."""
-    coordinates = kinematics.read_rows(PLANAR_MOTION_KIND, q, qd, qdd)
+    coordinates = requests.read_rows(PLANE, q, qd, qdd)
     shape = broadcast_shape(coordinates.shapes)
     zero = np.zeros(shape)
     arrays: dict[str, NDArray[Any]] = {}
@@ -425,8 +399,3 @@ def motion_in_space(q: Coordinates, qd: Coordinates | None = None, qdd: Coordina
         hinge.append(psi)
     S = rotation_exp(arrays.pop("S"))
     return motion_of_rotations(S=S, **arrays), *hinge
-
-
-def _lifted(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return vectors of the plane as vectors in space with z = 0."""
-    return np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1)

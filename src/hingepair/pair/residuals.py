@@ -18,9 +18,9 @@ from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_numbe
 from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_arrays
-from hingepair.pair.computations import compute_arrays
-from hingepair.pair.constants import Constants, with_hinge_frames
-from hingepair.plans.plan import make_plan
+from hingepair.pair.geometry import Constants
+from hingepair.pair.requests import compute_arrays
+from hingepair.plans.constraints import CONSTRAINTS
 from hingepair.tables.sheets import Sheet, align_columns, instant_text, json_text, left_out_remark
 
 # The headings of the printed table.
@@ -447,7 +447,6 @@ def _compute_residuals(
         _check_rates_present(kind, motions)
     shapes = {"body1": body1.shape, "body2": body2.shape}
     shape = broadcast_shape({**shapes, "pair": pair.shape})
-    pair = with_hinge_frames(pair)
     arrays = _computable_arrays(pair, motions, shapes)
     u = _largest_roundoff(array.dtype for array in motions.values())
     attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
@@ -499,10 +498,8 @@ def _computable_arrays(
     pair: Constants, motions: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
 ) -> dict[str, NDArray[Any]]:
     """Compute those residuals and hinge angles for which the motions suffice; float64 arrays by name."""
-    home, known_names = "home" in pair.values, {*motions, *pair.values}
-    names = [
-        name for name in _ARRAYS if make_plan((name,), None, home, given_names=tuple(motions)).inputs <= known_names
-    ]
+    bodies = {f"{letter}{k}" for letter in MOTION_SHAPES for k in "12"}
+    names = [name for name in _ARRAYS if bodies.intersection(CONSTRAINTS[name][0]) <= motions.keys()]
     return compute_arrays(pair, names, motions, shapes, np.dtype(np.float64))
 
 

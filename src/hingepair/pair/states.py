@@ -12,8 +12,7 @@ from hingepair.equations.quantities import QUANTITIES, attribute_texts
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import FloatArray
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
-from hingepair.plans.points import POINT_ENDINGS, unit_among
+from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE, unit_among
 
 
 class PointState(Results):
@@ -64,10 +63,10 @@ class PairState(_StateWithPoints):
 
     __slots__ = attribute_texts(
         (
-            *SPATIAL_MOTION_KIND.levels,
+            *SPACE.levels,
             *("jacobian", "acceleration_bias", "force1", "torque1", "hinge_torque", "psidd"),
         ),
-        SPATIAL_MOTION_KIND.shapes,
+        SPACE.shapes,
     )
 
     R2: FloatArray
@@ -138,7 +137,7 @@ class PlanarState(_StateWithPoints):
         outputs: names of the outputs that were computed.
     """
 
-    __slots__ = attribute_texts(PLANAR_MOTION_KIND.levels, PLANAR_MOTION_KIND.shapes)
+    __slots__ = attribute_texts(PLANE.levels, PLANE.shapes)
 
     R2: FloatArray
     phi2: FloatArray

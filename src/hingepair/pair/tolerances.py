@@ -10,11 +10,14 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.numeric.arrays import Float64Array, Frozen, number_not_below_0, one_constant, read_only
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.constants import Constants, check_pair, check_single_pair
-from hingepair.pair.derivatives import attitude_of_body2, geometry_jacobian
+from hingepair.pair.geometry import Constants, check_pair, check_single_pair
+from hingepair.pair.requests import INPUT_LABELS, body1_inputs, computation_of
+from hingepair.plans.derivatives import Derivative
+from hingepair.plans.geometry import GEOMETRY_SHAPES
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.units import SCALES
 
@@ -191,7 +194,7 @@ def propagate_covariance(
     own = point_scatter([point.name for point in pair.points], points)
     geometry, _ = geometry_scatter(pair.arrays["n"], covariance, tolerances, required=not own)
     turned = tuple(point.name for point in pair.points if point.body == 2)
-    slopes = geometry_jacobian(pair, body1, psi, turned)
+    slopes = _geometry_jacobian(pair, body1, psi, turned)
 
     def scattered(jacobian: Any, variances: Float64Array) -> tuple[Any, ...]:
         arrays = (jacobian @ variances) @ np.matrix_transpose(jacobian), jacobian, variances
@@ -199,7 +202,7 @@ def propagate_covariance(
 
     found = []
     if pair.points:
-        attitudes = {1: body1.S + 0 * slopes[..., :3, :3], 2: attitude_of_body2(pair, body1, psi)}
+        attitudes = {1: body1.S + 0 * slopes[..., :3, :3], 2: _attitude_of_body2(pair, body1, psi)}
         for name, body in pair.points:
             row = 6 + 3 * turned.index(name) if body == 2 else 0
             by_geometry = slopes[..., row : row + 3, :] if body == 2 else 0 * slopes[..., :3, :]
@@ -210,6 +213,27 @@ def propagate_covariance(
             found.append(PointCovariance(name=name, R=R, jacobian=jacobian, geometry=variances))
     pose, slopes, variances = scattered(slopes[..., :6, :], geometry)
     return PoseCovariance(covariance=pose, jacobian=slopes, geometry=variances, points=tuple(found) or None)
+
+
+def _geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike, points: tuple[str, ...] = ()) -> Any:
+    """Compute the derivatives of R2, of body 2's attitude and of some points (rows) by u1, u2, n and home (columns);
+    shape (..., 6 + 3 k, 12) (E5, E7). Changes of the attitude are rotation vectors in world axes; those of home, in
+    body-1 axes.
+    """
+    names, outputs = ("u1", "u2", "n", "home"), ("d", "S2", *points)
+    arguments = tuple((name, GEOMETRY_SHAPES[False][name]) for name in names)
+    computation = computation_of(pair, outputs, by_geometry=True)
+    derivative = Derivative("jacobian", outputs, arguments)
+    given = body1_inputs(body1, psi)
+    found = computation.compute(given, execution_of("auto", 1), labels=INPUT_LABELS, derivative=derivative)
+    rows = [[found[f"{output}_{name}"] for name in names] for output in outputs]
+    return np.concat([np.concat(row, axis=-1) for row in rows], axis=-2)
+
+
+def _attitude_of_body2(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> Any:
+    """Compute S2; shape (..., 3, 3) (E5)."""
+    given = body1_inputs(body1, psi)
+    return computation_of(pair, ("S2",)).compute(given, execution_of("auto", 1), labels=INPUT_LABELS)["S2"]
 
 
 def sample_pairs(

@@ -12,7 +12,7 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.motion.simulate import SimulatedPlanarMotion
 from hingepair.motion.trajectory import Trajectory
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
-from hingepair.pair.constants import check_single_pair
+from hingepair.pair.geometry import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.pair_scene import PairResult, PairScene

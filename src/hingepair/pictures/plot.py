@@ -32,7 +32,7 @@ from hingepair.pictures.mechanism_plot import plot_mechanism, plot_robot
 from hingepair.pictures.motion_samples import Array, MotionSource, ShownMotion, sample_pieces
 from hingepair.pictures.robot_motion import read_robot_motion
 from hingepair.pictures.smoothed_plot import plot_smoothed
-from hingepair.plans.points import point_outputs, unit_among
+from hingepair.plans.pairs import point_outputs, unit_among
 from hingepair.scenes.pair_scene import PAIR_FORCES, PairResult, PairScene
 from hingepair.scenes.robot_scene import RobotResult, RobotScene, scene_of_simulation
 from hingepair.tables.units import Columns, Units

@@ -148,11 +148,15 @@ class Computation:
         names = tuple(given)
         if names not in self._sufficient:
             for output in self.outputs:
-                for name, _ in self._loop((output,), names).inputs:
-                    if name not in given and name not in self.known and name != "gravity":
-                        return output, name
+                for name in self.missing_inputs(output, names):
+                    return output, name
             self._sufficient.add(names)
         return None
+
+    def missing_inputs(self, output: str, given: tuple[str, ...]) -> list[str]:
+        """Return the names of the inputs, gravity apart, that an output needs beside what is given and known."""
+        needed = (name for name, _ in self._loop((output,), given).inputs)
+        return [name for name in needed if name not in given and name not in self.known and name != "gravity"]
 
     def compute(
         self,

@@ -34,8 +34,8 @@ from hingepair.equations.spatial import (
 )
 from hingepair.numeric.blocks import cosine, sine
 from hingepair.numeric.caching import lock_free_cached_property
+from hingepair.plans.attitudes import rotation_defect
 from hingepair.plans.closures import Chains, Closure, condition_count
-from hingepair.plans.steps import ATTITUDE_STEPS
 from hingepair.plans.struts import Strut, StrutForm, line_of_action
 
 # Shapes of the constants of the base.
@@ -903,7 +903,7 @@ OUTPUTS: Final[Mapping[str, Output]] = {
     "strut_length": Output(_POSE_INPUTS, lambda c: tuple(length for length, _ in c.strut_lines)),
     "strut_rate": Output(_RATE_INPUTS, lambda c: tuple(c.strut_rates)),
     "strut_force": Output(_RATE_INPUTS, TreeQuantities.strut_forces),
-    "S1_check": Output(("S1",), lambda c: ATTITUDE_STEPS["S1"][0].function(c.values["S1"])),
+    "S1_check": Output(("S1",), lambda c: rotation_defect(c.values["S1"])),
 }
 """All that can be computed of a tree, by name."""
 

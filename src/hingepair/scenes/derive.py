@@ -11,7 +11,6 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.plans.points import INPUT
 from hingepair.scenes.load import SceneFile
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.robot_scene import RobotScene
@@ -22,6 +21,7 @@ from hingepair.symbolic.exact_expressions import SYMPY_ERRORS, to_sympy
 from hingepair.symbolic.expressions import Expression
 from hingepair.symbolic.frame_forms import FrameForms
 from hingepair.symbolic.kinks import Expr, constant_value
+from hingepair.symbolic.pair_equations import point_vector
 
 
 @overload
@@ -153,8 +153,9 @@ def _exact_pair_values(
     """Return u1, u2, n and home (row by row) as [pair] writes them, by key, where the pair has the same values."""
     table, planar = tables.table("pair"), isinstance(pair, PlanarPair)
     # Of a scene whose pair was replaced, not those of the file.
-    points = {INPUT + name: position.tolist() for name, position in {**pair.points1, **pair.points2}.items()}
-    numbers = {**pair.constants.values, **points}
+    points = {point_vector(name): position.tolist() for name, position in {**pair.points1, **pair.points2}.items()}
+    arrays = {key: array.ravel().tolist() for key, array in pair.constants.arrays.items()}
+    numbers = {**arrays, **points}
     same = {
         key
         for key, exprs in _pair_expressions(table, planar).items()
@@ -179,7 +180,7 @@ def _pair_expressions(
         points = table.table(key, required=False)
         for name in points.values:
             position = points.expressions(name, 2 if planar else 3, symbolic_constants=symbolic_constants)
-            written[INPUT + name] = _in_sympy(name, position)
+            written[point_vector(name)] = _in_sympy(name, position)
     if any(isinstance(component, str) for component in table.values.get("n", ())):
         written["n"] = exact_unit_axis(exact("n", 3))
     if isinstance(table.values.get("home"), list):

@@ -16,16 +16,13 @@ from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.motion.run import stop_overrun
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.accuracy import error_ratios, output_scales
-from hingepair.pair.computations import computation_of, compute_arrays
-from hingepair.pair.constants import with_hinge_frames
 from hingepair.pair.hinge_load import TORQUE_PARTS
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.pair.requests import ROWS, computation_of, compute_arrays
 from hingepair.pair.states import Energy, Momentum, PairState, PlanarState
 from hingepair.plans.arguments import check_outputs
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, default_outputs
-from hingepair.plans.points import point_outputs, unit_among
-from hingepair.plans.steps import SPATIAL_PARTS
+from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_among
 from hingepair.scenes.forces import SceneForces, pair_forces
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.motions.known import Derivatives, KnownMotion, MotionByBody1, quaternion_columns
@@ -108,8 +105,7 @@ class PairResult(SceneResult):
         W1, psid = a.pop("W1", None), a.pop("psid", None)
         scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
         names, rate = (("gap",), {}) if psid is None else (("gap", "slip"), {"psid_given": psid})
-        constants = with_hinge_frames(pair.constants)
-        measured = compute_arrays(constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
+        measured = compute_arrays(pair.constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
         sizes = []
         for name, residual in zip(("R2", "omega2"), measured.values(), strict=False):
             error, ratio = error_ratios(name, residual, np.zeros_like(residual), scales[name])
@@ -160,9 +156,9 @@ class PairScene(Scene):
         return self.pair if isinstance(self.pair, HingePair) else self.pair.to_spatial()
 
     @property
-    def kind(self) -> MotionKind:
+    def kind(self) -> PairKind:
         """The kind of motion, which says which outputs exist."""
-        return SPATIAL_MOTION_KIND if isinstance(self.pair, HingePair) else PLANAR_MOTION_KIND
+        return SPACE if isinstance(self.pair, HingePair) else PLANE
 
     @property
     def dimensions(self) -> int:
@@ -189,7 +185,7 @@ class PairScene(Scene):
 
     def further_outputs(self, level: int) -> tuple[str, ...]:
         """Return the FURTHER_OUTPUTS that need derivatives of order `level` at most."""
-        names = FURTHER_OUTPUTS if self.kind == SPATIAL_MOTION_KIND else COORDINATE_OUTPUTS
+        names = FURTHER_OUTPUTS if self.kind == SPACE else COORDINATE_OUTPUTS
         return tuple(name for name in names if self._level(name) <= level)
 
     @property
@@ -251,7 +247,7 @@ class PairScene(Scene):
         if names is None:
             level = self.motion.level
             of_points = (name for name, quantity in self.of_points.items() if quantity.order <= level)
-            return (*default_outputs(level, self.kind), *of_points), level
+            return (*self.kind.default_outputs(level), *of_points), level
         of_equations = (_ATTITUDES.get(name, name) for name in names if name not in COORDINATE_OUTPUTS)
         return tuple(dict.fromkeys(of_equations)), max(map(self._level, names))
 
@@ -261,7 +257,7 @@ class PairScene(Scene):
         known = self.motion.source.part(rows, max(order, min_order))
         state: PairState | PlanarState
         if needed == ():
-            state = (PairState if self.kind == SPATIAL_MOTION_KIND else PlanarState)({}, t.shape)
+            state = (PairState if self.kind == SPACE else PlanarState)({}, t.shape)
         else:
             state = known.part(slice(None), order).forward_kinematics(self.pair, needed, self.backend)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
@@ -275,13 +271,13 @@ class PairScene(Scene):
         """
         needed, order = self._needed(self.request(outputs))
         motion = self.motion.source.part(slice(1), order)
-        names = default_outputs(order, self.kind) if needed is None else needed
+        names = self.kind.default_outputs(order) if needed is None else needed
         # Two samples of what varies: one sample would be a known constant.
         samples = {
             part: tuple(np.empty(2) if isinstance(value, np.ndarray) else value for value in values)
-            for part, values in zip(SPATIAL_PARTS, motion.derivatives, strict=False)
+            for part, values in zip(ROWS, motion.derivatives, strict=False)
         }
-        computation = computation_of(self.kind, self.pair.constants, names, motion.sequence)
+        computation = computation_of(self.pair.constants, names, motion.sequence)
         counts = [computation.count_operations(samples)] if names else []
         return ScenePlan.of(names, counts, order, self.motion.level, motion.constant_names())
 
@@ -327,7 +323,7 @@ class PairScene(Scene):
         whole = self.motion.source.part(slice(None), ACCELERATION).in_space(self.pair)
         part = whole.part(rows, ACCELERATION)
         loads = {name: load[rows] for name, load in motion.loads.items()}
-        held: dict[str, Any] = {"base": motion.base, "is_planar": self.kind == PLANAR_MOTION_KIND}
+        held: dict[str, Any] = {"base": motion.base, "is_planar": self.kind == PLANE}
         forces = compare_forces(motion.space, part.body1, part.hinge, loads, motion.gravity, **held)
         moves = motion.base in {"free", "pinned"}
         rates = compare_rates(self.times(), whole.body1, whole.hinge, body1_moves=moves)
@@ -405,7 +401,7 @@ class PairScene(Scene):
         return self
 
     def _subject(self) -> str:
-        keys = ("u1", "u2", "n") if self.kind == SPATIAL_MOTION_KIND else ("u1", "u2")
+        keys = ("u1", "u2", "n") if self.kind == SPACE else ("u1", "u2")
         vectors = (f"{key} = ({', '.join(f'{c:g}' for c in getattr(self.pair, key))})" for key in keys)
         return f"{self.pair.name}: {', '.join(vectors)}"
 

@@ -1,6 +1,6 @@
 """Closed forms of a pair: the equations evaluated on SymPy expressions in t, each result in the shorter of two forms.
 
-After every step of a plan, products of sines and cosines are converted to sums of sines and cosines. The form of each
+After every equation, products of sines and cosines are converted to sums of sines and cosines. The form of each
 component with fewer symbols is kept. Where both have equally many, the sum is displayed, and the next step uses the
 product, since a product of products is more readable than a product of sums.
 """
@@ -16,16 +16,17 @@ import sympy
 from hingepair.errors import ArgumentError
 from hingepair.numeric.blocks import components
 from hingepair.numeric.names import Names
-from hingepair.pair.computations import ROWS
-from hingepair.pair.constants import check_single_pair
+from hingepair.pair.geometry import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.pair.requests import ROWS
 from hingepair.plans.arguments import check_outputs
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, make_plan
-from hingepair.plans.points import INPUT, point_outputs, result_of, unit_among
+from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_among
 from hingepair.symbolic.exact_constants import exact, exact_entry
 from hingepair.symbolic.exact_expressions import derivatives, time_symbol
 from hingepair.symbolic.kinks import Expr, real_symbol
+from hingepair.symbolic.pair_equations import Equation as PairEquation
+from hingepair.symbolic.pair_equations import equations_of, point_vector, result_of
 from hingepair.symbolic.printers import (
     count_symbols,
     latex_name,
@@ -36,7 +37,7 @@ from hingepair.symbolic.printers import (
     with_short_constants,
     with_symbols,
 )
-from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, trig_sum
+from hingepair.symbolic.trig_sums import trig_sum
 from hingepair.symbolic.written_forms import (
     Equation,
     Equations,
@@ -79,7 +80,7 @@ class Derivation(WrittenForms):
         ArgumentError: `pair` holds more than one pair, or the derivatives of a coordinate are too long.
     """
 
-    __slots__ = ("_display_forms", "_home", "_planar", "_points", "_sequence", "_working_forms")
+    __slots__ = ("_display_forms", "_equations_by_result", "_planar", "_points", "_working_forms")
     _writers = to_text, str, to_latex
     _abbreviated = False
 
@@ -102,8 +103,9 @@ class Derivation(WrittenForms):
         ]
         written = {key: tuple(expr.xreplace(renamed) for expr in exprs) for key, exprs in written.items()}
         constants = constant_inputs(pair, symbolic, written)
-        self._sequence = None if self._planar else sequence
-        self._home = "home" in constants
+        self._equations_by_result: dict[str, PairEquation] = equations_of(
+            None if self._planar else sequence, "home" in constants, self._points
+        )
         self._working_forms: dict[str, Any] = constants | dict(zip(ROWS, zip(*coordinates, strict=True), strict=True))
         self._display_forms: dict[str, tuple[Expr, ...]] = {}
 
@@ -113,9 +115,9 @@ class Derivation(WrittenForms):
         return time_symbol()
 
     @property
-    def kind(self) -> MotionKind:
-        """Kind of motion of the pair, PLANAR_MOTION_KIND or SPATIAL_MOTION_KIND."""
-        return PLANAR_MOTION_KIND if self._planar else SPATIAL_MOTION_KIND
+    def kind(self) -> PairKind:
+        """Kind of motion of the pair, PLANE or SPACE."""
+        return PLANE if self._planar else SPACE
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -168,20 +170,22 @@ class Derivation(WrittenForms):
             ArgumentError: no such output, or its closed form is too long to be of use.
         """
         check_outputs((name,), self.names)
-        plan = make_plan((name,), self._sequence, self._home, TRIG_FUNCTIONS, self.kind, ROWS, self._points)
         result_name = name if name in self.kind.levels else result_of(name)
-        for result, function, arguments in plan.steps:
-            if result not in self._working_forms:
-                value = function(*[self._working_forms[key] for key in arguments])
-                keep = (
-                    result in ("angles", "phi2")  # sums of angles
-                    or bool({*arguments} & {*ROWS})
-                    or isinstance(components(value)[0], tuple)
-                )
-                self._working_forms[result] = value if keep else self._shorten(result, value)
-        return tuple(
-            map(sorted_terms, self._display_forms.get(result_name, components(self._working_forms[result_name])))
-        )
+        value = self._working_form(result_name)
+        return tuple(map(sorted_terms, self._display_forms.get(result_name, components(value))))
+
+    def _working_form(self, result: str) -> Any:
+        """Return a quantity in the form that further equations use."""
+        if result not in self._working_forms:
+            function, arguments = self._equations_by_result[result]
+            value = function(*map(self._working_form, arguments))
+            keep = (
+                result in ("angles", "phi2")  # sums of angles
+                or bool({*arguments} & {*ROWS})
+                or isinstance(components(value)[0], tuple)
+            )
+            self._working_forms[result] = value if keep else self._shorten(result, value)
+        return self._working_forms[result]
 
     def _shorten(self, result_name: str, value: Any) -> Any:
         """Return a result in the form that further steps use, and store the form that is displayed."""
@@ -266,8 +270,9 @@ def constant_inputs(
 ) -> dict[str, SumTerms]:
     """Return the pair's constants as expressions: symbols, `exact_values`, or exact numbers made of its floats."""
     inputs: dict[str, SumTerms] = {}
-    values = pair.constants.values
-    for key, value in ((key, values[key]) for key in _CONSTANTS if key in values):
+    names = [key for key in _CONSTANTS if key in pair.constants.arrays and (key != "home" or pair.constants.has_home)]
+    for key in names:
+        value = tuple(pair.constants.arrays[key].ravel().tolist())
         if key in symbolic:
             inputs[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
         elif key in exact_values:
@@ -275,7 +280,7 @@ def constant_inputs(
         else:
             inputs[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
     for name, position in {**pair.points1, **pair.points2}.items():
-        point = INPUT + name
+        point = point_vector(name)
         inputs[point] = exact_values[point] if point in exact_values else tuple(map(exact, position.tolist()))
     return inputs
 
@@ -286,15 +291,3 @@ def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
     """
     roots = tuple(map(exact_entry, n))
     return roots if sum(root**2 for root in roots) == 1 else tuple(map(exact, n))
-
-
-def _angle_trig(phi: tuple[Expr, ...]) -> tuple[Expr, ...]:
-    return tuple(function(angle) for angle in phi for function in (sine_expression, cosine_expression))
-
-
-def _hinge_trig(psi: Expr) -> tuple[Expr, Expr]:
-    return sine_expression(psi), 1 - cosine_expression(psi)
-
-
-TRIG_FUNCTIONS: Final = (_angle_trig, _hinge_trig)
-"""(sin, cos, sin, cos, ...) of the Euler angles, and (sin psi, 1 - cos psi), as plans take them."""

@@ -22,13 +22,11 @@ from hingepair.pair.accuracy import (
     unit_roundoff,
 )
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.computations import read_rows
-from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.pair.requests import DEFAULT_GRAVITY, read_rows
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.arguments import Coordinates
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, default_outputs
-from hingepair.plans.points import POINT_ENDINGS, Point, point_outputs
+from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE, PairKind, Point, point_outputs
 from hingepair.validation.pinocchio_twin import PairTwin, frame_motions, import_pinocchio, to_pinocchio
 from hingepair.validation.report import Comparison, CrossValidation
 from hingepair.validation.robot_check import cross_validate_robot
@@ -170,17 +168,17 @@ def cross_validate(
             return cross_validate_robot(pair, coordinates, frames, base_motion, gravity)
     state: PairState | PlanarState
     if isinstance(pair, PlanarPair):
-        space, kind, subject = pair.to_spatial(), PLANAR_MOTION_KIND, "in the plane"
+        space, kind, subject = pair.to_spatial(), PLANE, "in the plane"
         twin = to_pinocchio(space)
         state = pair.forward_kinematics(q, qd, qdd, outputs=_compared_outputs(pair, kind, qd, qdd))
     else:
-        space, kind, subject = pair, SPATIAL_MOTION_KIND, f"Euler sequence {sequence}"
+        space, kind, subject = pair, SPACE, f"Euler sequence {sequence}"
         twin = to_pinocchio(space)
         outputs = _compared_outputs(pair, kind, qd, qdd)
         state = pair.forward_kinematics(q, qd, qdd, outputs=outputs, sequence=sequence)
     parts = read_rows(kind, q, qd, qdd).values
     flat, _ = finite_samples(parts, np.shape(state.R2)[:-1], {})
-    planar = kind is PLANAR_MOTION_KIND
+    planar = kind is PLANE
     rows = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]
     body1 = _body1_by_pinocchio(rows, sequence)
     sizes = (None, None) if qd is None else euler_rate_sizes(*(c[:, 3:6] for c in rows[1:]))
@@ -193,7 +191,7 @@ def _compare_from_body1(
 ) -> CrossValidation:
     """Return the report on a pair whose body 1 moves as given."""
     twin = to_pinocchio(pair)
-    outputs = _compared_outputs(pair, SPATIAL_MOTION_KIND, psid, psidd)
+    outputs = _compared_outputs(pair, SPACE, psid, psidd)
     state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd, outputs=outputs)
     angles = {name: c for name, c in (("psi", psi), ("psid", psid), ("psidd", psidd)) if c is not None}
     letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(angles)]
@@ -204,11 +202,11 @@ def _compare_from_body1(
     return _compare(_Given(pair, twin, motion, [flat[name] for name in angles], sizes), state, "attitude given", None)
 
 
-def _compared_outputs(pair: HingePair | PlanarPair, kind: MotionKind, *derivatives: Any) -> tuple[str, ...]:
+def _compared_outputs(pair: HingePair | PlanarPair, kind: PairKind, *derivatives: Any) -> tuple[str, ...]:
     """Return the outputs that coordinates and those derivatives that are not None determine."""
     level = sum(given is not None for given in derivatives)
     of_points = point_outputs(pair.constants.points)
-    return *default_outputs(level, kind), *(name for name, own in of_points.items() if own.order <= level)
+    return *kind.default_outputs(level), *(name for name, own in of_points.items() if own.order <= level)
 
 
 class _Given(NamedTuple):

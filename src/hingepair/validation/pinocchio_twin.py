@@ -26,7 +26,7 @@ from hingepair.mechanism.tree import Joint, MassProperties, hinge_of_pair
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.constants import check_pair, check_single_pair
+from hingepair.pair.geometry import check_pair, check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import matrix_to_quaternion, unit_quaternion
 

@@ -21,8 +21,8 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.optional import require
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import warn_of_dynamics
-from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
+from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import FramePose, Inertia, exact_quarter_turns

@@ -19,8 +19,8 @@ from hingepair.mechanism.tree import BASE_KINDS, Tree
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import Body
+from hingepair.pair.geometry import Points
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.points import Points
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose
 
 BASE_LINK = "base"

@@ -17,7 +17,7 @@ from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError
 from hingepair.motion.signals import CallableSignal as Signal
 from hingepair.numeric.arrays import Float64Array
-from hingepair.plans.steps import PLANAR_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
+from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants, read_instants_array
 from hingepair.scenes.motions.integrated import integrate_motion
@@ -125,7 +125,7 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> PairMoti
     """
     if "omega1" in motion.values or "psi_dot" in motion.values:
         return _read_rate_motion(motion, read_instants_array(time), planar)
-    names = PLANAR_COORDINATE_NAMES if planar else SPATIAL_COORDINATE_NAMES
+    names = (PLANE if planar else SPACE).coordinates
     rests = "psi" in motion.values and motion.values.keys().isdisjoint(names[:-1])
     if rests:
         motion = replace(motion, values=dict.fromkeys(names[:-1], 0) | motion.values)

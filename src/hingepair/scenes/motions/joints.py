@@ -18,7 +18,7 @@ from hingepair.motion.simulate_robot import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
+from hingepair.plans.pairs import SPACE
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants
 from hingepair.scenes.motions.known import Derivatives, MotionByCoordinates
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 RATE_SUFFIXES: Final = ("", "d", "dd")
 """Suffixes of a joint's name in the columns of a log, by the order of the derivative."""
-BASE_COORDINATES: Final = SPATIAL_COORDINATE_NAMES[:-1]
+BASE_COORDINATES: Final = SPACE.coordinates[:-1]
 """Keys of the table [base] for the coordinates of the base."""
 _OPTIONS: Final = ("constants", "file", "columns", "ignore", *SMOOTHING_KEYS)
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""

@@ -17,11 +17,7 @@ from hingepair.pair.accuracy import angular_rate_sizes, euler_rate_sizes
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.steps import (
-    LOG_COLUMNS_OF,
-    PLANAR_COORDINATE_NAMES,
-    SPATIAL_COORDINATE_NAMES,
-)
+from hingepair.plans.pairs import PLANE, SPACE, PairKind
 from hingepair.rotations.matrices import matrix_to_quaternion, rotation_exp
 from hingepair.scenes.instants import Rows
 
@@ -72,7 +68,7 @@ class MotionByCoordinates:
         """Return the coordinates (`order` 0) or their known derivatives of the given order as a dict of arrays, shape
         (count,) each, by the column names of a log.
         """
-        names = tuple(LOG_COLUMNS_OF[self._names].values())[order]
+        names = tuple(self._kind.columns.values())[order]
         return {name: self._column(order, i) for i, name in enumerate(names)}
 
     def part(self, rows: Rows, order: int) -> MotionByCoordinates:
@@ -107,7 +103,11 @@ class MotionByCoordinates:
 
     def constant_names(self) -> tuple[str, ...]:
         """Return the names of the coordinates that are floats and so do not change."""
-        return tuple(name for name, value in zip(self._names, self.derivatives[0], strict=True) if not _varies(value))
+        return tuple(
+            name
+            for name, value in zip(self._kind.coordinates, self.derivatives[0], strict=True)
+            if not _varies(value)
+        )
 
     def in_space(self, pair: Any) -> MotionByBody1:
         """Return this motion of the pair in space as a MotionByBody1, with all known derivatives. A planar motion
@@ -146,8 +146,8 @@ class MotionByCoordinates:
         return arrays
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        return SPATIAL_COORDINATE_NAMES if self.sequence else PLANAR_COORDINATE_NAMES
+    def _kind(self) -> PairKind:
+        return SPACE if self.sequence else PLANE
 
     def _column(self, order: int, i: int) -> Float64Array:
         return np.broadcast_to(np.asarray(self.derivatives[order][i], dtype=np.float64), (self.count,))

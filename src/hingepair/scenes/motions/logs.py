@@ -29,8 +29,7 @@ from hingepair.motion.signals import SampledSignal
 from hingepair.motion.trajectory import rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
-from hingepair.plans.steps import LOG_COLUMNS_OF, SPATIAL_COORDINATE_NAMES
+from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCE_NAMES
@@ -51,7 +50,7 @@ LOG_ARRAYS: Final[dict[str, tuple[str, ...]]] = {
     "quat_xyzw": ("qx", "qy", "qz", "qw"),
     "quat_wxyz": ("qw", "qx", "qy", "qz"),
     **{v: (f"{v}_x", f"{v}_y", f"{v}_z") for v in ("phi", "phid", "phidd", "v1", "a1", "omega1", "alpha1")},
-    **LOG_COLUMNS_OF[SPATIAL_COORDINATE_NAMES],
+    **SPACE.columns,
 }
 """Names of the columns of each array that a log may have."""
 LOG_COLUMNS: Final = tuple(dict.fromkeys(("t", *(column for own in LOG_ARRAYS.values() for column in own))))
@@ -105,7 +104,7 @@ _PAIR_LOG_LAYOUT: Final = LogLayout(
         "omega1": "gyroscope",
         "psid": "rate",
     },
-    frozenset({*SPATIAL_MOTION_KIND.levels, *PLANAR_MOTION_KIND.levels}),
+    frozenset({*SPACE.levels, *PLANE.levels}),
     "run --outputs q,qd,qdd --out FILE writes what is read here",
     {"phi": "rad", "phid": "rad/s", "phidd": "rad/s^2"},
     {

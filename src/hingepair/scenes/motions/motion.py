@@ -16,10 +16,10 @@ from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.motion.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
-from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.motions.known import KnownMotion
 from hingepair.tables.sheets import instant_text

@@ -28,7 +28,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.hinge_load import HingeLoad, stop_range
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.plans.steps import PLANAR_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
+from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.functions import read_coordinate_functions
@@ -322,7 +322,7 @@ def _prescribed_body1(motion: Table, pair: HingePair | PlanarPair) -> Callable[[
     """Return a callable of an array t that returns the BodyMotion of body 1, with accelerations, from the coordinates
     in the Table [motion]; for a PlanarPair these are x, y, phi.
     """
-    names = PLANAR_COORDINATE_NAMES if isinstance(pair, PlanarPair) else SPATIAL_COORDINATE_NAMES
+    names = (PLANE if isinstance(pair, PlanarPair) else SPACE).coordinates
     functions, sequence = read_coordinate_functions(motion, names[:-1])
 
     def moved(t: Float64Array) -> BodyMotion:

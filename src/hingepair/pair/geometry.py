@@ -1,0 +1,471 @@
+"""The geometry and the masses of a pair, checked, and the constants of its tree that follow from them.
+
+Every constant is computed in twice the precision and rounded once. u1, u2, n, home and points may have leading axes.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.equations import spatial as eq
+from hingepair.equations.derivatives import matrix_from_columns
+from hingepair.equations.quantities import QUANTITIES
+from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, constant, read_only
+from hingepair.numeric.blocks import Components, numbers
+from hingepair.numeric.twofold import Twofold
+from hingepair.numeric.unit_vectors import finite_axis, polar, scaled_by_power_of_two, times_power_of_two
+from hingepair.pair.body import Body, inertial_parameters
+from hingepair.plans.computation import Cache
+from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE, PairKind, Point, point_outputs, point_shapes
+from hingepair.rotations.matrices import check_rotation
+
+Points: TypeAlias = Mapping[str, NDArray[np.float64]]
+Bodies: TypeAlias = tuple[Body | None, Body | None]
+
+PIVOT_ROUNDING: Final = 64 * 2.0**-53  # a pivot of the mass matrix below this share of all inertia is rounding
+_IDENTITY: Final = read_only(np.eye(3))  # the default of home
+_RESERVED: Final = {  # names that a point cannot have
+    *QUANTITIES,
+    *("home", "next_S1"),  # attitudes among the inputs of programs
+    *("constants", "samples", "points"),  # further inputs of programs
+    *("quat1", "quat2", "qx", "qy", "qz", "qw"),  # in scenes
+    *("body1", "body2", "body2_at_hinge", "hinge", "base", "world"),  # in models and pages
+}
+_COMPONENTS: Final = ("_x", "_y", "_z")  # endings of the columns of a vector
+
+
+def checked_points(argument: str, points: Mapping[str, ArrayLike] | None, size: int) -> Points:
+    """Return the argument points1 or points2 as read-only positions (..., size) by name; refuse names in use."""
+    if points is None:
+        return MappingProxyType({})
+    if not isinstance(points, Mapping):
+        raise ArgumentError(argument, "a dict of positions by name", quoted(points))
+    for name in points:
+        if not isinstance(name, str) or not name.isidentifier():
+            expected = "names of letters, digits and _ that begin with a letter"
+            raise ArgumentError(argument, expected, quoted(name))
+        for ending in (*filter(None, POINT_ENDINGS.values()), *_COMPONENTS):
+            if name.endswith(ending):
+                expected = f"names that do not end in {ending}, as columns of points do"
+                raise ArgumentError(argument, expected, quoted(name))
+        if name in _RESERVED:
+            raise ArgumentError(argument, "names that no output and no part of a model has", quoted(name))
+    return MappingProxyType({name: constant(f"{argument}[{name!r}]", value, size) for name, value in points.items()})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Constants:
+    """Geometry and masses of a pair."""
+
+    kind: PairKind  # in space or in the plane
+    arrays: Mapping[str, NDArray[np.float64]]  # u1 and u2 [m]; in space also n, of unit length, and home
+    points: tuple[Point, ...]  # fixed to the bodies
+    positions: tuple[NDArray[np.float64], ...]  # of the points, from the reference point of the body, its axes [m]
+    shape: tuple[int, ...]  # leading shape of the pair; () for a single pair
+    bodies: Bodies
+    axis: NDArray[np.float64] | None = None  # hinge axis as it was given, of any length; None for a planar pair
+    cache: Cache = field(default_factory=Cache, repr=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        fields = (self.kind.planar, self.arrays, self.points, self.positions, self.shape, self.bodies, self.axis)
+        return _constants_again, fields
+
+    @property
+    def single(self) -> bool:
+        """Whether these are the constants of a single pair, without leading axes."""
+        return self.shape == ()
+
+    @property
+    def has_home(self) -> bool:
+        """Whether home differs from the identity."""
+        return "home" in self.arrays and not (self.arrays["home"] == _IDENTITY).all()
+
+    @property
+    def levels(self) -> Mapping[str, int | None]:
+        """The outputs of kinematics, those of points too; the level from which it is a default output, or None."""
+        return {**self.kind.levels, **dict.fromkeys(point_outputs(self.points))} if self.points else self.kind.levels
+
+    @property
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        """Shape of one sample of all that can be given or computed."""
+        return (
+            {**self.kind.shapes, **point_shapes(self.points, self.kind.planar)} if self.points else self.kind.shapes
+        )
+
+
+def _constants_again(planar: bool, *fields: Any) -> Constants:
+    return Constants(PLANE if planar else SPACE, *fields)
+
+
+def spatial_constants(
+    u1: ArrayLike,
+    u2: ArrayLike,
+    n: ArrayLike,
+    home: ArrayLike | None,
+    points1: Points,
+    points2: Points,
+    bodies: Bodies,
+) -> Constants:
+    """Return the Constants of a pair in space. `home` is None for the identity, the points are checked.
+
+    Raises:
+        ArgumentError: a value is not finite or has the wrong shape; names the argument.
+        AxisError: n is zero or not finite.
+        RotationError: home is not a rotation.
+    """
+    arrays = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3)}
+    axis = read_only(np.array(finite_axis("n", n), dtype=np.float64))
+    rotation = _IDENTITY if home is None else constant("home", home, 3, 3)
+    if home is not None:
+        check_rotation("home", rotation)
+    arrays |= {"n": read_only(_joined(tuple(c.high for c in polar(numbers(axis))[0]))), "home": rotation}
+    return _constants(SPACE, arrays, points1, points2, bodies, axis)
+
+
+def planar_constants(u1: ArrayLike, u2: ArrayLike, points1: Points, points2: Points, bodies: Bodies) -> Constants:
+    """Return the Constants of a planar pair; the points are checked."""
+    arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
+    return _constants(PLANE, arrays, points1, points2, bodies)
+
+
+def _constants(
+    kind: PairKind,
+    arrays: Mapping[str, NDArray[np.float64]],
+    points1: Points,
+    points2: Points,
+    bodies: Bodies,
+    axis: NDArray[np.float64] | None = None,
+) -> Constants:
+    """Return Constants; refuse a point that stands twice, and axes that do not broadcast."""
+    for name in points2:
+        if name in points1:
+            raise ArgumentError("points2", "names that points1 does not have", quoted(name))
+    positions = {**points1, **points2}
+    tails = {"home": 2}
+    shapes = {name: one.shape[: one.ndim - tails.get(name, 1)] for name, one in {**arrays, **positions}.items()}
+    points = (*(Point(name, 1) for name in points1), *(Point(name, 2) for name in points2))
+    return Constants(kind, arrays, points, tuple(positions.values()), broadcast_shape(shapes), bodies, axis)
+
+
+# ---- the tree
+
+
+class HingeFrames(NamedTuple):
+    """Where the tree has the hinge and the frames of body 2: floats, or arrays where they have samples."""
+
+    axes: Components  # from the axes of the tree's body 2 at psi = 0, e1, e2 and n, to those of body 1
+    turn: Components  # from the axes of body 2 to those of the tree's
+    origins: tuple[Components, ...]  # of body 2 and of its points, from the hinge point, in the tree's axes [m]
+
+
+def hinge_frames(constants: Constants) -> HingeFrames:
+    """Return the frames of a pair's hinge, which are made once.
+
+    e1 is the axis of body 1 with the largest angle to n, made perpendicular to n; e2 = n x e1. Where n lies along x,
+    y or z, the axes are an exact permutation. The attitude of body 2 is home as it was given, and its hinge axis n:
+    a home that is a rotation to nine digits only opens no gap.
+    """
+    kept = constants.cache.others
+    if "frames" not in kept:
+        kept["frames"] = _hinge_frames(constants)
+    found: HingeFrames = kept["frames"]
+    return found
+
+
+def _hinge_frames(constants: Constants) -> HingeFrames:
+    u2 = numbers(lifted(constants.arrays["u2"]))
+    points = [numbers(lifted(position)) for position in _of_body2(constants)]
+    identity: Any = tuple(_IDENTITY.ravel().tolist())
+    axes = turn = identity  # in the plane, the axes of both bodies at psi = 0 are those of the tree
+    with np.errstate(all="ignore"):
+        if constants.axis is not None:
+            axis = numbers(constants.axis)
+            n, _ = polar(axis)
+            least = numbers(least_axis(constants.arrays["n"]))
+            e2, _ = polar(tuple(c + 0.0 for c in eq.cross(axis, least)))
+            twofold = matrix_from_columns(eq.cross(e2, n), e2, n)
+            axes, turn = tuple(c.high + 0.0 for c in twofold), eq.transpose(twofold)
+            if constants.has_home:
+                turn = eq.compose(turn, tuple(map(Twofold, numbers(constants.arrays["home"], 2))))
+        else:
+            turn = tuple(map(Twofold, turn))
+        origins = [_turned_difference(turn, p, u2) for p in ((0.0, 0.0, 0.0), *points)]
+    return HingeFrames(axes, tuple(c.high + 0.0 for c in turn), tuple(origins))
+
+
+def _of_body2(constants: Constants) -> list[NDArray[np.float64]]:
+    """Return the positions of the points of body 2."""
+    pairs = zip(constants.points, constants.positions, strict=True)
+    return [position for point, position in pairs if point.body == 2]
+
+
+def _turned_difference(turn: Any, p: Components, u: Components) -> Components:
+    """Return turn (p - u), rounded once."""
+    scaled, exponent = scaled_by_power_of_two((*p, *u))
+    ends = tuple(map(Twofold, scaled))
+    turned = eq.rotate(turn, eq.subtract(ends[:3], ends[3:]))
+    return tuple(times_power_of_two(c.high, exponent) + 0.0 for c in turned)
+
+
+def least_axis(n: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit vector along the coordinate axis with the largest angle to n; shape (..., 3)."""
+    axis: NDArray[np.float64] = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
+    return axis
+
+
+def constraint_vectors(constants: Constants) -> dict[str, Components]:
+    """Return u1, u2, and e1, e2 and n in the axes of body 1 and, times C^-1, of body 2: the constants of E1 and E2.
+
+    With C^T instead, a home that is a rotation to only nine digits would appear as a tilt.
+    """
+    kept = constants.cache.others
+    if "constraints" not in kept:
+        axes = hinge_frames(constants).axes
+        in_body1 = in_body2 = {"e1": axes[0::3], "e2": axes[1::3], "n": numbers(constants.arrays["n"])}
+        if constants.has_home:
+            inverse = np.linalg.inv(constants.arrays["home"])
+            turned = {name: (inverse @ _joined(one)[..., None])[..., 0] for name, one in in_body1.items()}
+            in_body2 = {name: numbers(one) for name, one in turned.items()}
+        arms = {name: numbers(constants.arrays[name]) for name in ("u1", "u2")}
+        kept["constraints"] = arms | in_body1 | {f"{name}_in_2": one for name, one in in_body2.items()}
+    found: dict[str, Components] = kept["constraints"]
+    return found
+
+
+class TreeNumbers(NamedTuple):
+    """The constants of a pair's tree, in the order of `plans.trees`."""
+
+    components: Components  # floats, or arrays where they have samples
+    numbers: tuple[float, ...]  # the same of the first pair, if there are several
+    varied: tuple[int, ...]  # places of those that differ from sample to sample
+    samples: Float64Array | None  # these, shape (..., len(varied)); None if there are none
+
+
+def tree_numbers(constants: Constants, masses: bool = False, whole: bool = False) -> TreeNumbers:
+    """Return the constants of a pair's tree, with the masses only if they are asked for; they are made once.
+
+    Args:
+        constants: geometry and masses.
+        masses: whether masses count; a body that is None has none.
+        whole: whether all matter of body 2 counts with it, as the wrench at the hinge needs it. Else matter on the
+            hinge axis counts with body 1 (T9).
+
+    Raises:
+        ArgumentError: a mass times the square of a length overflows.
+    """
+    kept, key = constants.cache.others, ("tree", masses, whole)
+    if key not in kept:
+        kept[key] = _tree_numbers(constants, masses, whole)
+    found: TreeNumbers = kept[key]
+    return found
+
+
+def _tree_numbers(constants: Constants, masses: bool, whole: bool) -> TreeNumbers:
+    frames = hinge_frames(constants)
+    base, body2, pivots = (
+        map(numbers, _masses(constants, whole)) if masses else ((0.0,) * 10, (0.0,) * 10, (0.0,) * 3)
+    )
+    rotor = (0.0, 1.0, 0.0)  # armature, multiplier and offset of a hinge that follows none
+    u1 = numbers(lifted(constants.arrays["u1"]))
+    parts = [*base, *frames.axes, *u1, *body2, *rotor, *pivots, *frames.origins[0], *_IDENTITY.ravel().tolist()]
+    origins = iter(frames.origins[1:])
+    for point, position in zip(constants.points, constants.positions, strict=True):
+        parts += numbers(lifted(position)) if point.body == 1 else next(origins)
+        parts += _IDENTITY.ravel().tolist()
+    varied = tuple(k for k, part in enumerate(parts) if isinstance(part, np.ndarray) and np.ptp(part))
+    samples = read_only(_joined(tuple(parts[k] for k in varied))) if varied else None
+    return TreeNumbers(tuple(parts), tuple(float(np.ravel(part)[0]) for part in parts), varied, samples)
+
+
+def tree_errors(constants: Constants) -> Components:
+    """Return bounds on the errors of the `components` of `tree_numbers`, without masses: 0 of those that are exact,
+    else half a unit in the last place, and what twice the precision leaves.
+    """
+    frames, parts = hinge_frames(constants), tree_numbers(constants).components
+    aligned = _is_aligned(constants)
+    errors: list[Any] = [0.0] * len(parts)
+
+    def once_rounded(start: int, values: Components, size: Any) -> None:
+        errors[start : start + len(values)] = [_rounded_once(c, size) for c in values]
+
+    behind = len(parts) - 12 * (1 + len(constants.points))
+    if not aligned:
+        once_rounded(10, frames.axes, 1.0)
+    if not aligned or constants.has_home:
+        sizes = [functools.reduce(np.maximum, map(np.abs, numbers(lifted(constants.arrays["u2"]))))]
+        sizes += [sizes[0] + functools.reduce(np.maximum, map(np.abs, numbers(p))) for p in _of_body2(constants)]
+        places = [0, *(k for k, point in enumerate(constants.points, 1) if point.body == 2)]
+        for place, origin, size in zip(places, frames.origins, sizes, strict=True):
+            once_rounded(behind + 12 * place, origin, size)
+    elif _of_body2(constants):
+        for k, point in enumerate(constants.points, 1):  # p - u2 is rounded
+            if point.body == 2:
+                once_rounded(behind + 12 * k, parts[behind + 12 * k : behind + 12 * k + 3], 0.0)
+    return tuple(errors)
+
+
+def axis_errors(constants: Constants) -> Components:
+    """Return bounds on the errors of n: 0 along x, y or z, where it is exact."""
+    n = numbers(constants.arrays["n"])
+    return (0.0,) * 3 if _is_aligned(constants) else tuple(_rounded_once(c, 1.0) for c in n)
+
+
+def _is_aligned(constants: Constants) -> bool:
+    """Return whether the hinge axis lies along x, y or z, so that the axes of the tree are exact."""
+    return constants.axis is None or (constants.single and np.count_nonzero(constants.axis) == 1)
+
+
+def _rounded_once(c: Any, size: Any) -> Any:
+    """Return the largest error of a number of twice the precision, computed from numbers of a size and rounded."""
+    return np.spacing(np.abs(c)) / 2 + 2.0**-90 * size + 2.0**-1074
+
+
+def _masses(constants: Constants, whole: bool) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return mass, first and second moment, (..., 10), of body 1 about R1 in its axes and of body 2 about the hinge
+    point in the tree's axes; and the sizes below which pivots of the hinge, of forces and of torques on body 1 are
+    rounding, (..., 3).
+    """
+    body1, body2 = constants.bodies
+    frames = hinge_frames(constants)
+    axes, turn = (_joined(one).reshape(*np.shape(_joined(one))[:-1], 3, 3) for one in (frames.axes, frames.turn))
+    u1, u2 = (lifted(constants.arrays[name]) for name in ("u1", "u2"))
+    with np.errstate(all="ignore"):
+        m1, h1, N1, least1, spread1 = _moments(body1, np.eye(3), np.zeros(3))
+        m2, h2, N2, _, spread2 = _moments(body2, turn, u2)
+        lowest = _lowest_pivots(m1, least1, body1, spread1, m2, N2, h2, spread2, u1)
+        if whole:
+            found = _matter(m1, h1, N1), _matter(m2, h2, N2)
+        else:
+            w = axes[..., 2]
+            h_z, N_zz = h2[..., 2:], N2[..., 2, 2, None, None]
+            across = _outer(u1, w)
+            h1 = h1 + m2 * u1 + h_z * w
+            N1 = N1 + m2 * _outer(u1, u1) + h_z[..., None] * (across + _swapped(across)) + N_zz * _outer(w, w)
+            N2 = np.array(N2)
+            N2[..., 2, 2] = 0.0
+            found = _matter(m1 + m2, h1, N1), _matter(0.0, h2 * (1.0, 1.0, 0.0), N2)
+    if not all(np.isfinite(part).all() for part in found):
+        expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
+        raise ArgumentError("pair", expected, "products that overflow")
+    return *found, lowest
+
+
+def body_numbers(constants: Constants) -> dict[str, Float64Array]:
+    """Return masses (2,), first moments (6,) and inertias (12,) of both bodies, about their reference points; zeros
+    of a body that is None. In the plane, first moments (4,) and inertias (2,) about z.
+    """
+    rows = np.zeros((2, 10))
+    for row, body in zip(rows, constants.bodies, strict=True):
+        if body is not None:
+            row[:] = inertial_parameters(body.mass, body.centre_of_mass, body.inertia)
+    masses, first, second = (columns.ravel() for columns in np.split(rows, (1, 4), axis=1))
+    if constants.kind.planar:
+        first, second = first[[0, 1, 3, 4]], second[[5, 11]]
+    return {"masses": masses, "first_moments": first, "inertias": second}
+
+
+def _moments(body: Body | None, turn: Any, u: Any) -> tuple[float, Any, Any, float, Any]:
+    """Return mass, first and second moment of a body about the point u, in axes to which `turn` rotates; its least
+    moment of inertia; and a bound on its inertia about that point.
+    """
+    if body is None:
+        return 0.0, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0
+    m, inertia, lever = body.mass, body.inertia, body.centre_of_mass - u
+    c = _product(turn, lever[..., None])[..., 0]
+    J = _product(_product(turn, inertia), _swapped(turn))
+    N = (J[..., 0, 0] + J[..., 1, 1] + J[..., 2, 2])[..., None, None] / 2 * np.eye(3) - J + m * _outer(c, c)
+    spread = m * np.abs(lever).sum(axis=-1) ** 2 + np.abs(inertia).max()
+    return m, m * c, N, float(np.linalg.eigvalsh(inertia)[0]), spread
+
+
+def _lowest_pivots(
+    m1: float, least1: float, body1: Body | None, spread1: Any, m2: float, N2: Any, h2: Any, spread2: Any, u1: Any
+) -> Float64Array:
+    """Return the sizes below which pivots of the hinge, of forces and of torques on body 1 are rounding, (..., 3); 0
+    where they cannot be that small, as `mechanism.constants` has them for robots.
+    """
+    reach = np.abs(u1).sum(axis=-1)
+    hinge = PIVOT_ROUNDING * spread2
+    force = PIVOT_ROUNDING * (m1 + m2)
+    torque = PIVOT_ROUNDING * (spread1 + spread2 + 2 * reach * np.abs(h2).sum(axis=-1) + m2 * reach**2)
+    c = np.zeros(3) if body1 is None else body1.centre_of_mass
+    resists = least1 > torque
+    if m1 > 0 and least1 > 0:
+        resists &= 1 / (1 / m1 + float(c @ c) / least1) > force
+    # 1e-300, since 0 stands for a pivot that is never small
+    turns = N2[..., 0, 0] + N2[..., 1, 1] > hinge
+    return np.stack(
+        np.broadcast_arrays(
+            np.where(turns, 0.0, np.maximum(hinge, 1e-300)),
+            np.where(resists, 0.0, np.maximum(force, 1e-300)),
+            np.where(resists, 0.0, np.maximum(torque, 1e-300)),
+        ),
+        axis=-1,
+    )
+
+
+def _matter(m: float, h: Any, N: Any) -> Float64Array:
+    """Return mass, first moment and the entries xx, xy, xz, yy, yz and zz of the second as one array."""
+    six = N[..., (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
+    shape = np.broadcast_shapes(h.shape[:-1], six.shape[:-1])
+    parts = np.array([m]), h, six
+    return np.concatenate([np.broadcast_to(one, (*shape, one.shape[-1])) for one in parts], axis=-1) + 0.0
+
+
+def _product(A: Any, B: Any) -> Any:
+    """Return A @ B in which products with 0 and 1 are exact, and without -0.0."""
+    return sum(A[..., :, k, None] * B[..., k, None, :] for k in range(3)) + 0.0
+
+
+def _swapped(A: Any) -> Any:
+    return np.swapaxes(A, -1, -2)
+
+
+def _outer(a: Any, b: Any) -> Any:
+    return a[..., :, None] * b[..., None, :]
+
+
+def _joined(components: Components) -> Float64Array:
+    """Return components that broadcast as one array, with the components on the last axis."""
+    if all(type(c) is float for c in components):
+        return np.array(components)
+    return np.stack(np.broadcast_arrays(*components), axis=-1)
+
+
+def lifted(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return vectors of the plane as vectors in space with z = 0, and those of space as they are."""
+    return u if u.shape[-1] == 3 else np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1)
+
+
+# ---- checks
+
+
+def check_pair(pair: object) -> None:
+    """Raise ArgumentError if `pair` is not a HingePair."""
+    if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
+        hint = " (a PlanarPair's is pair.to_spatial())" if hasattr(pair, "to_spatial") else ""
+        raise ArgumentError("pair", f"a HingePair{hint}", quoted(pair))
+
+
+def check_single_pair(pair: Any, condition: str = "") -> None:
+    """Raise ShapeError if a HingePair or PlanarPair holds more than one pair, that is, if its geometry has leading
+    axes.
+
+    Args:
+        pair: a HingePair or a PlanarPair.
+        condition: text that follows "one pair" in the message, such as " if the arguments are Dask arrays".
+
+    Raises:
+        ShapeError: u1, u2, n or home have leading axes.
+    """
+    if not pair.constants.single:
+        expected = f"one pair{condition}, such as {type(pair).__name__}(u1[i], ...)"
+        raise ShapeError("pair", expected, f"pairs of shape {pair.constants.shape}")

@@ -1,0 +1,520 @@
+"""What is asked of pairs: the tasks of methods and of `prepare`, and how arguments become results."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, Final, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.engine.backend import Execution, execution_of
+from hingepair.engine.loops import Loop
+from hingepair.engine.outputs import Out
+from hingepair.engine.results import Results, writable_arrays
+from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.numeric.arrays import FloatArray, is_zero, one_constant
+from hingepair.numeric.dask_arrays import apply_to_chunks
+from hingepair.pair.body import Body, warn_of_dynamics
+from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
+from hingepair.pair.geometry import (
+    Constants,
+    body_numbers,
+    check_single_pair,
+    constraint_vectors,
+    least_axis,
+    tree_numbers,
+)
+from hingepair.pair.states import Accelerations, Energy, Forces, HingeWrench, Momentum, PairState, PlanarState
+from hingepair.plans.arguments import (
+    Arguments,
+    CoordinateNames,
+    Outputs,
+    check_outputs,
+    read_arguments,
+    requested_outputs,
+)
+from hingepair.plans.computation import QUATERNIONS, Computation
+from hingepair.plans.constraints import CONSTRAINTS
+from hingepair.plans.geometry import GEOMETRY_SHAPES
+from hingepair.plans.pairs import (
+    ACCELERATIONS,
+    FORCES,
+    LOADS,
+    NO_MASSES,
+    OF_WHOLE_BODY2,
+    PLANE,
+    SPACE,
+    PairKind,
+    PairRequest,
+    pair_loop,
+    point_outputs,
+)
+from hingepair.plans.prepared import Prepared
+from hingepair.rotations.sequences import find_sequence
+
+Returned = TypeVar("Returned")
+
+DEFAULT_GRAVITY = SPACE.gravity  # (0, 0, -9.81) m/s^2, world axes
+STATES: Final[Mapping[PairKind, type[PairState | PlanarState]]] = {SPACE: PairState, PLANE: PlanarState}
+"""Classes of results."""
+COORDINATES: Final = {kind: CoordinateNames(kind.coordinates, kind.columns) for kind in (SPACE, PLANE)}
+"""Names of the coordinates."""
+INPUT_LABELS: Final = {f"{letter}{k}": f"body{k}.{letter}" for k in "12" for letter in MOTION_SHAPES}
+"""Names of the arrays of bodies in messages, by input."""
+ROWS: Final = ("q", "qd", "qdd")
+"""Names of all coordinates of a pair, and of their derivatives."""
+
+
+class Task(NamedTuple):
+    """Arguments and outputs of what is computed of a pair under one name: a method's, or one for `prepare`."""
+
+    given: tuple[str, ...]
+    outputs: tuple[str, ...]
+    result: type[Results] | None = None  # None: the only output as an array
+    masses: tuple[str, ...] = ()  # bodies whose masses it needs
+    hint: str = ""  # end of the message where body 1 has none: what to call instead
+
+
+BODIES: Final = ("body1", "body2")  # attributes of a pair that hold its mass properties
+_MOVED: Final = ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd")  # inputs of inverse dynamics
+_PLACED: Final = ("R1", "S1", "v1", "omega1", "psi", "psid")  # inputs of energy and momentum
+_WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque")  # outputs of hinge_wrench
+_HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"  # where body 1 has no mass
+
+
+def _motion_tasks(kind: PairKind) -> dict[str, Task]:
+    levels = enumerate(("pose", "velocity", "acceleration"))
+    return {level: Task(ROWS[: order + 1], kind.default_outputs(order), STATES[kind]) for order, level in levels}
+
+
+TASKS: Final[Mapping[PairKind, Mapping[str, Task]]] = {
+    SPACE: {
+        **_motion_tasks(SPACE),
+        "jacobian": Task(("S1", "psi"), ("jacobian",)),
+        "acceleration_bias": Task(("S1", "omega1", "psi", "psid"), ("acceleration_bias",)),
+        "constraint_jacobian": Task(("S1", "S2"), ("constraint_jacobian",)),
+        "constraint_bias": Task(("S1", "omega1", "S2", "omega2"), ("constraint_bias",)),
+        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), masses=BODIES),
+        "inverse_dynamics": Task(_MOVED, FORCES, Forces, BODIES, _HINT),
+        "hinge_wrench": Task(_MOVED, _WRENCH, HingeWrench, ("body2",)),
+        "forward_dynamics": Task(("S1", "omega1", "psi", "psid", *FORCES), ACCELERATIONS, Accelerations, BODIES),
+        "energy": Task(_PLACED, ("kinetic", "potential"), Energy, ("body2",)),
+        "momentum": Task(_PLACED, ("linear", "angular"), Momentum, BODIES),
+    },
+    PLANE: {
+        **_motion_tasks(PLANE),
+        "mass_matrix": Task(("q",), ("mass_matrix",), masses=BODIES),
+        "inverse_dynamics": Task(ROWS, FORCES, Forces, BODIES, _HINT),
+        "hinge_wrench": Task(ROWS, _WRENCH, HingeWrench, ("body2",)),
+        "forward_dynamics": Task(("q", "qd", *FORCES), ("qdd",), masses=BODIES),
+        "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy, ("body2",)),
+        "momentum": Task(("q", "qd"), ("linear", "angular"), Momentum, BODIES),
+    },
+}
+"""All that can be asked of pairs in space and in the plane."""
+
+
+# ---- computations
+
+
+def computation_of(
+    pair: Constants,
+    outputs: tuple[str, ...],
+    sequence: str | None = None,
+    result: type[Results] | None = Results,
+    by_geometry: bool = False,
+    solves: bool = False,
+) -> Computation:
+    """Return the Computation of outputs of a pair, which is made once.
+
+    Args:
+        pair: constants of the pair.
+        outputs: names of the outputs.
+        sequence: Euler sequence of body 1; None if its attitude is given.
+        result: class of the result; None to return the only output as an array.
+        by_geometry: begin with the geometry and the masses, for derivatives by them.
+        solves: whether accelerations are solved for from loads.
+    """
+    key = outputs, sequence, result, by_geometry, solves
+    found: Computation | None = pair.cache.computations.get(key)
+    if found is None:
+        masses = solves or needs_masses(pair, outputs)
+        tree = tree_numbers(pair, masses, masses and not OF_WHOLE_BODY2.isdisjoint(outputs))
+        known: dict[str, Any] = {"constants": tree.numbers, "samples": tree.samples}
+        if masses:
+            known |= {name: np.zeros(pair.kind.shapes[name]) for name in LOADS}
+        if not pair.kind.planar:
+            known |= {name: _plain(pair, name) for name in ("n", "home")}
+        if not CONSTRAINTS.keys().isdisjoint(outputs):
+            known |= constraint_vectors(pair)
+        if by_geometry:
+            known |= _geometry(pair, tree.numbers)
+        request = PairRequest((), (), pair.kind.planar, sequence, pair.points, tree.varied, by_geometry)
+
+        def loop(names: tuple[str, ...], given: tuple[str, ...]) -> Loop:
+            return pair_loop(request._replace(outputs=names, given=given))
+
+        found = pair.cache.computations[key] = Computation(
+            loop, outputs, pair.shapes, known, result, COORDINATES[pair.kind], shape=pair.shape, shared=True,
+            constant_shapes=GEOMETRY_SHAPES[pair.kind.planar],
+            by_constants=functools.partial(computation_of, pair, outputs, sequence, result, True, solves),
+        )  # fmt: skip
+    return found
+
+
+def _plain(pair: Constants, name: str) -> Any:
+    """Return n or home as an array, or as numbers of a single pair, which fold."""
+    array = pair.arrays[name]
+    return tuple(array.ravel().tolist()) if pair.single else array
+
+
+def needs_masses(pair: Constants, outputs: Iterable[str]) -> bool:
+    """Return whether an output depends on masses, where accelerations are given."""
+    return not {*outputs} <= {*NO_MASSES, *CONSTRAINTS, *point_outputs(pair.points)}
+
+
+def _geometry(pair: Constants, tree: tuple[float, ...]) -> dict[str, Any]:
+    """Return the geometry and the masses of a pair, for programs that make the constants of the tree of them."""
+    found: dict[str, Any] = {**pair.arrays, **body_numbers(pair)}
+    if "n" in found:
+        found["least_axis"] = least_axis(found["n"])
+    found["least_pivots"] = np.array((tree[35], *tree[36:38]))
+    if pair.points:
+        found["points"] = np.concatenate(np.broadcast_arrays(*pair.positions), axis=-1)
+    return found
+
+
+def check_inputs(computation: Computation, given: Collection[str]) -> None:
+    """Refuse inputs that do not suffice for the outputs."""
+    missing = computation.missing(given)
+    if missing is not None:
+        output, name = missing
+        raise ArgumentError(INPUT_LABELS.get(name, name), f"a value, since output {output} needs it", None)
+
+
+def compute_arrays(
+    pair: Constants,
+    outputs: Iterable[str],
+    values: Mapping[str, Any],
+    shapes: Mapping[str, tuple[int, ...]],
+    dtype: np.dtype[Any] | None = None,
+) -> dict[str, NDArray[Any]]:
+    """Compute outputs of a pair in space from checked inputs; return new, writable arrays by output name."""
+    computation = computation_of(pair, tuple(outputs))
+    arguments = Arguments(dict(values), dict(shapes), {})
+    return writable_arrays(computation.run(arguments, Execution("auto", 1), dtype=dtype))
+
+
+# ---- methods
+
+
+def coordinate_rows(q: Any, qd: Any, qdd: Any) -> dict[str, Any]:
+    """Return q, qd and qdd by name, as far as given.
+
+    Raises:
+        ArgumentError: second derivatives without first, or no coordinates.
+    """
+    if qdd is not None and qd is None:
+        raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
+    if q is None:
+        raise ArgumentError("q", "coordinates", None)
+    return {name: row for name, row in (("q", q), ("qd", qd), ("qdd", qdd)) if row is not None}
+
+
+def read_rows(kind: PairKind, q: Any, qd: Any = None, qdd: Any = None) -> Arguments:
+    """Check the coordinates of a pair and their derivatives, and return them in the form that calls take."""
+    return read_arguments(coordinate_rows(q, qd, qdd), kind.shapes, COORDINATES[kind])
+
+
+def from_coordinates(
+    pair: Constants,
+    q: Any,
+    qd: Any,
+    qdd: Any,
+    outputs: Outputs,
+    out: Out,
+    sequence: str | None,
+    backend: str,
+    workers: int,
+) -> Any:
+    """Compute the state of a pair from coordinates and, if given, their derivatives (E1-E11)."""
+    rows = (q,) if qd is None and qdd is None else (q, qd) if qdd is None else (q, qd, qdd)
+    if type(outputs) is list:
+        outputs = tuple(outputs)
+    added = tuple(out) if outputs is None and type(out) is dict else None  # outputs that `out` asks for
+    key = outputs, added, sequence, backend, len(rows)
+    state = pair.cache.again(key, rows, out, workers)
+    if state is not None:
+        return state
+    given = coordinate_rows(q, qd, qdd)
+    if not pair.kind.planar:
+        find_sequence(sequence)  # type: ignore[arg-type]
+    names = requested_outputs(outputs, out, pair.levels, pair.kind.default_outputs(len(given) - 1))
+    lasts = isinstance(outputs, tuple | None) and (out is None or type(out) is dict)
+    return _compute(
+        pair, names, given, out=out, sequence=sequence, backend=backend, workers=workers,
+        result=STATES[pair.kind], key=key if lasts else None,
+    )  # fmt: skip
+
+
+def from_body1(
+    pair: Constants,
+    body1: BodyMotion,
+    psi: Any,
+    psid: Any,
+    psidd: Any,
+    outputs: Outputs,
+    out: Out,
+    backend: str,
+    workers: int,
+) -> Any:
+    """Compute the state of a pair from the motion of body 1 and the hinge angle (E1, E2, E5-E9)."""
+    given = body1_inputs(body1, psi, psid, psidd)
+    level = ("psid" in given) + ("psidd" in given)
+    names = requested_outputs(outputs, out, pair.levels, pair.kind.default_outputs(level))
+    return _compute(pair, names, given, out=out, backend=backend, workers=workers, result=PairState)
+
+
+def body1_inputs(body1: BodyMotion, psi: Any, psid: Any = None, psidd: Any = None) -> dict[str, Any]:
+    """Return the motion of body 1 and the hinge angle by input name.
+
+    Raises:
+        ArgumentError: `body1` is no BodyMotion, or a derivative is given without those before it.
+    """
+    if psidd is not None and psid is None:
+        raise ArgumentError("psid", "the first derivative too, since the second is given", None)
+    if psi is None:
+        raise ArgumentError("psi", "hinge angles", None)
+    hinge = {name: value for name, value in (("psi", psi), ("psid", psid), ("psidd", psidd)) if value is not None}
+    return {**motion_inputs("body1", body1), **hinge}
+
+
+def ask(
+    pair: Any,
+    name: str,
+    given: Mapping[str, Any],
+    *,
+    gravity: ArrayLike | None = None,
+    out: Any = None,
+    workers: int = 1,
+    backend: str = "auto",
+) -> Any:
+    """Compute the outputs of the row `name` of TASKS; issue a DynamicsWarning for each assumed mass. The other
+    arguments are those of the methods.
+
+    Raises:
+        ArgumentError: a body that is needed has no mass.
+    """
+    constants: Constants = pair.constants
+    task = TASKS[constants.kind][name]
+    given = {one: value for one, value in given.items() if one not in LOADS[:-1] or not is_zero(value)}
+    plain = gravity is None or gravity is constants.kind.gravity
+    key = (name, backend, *given) if plain else None
+    if key is not None:
+        found = constants.cache.again(key, given.values(), out, workers)
+        if found is not None:
+            return found
+    vector = None
+    if task.masses:
+        vector = _checked_gravity(constants.kind, constants.kind.gravity if gravity is None else gravity)
+        bodies = {one: getattr(pair, one) for one in BODIES}
+        check_masses({one: body for one, body in bodies.items() if body is not None or one in task.masses}, task.hint)
+        if any(body is not None and body.assumed for body in bodies.values()):
+            key = None  # each call warns
+    return _compute(
+        constants, task.outputs, given, gravity=vector, out=out, backend=backend, workers=workers,
+        result=task.result, key=key, solves=name == "forward_dynamics",
+    )  # fmt: skip
+
+
+def _compute(
+    pair: Constants,
+    outputs: tuple[str, ...],
+    given: Mapping[str, Any],
+    *,
+    out: Any = None,
+    sequence: str | None = None,
+    backend: str = "auto",
+    workers: int = 1,
+    gravity: tuple[float, ...] | None = None,
+    result: type[Results] | None = Results,
+    key: Any = None,
+    solves: bool = False,
+) -> Any:
+    """Compute outputs of a pair from inputs by name, as users give them. The call is stored by `key` in the pair's
+    cache, for `Cache.again`.
+
+    Raises:
+        ArgumentError: an output needs an input that is not given.
+    """
+    what = pair, outputs, sequence, result, False, solves
+    computation = computation_of(*what)
+    check_inputs(computation, given)
+    return computation.compute(
+        given, execution_of(backend, workers), gravity, out, labels=INPUT_LABELS,
+        keep=None if key is None else (pair.cache, key), remade=functools.partial(computation_of, *what),
+    )  # fmt: skip
+
+
+def lazily(pair: Any, method: Callable[..., Returned], **arguments: Any) -> Returned:
+    """Return lazy Dask arrays of the results of a method of a pair, which is called chunk by chunk."""
+    check_single_pair(pair, " if the arguments are Dask arrays")
+    kind = pair.constants.kind
+    shapes = {**kind.shapes, **dict.fromkeys(("body1", "body2"), MOTION_SHAPES)}
+    return apply_to_chunks(method, arguments, shapes, COORDINATES[kind].table_columns)
+
+
+# ---- masses
+
+
+def check_masses(bodies: Mapping[str, Body | None], hint: str = "") -> None:
+    """Raise ArgumentError for a body, by name, that is None; `hint` ends the message for body 1. Issue a
+    DynamicsWarning for each assumed value.
+    """
+    for name, body in bodies.items():
+        if body is None:
+            examples = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
+            raise ArgumentError(
+                f"pair.{name}", f"mass properties, as in {examples}{hint if name == 'body1' else ''}", None
+            )
+        for sentence in body.assumed:
+            warn_of_dynamics(f"pair.{name}: {sentence}")
+
+
+def pivot_limits(pair: Constants) -> FloatArray:
+    """Return the sizes below which pivots of the hinge, of forces and of torques on body 1 are rounding, (..., 3);
+    0 where they cannot be that small.
+    """
+    tree = tree_numbers(pair, masses=True)
+    limits = np.array(tree.numbers[35:38])
+    if tree.samples is None:
+        return limits
+    columns = dict(zip(tree.varied, np.moveaxis(tree.samples, -1, 0), strict=True))
+    return np.stack(np.broadcast_arrays(*(columns.get(35 + k, limits[k]) for k in range(3))), axis=-1)
+
+
+def warn_where_singular(psidd: FloatArray, pair: Any) -> None:
+    """Issue a DynamicsWarning where accelerations are NaN because the mass matrix of the pair is singular."""
+    constants: Constants = pair.constants
+    limits = pivot_limits(constants)
+    if not limits.any() or not isinstance(psidd, np.ndarray | np.generic):
+        return
+    bad = np.isnan(psidd)
+    if not bad.any():
+        return
+    still: dict[str, Any] = {"phi1": 0.0} if constants.kind.planar else {"S1": np.eye(3)}
+    still["psi"] = 0.0
+    pivots = compute_arrays(constants, ("pivots",), still, dict.fromkeys(still, ()))["pivots"]
+    low = ~(pivots > limits[..., [0, 1, 1, 1, 2, 2, 2]])  # NaN are low
+    if low.any():
+        which = "the hinge" if low[..., 0].any() else "body 1"
+        where = f"at {int(bad.sum())} of {bad.size} samples" if bad.shape else "here"
+        warn_of_dynamics(f"{pair.name}: no mass resists {which} {where}; accelerations are NaN there")
+
+
+# ---- prepared calls
+
+_INPUTS: Final = {  # that a prepared call can take
+    SPACE: (
+        *(*ROWS, "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
+        *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOADS),
+    ),
+    PLANE: (*ROWS, *LOADS),
+}
+
+
+def prepare(
+    pair: Any,
+    given: str | Iterable[str],
+    outputs: Iterable[str] | None,
+    sequence: str | None,
+    gravity: ArrayLike,
+    execution: Execution,
+) -> Prepared:
+    """Return the call that `HingePair.prepare` and `PlanarPair.prepare` describe; `sequence` is None in the plane.
+
+    Raises:
+        ArgumentError: unknown names, missing inputs or missing masses.
+    """
+    constants: Constants = pair.constants
+    kind = constants.kind
+    tasks = TASKS[kind]
+    names = _checked_names(kind, given)
+    solves, rows = any(name in LOADS for name in names), "q" in names
+    if sequence is not None and rows:
+        find_sequence(sequence)
+    if outputs is not None:
+        of_both = () if kind.planar else (name for name in CONSTRAINTS if name != "S2_check")
+        of_tasks = (name for task in tasks.values() for name in task.outputs)
+        output_names = check_outputs(outputs, dict.fromkeys((*constants.levels, *of_tasks, *of_both)))
+    elif isinstance(given, str):
+        output_names = tasks[given].outputs
+    elif solves:
+        output_names = tasks["forward_dynamics"].outputs
+    else:
+        level = sum(name in names for name in (("qd", "qdd") if rows else ("psid", "psidd")))
+        output_names = kind.default_outputs(level)
+    if solves or needs_masses(constants, output_names):
+        needed = BODIES if solves else _bodies(tasks, output_names)
+        check_masses({one: getattr(pair, one) for one in BODIES if one in needed})
+    computation = computation_of(constants, output_names, sequence if rows else None, STATES[kind], False, solves)
+    _check_given(computation, names, solves)
+    remade = functools.partial(
+        pair.prepare, names, outputs=output_names, gravity=gravity, workers=execution.workers,
+        backend=execution.backend, **({} if sequence is None else {"sequence": sequence}),
+    )  # fmt: skip
+    solved = tasks["forward_dynamics"].outputs[-1]
+    watched = solves and solved in output_names and pivot_limits(constants).any()
+    watch = functools.partial(_watch, pair, solved) if watched else None
+    return Prepared(computation, names, execution, _checked_gravity(kind, gravity), remade, watch)
+
+
+def _check_given(computation: Computation, names: tuple[str, ...], solves: bool) -> None:
+    """Refuse arguments that do not suffice for the outputs."""
+    for name in computation.outputs:
+        of_both = (*names, "S2") if name in CONSTRAINTS and not solves else names
+        missing = {*computation.missing_inputs(name, of_both), *of_both} - {*names}
+        if missing:  # without q, motions of body 1 are inputs
+            needed = ", ".join("q" if one == name else one for one in sorted(missing))
+            raise ArgumentError("given", f"names with {needed}, which output {name} needs", ", ".join(names))
+
+
+def _watch(pair: Any, output: str, result: Any, _: Any) -> None:
+    """Warn of a singular mass matrix in the results of a prepared call."""
+    warn_where_singular(np.asarray(result[output]), pair)
+
+
+def _bodies(tasks: Mapping[str, Task], outputs: tuple[str, ...]) -> set[str]:
+    """Return the bodies, "body1" or "body2", whose masses the outputs need."""
+    fewest: dict[str, tuple[str, ...]] = {}
+    for task in tasks.values():
+        for name in task.outputs:
+            if name not in fewest or len(task.masses) < len(fewest[name]):
+                fewest[name] = task.masses
+    return {body for name in outputs for body in fewest.get(name, ())}
+
+
+def _checked_names(kind: PairKind, given: str | Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the inputs that `given` means: a key of TASKS such as "velocity", or the names themselves.
+    Refuse unknown and repeated names, and any but one attitude of body 1.
+    """
+    tasks, allowed = TASKS[kind], _INPUTS[kind]
+    try:
+        names = tasks[given].given if isinstance(given, str) else tuple(given)
+    except (KeyError, TypeError):
+        raise ArgumentError("given", f"{choices(tuple(tasks))}, or a tuple of names", quoted(given)) from None
+    for name in names:
+        if name not in allowed:
+            raise ArgumentError("given", choices(allowed), quoted(name))
+    attitudes = [name for name in names if name in {"q", "S1", *QUATERNIONS}]
+    if len(attitudes) != 1 or len({*names}) != len(names):
+        expected = "q" if kind.planar else "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz"
+        raise ArgumentError("given", expected, quoted(names))
+    return names
+
+
+def _checked_gravity(kind: PairKind, gravity: ArrayLike) -> tuple[float, ...]:
+    """Return the argument `gravity` as a tuple of numbers."""
+    return tuple(one_constant("gravity", gravity, len(kind.gravity)).tolist())

@@ -1,0 +1,101 @@
+"""The constants of a pair's tree, made in its program of the geometry and the masses, for derivatives by them.
+
+Pairs make these constants once, in another way that rounds less (`pair.geometry`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Final
+
+from hingepair.engine.binding import ArrayShape
+from hingepair.engine.trace import square_root
+from hingepair.equations.derivatives import matrix_from_columns
+from hingepair.equations.spatial import ZERO_VECTOR, add, compose, cross, dot, rotate, scale, subtract, transpose
+from hingepair.equations.trees import Matter, Placement, with_carried
+from hingepair.numeric.caching import lock_free_cached_property
+from hingepair.plans.fronts import Front
+
+_IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+_ROTOR: Final = (0.0, 1.0, 0.0)  # armature, multiplier and offset of a joint that has no motor and follows none
+
+GEOMETRY_SHAPES: Final[Mapping[bool, Mapping[str, ArrayShape]]] = {
+    False: {
+        **{"masses": (2,), "first_moments": (2, 3), "inertias": (2, 6)},
+        **{"u1": (3,), "u2": (3,), "n": (3,), "home": (3, 3)},
+    },
+    True: {"masses": (2,), "first_moments": (2, 2), "inertias": (2,), "u1": (2,), "u2": (2,)},
+}
+"""Shapes of the constants by which outputs can be differentiated, of a pair in space and, True, in the plane."""
+
+HIDDEN_SHAPES: Final[Mapping[str, ArrayShape]] = {"least_axis": (3,), "least_pivots": (3,)}
+"""Shapes of constants that come with them: the axis x, y or z of body 1 that is farthest from n; and what pivots of
+the hinge, of forces and of torques on body 1 have to exceed."""
+
+
+class PlanarGeometry(Front):
+    """Geometry and masses in space, given in the plane. Moments of inertia across the plane do not count; they are
+    large enough for any first moment.
+    """
+
+    needs: ClassVar = {
+        **{name: (name,) for name in ("u1", "u2", "first_moments", "inertias", "points")},
+        **dict.fromkeys(("n", "home", "least_axis"), ()),
+    }
+    n: ClassVar = (0.0, 0.0, 1.0)
+    home: ClassVar = _IDENTITY
+    least_axis: ClassVar = (1.0, 0.0, 0.0)
+
+    def __getitem__(self, name: str) -> Any:
+        if name == "inertias":
+            return tuple(x for J in self.given[name] for x in (1.5 * J, 0.0, 1.5 * J, 0.0, 0.0, J))
+        if name in {"u1", "u2", "first_moments", "points"}:
+            rest = iter(self.given[name])
+            return tuple(x for pair in zip(rest, rest, strict=True) for x in (*pair, 0.0))
+        return super().__getitem__(name)
+
+
+class Geometry(Front):
+    """The constants of the tree, given as geometry and masses.
+
+    Args:
+        given: values by name.
+        bodies: for each point of the pair, its body, 1 or 2.
+    """
+
+    needs: ClassVar = {"numbers": (*GEOMETRY_SHAPES[False], *HIDDEN_SHAPES, "points")}
+
+    def __init__(self, given: Mapping[str, Any], bodies: Sequence[int]) -> None:
+        super().__init__(given)
+        self._bodies = bodies
+
+    @lock_free_cached_property
+    def numbers(self) -> tuple[Any, ...]:
+        """All constants in the order of `plans.trees`. Body 2 has the axes e1, e2 and n of body 1 at psi = 0."""
+        n, home, u1, u2, across = (self.given[name] for name in ("n", "home", "u1", "u2", "least_axis"))
+        e1 = subtract(across, scale(n, dot(n, across)))
+        e1 = scale(e1, 1.0 / square_root(dot(e1, e1)))
+        axes = matrix_from_columns(e1, cross(n, e1), n)
+        turn = compose(transpose(axes), home)
+        arm = scale(rotate(turn, u2), -1.0)  # from the hinge point to R2
+        base, second = self._matter(0), self._matter(1)
+        nothing = Matter(0.0, ZERO_VECTOR, (0.0,) * 6)
+        moved = with_carried(nothing, Placement(turn, None, arm), second)
+        hinge, force, torque = self.given["least_pivots"]
+        frames = [*arm, *_IDENTITY]
+        positions = iter(self.given["points"]) if self._bodies else iter(())
+        for body, position in zip(self._bodies, zip(positions, positions, positions, strict=True), strict=True):
+            frames += [*(position if body == 1 else add(arm, rotate(turn, position))), *_IDENTITY]
+        return (
+            base.mass, *base.first, *base.second,
+            *axes, *u1, moved.mass, *moved.first, *moved.second, *_ROTOR, hinge,
+            force, torque, *frames,
+        )  # fmt: skip
+
+    def _matter(self, body: int) -> Matter:
+        """Return the matter of body 1 (`body` 0) or 2 (1), about its reference point, in its axes."""
+        masses, moments, inertias = (self.given[name] for name in ("masses", "first_moments", "inertias"))
+        xx, xy, yy, xz, yz, zz = inertias[6 * body : 6 * body + 6]  # Pinocchio's order
+        half = 0.5 * (xx + yy + zz)
+        first = moments[3 * body : 3 * body + 3]
+        return Matter(masses[body], first, (half - xx, -xy, -xz, half - yy, -yz, half - zz))

@@ -1,0 +1,396 @@
+"""What to compute of a pair: the tree with one hinge and a free base, body 1, behind fronts.
+
+Body 2 and every point of the pair are frames of the tree. The z axis of the tree's body lies along the hinge axis.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+from hingepair.engine.binding import ArrayShape
+from hingepair.engine.loops import Loop
+from hingepair.equations import spatial as eq
+from hingepair.equations.joints import HINGE
+from hingepair.equations.quantities import QUANTITIES, Quantity, sample_shape, unit_of
+from hingepair.equations.spatial import add, rotate
+from hingepair.numeric.blocks import hinge_terms
+from hingepair.plans.attitudes import rotation_defect
+from hingepair.plans.constraints import CONSTRAINTS, ConstraintQuantities
+from hingepair.plans.fronts import (
+    ForwardDynamics,
+    FourCoordinates,
+    Front,
+    HingeAngle,
+    Plane,
+    QuaternionWXYZ,
+    QuaternionXYZW,
+    SevenCoordinates,
+    euler_angles,
+    needed_names,
+)
+from hingepair.plans.geometry import GEOMETRY_SHAPES, HIDDEN_SHAPES, Geometry, PlanarGeometry
+from hingepair.plans.trees import (
+    BASE_SHAPES,
+    FRAME_SHAPES,
+    JOINT_SHAPES,
+    OUTPUTS,
+    PIVOT_SHAPES,
+    Form,
+    Request,
+    TreeQuantities,
+)
+
+# ---- points
+
+
+class Point(NamedTuple):
+    """A point that is fixed to body 1 or body 2 of a pair."""
+
+    name: str
+    body: int  # 1 or 2
+
+
+POINT_ENDINGS: Final = {"R": "", "v": "_v", "a": "_a"}
+"""Endings of the outputs of a point, after its name, by quantity."""
+
+
+@functools.lru_cache(maxsize=256)
+def point_outputs(points: tuple[Point, ...]) -> dict[str, Quantity]:
+    """Return the quantities of the outputs of points by name.
+
+    >>> [*point_outputs((Point("tip", 2),))], point_outputs((Point("tip", 2),))["tip_v"].unit
+    (['tip', 'tip_v', 'tip_a'], 'm/s')
+    """
+    texts = {"R": "Position", "v": "Velocity", "a": "Acceleration"}
+    return {
+        point.name + ending: QUANTITIES[letter]._replace(text=f"{texts[letter]} of the point {point.name}")
+        for point in points
+        for letter, ending in POINT_ENDINGS.items()
+    }
+
+
+def unit_among(outputs: Collection[str], name: str) -> str:
+    """Return the unit of an output, or of one of its components; outputs that are no quantities are of points.
+
+    >>> unit_among(("tip_v", "omega2"), "tip_v_x"), unit_among(("tip_v", "omega2"), "omega2_x")
+    ('m/s', 'rad/s')
+    """
+    output = name if name in outputs else name.rpartition("_")[0]
+    if output in QUANTITIES or output not in outputs:
+        return unit_of(name)
+    return unit_of(output[-1] if output.endswith((POINT_ENDINGS["v"], POINT_ENDINGS["a"])) else "R")
+
+
+# ---- the outputs
+
+
+class PairOutput(NamedTuple):
+    """How an output of a pair is computed."""
+
+    inputs: tuple[str, ...]  # names of the values of the tree that it depends on, the constants apart
+    compute: Callable[[TreeQuantities], Any]  # returns a scalar or a flat tuple of components
+
+
+def _of_frame(letter: str, frame: int) -> PairOutput:
+    """Return the output of a frame."""
+    functions: dict[str, Callable[[TreeQuantities], Any]] = {
+        "R": lambda tree: add(tree.values["R1"], tree.frame_poses[frame].d),
+        "d": lambda tree: tree.frame_poses[frame].d,
+        "v": lambda tree: tree.frame_velocities[frame][0],
+        "omega": lambda tree: tree.frame_velocities[frame][1],
+        "a": lambda tree: tree.frame_accelerations[frame][0],
+        "alpha": lambda tree: tree.frame_accelerations[frame][1],
+    }
+    return PairOutput(OUTPUTS[letter].inputs, functions[letter])
+
+
+def _given(name: str, source: str) -> PairOutput:
+    """Return the output that is a value of the tree, or the only number of one."""
+    return PairOutput((source,), lambda tree: tree.values[source] if name == source else tree.values[source][0])
+
+
+def _attitude2(tree: TreeQuantities) -> Any:
+    """Return S2 by Rodrigues' formula (E5, E6): what a tiny psi turns is accurate in itself, as it is not in the
+    product of the rotations to the tree's axes and back.
+    """
+    S1, n, home = (tree.values[name] for name in ("S1", "n", "home"))
+    return eq.attitude2(S1, eq.hinge_rotation(n, hinge_terms(tree.q[0])), home)
+
+
+def _bearing_torque(tree: TreeQuantities) -> Any:
+    """Return the torque of the hinge across its axis."""
+    x, y, _ = tree.transmitted_wrenches[1][1]
+    return rotate(tree.poses[1].S, (x, y, 0.0))
+
+
+_FORCES: Final = OUTPUTS["tau"].inputs
+_SPATIAL: Final[dict[str, PairOutput]] = {
+    **{f"{letter}2": _of_frame(letter, 0) for letter in ("R", "v", "omega", "a", "alpha")},
+    "S2": PairOutput((*OUTPUTS["S"].inputs, "n", "home"), _attitude2),
+    "d": _of_frame("d", 0),
+    **{name: _given(name, name) for name in ("R1", "S1", "v1", "omega1", "a1", "alpha1")},
+    "psidd": _given("psidd", "qdd"),
+    "hinge_torque": PairOutput(_FORCES, lambda tree: tree.efforts()[0]),
+    "hinge_force": PairOutput(_FORCES, lambda tree: tree.joint_wrenches[0][0]),
+    "hinge_moment": PairOutput(_FORCES, lambda tree: tree.joint_wrenches[0][1]),
+    "bearing_torque": PairOutput(_FORCES, _bearing_torque),
+    "angular": PairOutput(*OUTPUTS["angular_about_origin"]),
+    "pivots": PairOutput(OUTPUTS["pivots"].inputs, lambda tree: (*tree.pivots, *tree.base_pivots)),
+    "S1_check": PairOutput(("S1",), lambda tree: rotation_defect(tree.values["S1"])),
+    **{name: _given(name, name) for name in ("quat_xyzw_check", "quat_wxyz_check")},
+    "jacobian": PairOutput(OUTPUTS["jacobian"].inputs, lambda tree: tree.jacobian(False)[:42]),  # of the first frame
+    **{
+        name: PairOutput(*OUTPUTS[name])
+        for name in ("mass_matrix", "force1", "torque1", "kinetic", "potential", "linear")
+    },
+    "acceleration_bias": PairOutput(("q", "S1", "qd", "omega1"), TreeQuantities.acceleration_bias),
+}
+
+_PLANE: Final = (0, 1, 5, 6)  # places of planar velocities among v1, omega1 and psi'
+
+
+def _in_plane(output: PairOutput, take: Callable[[Any], Any]) -> PairOutput:
+    """Return an output of which `take` takes what the plane has."""
+    return PairOutput(output.inputs, lambda tree: take(output.compute(tree)))
+
+
+def _x_and_y(v: Any) -> Any:
+    return v[0], v[1]
+
+
+def _z(v: Any) -> Any:
+    return v[2]
+
+
+def _planar_matrix(M: Any) -> Any:
+    return tuple(M[7 * i + j] for i in _PLANE for j in _PLANE)
+
+
+_PLANAR: Final[dict[str, PairOutput]] = {
+    **{
+        name: _in_plane(_SPATIAL[name], _x_and_y)
+        for name in ("R2", "d", "v2", "a2", "force1", "hinge_force", "linear")
+    },
+    **{
+        name: _in_plane(_SPATIAL[name], _z)
+        for name in ("omega2", "alpha2", "torque1", "hinge_moment", "bearing_torque", "angular")
+    },
+    **{name: _SPATIAL[name] for name in ("hinge_torque", "kinetic", "potential", "pivots")},
+    "mass_matrix": _in_plane(_SPATIAL["mass_matrix"], _planar_matrix),
+    "phi2": PairOutput(("phi1", "psi"), lambda tree: tree.values["phi1"] + tree.values["psi"]),
+    "qdd": PairOutput(
+        ("a1", "alpha1", "qdd"),
+        lambda tree: (*tree.values["a1"][:2], tree.values["alpha1"][2], tree.values["qdd"][0]),
+    ),
+}
+
+# ---- pairs in space and in the plane
+
+_VELOCITIES: Final = 7  # v1, omega1 and psi'
+_BODY1: Final = ("R1", "S1", "v1", "omega1", "a1", "alpha1")  # outputs only if they are named
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairKind:
+    """What can be given and asked of pairs in space, or of planar ones."""
+
+    coordinates: tuple[str, ...]  # names of the components of q
+    columns: Mapping[str, tuple[str, ...]]  # of q, qd and qdd in files and data frames
+    shapes: Mapping[str, ArrayShape]  # of one sample of all that can be given or computed
+    levels: Mapping[str, int | None]  # outputs of kinematics: the order from which it is a default output, or None
+    gravity: tuple[float, ...]  # acceleration of free fall unless given [m/s^2]
+
+    def __reduce__(self) -> str:  # the two kinds are compared by identity
+        return "PLANE" if self.planar else "SPACE"
+
+    @property
+    def planar(self) -> bool:
+        """Whether the pair moves in a plane."""
+        return len(self.gravity) == 2
+
+    def default_outputs(self, level: int) -> tuple[str, ...]:
+        """Return the names of the outputs that are computed if the user names none: those of a level (0 pose, 1
+        velocity, 2 acceleration) and of the levels below it.
+        """
+        return tuple(name for name, lowest in self.levels.items() if lowest is not None and lowest <= level)
+
+
+def _sample_shapes(coordinates: int) -> dict[str, ArrayShape]:
+    sizes = {"coordinates": coordinates, "velocities": _VELOCITIES, "joints": 1, "parameters": 20}
+    return {name: sample_shape(name, sizes) for name in QUANTITIES} | {"pivots": (_VELOCITIES,)}
+
+
+def _levels(*of_body2: str) -> dict[str, int | None]:
+    return {name: QUANTITIES[name].order for name in of_body2}
+
+
+SPACE: Final = PairKind(
+    ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi"),
+    {
+        "q": ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi"),
+        "qd": ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),
+        "qdd": ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd"),
+    },
+    _sample_shapes(7)
+    | dict.fromkeys(("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"), (3,))
+    | {"psid_given": (), "home": (3, 3)},
+    {**_levels("R2", "S2", "d", "v2", "omega2", "a2", "alpha2"), **dict.fromkeys(_BODY1)},
+    (0.0, 0.0, -9.81),
+)
+"""Pairs in space."""
+PLANE: Final = PairKind(
+    ("x", "y", "phi", "psi"),
+    {
+        "q": ("x", "y", "phi", "psi"),
+        "qd": ("v1_x", "v1_y", "phid", "psid"),
+        "qdd": ("a1_x", "a1_y", "phidd", "psidd"),
+    },
+    {
+        **_sample_shapes(4),
+        **dict.fromkeys(("R1", "v1", "a1", "u1", "u2", "R2", "d", "v2", "a2"), (2,)),
+        **dict.fromkeys(("phi2", "omega2", "alpha2", "phi1", "phi1d", "phi1dd"), ()),
+        **dict.fromkeys(("gravity", "force1", "force2", "hinge_force", "linear"), (2,)),
+        **dict.fromkeys(("torque1", "torque2", "hinge_moment", "bearing_torque", "angular"), ()),
+        "mass_matrix": (4, 4),
+    },
+    _levels("R2", "phi2", "d", "v2", "omega2", "a2", "alpha2"),
+    (0.0, -9.81),  # y points up
+)
+"""Planar pairs (E11)."""
+
+
+# ---- the program
+
+LOADS: Final = ("force1", "torque1", "force2", "torque2", "hinge_torque")
+"""Names of the loads that forward dynamics take."""
+FORCES: Final = ("force1", "torque1", "hinge_torque")
+"""Outputs of inverse dynamics."""
+ACCELERATIONS: Final = ("a1", "alpha1", "psidd")
+"""Outputs of forward dynamics."""
+NO_MASSES: Final = frozenset({*SPACE.levels, *PLANE.levels, "jacobian", "acceleration_bias", "S1_check"})
+"""Outputs that do not depend on masses, those of points apart, unless accelerations are solved for."""
+OF_WHOLE_BODY2: Final = frozenset({"hinge_force", "hinge_moment", "bearing_torque"})
+"""Outputs for which all matter of body 2 counts with it."""
+TREE_NUMBERS: Final = sum(
+    math.prod(tail) for shapes in (BASE_SHAPES, JOINT_SHAPES, PIVOT_SHAPES) for tail in shapes.values()
+)
+"""How many constants the tree of a pair has, frames apart."""
+FRAME_NUMBERS: Final = sum(math.prod(tail) for tail in FRAME_SHAPES.values())
+
+_FORM: Final = Form((0,), (HINGE,), (0,), (None,) * TREE_NUMBERS)
+
+
+class PairRequest(NamedTuple):
+    """What is computed of a pair, and from what."""
+
+    outputs: tuple[str, ...]
+    given: tuple[str, ...]  # names of the arguments
+    planar: bool = False
+    sequence: str | None = None  # of the Euler angles, where q is given
+    points: tuple[Point, ...] = ()  # of the pair; frames of the tree behind that of body 2, in this order
+    varied: tuple[int, ...] = ()  # places of the constants that differ from sample to sample
+    by_geometry: bool = False  # whether the constants are made of geometry and masses, which are given
+
+    @property
+    def fronts(self) -> tuple[type[Front], ...]:
+        """The fronts before the tree, in the order of tracing."""
+        found: list[type[Front]] = []
+        if self.planar:
+            found = [*([FourCoordinates] if "q" in self.given else []), Plane]
+        elif "q" in self.given:
+            found = [SevenCoordinates, euler_angles(self.sequence or "XYZ")]
+        else:
+            found = [_QUATERNIONS[name] for name in self.given if name in _QUATERNIONS]
+        found.append(HingeAngle)
+        if self.by_geometry:
+            found += [PlanarGeometry, Geometry] if self.planar else [Geometry]
+        return (*found, ForwardDynamics) if self.solves else tuple(found)
+
+    @property
+    def solves(self) -> bool:
+        """Whether accelerations are solved for, because loads are given."""
+        return any(name in LOADS for name in self.given)
+
+    @property
+    def tree(self) -> Request:
+        """What the tree has beside the hinge: a frame of body 2, one for each point, and the loads on body 2."""
+        frames = (1, *(point.body - 1 for point in self.points))
+        known = (None,) * FRAME_NUMBERS * len(frames)
+        return Request((), True, frames, known, (0,) if self.solves else (), varied=self.varied)
+
+    def inputs(self) -> dict[str, ArrayShape]:
+        """Return the shape of one sample of each input that the outputs need, by name."""
+        fronts, names, constants = self.fronts, set[str](), False
+        for name in self.outputs:
+            if name in self.given:
+                names.add(name)
+            elif "S2" in self.given and name in CONSTRAINTS:
+                names |= needed_names(fronts, CONSTRAINTS[name][0])
+            else:
+                names |= needed_names(fronts, _output(self, name).inputs)
+                constants = True
+        shapes = {**(PLANE if self.planar else SPACE).shapes}
+        if constants and self.by_geometry:
+            shapes |= {**GEOMETRY_SHAPES[self.planar], **HIDDEN_SHAPES}
+            shapes["points"] = (len(self.points) * (3 - self.planar),)
+            names |= needed_names(fronts, ("numbers",)) - ({"points"} if not self.points else set())
+        elif constants:
+            shapes["constants"] = (TREE_NUMBERS + FRAME_NUMBERS * (1 + len(self.points)),)
+            shapes["samples"] = (len(self.varied),)
+            names |= {"constants", "samples"} if self.varied else {"constants"}
+        return {name: shapes[name] for name in sorted(names)}
+
+    def compute(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the outputs by name, each a scalar or a flat tuple of components, from the inputs by name."""
+        values = given
+        for front in self.fronts:
+            if front is Geometry:
+                values = Geometry(values, [point.body for point in self.points])
+            elif front is ForwardDynamics:
+                values = ForwardDynamics(values, TreeQuantities(_FORM, self.tree, values))
+            else:
+                values = front(values)
+        found: dict[str, Any] = {}
+        constraints, tree = ConstraintQuantities(values), None
+        for name in self.outputs:
+            if name in self.given:
+                found[name] = given[name]
+            elif "S2" in self.given and name in CONSTRAINTS:
+                found[name] = CONSTRAINTS[name][1](constraints)
+            else:
+                tree = tree or TreeQuantities(_FORM, self.tree, values)
+                found[name] = _output(self, name).compute(tree)
+        return found
+
+
+_QUATERNIONS: Final[Mapping[str, type[Front]]] = {"quat_xyzw": QuaternionXYZW, "quat_wxyz": QuaternionWXYZ}
+
+
+def _output(request: PairRequest, name: str) -> PairOutput:
+    """Return how an output is computed; one that nothing computes has to be given."""
+    of_kind = _PLANAR if request.planar else _SPATIAL
+    if name in of_kind:
+        return of_kind[name]
+    for place, point in enumerate(request.points, 1):
+        for letter, ending in POINT_ENDINGS.items():
+            if name == point.name + ending:
+                output = _of_frame(letter, place)
+                return _in_plane(output, _x_and_y) if request.planar else output
+    return PairOutput((name,), lambda tree: tree.values[name])
+
+
+@functools.lru_cache(maxsize=1024)
+def pair_loop(request: PairRequest) -> Loop:
+    """Return the cached `Loop` that computes a request over samples."""
+    shapes = {**(PLANE if request.planar else SPACE).shapes, **point_shapes(request.points, request.planar)}
+    outputs = {name: shapes[name] for name in request.outputs}
+    return Loop("state", request.compute, request.inputs(), outputs, form=request)
+
+
+def point_shapes(points: tuple[Point, ...], planar: bool) -> dict[str, ArrayShape]:
+    """Return the shape of one sample of each output of points."""
+    return dict.fromkeys(point_outputs(points), (2,) if planar else (3,))
