@@ -22,7 +22,6 @@ from support.trees import (
 pytestmark = pytest.mark.slow
 
 SAMPLES = 3
-WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 ROBOTS = {
     "panda": lambda: urdf_model("panda"),
     "dog": lambda: urdf_model("solo12"),
@@ -52,69 +51,6 @@ def close(found, expected, bound):
 def check(found, expected, bound):
     ok, text = close(found, expected, bound)
     assert ok, text
-
-
-def test_frames_move_as_pinocchio_has_them(model):
-    _, q, qd, qdd, _ = samples(model)
-    robot, data = Robot(record_of(model)), model.createData()
-    names = tuple(tree_of(robot).links)
-    state = robot.forward_kinematics(q, qd, qdd, frames=names)
-    bounds = robot.error_bounds(q, qd, qdd, frames=names)
-    for k in range(SAMPLES):
-        pin.forwardKinematics(model, data, q[k], qd[k], qdd[k])
-        pin.updateFramePlacements(model, data)
-        for j, name in enumerate(names):
-            frame = model.getFrameId(name, pin.FrameType.BODY)
-            v = pin.getFrameVelocity(model, data, frame, WORLD)
-            a = pin.getFrameClassicalAcceleration(model, data, frame, WORLD)
-            place = data.oMf[frame]
-            expected = {
-                "R": place.translation, "S": place.rotation, "d": place.translation, "v": v.linear,
-                "omega": v.angular, "a": a.linear, "alpha": a.angular,
-            }  # fmt: skip
-            for output, value in expected.items():
-                check(state[name].arrays()[output][k], value, np.maximum(bounds[output][k, j], 1e-15))
-
-
-def test_jacobians_are_those_of_pinocchio(model):
-    _, q, qd, _, _ = samples(model)
-    robot, data = Robot(record_of(model)), model.createData()
-    for name in tree_of(robot).tips[:2]:
-        frame = model.getFrameId(name, pin.FrameType.BODY)
-        jacobian, bias = robot.jacobian(q, name), robot.acceleration_bias(q, qd, name)
-        bounds = robot.error_bounds(q, qd, frames=name, outputs=("jacobian", "acceleration_bias"))
-        for k in range(SAMPLES):
-            check(jacobian[k], pin.computeFrameJacobian(model, data, q[k], frame, WORLD), bounds["jacobian"][k])
-            pin.forwardKinematics(model, data, q[k], qd[k], 0 * qd[k])
-            a = pin.getFrameClassicalAcceleration(model, data, frame, WORLD)
-            check(bias[k], np.concatenate([a.linear, a.angular]), np.maximum(bounds["acceleration_bias"][k], 1e-15))
-
-
-def test_forces_are_those_of_pinocchio(model):
-    _, q, qd, qdd, tau = samples(model)
-    robot, data = Robot(record_of(model)), model.createData()
-    forces = robot.inverse_dynamics(q, qd, qdd)
-    outputs = ("tau", "force1", "torque1", "mass_matrix", "bias_forces", "gravity_forces")
-    bounds = robot.error_bounds(q, qd, qdd, outputs=outputs)
-    matrix, bias, held = robot.mass_matrix(q), robot.bias_forces(q, qd), robot.gravity_forces(q)
-    qdd_found = robot.forward_dynamics(q, qd, tau).qdd
-    reached = robot.inverse_dynamics(q, qd, qdd_found)
-    allowed = robot.error_bounds(q, qd, qdd_found, outputs=("tau",))["tau"]
-    for k in range(SAMPLES):
-        check(forces.tau[k], pin.rnea(model, data, q[k], qd[k], qdd[k]), bounds["tau"][k])
-        on_base = pin.Force.Zero()
-        for joint in range(1, model.njoints):
-            if model.parents[joint] == 0:
-                on_base += data.liMi[joint].act(data.f[joint])
-        check(forces.force1[k], on_base.linear, bounds["force1"][k])
-        check(forces.torque1[k], on_base.angular, bounds["torque1"][k])
-        upper = np.triu(pin.crba(model, data, q[k]))
-        check(matrix[k], upper + np.triu(upper, 1).T, bounds["mass_matrix"][k])
-        check(bias[k], pin.nonLinearEffects(model, data, q[k], qd[k]), bounds["bias_forces"][k])
-        check(held[k], pin.computeGeneralizedGravity(model, data, q[k]), bounds["gravity_forces"][k])
-        check(reached.tau[k], tau[k], allowed[k])
-        expected = pin.aba(model, data, q[k], qd[k], tau[k])
-        np.testing.assert_allclose(qdd_found[k], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("mode", ["fixed", "free"])
@@ -169,77 +105,6 @@ def test_wrenches_of_joints_in_every_form(mode):
     assert robot.joint_wrenches(q[0], qd[0], qdd[0]).to_dataframe().shape == (SAMPLES, 48)
     with pytest.raises(hp.ArgumentError, match=r"^joint: expected .* \(nearest: joint_3\)"):
         found["joint3"]
-
-
-def test_centre_of_mass_energy_and_momentum_are_those_of_pinocchio(model):
-    _, q, qd, _, _ = samples(model)
-    robot, data = Robot(record_of(model)), model.createData()
-    centre = robot.centre_of_mass(q)
-    J, change = robot.prepare("centre_of_mass_jacobian").jvp((q,), {"q": qd})
-    jacobian, bias = np.asarray(J), (change["centre_of_mass_jacobian"] @ qd[..., None])[..., 0]
-    energy, about_origin = robot.energy(q, qd), robot.momentum(q, qd)
-    about_centre = robot.momentum(q, qd, about="centre")
-    for k in range(SAMPLES):
-        pin.centerOfMass(model, data, q[k], qd[k], 0 * qd[k])
-        size = 1e-13 * (1 + np.abs(qd[k]).max() ** 2) * model.njoints
-        np.testing.assert_allclose(centre[k], data.com[0], atol=size)
-        np.testing.assert_allclose(bias[k], data.acom[0], atol=size)
-        np.testing.assert_allclose(jacobian[k], pin.jacobianCenterOfMass(model, data, q[k]), atol=size)
-        momentum = pin.computeCentroidalMomentum(model, data, q[k], qd[k])
-        weight = sum(body.mass for body in model.inertias.tolist()[1:])
-        np.testing.assert_allclose(about_centre.linear[k], momentum.linear, atol=size * weight)
-        np.testing.assert_allclose(about_centre.angular[k], momentum.angular, atol=size * weight)
-        turned = momentum.angular + np.cross(data.com[0], momentum.linear)
-        np.testing.assert_allclose(about_origin.angular[k], turned, atol=size * weight)
-        kinetic = pin.computeKineticEnergy(model, data, q[k], qd[k])
-        potential = pin.computePotentialEnergy(model, data, q[k])
-        np.testing.assert_allclose(energy.kinetic[k], kinetic, atol=size * weight)
-        np.testing.assert_allclose(energy.potential[k], potential, atol=10 * size * weight)
-
-
-@pytest.mark.parametrize("mode", ["fixed", "free"])
-def test_a_base_that_moves_is_a_free_flyer_of_pinocchio(model, mode):
-    rng, q, qd, qdd, _ = samples(model)
-    flying = on_free_base(model)
-    data, robot, base = flying.createData(), Robot(record_of(model), mode), base_motion(rng, (SAMPLES,))
-    names = tree_of(robot).tips
-    state = robot.forward_kinematics(q, qd, qdd, frames=names, base_motion=base)
-    bounds = robot.error_bounds(q, qd, qdd, frames=names, base_motion=base)
-    forces = robot.inverse_dynamics(q, qd, qdd, base_motion=base)
-    outputs = ("tau", "force1", "torque1", "mass_matrix", "bias_forces", "gravity_forces")
-    allowed = robot.error_bounds(q, qd, qdd, outputs=outputs, base_motion=base)
-    for k in range(SAMPLES):
-        one = hp.BodyMotion(**{x: getattr(base, x)[k] for x in ("R", "S", "v", "omega", "a", "alpha")})
-        x, v, a = pinocchio_state(one, q[k], qd[k], qdd[k])
-        pin.forwardKinematics(flying, data, x, v, a)
-        pin.updateFramePlacements(flying, data)
-        for j, name in enumerate(names):
-            frame = flying.getFrameId(name, pin.FrameType.BODY)
-            velocity = pin.getFrameVelocity(flying, data, frame, WORLD)
-            change = pin.getFrameClassicalAcceleration(flying, data, frame, WORLD)
-            expected = {
-                "R": data.oMf[frame].translation, "S": data.oMf[frame].rotation, "v": velocity.linear,
-                "omega": velocity.angular, "a": change.linear, "alpha": change.angular,
-            }  # fmt: skip
-            for output, value in expected.items():
-                check(state[name].arrays()[output][k], value, 4 * bounds[output][k, j] + 1e-14)
-        found = pin.rnea(flying, data, x, v, a)
-        check(forces.tau[k], found[6:], 2 * allowed["tau"][k])
-        if mode == "free":
-            check(forces.force1[k], one.S @ found[:3], 2 * allowed["force1"][k])
-            check(forces.torque1[k], one.S @ found[3:6], 2 * allowed["torque1"][k])
-            upper = np.triu(pin.crba(flying, data, x))
-            local = upper + np.triu(upper, 1).T
-            turn = np.eye(flying.nv)
-            turn[:3, :3] = turn[3:6, 3:6] = one.S
-            check(robot.mass_matrix(q[k], base_motion=one), turn @ local @ turn.T, 2 * allowed["mass_matrix"][k])
-            frame = flying.getFrameId(names[0], pin.FrameType.BODY)
-            jacobian = pin.computeFrameJacobian(flying, data, x, frame, WORLD) @ turn.T
-            np.testing.assert_allclose(
-                robot.jacobian(q[k], names[0], base_motion=one), jacobian, atol=1e-13 * flying.nv
-            )
-            held = turn @ pin.computeGeneralizedGravity(flying, data, x)
-            check(robot.gravity_forces(q[k], base_motion=one), held, 2 * allowed["gravity_forces"][k])
 
 
 def test_a_free_base_moves_as_the_forces_make_it(model):

@@ -15,7 +15,6 @@ import pytest
 
 import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
-from hingepair.mechanism.methods import count_operations
 from support.trees import Robot, base_motion, random_model, record_of, weightless, with_mimics
 
 
@@ -50,40 +49,6 @@ def check_same(found, expected, allowed=1e-12):
         np.testing.assert_allclose(array, expected[name], rtol=0, atol=allowed * size, err_msg=name)
 
 
-def test_every_layout_gives_the_same(robot, motion):
-    expected = every(robot, *motion, backend="numpy")
-    scattered = np.empty((3, 5, 4, robot.dof, 2))[..., 0].transpose(0, 2, 1, 3)
-    scattered[...] = motion
-    check_same(every(robot, *scattered, backend="numpy"), expected)
-    check_same(every(robot, *np.asfortranarray(motion), backend="numpy"), expected)
-    check_same(every(robot, *motion[:, ::-1, :, :], backend="numpy"), {k: v[::-1] for k, v in expected.items()})
-    check_same(every(robot, *motion.astype(">f8"), backend="numpy"), expected)
-    check_same(
-        every(robot, motion[0], motion[1], motion[2][:, :1], backend="numpy"),
-        every(robot, motion[0], motion[1], np.broadcast_to(motion[2][:, :1], motion[2].shape), backend="numpy"),
-    )
-    one = every(robot, *motion[:, 1, 2], backend="numpy")
-    check_same(one, {name: array[1, 2] for name, array in expected.items()})
-
-
-@pytest.mark.slow(4)
-def test_compiled_gives_the_same(robot, motion):
-    expected = every(robot, *motion, backend="numpy")
-    check_same(every(robot, *motion, backend="compiled"), expected)
-    check_same(every(robot, *motion, backend="compiled", workers=2), expected)
-    check_same(every(robot, *motion[:, 1, 2], backend="compiled"), {k: v[1, 2] for k, v in expected.items()})
-    small = every(robot, *motion.astype(np.float32), backend="compiled")
-    assert {array.dtype for array in small.values()} == {np.dtype(np.float32)}
-    check_same(small, expected, 1e-4)
-
-
-@pytest.mark.slow
-def test_float32_stays_float32(robot, motion):
-    expected, small = every(robot, *motion), every(robot, *motion.astype(np.float32), backend="numpy")
-    assert {array.dtype for array in small.values()} == {np.dtype(np.float32)}
-    check_same(small, expected, 1e-4)
-
-
 def test_tables_and_values_by_joint_are_read_by_name(robot, motion):
     pandas = pytest.importorskip("pandas")
     q, qd = motion[:2, 0]
@@ -102,25 +67,6 @@ def test_tables_and_values_by_joint_are_read_by_name(robot, motion):
     check_same(robot.inverse_dynamics(held, qd, qd).arrays(), expected.arrays())
 
 
-def test_results_are_written_where_the_user_says(robot, motion):
-    q, qd, qdd = motion
-    numpy = {"backend": "numpy"}
-    out = {"v": np.empty((4, 5, 1, 3)), "R": np.empty((4, 5, 1, 3))}
-    state = robot.forward_kinematics(q, qd, frames="panda_hand", out=out, **numpy)
-    expected = robot.forward_kinematics(q, qd, frames="panda_hand", **numpy)
-    for name, array in out.items():
-        assert np.shares_memory(state.arrays()[name], array)
-        np.testing.assert_array_equal(array, expected.arrays()[name])
-    tau = np.empty((4, 5, 7))
-    forces = robot.inverse_dynamics(q, qd, qdd, outputs=("tau",), out={"tau": tau}, **numpy)
-    assert forces.outputs == ("tau",)
-    assert forces.force1 is None
-    np.testing.assert_array_equal(tau, robot.inverse_dynamics(q, qd, qdd, **numpy).tau)
-    matrix = np.empty((4, 5, 7, 7))
-    assert np.shares_memory(robot.mass_matrix(q, out=matrix, **numpy), matrix)
-    np.testing.assert_array_equal(matrix, robot.mass_matrix(q, **numpy))
-
-
 @pytest.mark.slow
 def test_one_frame_and_an_axis_of_frames(robot, motion):
     q, qd, qdd = motion
@@ -133,15 +79,6 @@ def test_one_frame_and_an_axis_of_frames(robot, motion):
         state["panda_link7"]
     assert robot.forward_kinematics(q).frames == robot.tips
     assert robot.forward_kinematics(q).outputs == ("R", "S", "d")
-
-
-def test_nan_stays_in_its_sample(robot, motion):
-    q = motion[0].copy()
-    q[1, 2, 3] = np.nan
-    for name, array in every(robot, q, *motion[1:], backend="numpy").items():
-        bad = np.isnan(array).reshape(4, 5, -1).any(axis=-1)
-        assert bad[1, 2], name
-        assert bad.sum() == 1, name
 
 
 def test_no_samples_and_no_joints(robot):
@@ -175,53 +112,6 @@ def test_forces_and_accelerations_are_tables_by_joint(robot, motion):
         robot.inverse_dynamics(*motion).to_dataframe()
 
 
-def test_printed_forces_name_the_joints(robot, motion):
-    one = robot.inverse_dynamics(*(array[0, 0] for array in motion))
-    assert [line.split() for line in str(one).splitlines()[2:4]] == [
-        [name, f"{tau:.6g}"] for name, tau in zip(robot.names[:2], one.tau, strict=False)
-    ]
-    many = robot.inverse_dynamics(*motion)
-    title, heading, *lines = str(many).splitlines()
-    assert (title, heading.split()) == ("MechanismForces, shape (4, 5)", ["largest", "size"])
-    assert [line.split() for line in lines[:7]] == [
-        [name, f"{size:.6g}"] for name, size in zip(robot.names, np.abs(many.tau).max(axis=(0, 1)), strict=True)
-    ]
-    assert "<td>panda_joint1</td>" in many._repr_html_()
-
-
-@pytest.mark.slow
-def test_prepared_calls_give_what_the_methods_give(robot, motion):
-    q, qd, qdd = motion[:, 1, 2]
-    calls = {
-        "pose": ((q,), robot.forward_kinematics(q)),
-        "velocity": ((q, qd), robot.forward_kinematics(q, qd)),
-        "acceleration": ((q, qd, qdd), robot.forward_kinematics(q, qd, qdd)),
-        "inverse_dynamics": ((q, qd, qdd), robot.inverse_dynamics(q, qd, qdd)),
-        "forward_dynamics": ((q, qd, qdd), robot.forward_dynamics(q, qd, qdd)),
-    }
-    for kind, (given, expected) in calls.items():
-        step = robot.prepare(kind, backend="numpy")
-        check_same(step(*given).arrays(), expected.arrays())
-        many = step(*(np.stack([one, one]) for one in given))
-        check_same({name: array[1] for name, array in many.arrays().items()}, expected.arrays())
-    arrays = {
-        "jacobian": (q,),
-        "acceleration_bias": (q, qd),
-        "mass_matrix": (q,),
-        "bias_forces": (q, qd),
-        "gravity_forces": (q,),
-    }
-    for kind, given in arrays.items():
-        frame = {"frames": "panda_hand"} if kind in {"jacobian", "acceleration_bias"} else {}
-        step = robot.prepare(kind, backend="numpy", **frame)
-        expected = getattr(robot, kind)(*given, *frame.values())
-        np.testing.assert_allclose(step(*given), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-        out = np.empty_like(expected)
-        np.testing.assert_array_equal(step(*given, out=out), out)
-        np.testing.assert_array_equal(out, step(*given))
-        assert step(*given).flags.writeable
-
-
 def test_a_prepared_call_takes_tables_and_values_by_joint(robot, motion):
     pandas = pytest.importorskip("pandas")
     q, qd = motion[:2, 0]
@@ -237,13 +127,6 @@ def test_a_prepared_call_takes_tables_and_values_by_joint(robot, motion):
         step(table.iloc[:, 1:], qd)
     with pytest.raises(hp.ArgumentError, match=r"qd\['panda_joint2'\]: expected a number"):
         step(q, {"panda_joint1": 0.0})
-
-
-def test_a_prepared_call_says_what_is_left_to_compute(robot):
-    step = robot.prepare("inverse_dynamics", outputs=("tau",), backend="numpy")
-    each, _, full = step.operations
-    assert str(step).startswith(f"tau from q, qd, qdd: {each} operations for each sample")
-    assert str(step).endswith(f"of {full} where nothing is known")
 
 
 @pytest.mark.slow
@@ -400,20 +283,6 @@ def test_bounds_hold_for_every_backend_of_a_mimic_robot():
         off = np.abs(found.arrays()[name] - exact.arrays()[name]).reshape(*bounds[name].shape, -1).max(axis=-1)
         assert (off <= bounds[name]).all(), name
         assert (bounds[name] < 1e-3).all()
-
-
-def test_a_prepared_call_counts_the_operations_of_its_own_arguments(robot):
-    moved = ("R1", "S1", "v1", "omega1", "a1", "alpha1")
-    base = hp.BodyMotion(
-        **{name.removesuffix("1"): np.ones((2, 3)) for name in moved if name != "S1"}, S=[np.eye(3)] * 2
-    )
-    q = np.ones((2, robot.dof))
-    for names, motion in ((), None), (moved, base):
-        step = robot.prepare(("q", "qd", "qdd", *names), outputs=("tau",), backend="numpy")
-        assert step.operations == count_operations(robot, (q, q, q), ("tau",), base_motion=motion)
-    held = robot.prepare("inverse_dynamics", outputs=("tau",), backend="numpy")
-    assert held.operations.per_sample < 0.9 * step.operations.per_sample
-    assert str(step.operations.per_sample) in str(step)
 
 
 def test_frames_stands_for_the_one_frame_of_a_jacobian(robot, motion):
@@ -600,21 +469,6 @@ def test_a_robot_whose_joints_are_all_locked_is_where_it_was_locked():
 
 def test_accelerations_are_what_a_call_with_forces_is_prepared_for(robot):
     assert robot.prepare(("q", "qd", "tau")).outputs == ("qdd",)
-
-
-@pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int64, list])
-@pytest.mark.parametrize("workers", [1, 2])
-@pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
-def test_energy_of_one_state_in_every_dtype(dtype, workers, backend):
-    """Scalar outputs: what is written into a copy shows as what memory held before."""
-    ur5 = hp.load_robot("ur5_robot")
-    q, qd = np.array([0, 1, 0, 0, 0, 0]), np.array([0, 1, 2, 0, 1, 0])
-    q, qd = (one.tolist() if dtype is list else one.astype(dtype) for one in (q, qd))
-    expected = ur5.energy([0.0, 1, 0, 0, 0, 0], [0.0, 1, 2, 0, 1, 0], backend="numpy")
-    for _ in range(3):
-        found = ur5.energy(q, qd, workers=workers, backend=backend)
-        np.testing.assert_allclose(found.kinetic, expected.kinetic, rtol=1e-5 if dtype is np.float32 else 1e-13)
-        np.testing.assert_allclose(found.potential, expected.potential, rtol=1e-5 if dtype is np.float32 else 1e-13)
 
 
 @pytest.mark.slow

@@ -107,28 +107,6 @@ def test_numbers_that_fold_are_differentiated_all_the_same(ur5, torques, states)
                 np.testing.assert_allclose(found[name], array, atol=1e-13 * abs(array).max())
 
 
-@pytest.mark.slow
-def test_all_forms_of_a_call_agree(ur5, torques, states):
-    given = tuple(states)
-    expected = torques.jacobian(given, "q")["tau"]["q"]
-    one = torques.jacobian(tuple(states[:, 2]), "q")["tau"]["q"]
-    np.testing.assert_allclose(one, expected[2], atol=1e-14 * abs(expected).max())
-    out = {"tau": {"q": np.empty((4, 6, 6))}}
-    assert torques.jacobian(given, ("q",), out=out)["tau"]["q"] is out["tau"]["q"]
-    np.testing.assert_array_equal(out["tau"]["q"], expected)
-    single = torques.jacobian(tuple(states.astype(np.float32)), "q")["tau"]["q"]
-    assert single.dtype == np.float32
-    np.testing.assert_allclose(single, expected, atol=1e-5 * abs(expected).max())
-    threads = ur5.prepare("inverse_dynamics", outputs=("tau",), workers=2)
-    many = np.repeat(states, 5000, axis=1)
-    np.testing.assert_array_equal(threads.jacobian(tuple(many), "q")["tau"]["q"][::5000], expected)
-    matrix = ur5.prepare("mass_matrix")
-    value, gradient = matrix.vjp((states[0],), {"mass_matrix": np.ones((4, 6, 6))})
-    np.testing.assert_array_equal(value, matrix(states[0]))
-    summed = matrix.jacobian((states[0],))["mass_matrix"]["q"].sum(axis=(-3, -2))
-    np.testing.assert_allclose(gradient["q"], summed, atol=1e-13)
-
-
 ROBOTS = {
     "panda": lambda: urdf_model("panda"),
     "dog": lambda: urdf_model("solo12"),

@@ -11,14 +11,10 @@ import pytest
 import hingepair as hp
 from hingepair.errors import shorten
 from hingepair.numeric.arrays import (
-    broadcast_shape,
     columns_by_name,
     constant,
-    finite_number,
-    number_not_below_0,
     one_constant,
     real_array,
-    vectors,
 )
 from support.sampled import RATES, SECOND, moving, scene_of
 from support.states import generator
@@ -184,26 +180,6 @@ def test_messages_look_at_the_beginning_only():
     assert shorten(np.eye(3)) == "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"
 
 
-@pytest.mark.parametrize(
-    ("value", "words"),
-    [
-        ([1 + 2j], "complex128"),
-        (np.zeros(2, np.float16), "float16"),
-        (np.zeros(2, bool), "bool"),
-        ("text", "'text'"),
-        (True, "True"),
-        ([None], "object"),
-        (np.ma.masked_array([1.0], [True]), "masked"),
-        (Table(["a"], [[1.0]]), "named columns"),
-    ],
-    ids=["complex", "float16", "bools", "text", "bool", "objects", "masked", "table"],
-)
-def test_what_is_no_real_array_is_refused(value, words):
-    with pytest.raises(hp.errors.DtypeError, match=words) as caught:
-        real_array("a", value)
-    assert caught.value.name == "a"
-
-
 @pytest.mark.parametrize("dtype", ["f8", "f4", ">f8", "i2", "u8"])
 def test_real_arrays_are_not_copied(dtype):
     array = np.arange(6).astype(dtype)[::2]
@@ -211,19 +187,6 @@ def test_real_arrays_are_not_copied(dtype):
     assert real_array("a", (1, 2.5)).dtype == np.float64
     with pytest.raises(hp.ShapeError, match="lists that make one"):
         real_array("a", [[1.0], [1.0, 2.0]])
-
-
-def test_vectors_and_matrices_have_their_last_axes():
-    assert vectors("v", np.zeros((4, 2, 3)), 3).shape == (4, 2, 3)
-    assert vectors("S", np.zeros((4, 3, 3)), 3, 3).shape == (4, 3, 3)
-    for value, tail, words in (
-        (np.zeros((3, 2)), (3,), r"v: expected shape \(..., 3\), got shape \(3, 2\)"),
-        (1.0, (3,), r"got shape \(\)"),
-        (np.zeros(3), (3, 3), r"v: expected shape \(..., 3, 3\), got shape \(3,\)"),
-        (np.zeros((2, 3)), (3, 3), "shape"),
-    ):
-        with pytest.raises(hp.ShapeError, match=words):
-            vectors("v", value, *tail)
 
 
 def test_constants_are_copies_that_cannot_be_written():
@@ -238,24 +201,3 @@ def test_constants_are_copies_that_cannot_be_written():
         constant("u1", (0, np.inf, 0), 3)
     with pytest.raises(hp.ShapeError, match=r"u1: expected shape \(3,\), got shape \(4, 3\)"):
         one_constant("u1", np.zeros((4, 3)), 3)
-
-
-def test_leading_shapes_broadcast_or_the_first_that_does_not_is_named():
-    assert broadcast_shape({}) == ()
-    assert broadcast_shape({"a": (3, 1), "b": (), "c": (1, 4), "d": (4,)}) == (3, 4)
-    with pytest.raises(
-        hp.ShapeError, match=r"c: expected leading shape that broadcasts with \(3, 4\), got shape \(2,\)"
-    ):
-        broadcast_shape({"a": (3, 1), "b": (1, 4), "c": (2,)})
-
-
-def test_numbers_are_finite_floats():
-    for value in (2, 2.0, np.float32(2), np.int8(2)):
-        assert finite_number("gaps", value) == 2.0
-        assert type(finite_number("gaps", value)) is float
-    for value in (True, "2", None, np.nan, -np.inf, 10**400, np.zeros(1), 1j):
-        with pytest.raises(hp.ArgumentError, match="gaps: expected a finite number"):
-            finite_number("gaps", value)
-    assert number_not_below_0("tol", 0) == 0.0
-    with pytest.raises(hp.ArgumentError, match="tol: expected a number not below 0, got -1e-09"):
-        number_not_below_0("tol", -1e-9)

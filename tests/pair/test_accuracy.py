@@ -205,18 +205,3 @@ def test_small_turn_through_the_pair():
     for S, psi in zip(S2, (1e-9, 1e-7, 1e-5), strict=True):
         exact = np.sin(psi / 2) ** 2
         assert abs(S[0, 1] - exact) <= 16 * 2.0**-53 * exact
-
-
-@pytest.mark.parametrize(("place", "bad"), sparse([*zip(range(7), 3 * [np.nan, np.inf, -np.inf], strict=False)], 3))
-def test_a_sample_that_is_no_number_stays_in_its_sample(bad, place, ledger):
-    rng = states.generator(10)
-    constants, motion = states.pair(rng), states.coordinates(rng, 4)
-    motion[0][2, place] = bad
-    found = batch(pair_of(constants), motion)
-    clean = [np.delete(c, 2, axis=0) for c in motion]
-    truth = truths.from_euler(constants, *clean)
-    require(truth, {name: np.delete(x, 2, axis=0) for name, x in found.items()}, ledger, "beside NaN")
-    assert not np.isfinite(found["R2"][2]).all()
-    assert place < 3 or not np.isfinite(found["S2"][2]).all()
-    alone = batch(pair_of(constants), [c[2] for c in motion])
-    assert not np.isfinite(alone["R2"]).all()

@@ -119,16 +119,6 @@ def test_limits_and_bodies_do_not_touch_the_kinematics():
         assert np.array_equal(value, getattr(plain, name))
 
 
-def test_the_representation_is_the_call_that_makes_it():
-    shapes = (hp.Box((1, 2, 3), (4, 5, 6)), hp.Cylinder(1, 2, (0, 0, 1), (0, 3, 4)), hp.Sphere(2))
-    body = hp.Body(2, (1, 2, 3), np.diag([2, 3, 4]), shapes)
-    pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), name="arm", limits=(-1, 2), body1=body)
-    assert repr(eval(repr(pair), vars(hp))) == repr(pair)
-    assert "limits=(-1.0, 2.0), body1=Body(mass=2.0" in repr(pair)
-    assert "body2" not in repr(pair)
-    assert "limits" not in repr(hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1)))
-
-
 def test_what_is_given_is_copied_and_read_only():
     inertia = np.eye(3)
     body = hp.Body(inertia=inertia)

@@ -11,7 +11,6 @@ from hingepair.pair.planar_pair import motion_in_space
 from support.sparse import sparse
 from support.states import generator, rotations
 from support.states import pair as random_pair
-from support.truths import forces_from_attitude
 
 U = 2.0**-53
 GRAVITY = np.array([0.3, -0.2, -9.81])
@@ -179,23 +178,6 @@ def test_trees_are_newton_and_euler(case):
             np.testing.assert_allclose(part, exact, rtol=0, atol=near)
 
 
-def test_forces_are_those_of_sixty_digits():
-    rng = generator(27)
-    for _ in range(3):
-        pair, body1 = massive(rng), moving(rng, 4)
-        psi, (psid, psidd) = rng.uniform(-3, 3, 4), rng.normal(size=(2, 4))
-        bodies = [(body.mass, body.centre_of_mass, body.inertia) for body in (pair.body1, pair.body2)]
-        given = tuple(getattr(body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha"))
-        constants = (pair.u1, pair.u2, pair.constants.axis, pair.home)
-        truth = forces_from_attitude(constants, bodies, given, psi, psid, psidd, GRAVITY)
-        found = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
-        for k in range(4):
-            one = hp.BodyMotion(R=given[0][k], S=given[1][k], omega=given[3][k], a=given[4][k], alpha=given[5][k])
-            near = 8 * U * np.prod(size_of(pair, one, psid[k], psidd[k]))
-            for exact, part in zip(truth, found, strict=True):
-                assert float(np.max(np.abs(exact[k] - part[k]))) <= near
-
-
 @pytest.mark.parametrize("seed", sparse(range(20), 10))
 def test_mujoco_agrees_both_ways(seed):
     """On the exported model; it keeps inertias by their principal axes."""
@@ -272,20 +254,6 @@ def test_the_hinge_carries_what_the_forces_say(case):
     np.testing.assert_allclose(alone.hinge_wrench(body1, psi, psid, psidd, gravity=GRAVITY).force, wrench.force)
 
 
-def test_samples_are_taken_one_by_one_or_together():
-    rng = generator(20)
-    pair, body1 = massive(rng), moving(rng, 2, 3)
-    psi, psid, psidd = rng.normal(size=(3, 2, 3))
-    together = pair.inverse_dynamics(body1, psi, psid, psidd)
-    pushed = pair.forward_dynamics(body1, psi, psid, force1=rng.normal(size=(2, 3, 3)), hinge_torque=psidd)
-    assert [part.shape for part in together] == [(2, 3, 3), (2, 3, 3), (2, 3)]
-    assert [part.shape for part in pushed] == [(2, 3, 3), (2, 3, 3), (2, 3)]
-    one = hp.BodyMotion(**{name: getattr(body1, name)[1, 2] for name in ("R", "S", "v", "omega", "a", "alpha")})
-    alone = pair.inverse_dynamics(one, psi[1, 2], psid[1, 2], psidd[1, 2])
-    for many, single in zip(together, alone, strict=True):
-        np.testing.assert_allclose(many[1, 2], single, rtol=1e-12, atol=1e-12)
-
-
 NEEDLE = hp.HingePair(
     (1, 0, 0), (0, 0, 0), (0, 0, 1), name="needle", body1=hp.Body(1, inertia=(1, 1, 1)),
     body2=hp.Body(mass=1, inertia=(1, 1, 1e-30)),
@@ -330,41 +298,6 @@ def test_an_inertia_that_was_not_given_is_warned_of_and_shapes_give_one():
     )
 
 
-@pytest.mark.parametrize("backend", sparse(["numpy", "compiled"], 2))
-def test_prepared_dynamics_is_that_of_the_methods(backend):
-    rng = generator(25)
-    pair, body1 = massive(rng), moving(rng, 3)
-    psi, psid, psidd = rng.normal(size=(3, 3))
-    S, omega, a, alpha = body1.S, body1.omega, body1.a, body1.alpha
-    expected = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
-    near = {"rtol": 0, "atol": 1e-11}
-    inverse = pair.prepare("inverse_dynamics", gravity=GRAVITY, backend=backend)
-    found = inverse(S, omega, a, alpha, psi, psid, psidd)
-    one = inverse(S[1], omega[1], a[1], alpha[1], float(psi[1]), float(psid[1]), float(psidd[1]))
-    for name in ("force1", "torque1", "hinge_torque"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), **near)
-        np.testing.assert_allclose(getattr(one, name), getattr(expected, name)[1], **near)
-    forward = pair.prepare("forward_dynamics", gravity=GRAVITY, backend=backend)
-    back = forward(S, omega, psi, psid, *expected)
-    for name, value in (("a1", a), ("alpha1", alpha), ("psidd", psidd)):
-        np.testing.assert_allclose(getattr(back, name), value, **near)
-    lone = forward(S[2], omega[2], psi[2], psid[2], *(part[2] for part in expected))
-    np.testing.assert_allclose(lone.psidd, psidd[2], **near)
-    if backend == "compiled":  # one kernel less, of many operations
-        return
-    names = ("mass_matrix", "kinetic", "potential", "linear", "angular", "bearing_torque")
-    given = ("R1", "S1", "v1", "omega1", "a1", "alpha1", "psi", "psid", "psidd")
-    more = pair.prepare(given, outputs=names, gravity=GRAVITY, backend=backend)(
-        body1.R, S, body1.v, omega, a, alpha, psi, psid, psidd
-    )
-    np.testing.assert_allclose(more["mass_matrix"], pair.mass_matrix(body1, psi), **near)
-    for part in (pair.energy(body1, psi, psid, gravity=GRAVITY), pair.momentum(body1, psi, psid)):
-        for name, value in part.arrays().items():
-            np.testing.assert_allclose(more[name], value, **near)
-    wrench = pair.hinge_wrench(body1, psi, psid, psidd, gravity=GRAVITY)
-    np.testing.assert_allclose(more["bearing_torque"], wrench.bearing_torque, **near)
-
-
 @pytest.mark.slow
 def test_prepared_loads_on_body2_and_coordinates():
     rng = generator(26)
@@ -379,80 +312,6 @@ def test_prepared_loads_on_body2_and_coordinates():
     moved = hp.BodyMotion(R=state.R1, S=state.S1, v=state.v1, omega=state.omega1, a=a.a1, alpha=a.alpha1)
     body2 = pair.forward_kinematics_from_body1(moved, q[:, 6], qd[:, 6], a.psidd)
     np.testing.assert_allclose(found.a2, body2.a2, rtol=0, atol=1e-11)
-
-
-@pytest.mark.slow
-def test_what_prepared_dynamics_lacks_is_named():
-    bare = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body2=hp.Body(1, inertia=(1, 1, 1)))
-    with pytest.raises(hp.ArgumentError, match=r"pair\.body1: expected mass properties"):
-        bare.prepare("inverse_dynamics")
-    rest = hp.BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3)))
-    still = {"psi": 0.0, "psid": 0.0, "psidd": 0.0}
-    with pytest.raises(
-        hp.ArgumentError, match=r"mass = 2\.0; or pair\.hinge_wrench, for which body 2 suffices, got None"
-    ):
-        bare.inverse_dynamics(rest, **still)
-    assert bare.hinge_wrench(rest, **still).force.tolist() == [0, 0, 9.81]
-    with pytest.raises(hp.ArgumentError, match=r"mass = 2\.0; or base='fixed', for which body 2 suffices, got None"):
-        hp.simulate(bare, np.linspace(0, 1, 3), rest, psi_0=0.5, psid_0=0, base="free")
-    assert len(hp.simulate(bare, np.linspace(0, 1, 3), rest, psi_0=0.5, psid_0=0, base="fixed").t) == 3
-    none = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1))
-    with pytest.raises(hp.ArgumentError, match=r"pair\.body2: .* mass = 2\.0, got None"):
-        none.hinge_wrench(rest, **still)
-    assert bare.prepare("inverse_dynamics", outputs=("hinge_torque",)).outputs == ("hinge_torque",)
-    with pytest.raises(hp.ArgumentError, match=r"given: expected names with a1.*, which output hinge_torque needs"):
-        bare.prepare(("S1", "omega1", "alpha1", "psi", "psid", "psidd"), outputs=("hinge_torque",))
-
-
-def test_one_state_however_it_lies():
-    """0-d angles, foreign byte order, strides, another gravity."""
-    rng = generator(29)
-    pair, body1 = massive(rng), moving(rng, 2)
-    psi, psid, psidd = rng.normal(size=(3, 2))
-    together = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
-    strided = np.zeros((6, 3))
-    strided[::2] = body1.S[1]
-    one = hp.BodyMotion(
-        R=(0, 0, 0),
-        S=strided[::2],
-        omega=body1.omega[1].astype(">f8"),
-        a=body1.a[1][::-1][::-1],
-        alpha=body1.alpha[1],
-    )
-    for gravity, expected in (
-        (GRAVITY, together),
-        ((0, 0, 0), pair.inverse_dynamics(body1, psi, psid, psidd, gravity=(0, 0, 0))),
-    ):
-        for angles in (
-            (np.array(psi[1]), psid[1], psidd[1]),
-            (float(psi[1]), psid[1].astype(">f8"), float(psidd[1])),
-        ):
-            found = pair.inverse_dynamics(one, *angles, gravity=gravity)
-            for many, single in zip(expected, found, strict=True):
-                np.testing.assert_allclose(single, many[1], rtol=0, atol=1e-12)
-                assert single.ndim == 0 or not single.flags.writeable
-
-
-def test_states_after_the_first_are_looked_at_as_it_was():
-    rng = generator(33)
-    pair, body1 = massive(rng), moving(rng)
-    first = pair.inverse_dynamics(body1, 0.3, 0.2, 0.1)
-    again = pair.inverse_dynamics(body1, 0.3, 0.2, 0.1)
-    as_array = pair.inverse_dynamics(body1, [0.3], 0.2, 0.1)
-    for one, other, many in zip(first, again, as_array, strict=True):
-        np.testing.assert_array_equal(one, other)
-        np.testing.assert_allclose(one, many[0], rtol=1e-13)
-        assert other.ndim == 0 or not other.flags.writeable
-    with pytest.raises(hp.ArgumentError, match=r"^psid: expected a value"):
-        pair.inverse_dynamics(body1, 0.3, None, 0.1)
-    with pytest.raises(hp.ArgumentError, match=r"body1\.alpha"):
-        pair.inverse_dynamics(hp.BodyMotion(R=body1.R, S=body1.S, omega=body1.omega, a=body1.a), 0.3, 0.2, 0.1)
-    with pytest.raises(hp.ArgumentError, match="gravity"):
-        pair.inverse_dynamics(body1, 0.3, 0.2, 0.1, gravity=(0, -9.81))
-    vague = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body2=hp.Body(mass=1))
-    for _ in range(2):
-        with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no inertia is given"):
-            vague.hinge_wrench(body1, 0.3, 0.2, 0.1)
 
 
 def test_what_was_not_given_of_a_planar_pair_is_warned_of_too():
@@ -473,13 +332,6 @@ def test_a_mass_that_nobody_gave_is_said():
     for _ in range(2):
         with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no mass is given, 1 kg is taken"):
             pair.hinge_wrench(still, 0.0, 0.0, 0.0)
-
-
-def test_results_print_in_a_line():
-    body = hp.Body(mass=2, inertia=(1, 1, 1))
-    pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=body, body2=body)
-    many = pair.momentum(hp.BodyMotion(R=np.zeros((50, 3)), S=np.eye(3), v=(1, 0, 0), omega=(0, 0, 0)), 0.0, 0.0)
-    assert repr(many) == "Momentum(linear: shape (50, 3), angular: shape (50, 3))"
 
 
 def test_the_pin_of_a_planar_pair_bears_what_the_hinge_in_space_does():

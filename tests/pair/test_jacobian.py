@@ -82,25 +82,3 @@ def test_jacobian_and_bias_are_those_of_pinocchio():
         W = np.linalg.norm(omega) + abs(psid[i])
         scale = W * W * (1 + lever(pair) + abs(body1.R[i]).max()) + W * np.linalg.norm(body1.v[i])
         assert abs(bias[i] - (J_dot @ X + J @ X_dot) @ given).max() <= 64 * U * scale
-
-
-def test_shapes_dtypes_and_samples_apart():
-    pair, (body1, psi, psid, _) = made(6), moving(6, 6)
-    one = hp.BodyMotion(R=body1.R[2], S=body1.S[2], omega=body1.omega[2])
-    grid = hp.BodyMotion(R=np.zeros(3), S=body1.S.reshape(2, 3, 3, 3), omega=body1.omega.reshape(2, 3, 3))
-    jac, bias = pair.jacobian(body1, psi), pair.acceleration_bias(body1, psi, psid)
-    assert np.array_equal(pair.jacobian(grid, psi.reshape(2, 3)).reshape(6, 6, 7), jac)
-    assert abs(pair.jacobian(one, float(psi[2])) - jac[2]).max() <= 4 * U * (1 + lever(pair))
-    assert pair.acceleration_bias(one, psi, 0.5).shape == (6, 6)
-    assert abs(pair.acceleration_bias(one, psi[2], psid[2]) - bias[2]).max() <= 64 * U * (1 + lever(pair))
-    single = hp.BodyMotion(R=np.zeros(3, np.float32), S=np.eye(3, dtype=np.float32), omega=np.ones(3, np.float32))
-    assert pair.jacobian(single, np.float32(1)).dtype == np.float32
-    assert pair.acceleration_bias(single, np.float32(1), np.float32(1)).dtype == np.float32
-    S = np.array(body1.S)
-    S[3] = np.nan
-    holed = pair.jacobian(hp.BodyMotion(R=body1.R, S=S), psi)
-    keep = np.arange(6) != 3
-    assert np.array_equal(holed[keep], jac[keep])
-    assert np.isnan(holed[3, :3, 3:]).sum() >= 9
-    many = hp.HingePair(u1=np.ones((4, 1, 3)), u2=(0, 0, 1), n=(1, 0, 0))
-    assert many.jacobian(body1, psi).shape == (4, 6, 6, 7)

@@ -41,20 +41,6 @@ def test_values_are_replaced_in_the_plane_and_of_a_motion():
     assert motion.shape == (5,)
 
 
-def test_a_state_lists_what_it_has():
-    q = np.zeros(7)
-    for state, names in (
-        (made().forward_kinematics(q), "R2, S2, arrays, body2, d, outputs, shape, to_dataframe, to_xarray"),
-        (
-            hp.PlanarPair((1, 0), (1, 0)).forward_kinematics(q[:4]),
-            "R2, arrays, d, outputs, phi2, shape, to_dataframe, to_xarray",
-        ),
-    ):
-        with pytest.raises(AttributeError, match=f"{type(state).__name__} has no 'r2'; it has {names}$"):
-            _ = state.r2
-        assert not hasattr(state, "r2")
-
-
 def copies(value):
     return (copy.copy(value), copy.deepcopy(value), pickle.loads(pickle.dumps(value)))
 

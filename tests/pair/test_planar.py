@@ -105,17 +105,6 @@ def test_equal_to_pinocchios_planar_joint(backend):
         assert off(state.alpha2[i], acceleration.angular[2], scale["alpha2"][i]) <= both_round
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("name", OUTPUTS)
-def test_outputs_named_are_what_comes(name, backend):
-    pair, motion = random_pair(generator(903)), random_motion(generator(904), 3)
-    state = pair.forward_kinematics(*motion, outputs=(name,), backend=backend)
-    assert state.outputs == (name,)
-    whole = pair.forward_kinematics(*motion, backend=backend)
-    np.testing.assert_array_equal(getattr(state, name), getattr(whole, name))
-    assert pair.forward_kinematics(motion[0]).outputs == ("R2", "phi2", "d")
-
-
 def test_is_a_value():
     pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0), name="legs")
     assert repr(pair) == "PlanarPair(u1=[1.0, 0.0], u2=[-1.0, 0.0], name='legs')"
@@ -228,14 +217,3 @@ def test_prepared_dynamics_and_their_derivatives() -> None:
     assert np.allclose(np.concatenate(rows), DYNAMIC.mass_matrix(q), rtol=1e-13)
     with pytest.raises(hp.ArgumentError, match=r"given: expected names with qdd, .* got q, qd"):
         DYNAMIC.prepare(("q", "qd"), outputs=("force1",))
-
-
-def test_dynamics_write_into_arrays_and_take_threads() -> None:
-    q, qd = np.random.default_rng(5).normal(size=(2, 5, 4))
-    kinetic, M = np.empty(5), np.empty((5, 4, 4))
-    assert np.array_equal(DYNAMIC.energy(q, qd, out={"kinetic": kinetic}, workers=2).kinetic, kinetic)
-    assert DYNAMIC.mass_matrix(q, out=M) is M
-    assert np.array_equal(M, DYNAMIC.mass_matrix(q))
-    force = np.empty((5, 2))
-    DYNAMIC.hinge_wrench(q, qd, qd, out={"force": force}, backend="numpy")
-    assert np.allclose(force, DYNAMIC.hinge_wrench(q, qd, qd).force, rtol=1e-14)

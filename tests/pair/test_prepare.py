@@ -39,30 +39,6 @@ def test_numpy_is_numpy_where_a_kernel_is_there_already():
         np.testing.assert_array_equal(fk(*motion[:2])["v2"], expected)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("level", ["pose", "velocity", "acceleration"])
-def test_coordinates(level, backend):
-    rng = generator(1001)
-    one, motion = made(rng), coordinates(rng, 20)
-    count = ["pose", "velocity", "acceleration"].index(level) + 1
-    fk = one.prepare(level, backend=backend)
-    whole = one.forward_kinematics(*motion[:count], backend=backend)
-    assert fk.outputs == whole.outputs
-    for _ in range(2):  # the second time takes the short way
-        many = fk(*motion[:count])
-        assert many.shape == (20,)
-        for name in whole.outputs:
-            np.testing.assert_array_equal(many[name], whole[name])
-            assert not many[name].flags.writeable
-    for i in (0, 19):
-        for form in (np.array, lambda c: c.tolist(), lambda c: tuple(c.tolist()), lambda c: c[::-1].copy()[::-1]):
-            state = fk(*(form(c[i]) for c in motion[:count]))
-            assert state.shape == ()
-            for name in whole.outputs:
-                close(state[name], whole[name][i], 8)
-                assert not getattr(state, name).flags.writeable
-
-
 @pytest.mark.parametrize("backend", sparse(BACKENDS, 2))
 @pytest.mark.parametrize("given", ["S1", "quat_xyzw", "quat_wxyz"])
 def test_body1(given, backend):
@@ -233,45 +209,6 @@ def test_threads_do_not_mix():
     for thread in threads:
         thread.join()
     assert wrong == []
-
-
-def test_a_prepared_call_says_what_it_is():
-    fk = made(generator(1013)).prepare("velocity", outputs=("R2",))
-    assert repr(fk) == "Prepared(given=('q', 'qd'), outputs=('R2',))"
-
-
-@pytest.mark.parametrize("count", [None, 2, 100])
-def test_arrays_are_filled_at_every_call_and_refused_at_every_call(count):
-    """The first call goes the long way, later ones do not: same bits, same errors, nothing written where refused."""
-    pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
-    shape = () if count is None else (count,)
-    names = ("v2", "R2", "S2")
-    for call in range(3):
-        q, qd = generator(31, call).normal(size=(2, *shape, 7))
-        room = {"R2": np.zeros((*shape, 3)), "v2": np.zeros((*shape, 5))[..., 1:4]}
-        expected = pair.forward_kinematics(q, qd, outputs=names, backend="compiled")
-        found = pair.forward_kinematics(q, qd, outputs=names, out=room, backend="compiled")
-        assert found.outputs == names
-        assert found.shape == shape
-        for name in names:
-            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-            assert np.shares_memory(getattr(found, name), room[name]) if name in room else True
-        both = np.zeros((2 * q.size, 3))
-        frozen = np.zeros((*shape, 3))
-        frozen.setflags(write=False)
-        kept = [part.copy() for part in (q, qd)]
-        for wrong in (
-            {"R2": frozen},
-            {"R2": np.zeros((*shape, 4))},
-            {"R2": np.zeros((*shape, 3), np.float32)},
-            {"R2": None},
-            {"omega2": np.zeros((*shape, 3))},
-            {"R2": q[..., :3] if shape else None},
-            {"R2": both[: q.size // 7].reshape(*shape, 3), "v2": both[: q.size // 7].reshape(*shape, 3)},
-        ):
-            with pytest.raises(hp.ArgumentError, match="out"):
-                pair.forward_kinematics(q, qd, outputs=names, out=room | wrong, backend="compiled")
-        np.testing.assert_array_equal((q, qd), kept)
 
 
 @pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])

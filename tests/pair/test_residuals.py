@@ -173,23 +173,6 @@ def test_measured_motion_passes_with_tolerances_of_its_own():
     assert abs(np.linalg.norm(half.tilt, axis=-1) - np.sin(half.tilt_angle)).max() <= 8 * U[np.float64]
 
 
-@pytest.mark.parametrize(
-    ("letters", "kind", "missing"),
-    [
-        ((), "gap_rate", r"v and omega, .* got no body1\.v, body1\.omega, body2\.v, body2\.omega"),
-        (("omega",), "gap_rate", r"v and omega, .* got no body1\.v, body2\.v"),
-        ((), "tilt_rate", r"omega, .* got no body1\.omega, body2\.omega"),
-        (("v", "omega", "alpha"), "gap_acceleration", r"got no body1\.a, body2\.a"),
-        (("omega",), "tilt_acceleration", r"got no body1\.alpha, body2\.alpha"),
-    ],
-)
-def test_a_tolerance_that_nothing_is_judged_by_is_refused(letters, kind, missing):
-    pair = made()
-    motions = [only(body, "R", "S", *letters) for body in bodies(pair, coordinates(generator(95), 2))]
-    with pytest.raises(hp.ArgumentError, match=rf"tolerances\['{kind}'\]: expected motions with .*{missing}"):
-        pair.residuals(*motions, tolerances={kind: 1e-9})
-
-
 def test_the_numbers_of_a_row_are_of_one_sample():
     """The first sample has the larger gap, and far away the larger tolerance; the second is the worst."""
     R, apart = np.array(((1e12, 0, 0), (0, 0, 0))), np.array(((0.0, 1e-3, 0), (0, 1e-4, 0)))
@@ -238,29 +221,6 @@ def test_nothing_compared_is_not_ok():
     assert found.verdict.startswith("NOTHING COMPARED: no finite sample of gap")
     empty = pair.residuals(*bodies(pair, [c[:0] for c in motion]))
     assert (empty.ok, empty.shape, empty.psi.shape) == (False, (0,), (0,))
-
-
-def test_report_reads_and_parses():
-    pair, motion = made(name="elbow"), [c.reshape(2, 3, 7) for c in coordinates(generator(98), 6)]
-    body1, body2 = bodies(pair, motion)
-    good = pair.residuals(body1, body2)
-    assert str(good).splitlines()[0] == "elbow: two motions against the constraints, u = 1.11e-16"
-    assert str(good).splitlines()[-1] == "PASSED: 6 residuals of 6 samples within tolerance"
-    R = np.array(body2.R)
-    R[1, 2, 0] += 1e-3
-    bad = pair.residuals(body1, bodies(pair, motion, R=R)[1])
-    assert bad.verdict == "FAILED: gap"
-    assert any(line.startswith("gap ") and "1.00e-03" in line and " 1,2 " in line for line in str(bad).splitlines())
-    report = json.loads(bad.to_json())
-    assert (report["ok"], report["rows"][0]["worst_sample"], report["rows"][0]["ok"]) == (False, [1, 2], False)
-    assert repr(bad) == "Residuals(shape=(2, 3), FAILED: gap)"
-    one = pair.residuals(*bodies(pair, [c[0, 0] for c in motion]))
-    assert one.ok
-    assert one.psi.shape == ()
-    with pytest.raises(AttributeError):
-        one.shape = (3,)
-    with pytest.raises(ValueError, match="read-only"):
-        good.gap[...] = 0
 
 
 def test_the_report_says_how_large_on_the_whole_and_when() -> None:

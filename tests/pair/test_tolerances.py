@@ -213,33 +213,3 @@ def test_points_may_be_all_that_scatters():
     assert pickle.loads(pickle.dumps(found))["handle"].name == "handle"
     made = hp.sample_pairs(pair, 3, points={"handle": 1e-3}, seed=1)
     assert (made.u1.shape, made.points2["handle"].shape, made.points1["mark"].shape) == ((3,), (3, 3), (3,))
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"samples": 0}, "samples: expected a whole number from 1"),
-        ({"samples": 1.5}, "samples: expected a whole number from 1"),
-        ({"seed": -1}, "seed: expected an integer from 0"),
-        ({"pair": "gate"}, "pair: expected a HingePair"),
-    ],
-)
-def test_samples_seed_and_pair_are_checked(given, message):
-    own = {"pair": hp.HingePair((1, 0, 0), (0, 0, 1), (0, 0, 1)), "u1_std": 1} | given
-    with pytest.raises(hp.ArgumentError, match=message):
-        hp.sample_pairs(**own)
-
-
-def test_pairs_that_differ_from_sample_to_sample_are_refused():
-    many = hp.sample_pairs(hp.HingePair((1, 0, 0), (0, 0, 1), (0, 0, 1)), 3, u1_std=1)
-    with pytest.raises(hp.ShapeError, match="pair: expected one pair"):
-        hp.sample_pairs(many, u1_std=1)
-    with pytest.raises(hp.ShapeError, match="pair: expected one pair"):
-        many.propagate_covariance(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), 0.0, u1_std=1)
-
-
-def test_covariances_are_shown_in_a_line():
-    pair, body1, psi = with_points(313)
-    found = pair.propagate_covariance(body1, psi, u1_std=1e-3)
-    assert repr(found) == "PoseCovariance(shape=(5,): R2, R2_std, attitude, attitude_std, 'mark', 'handle')"
-    assert repr(found["handle"]) == "PointCovariance(handle, shape=(5,): R, R_std, jacobian, geometry)"

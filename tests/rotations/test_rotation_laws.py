@@ -13,33 +13,6 @@ from support.states import generator, rotations
 U = 2.0**-53
 
 
-@pytest.fixture(scope="module")
-def quats():
-    """Quaternions of any length, the identity and half turns among them."""
-    rng = generator(50)
-    return np.concatenate([rng.normal(size=(40, 4)) * 10 ** rng.uniform(-3, 3, (40, 1)), np.eye(4), -np.eye(4)])
-
-
-def test_quaternion_orders(quats):
-    expected = Rotation.from_quat(quats).as_matrix()
-    R = np.zeros((len(quats), 3))
-    xyzw = hp.BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=quats)
-    wxyz = hp.BodyMotion.from_quaternion_wxyz(R=R, quat_wxyz=np.roll(quats, 1, axis=-1))
-    assert abs(xyzw.S - expected).max() <= 16 * U
-    assert abs(wxyz.S - expected).max() <= 16 * U
-    assert np.array_equal(xyzw.S, wxyz.S)
-
-
-def test_rotation_vectors():
-    rotvec = generator(51).normal(size=(40, 3)) * 10 ** generator(52).uniform(-12, 0.4, (40, 1))
-    S = Rotation.from_rotvec(rotvec).as_matrix()
-    assert abs(hp.rotation_exp(rotvec) - S).max() <= 16 * U
-    assert abs(hp.BodyMotion.from_rotvec(R=np.zeros((40, 3)), rotvec=rotvec).S - S).max() <= 16 * U
-    short = rotvec[np.linalg.norm(rotvec, axis=-1) < np.pi]
-    back = hp.rotation_log(hp.rotation_exp(short))
-    assert np.all(abs(back - short).max(axis=-1) <= 32 * U)
-
-
 def test_the_nearest_rotation_is_the_orthogonal_factor_of_the_polar_decomposition():
     """M = S P with P symmetric and positive: S is the only rotation for which it is."""
     rng = generator(54)
@@ -60,27 +33,11 @@ def test_the_nearest_rotation_is_the_orthogonal_factor_of_the_polar_decompositio
             hp.project_to_rotation(bad)
 
 
-def test_there_are_24_sequences():
-    assert len(set(SEQUENCE_NAMES)) == 24
-
-
 @pytest.fixture(params=range(4), ids=["turned, Tait-Bryan", "turned, proper", "fixed, Tait-Bryan", "fixed, proper"])
 def sequences(request):
     """The six sequences of one kind."""
     lower, proper = divmod(request.param, 2)
     return [name for name in SEQUENCE_NAMES if name.islower() == lower and (name[0] == name[2]) == proper]
-
-
-@pytest.mark.slow
-def test_sequence_means_what_scipy_says(sequences):
-    for sequence in sequences:
-        phi = generator(53).uniform(-np.pi, np.pi, (50, 3))
-        expected = Rotation.from_euler(sequence, phi).as_matrix()
-        S = hp.euler_to_matrix(phi, sequence)
-        assert abs(S - expected).max() <= 16 * U
-        one = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
-        q = np.concatenate([np.zeros((50, 3)), phi, np.zeros((50, 1))], axis=-1)
-        assert abs(one.forward_kinematics(q, sequence=sequence, outputs=("S1",)).S1 - expected).max() <= 16 * U
 
 
 def test_angles_come_back(sequences):
@@ -118,17 +75,6 @@ def test_rates_of_a_sequence(sequences):
         W1 = abs(phid).sum(axis=-1)
         assert np.all(abs((J @ phid[..., None])[..., 0] - omega1).max(axis=-1) <= 8 * U * W1)
         assert np.all(abs(hp.euler_rates(phi, omega1, sequence) - phid).max(axis=-1) <= 64 * U * W1)
-
-
-@pytest.mark.parametrize("function", [hp.rotation_log, hp.matrix_to_euler], ids=lambda f: f.__name__)
-def test_what_is_no_rotation_is_refused(function):
-    S = rotations(generator(47), 3)
-    function(S * (1 + 1e-10))
-    with pytest.raises(hp.RotationError, match=r"S: expected rotations to within 1e-09 .* off the identity by 2e-06"):
-        function(S * (1 + 1e-6))
-    for reflection in (-S, -S[0]):
-        with pytest.raises(hp.RotationError, match=r"S: .* a reflection"):
-            function(reflection)
 
 
 def test_a_projection_does_not_raise_what_numpy_is_told_to_raise():

@@ -1,80 +1,12 @@
-"""A second oracle, for millions of states: the definitions of `reference` in the processor's 64-bit-mantissa floats.
-
-Eleven bits more than a double: errors in units of 2^-53 come out to about 0.02, thousands of times as fast as with 60
-digits. The test of this oracle is the other one.
-"""
+"""Attitudes in the processor's floats of 64 digits of 2, eleven more than a double has, for many states at once."""
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import ClassVar
-
 import numpy as np
 
-from hingepair.bench.truth import euler_scales, skew
+from hingepair.bench.truth import skew
 
 LONG = np.longdouble
-WIDE = np.finfo(LONG).nmant >= 63
-
-
-class Extended:
-    """The outputs for coordinates of shape (N, 7), each found when it is asked for.
-
-    pair = (u1, u2, n, home), each of one pair or of N, home of one. Inside, components come first and samples last.
-    What body 2 holds is turned about n, and all that body 1 holds about z, y and x; angular velocities are added up
-    on the way.
-    """
-
-    def __init__(self, pair, q, qd, qdd):
-        self.scales = euler_scales(pair, *(np.asarray(c, float) for c in (q, qd, qdd)))
-        self.q, self.qd, self.qdd = (np.array(np.transpose(c), LONG, order="C") for c in (q, qd, qdd))
-        self.u1, self.u2, n = (np.array(np.atleast_2d(c).T, LONG, order="C") for c in pair[:3])
-        self.home = np.asarray(np.eye(3) if pair[3] is None else pair[3], LONG)[..., None]
-        angles = [(self.q[i], self.qd[i], self.qdd[i] / 2) for i in range(3, 7)]
-        self.turns = [_turn(axis, *angles[axis]) for axis in (2, 1, 0)]
-        self.hinge = _turn(n / np.sqrt((n * n).sum(axis=0)), *angles[3])
-        self.values = {}
-
-    @cached_property
-    def d(self):
-        still = np.zeros((3, 1), LONG)
-        arm = _turned([(self.home * self.u2).sum(axis=1), still, still], [self.hinge])
-        return _turned([self.u1 - arm[0], -arm[1], -arm[2]], self.turns)
-
-    @cached_property
-    def turning1(self):
-        return _turning(self.turns)
-
-    @cached_property
-    def turning2(self):
-        return _turning([self.hinge, *self.turns])
-
-    WAYS: ClassVar = {
-        "S1": lambda own: _turned([np.eye(3, dtype=LONG)[..., None]], own.turns)[0],
-        "S2": lambda own: _turned([own.home], [own.hinge, *own.turns])[0],
-        "d": lambda own: own.d[0],
-        "R2": lambda own: own.q[:3] + own.d[0],
-        "v2": lambda own: own.qd[:3] + own.d[1],
-        "a2": lambda own: own.qdd[:3] + 2 * own.d[2],
-        "omega1": lambda own: own.turning1[0],
-        "alpha1": lambda own: own.turning1[1],
-        "omega2": lambda own: own.turning2[0],
-        "alpha2": lambda own: own.turning2[1],
-    }
-
-    def value(self, name):
-        """An output, longdouble (N, ...); computed once."""
-        if name not in self.values:
-            self.values[name] = np.moveaxis(self.WAYS[name](self), -1, 0)
-        return self.values[name]
-
-    def errors(self, name, got):
-        """The largest component's error of each sample in units of u * scale; inf where got is not finite."""
-        unit = 2.0**-24 if got.dtype == np.float32 else 2.0**-53
-        gap = abs(np.asarray(got, LONG) - self.value(name)).reshape(len(got), -1).max(axis=-1)
-        scale = unit * np.asarray(self.scales[name], LONG)
-        ratio = np.where(gap == 0, 0, gap / np.where(scale > 0, scale, np.finfo(LONG).tiny))
-        return np.where(np.isfinite(ratio), ratio, np.inf).astype(float)
 
 
 def _turn(axis, f0, f1=0, f2=0):
@@ -98,14 +30,6 @@ def _turned(vector, turns):
         parts = vector, _product(sine, across), _product(versine, twice)
         vector = [v + x + y for v, x, y in zip(*parts, strict=True)]
     return vector
-
-
-def _turning(turns):
-    """Angular velocity and acceleration of what is turned so."""
-    found = [np.zeros((3, 1), LONG)] * 2
-    for turn in turns:
-        found = [v + w for v, w in zip(_turned(found, [turn]), turn[-1], strict=True)]
-    return found
 
 
 def _cross(axis, v):
