@@ -74,15 +74,6 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     assert copied(tmp_path) == {"logged_arm.csv"}
 
 
-def test_a_wrong_name_or_directory_is_an_error_that_says_what_to_do(tmp_path: Path) -> None:
-    message = refusal("examples", "landing_gaer", tmp_path)
-    assert "NAME: expected one of all, excavator, " in message
-    assert "(nearest: landing_gear), got 'landing_gaer'" in message
-    (tmp_path / "file").touch()
-    message = refusal("examples", "excavator", tmp_path / "file" / "folder")
-    assert message.startswith("DIRECTORY: ")
-
-
 @pytest.mark.parametrize(
     ("words", "hint"),
     [
@@ -104,11 +95,3 @@ def test_a_file_that_is_not_there_leads_to_the_examples(
     message = refusal(*words)
     assert "path_or_text" not in message
     assert message.rpartition("; ")[2].startswith(hint)
-
-
-def test_other_errors_have_no_hint_at_the_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file that is there, a name that is nobody's, and an option whose file is not there yet."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "talos_elbow.toml").write_text("nonsense")
-    for words in (("run", "talos_elbow.toml"), ("run", "nobody"), ("fit", "mine.csv", "--scene", "talos_elbow.txt")):
-        assert "hingepair examples" not in refusal(*words)

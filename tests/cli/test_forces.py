@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -55,25 +53,6 @@ def light(tmp_path):
     path = tmp_path / "light.toml"
     path.write_text(text[: text.index("[pair.body2]")] + bodies)
     return path
-
-
-@pytest.mark.slow
-def test_an_inertia_that_was_not_given_is_said_once(light):
-    command = [sys.executable, "-m", "hingepair", "forces", str(light)]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
-    assert said.count("no inertia is given") == 1
-
-
-def test_an_inertia_that_was_not_given_is_said(light):
-    with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no inertia is given"):
-        hp.load_scene(light).forces()
-
-
-def test_a_mass_that_was_not_given_is_said(light):
-    light.write_text(re.sub(r"(?m)^mass = .*$", "", light.read_text()))
-    with pytest.warns(hp.DynamicsWarning) as said:
-        hp.load_scene(light).forces()
-    assert [name for name in ("body1", "body2") for one in said if f"pair.{name}: no mass" in str(one.message)]
 
 
 def scene_file(folder, text, log=None):
@@ -130,13 +109,6 @@ def test_instants_without_finite_forces_are_counted_and_left_out_of_the_ranges(t
     assert (row["smallest"], row["largest"]) == (finite.min(), finite.max())
     assert row["rms"] == pytest.approx(np.sqrt(np.mean(finite**2)), rel=1e-14)
     assert row["t_of_largest_size"] == np.linspace(0, 1, 101)[np.nanargmax(np.abs(torque))]
-
-
-def test_a_motion_without_a_finite_instant_is_told_and_is_no_fault(tmp_path):
-    path = scene_file(tmp_path, PENDULUM + MOVED.format("sqrt(-1 - t)"))
-    assert "101 of 101 instants" in told(path)
-    row = json.loads(told(path, "--json"))["outputs"]["hinge_torque"]
-    assert set(row.values()) == {None}
 
 
 def test_the_torque_limit_and_the_rate_limit_are_compared(tmp_path):
@@ -244,46 +216,3 @@ def test_what_is_simulated_stands_not_beside_a_given_psi(tmp_path, line):
     name = line.split()[0]
     assert f"dynamics.{name}: expected stiffness, rest, damping" in (said := refusal("forces", path))
     assert "since [motion] gives psi: `hingepair forces` gives the torque of the motor" in said
-
-
-def test_the_gravity_that_was_taken_is_printed(tmp_path):
-    path = scene_file(tmp_path, PENDULUM + MOVED.format("t"))
-    assert "gravity = (0, 0, -9.81) m/s^2" in told(path)
-    assert "gravity = (1, 0, 0) m/s^2" in told(path, "--gravity", "1,0,0")
-    assert json.loads(told(path, "--json"))["gravity"] == [0, 0, -9.81]
-    assert "along" not in told(path)
-
-
-def test_gravity_that_nobody_gave_in_a_plane_is_said_to_act_along_y(tmp_path):
-    trailer = """
-        planar = true
-        [pair]
-        u1 = [-1, 0]
-        u2 = [7, 0]
-        body2 = { mass = 2712, inertia = [9000, 9000, 9000] }
-        [motion]
-        x = "20*t"
-        y = 0
-        phi = 0
-        psi = 0
-        [time]
-        start = 0
-        stop = 1
-        samples = 11
-    """
-    path = scene_file(tmp_path, trailer)
-    assert hp.load_scene(path).forces().hinge_force[0].tolist() == pytest.approx([0, 26604.72])
-    (said,) = hp.load_scene(path).forces().notes
-    assert "along -y" in said
-    assert "--gravity 0,0" in said
-    assert f"note: {said}" in told(path)
-    flat = told(path, "--gravity", "0,0")
-    assert "gravity = (0, 0) m/s^2" in flat
-    assert "along -y" not in flat
-
-
-def test_a_log_in_the_place_of_a_scene_is_told_where_it_goes(tmp_path):
-    log = tmp_path / "rad.csv"
-    log.write_text("t,psi\n0,1\n")
-    for command in ("run", "plot", "check", "sweep", "forces"):
-        assert "[motion] file = 'rad.csv'" in refusal(command, log), command

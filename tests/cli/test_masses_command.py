@@ -11,7 +11,6 @@ import pytest
 import hingepair as hp
 from support.commands import refusal, run_command
 
-MODELS = Path(__file__).parents[2] / "models"
 LOAD = hp.HingeLoad(damping=0.3, friction=0.2)
 
 
@@ -66,21 +65,6 @@ def test_a_recording_that_does_not_determine_masses_fails(files: tuple[Path, Pat
     (tmp_path / "short.csv").write_text("\n".join(text[:40]))
     printed = run_command("masses", files[0], tmp_path / "short.csv", code=1).stdout
     assert "NOT RELIABLE" in printed
-
-
-@pytest.mark.slow
-def test_what_is_missing_is_named(files: tuple[Path, Path], tmp_path: Path) -> None:
-    urdf, log = files
-    missing = tmp_path / "missing.csv"
-    missing.write_text(log.read_text().replace("tau_elbow", "tau_elbo", 1))
-    expected = "a column tau_elbow (nearest: tau_elbo), or hold the joint by --lock elbow=POSITION, got none"
-    assert refusal("masses", urdf, missing) == f"{missing}: expected {expected}"
-    assert run_command("masses", urdf, missing, "--lock", "elbow=0.1", code=1).stdout.startswith("arm: ")
-    assert refusal("masses", urdf, log, "--lock", "elbow").startswith("--lock: expected JOINT=POSITION")
-    assert refusal("masses", urdf, log, "--joint-terms", "stiction").startswith("--joint-terms: ")
-    assert refusal("masses", urdf, log, "--test", 2).startswith("--test: ")
-    assert refusal("masses", MODELS / "logged_arm.toml", log).startswith("ROBOT: ")
-    assert refusal("masses", urdf, log, "--urdf", "robot.xml").startswith("--urdf: ")
 
 
 @pytest.mark.slow

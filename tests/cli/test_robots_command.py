@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +11,6 @@ import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
 from support.commands import run_command
 
-MODELS = Path(__file__).parents[2] / "models"
-
 
 def robots(*arguments: object) -> str:
     return run_command("robots", *arguments).stdout
@@ -21,18 +18,6 @@ def robots(*arguments: object) -> str:
 
 def joints_of(name: object) -> dict[str, dict[str, object]]:
     return {row["joint"]: row for row in json.loads(robots(name, "--json"))["joints"]}
-
-
-def test_robots_are_listed_with_the_numbers_of_their_joints(monkeypatch: pytest.MonkeyPatch) -> None:
-    names = ("go1", "panda", "talos_full_v2")
-    monkeypatch.setattr("hingepair.cli.robots.robot_names", lambda: names)
-    assert robots().splitlines() == [
-        "robot          dof  hinges  sliders  following",
-        "go1             12      12        0          0",
-        "panda            8       7        2          1",
-        "talos_full_v2   32      44        0         12",
-    ]
-    assert [row["dof"] for row in json.loads(robots("--json"))] == [hp.load_robot(name).dof for name in names]
 
 
 def test_axes_are_those_of_the_printed_robot_and_of_its_file() -> None:
@@ -87,28 +72,6 @@ def test_masses_are_those_of_what_a_joint_moves() -> None:
     assert rows["panda_joint7"]["mass_moved"] == pytest.approx(sum(bodies[6:]), rel=1e-15)
 
 
-def test_a_joint_that_follows_says_how(tmp_path: Path) -> None:
-    line = next(line for line in robots("panda").splitlines() if "panda_finger_joint2" in line)
-    assert line.split()[0] == "panda_finger_joint2"
-    assert line.split()[-1] == "panda_finger_joint1"
-    upper = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="upper")
-    lower = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="lower")
-    text = hp.to_urdf(hp.Mechanism([upper, lower]))
-    followed = '<joint name="lower" type="continuous"><mimic joint="upper" multiplier="-0.5" offset="0.25"/>'
-    assert text.count('<joint name="lower" type="continuous">') == 1
-    path = tmp_path / "arm.urdf"
-    path.write_text(text.replace('<joint name="lower" type="continuous">', followed))
-    assert joints_of(path)["lower"]["mimic"] == {"joint": "upper", "multiplier": -0.5, "offset": 0.25}
-    assert next(line for line in robots(path).splitlines() if " lower " in line).endswith("-0.5 upper + 0.25")
-
-
-def test_folded_joints_and_pairs_are_named_below() -> None:
-    *_, coordinates, folded, pairs = robots("panda").splitlines()
-    assert coordinates == "panda: q has 8 coordinates."
-    assert folded.endswith("carries them: panda_joint8, panda_hand_joint, panda_hand_tcp_joint.")
-    assert pairs.endswith("hingepair view panda panda_joint1")
-
-
 def test_the_hinges_of_a_robot_are_its_pairs() -> None:
     row, pair = joints_of("go1")["FL_calf_joint"], hp.load_robot_hinge("go1", "FL_calf_joint")
     assert (row["n"], row["u1"], row["home"]) == (pair.n.tolist(), pair.u1.tolist(), pair.home.tolist())
@@ -123,20 +86,3 @@ def test_the_hinges_of_a_robot_are_its_pairs() -> None:
         cells = {(line[end - 1].isspace(), line[end : end + 2].strip()) for line in lines[:12]}
         assert cells == {(False, "")}, heading
     assert {line.index("F") for line in lines[:6]} == {head.index("joint")}
-
-
-def test_hinges_of_what_is_no_whole_robot_are_listed(tmp_path: Path) -> None:
-    text = (MODELS / "talos_elbow.urdf").read_text().replace('name="hinge"', 'name="knee"')
-    path = tmp_path / "damaged.urdf"
-    path.write_text(text.replace('lower="-', 'lower="${pi}'))
-    assert robots(path).count("joint 'knee', limit lower: expected a finite number") == 2
-    planar = '<link name="sled"/><joint name="sled" type="planar"><parent link="body1"/><child link="sled"/></joint>'
-    path.write_text(text.replace("</robot>", planar + "</robot>"))
-    report = json.loads(robots(path, "--json"))
-    assert (report["dof"], [row["joint"] for row in report["joints"]]) == (None, ["knee"])
-    assert report["joints"][0]["n"] == [0, 1, 0]
-    assert report["notes"] == [
-        "The joints cannot be loaded as a whole robot: joint 'sled': expected a type out of revolute, continuous, "
-        "prismatic, fixed, got 'planar'"
-    ]
-    assert "q has" not in robots(path)

@@ -36,17 +36,6 @@ def test_a_hinge_of_a_robot_is_viewed_as_a_pair(tmp_path: Path, monkeypatch: pyt
     assert (tmp_path / "go1_FL_calf_joint.html").read_text() == hp.view(pair).html
 
 
-def test_what_is_no_robot_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert refusal("view", "nobody").startswith("nobody: ")
-    assert refusal("view", "go1", "FL_calf_joint", "--units", "ell").startswith("--units: ")
-    assert "--body1-frame" in refusal("view", "panda", "--body1-frame", "panda_hand")
-    urdf = tmp_path / "robot.html.urdf"
-    urdf.write_text('<robot name="x"><link name="a"/></robot>')
-    assert ".html" in refusal("view", urdf, "-o", urdf)
-    assert not list(tmp_path.glob("*.html"))
-
-
 @pytest.mark.slow
 def test_a_scene_of_a_mechanism_is_viewed(tmp_path: Path) -> None:
     scene = tmp_path / "wave.toml"

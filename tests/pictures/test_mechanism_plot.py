@@ -50,46 +50,6 @@ def test_a_row_of_panels_shows_each_joint_and_its_limits(excavator):
 
 
 @pytest.mark.slow
-def test_many_joints_share_panels(tmp_path):
-    """A figure with a row for each of 36 joints would be 55 inches tall."""
-    names = [*(f"h{i:02}" for i in range(33)), *(f"s{i}" for i in range(3))]
-    table = "u1 = [0, 0, 0.1]\nu2 = [0, 0, 0]\nn = [0, 1, 0]\nlimits = [-1, 0.02]\n"
-    table += "body2 = { mass = 1, inertia = [1, 1, 1] }\n"
-    joints = "".join(
-        f"[[joint]]\nname = '{name}'\n{table}"
-        + ("kind = 'slider'\n" if name[0] == "s" else "")
-        + (f"parent = '{parent}'\n" if parent else "")
-        for name, parent in zip(names, (None, *names), strict=False)
-    )
-    motion = "".join(f"{name} = '0.0{i + 1}*t'\n" for i, name in enumerate(names))
-    (tmp_path / "chain.toml").write_text(f"{joints}[motion]\n{motion}[time]\nstart = 0\nstop = 1\nsamples = 5\n")
-    figure = hp.plot(hp.load_scene(tmp_path / "chain.toml"))
-    assert figure.get_size_inches()[1] < 21
-    *panels, _ = figure.axes
-    assert len(panels) == 3 * 12
-    for row, axes in enumerate(panels[::3]):
-        drawn = names[3 * row : 3 * row + 3]
-        assert axes.get_ylabel() == ("[m]" if row == 11 else "[rad]")
-        assert [text.get_text() for text in axes.get_legend().get_texts()] == drawn
-        curves = [line for line in axes.get_lines() if not line.get_label().startswith("_")]
-        assert [line.get_ydata()[-1] for line in curves] == [float(f"0.0{names.index(name) + 1}") for name in drawn]
-        assert not axes.texts
-    limits = [line for line in panels[0].get_lines() if line.get_label().startswith("_")]
-    assert {tuple(line.get_ydata()) for line in limits} == {(0.02, 0.02)}
-
-
-@pytest.mark.slow
-def test_outputs_are_drawn_alone_and_in_their_units(excavator):
-    figure = hp.plot(excavator, ("S_teeth", "tau", "boom"))
-    titles = [axes.get_title() for axes in figure.axes]
-    assert titles[:5] == ["S_teeth, Euler angles XYZ", "tau_swing", "tau_boom", "tau_stick", "tau_bucket"]
-    assert [axes.get_ylabel() for axes in figure.axes[:2]] == ["rad", "N m"]
-    assert titles[5:] == ["R_boom", "S_boom, Euler angles XYZ", "v_boom", "omega_boom", "a_boom", "alpha_boom"]
-    with pytest.raises(hp.ArgumentError, match=r"outputs: .*nearest: tau.*, got 'taus'"):
-        hp.plot(excavator, ("taus",))
-
-
-@pytest.mark.slow
 def test_a_log_without_rates_shows_positions_alone(tmp_path):
     text = (MODELS / "excavator.toml").read_text()
     table = "[motion]\nfile = 'log.csv'\n"
@@ -98,25 +58,6 @@ def test_a_log_without_rates_shows_positions_alone(tmp_path):
     scene = hp.load_scene(tmp_path / "logged.toml")
     panel, _ = hp.plot(scene.evaluate()).axes
     np.testing.assert_array_equal(panel.get_lines()[0].get_ydata(), (0.1, 0.3, 0.2))
-
-
-@pytest.mark.slow
-def test_where_nothing_moves_the_paths_are_there(tmp_path):
-    text = (MODELS / "excavator.toml").read_text()
-    still = text[: text.index("[motion]")] + "[motion]\n[time]\nstart = 0\nstop = 1\nsamples = 3\n"
-    (tmp_path / "still.toml").write_text(still)
-    (paths,) = hp.plot(hp.load_scene(tmp_path / "still.toml")).axes
-    assert paths.get_title().startswith("paths in space")
-
-
-def test_joints_and_their_limits_are_in_the_units_that_are_asked_for():
-    scene = hp.load_scene(MODELS / "excavator.toml")
-    figure = hp.plot(scene, units="deg, kN m")
-    labels = [axes.get_ylabel() for axes in figure.axes]
-    assert labels[:3] == ["swing\n[deg]", "deg/s", "kN m"]
-    angle, limit = (line.get_ydata() for line in figure.axes[3].get_lines()[:2])
-    np.testing.assert_allclose(angle, np.degrees(scene.coordinates().q[:, 1]), rtol=1e-14)
-    np.testing.assert_allclose(limit, 60.0, rtol=1e-14)
 
 
 # ---------------------------------------------------------------- a robot and its coordinates

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -109,14 +108,6 @@ def test_a_body_whose_mesh_cannot_be_drawn_gets_simple_shapes_and_a_note(tmp_pat
         (sentence,) = page.notes
         assert sentence.startswith(note)
         assert {shape["kind"] for shape in shapes(page)} <= {"box", "cylinder", "sphere"} != set()
-
-
-def test_without_trimesh_a_note_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    box_file(tmp_path)
-    robot = hp.Mechanism.from_urdf(urdf_file(tmp_path, "box.stl"))
-    monkeypatch.setitem(sys.modules, "trimesh", None)
-    assert "hingepair[robots]" in hp.view(robot).notes[0]
-    assert hp.view(robot, meshes=0).notes == ()
 
 
 def test_a_payload_is_drawn_beside_the_meshes(tmp_path: Path) -> None:

@@ -154,15 +154,6 @@ def test_shapes_are_drawn_where_they_are():
         np.testing.assert_array_equal(placed[1:, :3, :3], [axes, np.eye(3)])
 
 
-def test_a_page_says_of_how_many_instants_it_shows_some(scene):
-    short = hp.view(PAIR)
-    assert (short.frames, short.samples, content_of(short)["shown"]) == (181, 181, "181")
-    page = hp.view(scene)
-    assert (page.frames, page.samples, page.joints) == (2000, scene.samples, 1)
-    assert content_of(page)["shown"] == f"2000 of {scene.samples}"
-    assert repr(page) == f"Page({scene.title}, frames=2000 of {scene.samples})"
-
-
 def test_a_gap_hides_the_bodies_and_a_title_is_only_text(tmp_path):
     log = "t,x,y,z,phi_x,phi_y,phi_z,psi\n" + "".join(
         f"{i / 10},{'nan' if i == 3 else i},0,0,0,0,0,{'nan' if i == 5 else i}\n" for i in range(8)
@@ -218,31 +209,6 @@ def test_a_joint_that_follows_has_the_rule_of_its_leader():
     content = content_of(hp.view(robot))
     rules = [(joint["coordinate"], joint["multiplier"], joint["offset"]) for joint in content["joints"]]
     assert rules == [(0, 1, 0), (0, -2, 0.5)]
-
-
-def test_joints_without_limits_have_a_range_that_is_said():
-    turn = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="turn")
-    shift = hp.Slider(u1=(3, 0, 0), u2=(0, 0, 0), n=(1, 0, 0), name="shift")
-    robot = hp.Mechanism([turn, shift])
-    content = content_of(hp.view(robot))
-    first, second = content["coordinates"]
-    assert (first["limits"], first["first"], first["last"]) == ([None, None], -np.pi, np.pi)
-    assert (second["limits"], second["first"], second["last"]) == ([None, None], -1, 1)
-    assert (first["neutral"], second["neutral"]) == (0, 0)
-    beyond = content_of(hp.view(robot, q=[(0, 0), (7, -2.5), (1, np.nan)]))["coordinates"]
-    assert [(slider["first"], slider["last"]) for slider in beyond] == [(-np.pi, 7), (-2.5, 1)]
-
-
-def test_joints_are_grouped_by_limb():
-    content = content_of(hp.view(hp.load_robot("talos_reduced"), meshes=0))
-    groups = {}
-    for slider in content["coordinates"]:
-        groups.setdefault(content["chains"][slider["chain"]]["name"], []).append(slider["name"])
-    assert {name: len(joints) for name, joints in groups.items()} == {
-        **{"leg_left": 6, "leg_right": 6, "torso": 2, "head": 2},
-        **{"arm_left ... gripper_left": 8, "arm_right ... gripper_right": 8},
-    }
-    assert all(joint.startswith("leg_left_") for joint in groups["leg_left"])
 
 
 @pytest.mark.slow

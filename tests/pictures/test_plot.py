@@ -10,7 +10,6 @@ import pytest
 import hingepair as hp
 from support.commands import refusal, run_command
 from support.drawn import drawn_texts
-from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -60,30 +59,6 @@ def test_paths_are_seen_whole_and_at_one_scale():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("count", "columns"), [(1, 1), (3, 3), (5, 3)])
-def test_every_panel_is_large_enough_to_be_read(count, columns):
-    """Three inches across and one and a half up and down."""
-    scene = hp.load_scene(MODELS / "reference_2d.toml")
-    figure = hp.plot(scene, ("R2", "v2", "phi2", "omega2", "psi")[:count])
-    figure.draw_without_rendering()
-    width, height = figure.get_size_inches()
-    places = [axes.get_position() for axes in figure.axes]
-    assert len(places) == count
-    assert len({round(place.x0, 2) for place in places}) == columns
-    for place in places:
-        assert 3 <= place.width * width <= 6
-        assert 1.5 <= place.height * height <= 3
-
-
-@pytest.mark.parametrize("name", sparse(["reference_2d", "landing_gear", "gyro_log", "logged_arm"], 4))
-def test_every_kind_of_motion_has_a_figure(name):
-    figure = hp.plot(hp.load_scene(MODELS / f"{name}.toml").evaluate())
-    assert len(figure.axes) >= 7
-    angles = lines_of(figure, "attitude of body 2, Euler angles XYZ")[1]
-    assert all(np.abs(np.diff(angle)).max() < 3 for angle in angles)
-
-
-@pytest.mark.slow
 def test_axes_are_named_and_a_motion_in_the_plane_is_seen_from_above():
     for name, letters in (("reference_2d", "xy"), ("thrown_flail", "xyz")):
         figure = hp.plot(hp.load_scene(MODELS / f"{name}.toml"))
@@ -97,13 +72,6 @@ def test_axes_are_named_and_a_motion_in_the_plane_is_seen_from_above():
             assert inside.containsx(label.get_window_extent().x0)
             assert inside.containsy(label.get_window_extent().y0)
         assert (paths.name == "3d") == (letters == "xyz")
-
-
-def test_far_paths_are_in_kilometres():
-    scene = hp.load_scene(MODELS / "satellite_panel.toml")
-    axes, _ = lines_of(hp.plot(scene), "paths in space [km], from the dots")
-    (R1, *_), result = (line.get_data_3d() for line in axes.get_lines()), scene.evaluate(("R1",))
-    np.testing.assert_allclose(np.stack(R1, axis=1), result.R1 / 1000, rtol=1e-15, atol=0)
 
 
 def log_scene(folder, rows):
@@ -247,54 +215,6 @@ def test_the_command_draws_the_outputs_that_the_scene_names(tmp_path):
     assert "edge" not in drawn_texts(out)
 
 
-def test_some_outputs_alone():
-    scene = hp.load_scene(MODELS / "landing_gear.toml")
-    asked = ("S1", "v1", "psi", "psid", "qdd")
-    figure, result = hp.plot(scene, outputs=asked), scene.evaluate(asked)
-    coordinates = ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd")
-    shown = {axes.get_title() for axes in figure.axes}
-    assert shown == {"attitude of body 1, Euler angles XYZ", "v1", "hinge angle, psi", "psid", *coordinates}
-    axes, lines = lines_of(figure, "v1")
-    np.testing.assert_array_equal(np.stack(lines, axis=1), result.v1)
-    assert axes.get_ylabel() == "m/s"
-    axes, (line,) = lines_of(figure, "phidd_y")
-    np.testing.assert_array_equal(line, result.qdd[:, 4])
-    assert axes.get_ylabel() == "rad/s^2"
-    with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of .*, got 'R9'"):
-        hp.plot(scene, outputs=("R9",))
-
-
-def test_outputs_of_a_trajectory_and_of_a_pair():
-    pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    t = np.linspace(0, 1, 5)
-    moved = hp.integrate(pair, t, omega1=(0, 0, 1), psid=np.cos)
-    lines = lines_of(hp.plot(moved, ("omega2", "psi")), "angular velocity, omega2")[1]
-    np.testing.assert_array_equal(np.stack(lines, axis=1), moved.omega2)
-    for source in (moved, pair):
-        with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of .*R2.*psi.*, got 'qdd'"):
-            hp.plot(source, ("qdd",))
-        with pytest.raises(hp.ArgumentError, match=r"outputs: expected a tuple of names"):
-            hp.plot(source, ())
-        assert len(hp.plot(source, "R2").axes) == 1
-    assert len(hp.plot(pair, ("R2", "psi")).axes) == 2
-
-
-@pytest.mark.slow
-def test_pictures_are_named_as_their_scene(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    text = (MODELS / "reference_2d.toml").read_text().replace('name = "reference_2d"', "")
-    Path("two links.toml").write_text(text)
-    for command in ("plot", "view"):
-        run_command(command, "two links.toml")
-    Path("few").mkdir()
-    monkeypatch.chdir("few")
-    run_command("plot", "../two links.toml", "--outputs", "R2,psid")
-    assert sorted(map(str, tmp_path.rglob("*.*"))) == sorted(
-        str(tmp_path / name) for name in ("two links.toml", "two links.png", "two links.html", "few/two links.png")
-    )
-    assert hp.load_scene("../two links.toml").pair.name == "two links"
-
-
 def test_a_file_that_nobody_named_is_not_overwritten(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for command, scene, ending in (("plot", "reference_2d", "png"), ("view", "landing_gear", "html")):
@@ -355,11 +275,6 @@ def test_a_simulated_pair_shows_its_hinge_torque():
     start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0, 0, 0), omega=(0, 0, 0))
     found = hp.simulate(pair, np.linspace(0, 1, 21), start, 0.1, 0.2, hinge_torque=0.5)
     np.testing.assert_array_equal(drawn(hp.plot(found), "torque about the hinge axis")[1], np.full((21, 1), 0.5))
-
-
-def test_a_pair_without_masses_has_no_torque_to_draw():
-    with pytest.raises(hp.HingePairError, match="body2"):
-        hp.plot(hp.load_scene(MODELS / "reference_3d.toml"), ("hinge_torque",))
 
 
 def test_map_coordinates_and_stamps_are_drawn_with_an_offset(tmp_path):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.errors import ArgumentError
 from hingepair.sweeps import sweep as sweeps
 from hingepair.sweeps.sweep import compute_chunk, load_sweep
 
@@ -176,22 +175,8 @@ def test_an_inertia_that_needs_a_closer_look_is_read_as_in_a_scene(one_by_one):
     assert len(found["tau_hook"]) == 7
 
 
-def test_a_payload_that_no_body_has_names_its_variant():
-    sweep = sweep_of(crane("fixed"), {"jaw.mass": "mean = 3\nstd = 2"}, '"tau"', samples=40)
-    first = int(np.argmax(sweep.numbers[:, 0] <= 0))
-    assert first > 0
-    with pytest.raises(ArgumentError, match=rf"chunk 0, variant {first} \(mechanism.payload.jaw.mass = -") as refused:
-        chunk_of(sweep)
-    assert refused.value.expected == "a number above 0"
-
-
 def test_other_numbers_of_a_payload_are_varied_one_by_one(one_by_one):
     text = crane("fixed").replace("[0.1, 0.12, 0.14]", "[[0.1, 0, 0], [0, 0.12, 0], [0, 0, 0.14]]")
     found = chunk_of(sweep_of(text, {"jaw.inertia[0][0]": "low = 0.08\nhigh = 0.1"}, '"tau"'))
     assert len(one_by_one) == 1 + 7
     assert len(np.unique(found["tau_hook"][:, -1])) == 7
-
-
-def test_a_first_variant_that_no_body_has_is_named_when_the_sweep_is_read():
-    with pytest.raises(ArgumentError, match=r"variant 0 \(mechanism.payload.jaw.mass = -2\): crane.toml: mechanism"):
-        sweep_of(crane("fixed"), {"jaw.mass": "low = -2\nhigh = -2"}, '"tau"')

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ from scipy.special import lambertw
 
 import hingepair as hp
 from hingepair.sweeps.reductions import reduce_arrays
-from support.commands import refusal, run_command
 
 ARM = """
 title = "An arm that is raised"
@@ -111,13 +109,6 @@ def test_several_numbers_with_an_aim_stop_at_the_condition(sign: str, arm: Path)
     np.testing.assert_allclose(found.values["constants.a"], np.pi / 8, rtol=1e-3)
 
 
-def test_a_result_without_a_value_is_named(arm: Path) -> None:
-    """The angle 4 a stays below 3 rad: the time at which it is above has no value."""
-    nowhere = hp.search(arm, {"constants.a": (0.1, 0.5)}, "psi_t_above(3) = 1")
-    assert not nowhere.ok
-    assert nowhere.notes == ("psi_t_above(3) has no value anywhere in 0.1..0.5",)
-
-
 @pytest.mark.slow
 def test_an_inequality_does_not_hold_where_its_result_has_no_value(arm: Path) -> None:
     """The angle a t^2 is 1 at t = 1.6 with a = 1/1.6^2, and not within 2 s with a < 1/4."""
@@ -126,26 +117,10 @@ def test_an_inequality_does_not_hold_where_its_result_has_no_value(arm: Path) ->
     np.testing.assert_allclose(aimed.values["constants.a"], 1 / 1.6**2, rtol=1e-4)
 
 
-def test_the_number_in_the_scene_is_shown_outside_of_the_range_too(arm: Path) -> None:
-    found = hp.search(arm, {"constants.a": (0.3, 0.5)}, "psi_last = 1.6")
-    assert found.start == {"constants.a": 0.25}
-    np.testing.assert_allclose(found.values["constants.a"], 0.4, rtol=1e-10)
-
-
 def test_a_condition_that_cannot_hold_is_not_found(arm: Path) -> None:
     found = hp.search(arm, "constants.a", "R2_z_last = 4")
     assert not found.ok
     np.testing.assert_allclose(found.results["R2_z_last"], 3, atol=0.05)  # the most that it can be
-
-
-@pytest.mark.slow
-def test_what_no_number_reaches_says_why(arm: Path) -> None:
-    late = hp.search(arm, "constants.a", "R2_z_t_at(2) = 2.5")
-    assert late.notes == ("R2_z_t_at(2) = 2.5 is not within the motion, which ends at t = 2 s (time.stop)",)
-    jump = hp.search(arm, {"constants.a": (0.7, 0.9)}, "R2_z_t_min = 1")  # from the start to the end at pi/4
-    assert not jump.ok
-    assert jump.notes == ("R2_z_t_min jumps past 1 at constants.a = 0.785398",)
-    assert jump.notes[0] in str(jump)
 
 
 @pytest.mark.slow
@@ -216,35 +191,6 @@ def test_times_at_levels_are_linear_between_instants() -> None:
     np.testing.assert_allclose(found["psi_t_at(1.5)"], (0.5, np.nan, np.nan))
     np.testing.assert_allclose(found["psi_t_settled(0.2)"], (2.4, 0, np.nan))
     np.testing.assert_allclose(found["psi_t_above(-1)"], (0, 0, np.nan))
-
-
-@pytest.mark.slow
-def test_the_command_prints_what_it_found(arm: Path) -> None:
-    shown = run_command("search", arm, "--vary", "constants.a=0.1:0.3", "--until", "R2_z_last = 2").stdout
-    assert "0.1309" in shown
-    assert "found after" in shown
-    record = json.loads(
-        run_command("search", arm, "--vary", "constants.a", "--until", "R2_z_last = 9", "--json", code=1).stdout
-    )
-    assert record["ok"] is False
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--vary", "constants.b", "--until", "R2_z_last = 2"), "expected one of a, c"),
-        (("--vary", "constants.a=1", "--until", "R2_z_last = 2"), "--vary: expected KEY or KEY=LOW:HIGH"),
-        (("--vary", "constants.a", "--until", "R2_z_last"), "--until: expected conditions such as"),
-        (("--vary", "constants.a", "--until", "R2_z = 2"), "--until: expected a result that ends in a reduction"),
-        (("--vary", "constants.a", "--until", "R2_w_last = 2"), "R2_x_last, R2_y_last, R2_z_last"),
-        (("--vary", "constants.a", "--until", "R9_last = 2"), "R9_last: expected a component of an output"),
-        (("--vary", "motion.psi", "--until", "R2_z_last = 2"), "not of an expression"),
-        (("--vary", "constants.a", "--minimize", "R2_z_last"), "ranges"),
-        (("--vary", "constants.a"), "--until: expected a condition"),
-    ],
-)
-def test_what_cannot_be_searched_is_named(words: tuple[str, ...], message: str, arm: Path) -> None:
-    assert message in refusal("search", arm, *words)
 
 
 @pytest.mark.slow

@@ -305,34 +305,6 @@ def test_a_worker_that_is_killed_changes_nothing():
     assert Path("cluster.parquet").read_bytes() == undisturbed
 
 
-@pytest.mark.slow(20)
-def test_a_cluster_without_workers_is_waited_for_and_one_that_ends_is_named():
-    from distributed import LocalCluster
-
-    how = {"processes": False, "threads_per_worker": 1, "dashboard_address": None}
-    chunks, told = GRID.replace("chunk = 4", "chunk = 1"), []
-    with LocalCluster(n_workers=0, **how) as cluster:
-
-        def come(message, *_, **__):
-            if "the scheduler has no worker yet, and the sweep waits for one" in str(message):
-                told.append(message)
-                cluster.scale(1)
-
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sweeps.warnings, "warn", come)
-            found = table(swept("grid", "late.parquet", chunks, scheduler=cluster.scheduler_address))
-    assert len(told) == 1
-    assert len(found["variant"]) == 9
-    cluster = LocalCluster(n_workers=1, **how)
-    with pytest.raises(hp.ArgumentError, match="scheduler that runs until the sweep is done"):
-        swept(
-            "grid", "ended.parquet", scheduler=cluster.scheduler_address,
-            progress=lambda finished, _: cluster.close() if finished == 2 else None,
-        )  # fmt: skip
-    assert not Path("ended.parquet").exists()
-    assert len(table(swept("grid", "ended.parquet"))["variant"]) == 9
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("damage", [b"", b"PK", None], ids=["empty", "begun", "cut"])
 def test_a_damaged_chunk_is_named_and_computed_again_when_it_is_removed(damage):
@@ -363,73 +335,6 @@ def test_the_examples_run(name):
     assert all(np.isfinite(column).all() for column in found.values())
 
 
-def test_the_command_says_what_it_wrote():
-    shown = run_command("sweep", "grid.toml").stdout
-    assert "9 variants of pair.u1[1], pair.body2.mass in 3 chunks" in shown
-    assert "written: grid.parquet" in shown
-    assert Path("grid.parquet").exists()
-
-
-REFUSED = {
-    "no_scene": ('scene = "arm.toml"', 'scene = "leg.toml"', "leg.toml"),
-    "unknown_key": ("chunk = 4", "chunks = 4", "grid.toml: chunks"),
-    "no_number": ("pair.u1[1]", "pair.u3[1]", "vary[0].key"),
-    "no_place": ("pair.u1[1]", "pair.u1[3]", "vary[0].key"),
-    "no_path": ("pair.u1[1]", "pair/u1", "vary[0].key"),
-    "another_spelling": ("pair.body2.mass", "pair.u1[01]", "vary[1].key"),
-    "huge_place": ("pair.u1[1]", f"pair.u1[{'9' * 5000}]", "vary[0].key"),
-    "a_table": ('"pair.u1[1]"', '"pair.body1"', "vary[0].key"),
-    "twice": ("pair.body2.mass", "pair.u1[1]", "vary[1].key"),
-    "no_count": ("count = 3", "", "vary[1].count"),
-    "two_designs": ("count = 3", "mean = 3", "vary[1].mean"),
-    "no_reduction": ('"rms"', '"rsm"', "reduce"),
-    "no_output": ('"hinge_torque"', '"hinge_tork"', "'hinge_tork'"),
-    "no_list": ('["R2", "hinge_torque"]', '"R2"', "outputs"),
-    "no_design": ("chunk = 4", 'design = "latin"', "design"),
-    "no_samples": ("chunk = 4", 'design = "sobol"', "vary[0].values"),
-    "samples_of_a_grid": ("chunk = 4", "samples = 4", "samples"),
-    "too_many": ("count = 3", "count = 9999999", "vary"),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_a_file_that_is_no_sweep_is_refused(name):
-    old, new, named = REFUSED[name]
-    assert GRID.count(old) == 1
-    Path("grid.toml").write_text(GRID.replace(old, new))
-    assert re.search(rf"{re.escape(named)}(: expected|$)", refusal("sweep", "grid.toml"))
-    assert not [*Path().glob("*.parts")]
-
-
-TREE = """[base]
-x = "t"
-[mechanism]
-base = "free"
-[[joint]]
-name = "j"
-u1 = [0.1, 0, 0]
-u2 = [-0.4, 0, 0]
-n = [0, 1, 0]
-body2.mass = 2.0
-[motion]
-j = "t"
-[time]
-start = 0
-stop = 1
-samples = 3
-"""
-
-
-def test_what_a_scene_of_a_robot_lacks_is_named_as_it_is_written():
-    Path("tree.toml").write_text(TREE)
-    sweep = 'scene = "tree.toml"\noutputs = ["force1"]\n[[vary]]\nkey = "joint[0].body2.mass"\nvalues = [1.0, 2.0]\n'
-    Path("grid.toml").write_text(sweep)
-    lacking = "tree.toml: body1 of the first pair: expected mass properties, as in .* body1.mass = 2.0 of its"
-    assert re.search(rf"variant 0 \(joint\[0\]\.body2\.mass = 1\): {lacking}", refusal("sweep", "grid.toml"))
-    Path("grid.toml").write_text(sweep.replace("joint[0]", "joint.j"))
-    assert "vary[0].key: expected a place in brackets after a list of 1" in refusal("sweep", "grid.toml")
-
-
 def test_a_variant_that_fails_names_itself_and_its_chunk():
     Path("grid.toml").write_text(GRID.replace("high = 4", "high = -2"))
     shown = refusal("sweep", "grid.toml")
@@ -437,26 +342,6 @@ def test_a_variant_that_fails_names_itself_and_its_chunk():
         r"chunk (0, variant 1|1, variant 4|2, variant 8) \(pair\.u1\[1\] = .*, pair\.body2\.mass = ", shown
     )
     assert not Path("grid.parquet").exists()
-
-
-@pytest.mark.slow
-def test_stores_and_schedulers_that_cannot_be_used_are_refused(monkeypatch):
-    def refused(*arguments):
-        return refusal("sweep", "grid.toml", *arguments)
-
-    Path("there.parquet").write_text("mine")
-    assert "--out: expected a name that does not exist yet" in refused("--out", "there.parquet")
-    assert Path("there.parquet").read_text() == "mine"
-    assert "--out: expected a name that ends in .csv, .parquet, .zarr" in refused("--out", "x.txt")
-    assert "--out: expected a place that can be written" in refused("--out", "nowhere/x.parquet")
-    monkeypatch.setattr(sweeps, "_TIMEOUT", 0.2)
-    assert "--scheduler: expected the address of" in refused("--scheduler", "tcp://127.0.0.1:1", "--out", "y.parquet")
-    assert not Path("y.parquet.parts").exists()
-    Path("z.parquet.parts").mkdir()
-    Path("z.parquet.parts/sweep.json").write_text("{}")
-    assert "or remove this folder, of another sweep" in refused("--out", "z.parquet")
-    Path("z.parquet.parts/sweep.json").write_bytes(b"\xff")
-    assert "or remove this folder, of another sweep" in refused("--out", "z.parquet")
 
 
 def test_of_two_sweeps_into_one_store_the_second_is_refused_and_the_first_is_whole():

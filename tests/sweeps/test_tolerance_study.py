@@ -11,7 +11,6 @@ import pytest
 import hingepair as hp
 from hingepair.sweeps.tolerance import study_tolerances
 from support.commands import refusal, run_command
-from support.drawn import drawn_texts
 
 MODELS = Path(__file__).parents[2] / "models"
 SAMPLES = 5_000
@@ -32,20 +31,6 @@ psi = "t"
 start = 0
 stop = 3
 samples = 31
-"""
-
-CRANE = """
-[[joint]]
-name = "boom"
-u1 = [0, 0, 1]
-u2 = [0, 0, 0]
-n = [0, 1, 0]
-[motion]
-boom = "t"
-[time]
-start = 0
-stop = 1
-samples = 3
 """
 
 
@@ -144,37 +129,6 @@ def test_points_have_bands_and_shares(scene_path):
     assert "tolerances.points: expected one of latch, mark, handle" in refusal("tolerance", scene_path)
 
 
-@pytest.mark.slow
-def test_an_instant_without_a_pose_is_left_out_and_said(scene_path):
-    whole = study_tolerances(hp.load_scene(scene_path), SAMPLES)
-    path = scene_path.with_name("gap.toml")
-    path.write_text(scene_path.read_text().replace("z = 0", 'z = "sqrt(t - 0.05)"', 1))
-    found = study_tolerances(hp.load_scene(path), SAMPLES)
-    assert len(found.t) == 30
-    np.testing.assert_array_equal(found.std, whole.std[1:])
-    assert found.shares().keys() == whole.shares().keys()
-    assert found.notes == ("1 of 31 instants have no pose and are left out",)
-    assert f"note: {found.notes[0]}" in run_command("tolerance", path).stdout
-    path.write_text(scene_path.read_text().replace("z = 0", 'z = "sqrt(t - 5)"', 1))
-    assert "motion: expected a pose at some instant" in refusal("tolerance", path)
-
-
-@pytest.mark.parametrize(
-    ("std", "said"),
-    [
-        ({"u1_std": 0.2}, ["u1_std is 0.2 m, beside levers of 0.548 m: is it in metres?"]),
-        ({"u2_std": [0, 0.1, 0], "u1_std": 0}, ["u2_std is 0.1 m"]),
-        ({"axis_std": 0.5}, ['axis_std: 0.5 is taken for radians; degrees become radians by "deg(0.5)".']),
-        ({"u1_std": 0.002, "axis_std": 0.01, "home_std": [0.01, 0, 0.02]}, []),
-    ],
-)
-def test_tolerances_in_millimetres_or_degrees_are_doubted(scene_path, std, said):
-    scene_path.write_text(SCENE)
-    notes = study_tolerances(hp.load_scene(scene_path), 100, **std).notes
-    assert len(notes) == len(said)
-    assert all(note.startswith(words) for note, words in zip(notes, said, strict=True))
-
-
 def test_large_tolerances_are_seen_by_the_samples_only(scene_path):
     study = study_tolerances(hp.load_scene(scene_path), SAMPLES, u1_std=0.0, axis_std=1.0)
     assert np.abs(study.sampled_std[1:] / study.std[1:] - 1).max() > 0.1  # psi is 0 at first
@@ -199,51 +153,3 @@ def test_bands_are_in_the_units_that_are_asked_for(scene_path):
     assert json.loads(study.to_json("deg"))["bands"][5]["unit"] == "deg"
     labels = [axes.get_ylabel() for axes in study.plot("deg").axes]
     assert labels[2:4] == ["R2_z [mm]", "attitude_x [deg]"]
-
-
-@pytest.mark.slow
-def test_the_command_prints_both_and_draws(scene_path, tmp_path):
-    picture = tmp_path / "bands.svg"
-    shown = run_command("tolerance", scene_path, "--samples", 100, "--plot", picture).stdout
-    assert "100 pairs at 31 instants" in shown
-    for word in ("std, first order", "std, sampled", "attitude_z", "axis", "u1_x", "matters most for R2"):
-        assert word in shown
-    assert {"R2_x [mm]", "part of the variance [%]"} <= drawn_texts(picture)
-    told = json.loads(run_command("tolerance", scene_path, "--json", "--u1-std", "0,0.002,0").stdout)
-    assert told["tolerances"]["u1_std"] == [0, 0.002, 0]
-    assert [band["component"] for band in told["bands"]] == [
-        "R2_x",
-        "R2_y",
-        "R2_z",
-        *(f"attitude_{c}" for c in "xyz"),
-    ]
-    assert set(told["bands"][0]) == {"component", "unit", "first_order_std", "sampled_std", "low", "high", "t"}
-    assert set(told["shares"]) == {"u1_y", "axis"}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["models", "--u1-std", "a"], ("--u1-std: ", "'a'")),
-        (["models", "--u1-std", "1,2"], ("--u1-std: ", "(3,)")),
-        (["models", "--axis-std", "1,2,3"], ("--axis-std: ",)),
-        (["models", "--home-std", "-1"], ("--home-std: ",)),
-        (["models"], ("tolerances: ", 'u1 = "+-0.2 mm"')),
-        (["models", "--u1", "+-0.2"], ("--u1: ", "mm", "'+-0.2'")),
-        (["models", "--u1", "+-1 mm", "--u1-std", "1"], ("--u1-std: ", "since u1 gives the tolerance")),
-        (["twice"], ("twice.toml: tolerances.u1_std: ", "beside u1")),
-        (["number"], ("number.toml: tolerances.u1: ", '"+-0.2 mm"', "u1_std", "got 1")),
-        (["models", "--u1-std", "1", "--plot", "x.gif"], ("--plot: ", ".png")),
-        (["crane"], ("crane.toml: pair: ",)),
-        (["bad"], ("bad.toml: tolerances.u3_std: ", "u1_std, u2_std, axis_std, home_std")),
-    ],
-)
-def test_what_cannot_be_used_is_named(arguments, words, tmp_path):
-    paths = {"models": MODELS / "reference_3d.toml", "bad": tmp_path / "bad.toml", "crane": tmp_path / "crane.toml"}
-    paths["crane"].write_text(CRANE)
-    for name, lines in (("twice", "u1 = '+-1 mm'\nu1_std = 1"), ("number", "u1 = 1")):
-        paths[name] = tmp_path / f"{name}.toml"
-        paths[name].write_text(f"{SCENE}[tolerances]\n{lines}\n")
-    paths["bad"].write_text(SCENE + "[tolerances]\nu3_std = 1\n")
-    message = refusal("tolerance", paths[arguments[0]], *arguments[1:])
-    assert all(word in message for word in words), message

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
-import pickle
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -215,12 +213,6 @@ def test_axes_are_recognised(n, expected):
     assert exact_axis(hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=n).n.tolist()) == expected
 
 
-def test_an_axis_that_is_none_of_these_is_what_it_is():
-    n = hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0.3141, -0.59, 0.26535)).n.tolist()
-    assert [float(c) for c in exact_axis(n)] == n
-    assert all(c.is_Rational for c in exact_axis(n))
-
-
 def test_only_what_is_looked_at_is_derived_and_once():
     forms = hp.derive(hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)))
     assert isinstance(forms.S1, sympy.ImmutableMatrix)
@@ -228,44 +220,6 @@ def test_only_what_is_looked_at_is_derived_and_once():
     first = forms._working_forms["S1"]
     assert forms.S2.shape == (3, 3)
     assert forms._working_forms["S1"] is first
-
-
-BATCH = {"u1": np.zeros((2, 3)), "u2": (0, 0, 0), "n": (1, 0, 0)}
-ONE = {"u1": (0, 0, 0), "u2": (0, 0, 0), "n": (1, 0, 0)}
-
-
-@pytest.mark.parametrize(
-    ("call", "name"),
-    [
-        (lambda: hp.derive("scene.toml"), "scene_or_pair"),
-        (lambda: hp.derive(hp.HingePair(**BATCH)), "pair"),
-        (lambda: hp.derive(hp.HingePair(**ONE), "u1"), "symbolic"),
-        (lambda: hp.derive(hp.HingePair(**ONE), ("home",)), "symbolic"),
-        (lambda: hp.derive(hp.PlanarPair((0, 0), (0, 0)), ("n",)), "symbolic"),
-        (lambda: hp.derive(hp.HingePair(**ONE)).terms("phi2"), "outputs"),
-        (lambda: hp.derive(hp.HingePair(**ONE)).to_text(["phi2"]), "outputs"),
-    ],
-)
-def test_what_cannot_be_derived_is_named(call, name):
-    with pytest.raises(hp.ArgumentError) as caught:
-        call()
-    assert caught.value.name == name
-
-
-def test_unknown_attributes_are_attribute_errors():
-    forms = hp.derive(hp.HingePair(**ONE))
-    with pytest.raises(AttributeError, match="phi2"):
-        _ = forms.phi2
-    with pytest.raises(AttributeError):
-        forms.t = 1
-    assert {"R2", "t"} <= set(dir(forms))
-
-
-@pytest.mark.parametrize("pair", [hp.HingePair(**ONE), hp.PlanarPair((1, 0), (0, 1))], ids=["space", "plane"])
-def test_a_copy_derives_the_same(pair):
-    forms = hp.derive(pair)
-    for again in (copy.copy(forms), copy.deepcopy(forms), pickle.loads(pickle.dumps(forms))):
-        assert again.R2 == forms.R2
 
 
 def test_constants_of_a_scene_stay_letters():
@@ -380,17 +334,6 @@ def test_a_module_of_kinks_agrees_with_the_library(tmp_path):
         np.testing.assert_allclose(
             namespace[output](result.t), expected, rtol=0, atol=256 * 2.0**-53 * abs(expected).max()
         )
-
-
-@pytest.mark.slow
-def test_a_form_nobody_could_read_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(derivation, "MAX_COMPONENT_SYMBOLS", 100)
-    with pytest.raises(hp.ArgumentError, match="at most 100 symbols"):
-        _ = hp.derive(hp.HingePair(u1=(1, 2, 3), u2=(3, 1, 2), n=(1, 1, 0))).a2
-    found = scene(tmp_path, phi_x='"sin(sin(sin(t)))"')
-    monkeypatch.setattr("hingepair.symbolic.exact_expressions.MAX_DERIVATIVE_SYMBOLS", 5)
-    with pytest.raises(hp.ArgumentError, match="phi_x"):
-        hp.derive(found)
 
 
 @pytest.mark.parametrize("axis", [(1, 0, 0.3), (0, 0.1, 1), (3, -1, 2), (0.2, 0.3, -0.6)], ids=str)

@@ -12,8 +12,8 @@ import pytest
 import sympy
 
 import hingepair as hp
-from hingepair.symbolic.kinks import SideOfZero, Smaller, Where
-from hingepair.symbolic.printers import latex_name, to_latex, to_numpy_source, to_sympy_source, to_text
+from hingepair.symbolic.kinks import Where
+from hingepair.symbolic.printers import to_latex, to_numpy_source, to_sympy_source, to_text
 from support.commands import run_command
 from support.sparse import sparse
 
@@ -119,50 +119,7 @@ def closed_names():
     return ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
 
 
-TEXTS = {
-    5 * sympy.sin(2 * t) / 2: "5/2 sin 2t",
-    sympy.sin(t) * sympy.cos(3 * t) * t: "t sin t cos 3t",
-    sympy.sin(t / 2) ** 2: "sin(1/2 t)²",
-    sympy.cos(t) ** 2 * 3: "3 cos(t)²",
-    3 * t: "3t",
-    -3 * t * y: "-3t y",
-    sympy.sqrt(2) * t / 2: "1/2 √2 t",
-    t**11 + sympy.pi: "π + t¹¹",
-    t ** sympy.Rational(1, 3): "t^(1/3)",
-    -7 * sympy.sinh(t) / (90 * sympy.cosh(t) ** 2): "-7 sinh(t)/(90 cosh(t)²)",
-    1 / t: "1/t",
-    sympy.exp(-t / 20) * (1 - t): "(1 - t) exp(-1/20 t)",
-    1 / (t * sympy.sqrt(y)): "1/(t √y)",
-    sympy.Rational(11068, 10**7) * t: "0.0011068 t",
-    sympy.Rational(1, 3000) * t: "1/3000 t",
-    sympy.Integer(10) ** 600 * t: "1e+600 t",
-    sympy.Symbol("phi_x''") * sympy.Symbol("u1_x"): "φ_x'' u1_x",
-    sympy.sin(t + y) * (t + y): "(t + y) sin(t + y)",
-    (t + y) ** 2: "(t + y)²",
-    sympy.E ** sympy.Integer(2) * sympy.E: "exp(3)",
-}
-
-
-@pytest.mark.parametrize(("expr", "text"), TEXTS.items(), ids=TEXTS.values())
-def test_text_reads_as_a_paper_has_it(expr, text):
-    assert to_text(expr) == text
-
-
 PLANE = hp.PlanarPair(u1=(0.5, 0.25), u2=(-0.25, 0.1))
-
-
-def test_short_forms_have_letters_for_what_is_repeated():
-    text = hp.derive(PLANE, ("u1", "u2")).to_text(["R2"], short=True)
-    assert text.splitlines() == [
-        "k_1 = cos φ",
-        "k_2 = sin φ",
-        "k_3 = φ + ψ",
-        "k_4 = cos k_3",
-        "k_5 = sin k_3",
-        "R2_x = x + k_1 u1_x - k_2 u1_y - k_4 u2_x + k_5 u2_y",
-        "R2_y = y + k_2 u1_x + k_1 u1_y - k_5 u2_x - k_4 u2_y",
-    ]
-    assert hp.derive(PLANE).to_text(["omega2"], short=True) == "omega2 = φ' + ψ'\n"
 
 
 @pytest.mark.parametrize("name", ["reference_2d", "truck_trailer"])
@@ -182,56 +139,10 @@ def test_abbreviations_are_told_before_they_are_used_and_mean_the_same(name):
         assert abs((sympy.Add(*terms).xreplace(whole) - expected).subs(t, sympy.Rational(3, 10)).evalf(30)) < 1e-25
 
 
-def test_long_lines_go_on_in_the_next():
-    forms = hp.derive(hp.HingePair(u1=(1, 2, 3), u2=(3, 1, 2), n=(0, 0, 1)))
-    text, whole = forms.to_text(["R2"], width=60), forms.to_text(["R2"], width=10**6)
-    lines = text.splitlines()
-    assert max(map(len, lines)) <= 60
-    assert all(line.strip()[0] in "+-" for line in lines if line.startswith(" "))
-    assert (
-        "".join(f" {line.strip()}" if line.startswith(" ") else f"\n{line}" for line in lines).strip()
-        == whole.strip()
-    )
-    latex = forms.to_latex(["v2"])
-    assert latex.count("&\\quad") >= 3
-    assert latex.count("&=") == 3
-
-
-@pytest.mark.parametrize(
-    ("name", "latex"),
-    [
-        ("x", "x"),
-        ("x'", r"\dot{x}"),
-        ("phi_x''", r"\ddot{\phi}_{x}"),
-        ("u1_x", "u_{1,x}"),
-        ("R2", "R_{2}"),
-        ("omega2", r"\omega_{2}"),
-        ("omega2_z", r"\omega_{2,z}"),
-        ("speed", r"\mathrm{speed}"),
-        ("c_12", "c_{12}"),
-    ],
-)
-def test_names_are_latex(name, latex):
-    assert latex_name(name) == latex
-
-
-def test_latex_has_fractions_before_what_they_multiply():
-    assert to_latex(5 * sympy.sin(2 * t) / 2) == r"\frac{5}{2} \sin 2 t"
-    assert to_latex(sympy.Rational(11068, 10**7) * t) == "0.0011068 t"
-    assert to_latex(sympy.Integer(10) ** 600 * t) == r"1 \cdot 10^{600} t"
-
-
 def test_powers_of_what_has_kinks_are_written():
     below = Where(t, y, 1) ** 2
     assert to_text(below) == "(y if t ≥ 0 else 1)²"
     assert to_latex(below) == r"\left(\begin{cases} y & t \ge 0 \\ 1 & \text{else} \end{cases}\right)^{2}"
-
-
-def test_a_guard_s_side_is_written_as_the_guard():
-    """Also where it is put together of several: which side each is on is the business of the numbers."""
-    guard = Smaller(SideOfZero(t, 1, 0), SideOfZero(1 - t, -1, 0))
-    assert to_text(Where(guard, 1, 0)) == "(1 if min(t, 1 - t) ≥ 0 else 0)"
-    assert to_latex(guard) == r"\min\left(t, 1 - t\right)"
 
 
 ACROSS = {"u1": (1, 2, 3), "u2": (0.1, 0, 0), "n": (1, 1, 0)}
@@ -278,30 +189,6 @@ def derived(*arguments):
 
 
 @pytest.mark.slow
-def test_the_command_prints_the_source_s_omega1():
-    out = derived(REFERENCE)
-    assert "omega1_y = cos 3t - 5/2 sin 2t - 5/2 sin 4t\n" in out
-    shown = {line.split("_")[0] for line in out.splitlines() if not line.startswith((" ", "k_"))}
-    assert shown == {"omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2"}
-    assert max(map(len, out.splitlines())) <= 100
-
-
-@pytest.mark.slow
-def test_the_command_abbreviates_where_lines_are_long():
-    """Unless it is told to, or not to."""
-    scene = MODELS / "talos_elbow.toml"
-    forms = hp.derive(hp.load_scene(scene))
-    for output, options, short in (
-        ("S2", (), True),
-        ("S2", ("--full",), False),
-        ("R1", (), False),
-        ("R1", ("--short",), True),
-    ):
-        shown = derived(scene, "--outputs", output, *options)
-        assert shown == forms.to_text([output], short=short) != forms.to_text([output], short=not short)
-
-
-@pytest.mark.slow
 def test_the_command_s_formats_are_the_same_forms():
     forms = hp.derive(hp.load_scene(REFERENCE), ("u1",))
     chosen = (REFERENCE, "--outputs", "R1,R2", "--symbolic", "u1")
@@ -311,12 +198,6 @@ def test_the_command_s_formats_are_the_same_forms():
     assert texts["--latex"] == forms.to_latex(("R1", "R2"))
     assert texts["--python"] == forms.to_python(("R1", "R2"), hp.load_scene(REFERENCE).title)
     assert json.loads(texts["--json"])["R2_x"] == str(forms.R2[0])
-
-
-def test_the_command_writes_a_file(tmp_path):
-    target = tmp_path / "forms.py"
-    assert derived(REFERENCE, "--python", "--outputs", "omega1", "-o", target) == f"written: {target}\n"
-    assert run(target.read_text())["omega1"](0.0).tolist() == [3.0, 1.0, 5.0]
 
 
 def test_the_outputs_of_the_scene_are_derived(tmp_path):

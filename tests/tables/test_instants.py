@@ -48,27 +48,6 @@ def test_other_stamps_of_the_same_clock_count_from_the_same_instant() -> None:
         elapsed_seconds("to", [0.1], first)
 
 
-@pytest.mark.parametrize(
-    ("t", "words"),
-    [
-        (np.arange(5), "which unit"),
-        (1.7e18 + np.arange(5) * 5e6, "integers where they are nanoseconds"),
-        ([0.0, 0.1, 0.1, 0.2], "sample 2 the same stamp as the sample before"),
-        ([0.0, 0.1, 0.05, 0.2], r"sample 2 0\.05 s before the sample before"),
-        ([0.0, 0.1, 0.05, 0.02], "and 1 more"),
-        ([0.0, np.nan], "finite instants"),
-        (np.array(["2026-11-21", "NaT"], dtype="datetime64[ms]"), "finite instants"),
-        (np.zeros((2, 2)), "shape"),
-        ([], "at least one"),
-    ],
-    ids=["integers", "float ns", "duplicate", "backwards", "backwards twice", "nan", "nat", "two axes", "none"],
-)
-def test_stamps_that_cannot_be_used_are_named(t: object, words: str) -> None:
-    with pytest.raises(hp.ArgumentError, match=words) as caught:
-        increasing_seconds("t", t)
-    assert caught.value.name == "t"
-
-
 def test_pieces_are_cut_where_samples_are_missing() -> None:
     t = np.concatenate((np.arange(10) * 0.01, 0.5 + np.arange(10) * 0.01))
     known = np.ones(20, dtype=bool)
