@@ -1,6 +1,6 @@
-"""The shortest way from arrays to a kernel: a generated function of arrays that need no conversion.
+"""The shortest way from arrays to a kernel, for one state or few, in arrays that need no conversion.
 
-    rows(q, qd)                                 # of one state, or of few states that q has
+    rows(q, qd)                                 # of one state, or of few states
     rows(q, qd, out={"tau": tau}, workers=1)
 
 All else goes to the general function that it was made with.
@@ -8,14 +8,14 @@ All else goes to the general function that it was made with.
 
 from __future__ import annotations
 
-import functools
 import math
+import operator
 import weakref
 from collections.abc import Callable, Sequence
-from types import CodeType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hingepair.engine.results import Results
 from hingepair.engine.ufunc import Layout, Ufunc
@@ -44,8 +44,8 @@ def rows_function(
     general: Rows,
     refuse: Callable[[Sequence[Any], bool], None],
 ) -> Rows:
-    """Return a generated function of the arguments in order, `out` and `workers`, which hands all that it does not
-    compute itself to `general`.
+    """Return a function of the arguments in order, `out` and `workers`, which hands all that it does not compute
+    itself to `general`.
 
     Args:
         layout: arguments and outputs of the kernel.
@@ -58,164 +58,186 @@ def rows_function(
         general: function with the same parameters.
         refuse: called with the arguments, and whether `out` has been written, where an output exceeds its limit.
     """
-    shown = result or Results
-    names = tuple(one.name for one in outputs if one.limit is None)
-    scope: dict[str, Any] = {
-        "ndarray": np.ndarray, "array": np.array, "freeze": np.ndarray.setflags, "dtype": dtype, "names": names,
-        "ref": weakref.ref, "known": [(*[object] * len(names), (), set())],  # no array is what object() returns
-        "kernel": kernel.call, "packed": packed.call, "kept": (kernel, packed),
-        "general": general, "refuse": refuse,
-        "Result": shown, "new": shown.__new__, "set_content": Results.__dict__["_content"].__set__,
-    }  # fmt: skip
-    slots = [name for name in names if name in shown.__slots__]
-    scope |= {f"set_{name}": shown.__dict__[name].__set__ for name in slots}
-    source = _source(layout, outputs, dtype.char == "d", slots if result else None, most)
-    exec(_compiled(source), scope)
-    function: Rows = scope["rows"]
-    return function
+    numbered = [*enumerate(one.sample_shape for one in layout.inputs)]
+    matrices = [k for k, tail in numbered if len(tail) > 1]
+    takes_floats = dtype.char == "d" and any(tail == () for _, tail in numbered)
+    limits = [(k, one.limit) for k, one in enumerate(outputs) if one.limit is not None]
+    split, finish, take = _splitter(layout), _finisher(outputs, result), _target_function(outputs, dtype)
+    lead_of = _lead_function([tail for _, tail in numbered], dtype, most)
+    compute, compute_packed = kernel.call, packed.call
+    freezes = result is not None and bool(layout.packed.outputs[0].sample_shape)
+    array, ndarray, freeze = np.array, np.ndarray, np.ndarray.setflags
+
+    def rows(*given: Any, out: Any = None, workers: int = 1, _kept: object = (kernel, packed)) -> Any:
+        """Compute what needs no conversion, and hand on all else; `_kept` owns the machine code."""
+        arrays = tuple([array(x) if type(x) is float else x for x in given]) if takes_floats else given
+        lead: tuple[int, ...] | None = ()
+        for k, tail in numbered:
+            x = arrays[k]
+            if type(x) is not ndarray or x.dtype is not dtype or x.shape != tail:
+                lead = lead_of(arrays)
+                break
+        else:
+            if out is None and not (matrices and any(not arrays[k].flags.c_contiguous for k in matrices)):
+                memory = compute_packed(*arrays)  # of one state, one piece is quicker than one for each output
+                if freezes:
+                    freeze(memory, False)  # and its parts
+                parts = split(memory)
+                for k, limit in limits:
+                    if parts[k] > limit:
+                        refuse(given, False)
+                return finish(parts, ())
+        made = compute_rows(arrays, lead, out) if lead is not None and workers == 1 else None
+        return general(*given, out=out, workers=workers) if made is None else made
+
+    def compute_rows(arrays: Sequence[Any], lead: tuple[int, ...], out: Any) -> Any:
+        """Return the result for arrays that fit, in new arrays or those of `out`; None where these do not fit."""
+        if out is None:
+            found = compute(*arrays)
+        else:
+            written = take(out, lead, arrays)
+            try:
+                found = None if written is None else compute(*arrays, *written)
+            except (ValueError, TypeError):  # an array that cannot be written: the general function says which
+                found = None
+            if found is None:
+                return None
+        parts = found if type(found) is tuple else (found,)
+        for k, limit in limits:
+            if (parts[k] > limit).any():
+                refuse(arrays, out is not None)
+        if out is None and lead and result is not None:
+            for one in parts:
+                freeze(one, False)
+        return finish(parts, lead, out is None)
+
+    return rows
 
 
-@functools.lru_cache(maxsize=512)  # hundreds of pairs share few sources
-def _compiled(source: str) -> CodeType:
-    return compile(source, "<hingepair: rows>", "exec")
+def _lead_function(
+    tails: Sequence[tuple[int, ...]], dtype: np.dtype[Any], most: int
+) -> Callable[[Sequence[Any]], tuple[int, ...] | None]:
+    """Return a function from arguments to the leading shape of few states, which the first argument has and the
+    others have or lack; None where an argument is something else, not contiguous, or of many states.
+    """
+    numbered, rank, size = [*enumerate(tails)], len(tails[0]), most * math.prod(tails[0])
+    ndarray = np.ndarray
+
+    def lead_of(arrays: Sequence[Any]) -> tuple[int, ...] | None:
+        first = arrays[0]
+        if type(first) is not ndarray or first.size >= size or first.ndim > MAX_AXES:
+            return None
+        lead = first.shape[: first.ndim - rank]
+        for k, tail in numbered:
+            x = arrays[k]
+            if type(x) is not ndarray or x.dtype is not dtype or not x.flags.c_contiguous:
+                return None
+            if x.shape != lead + tail and x.shape != tail:
+                return None
+        return lead
+
+    return lead_of
 
 
-def _source(
-    layout: Layout, outputs: Sequence[Output], takes_floats: bool, slots: Sequence[str] | None, most: int
-) -> str:
-    """Return the source of the function `rows`; `slots` are the attributes of the result, None for a bare array."""
-    shapes = [one.sample_shape for one in layout.inputs]
-    places = range(len(shapes))
-    arguments = ", ".join(f"in{k}" for k in places)
-    targets = ", ".join(f"out{k}" for k in range(len(outputs)))
-    other = f"return general({arguments}, out=out, workers=workers)"
-    frees = [] if slots is None else [f"freeze(out{k}, False)" for k, one in enumerate(outputs)]
-    one_state, few_states, arrays = [], [], []
-    for k, shape in enumerate(shapes):
-        array = f"type(in{k}) is ndarray and in{k}.dtype is dtype"
-        one = f"in{k}.shape == {shape}{f' and in{k}.flags.c_contiguous' if len(shape) > 1 else ''}"
-        is_float = f"type(in{k}) is float or " if takes_floats and not shape else ""
-        arrays.append(f"({is_float}{array})")
-        one_state.append(f"({is_float}{one})")
-        broadcast = f" or in{k}.shape == {shape}" if k else ""
-        few_states.append(
-            f"type(in{k}) is ndarray and (in{k}.shape == (*lead, *{shape}){broadcast}) and in{k}.flags.c_contiguous"
-        )
-    lead = f"in0.shape[:-{len(shapes[0])}]" if shapes[0] else "in0.shape if type(in0) is ndarray else ()"
-    few_states += [f"in0.ndim <= {MAX_AXES}", f"in0.size < {most * math.prod(shapes[0])}"]
-
-    lines = [
-        f"def rows({arguments}, out=None, workers=1):",
-        f"    if not ({' and '.join(arrays)}):",
-        f"        {other}",
-        f"    if {' and '.join(one_state)}:",
-        "        lead = ()",
-        "        if out is None:",
-        *_indented(3, _packed_lines(layout, slots is not None, arguments)),
-        *_indented(3, _result_lines(outputs, slots, arguments, written=False)),
-        "    else:",
-        f"        lead = {lead}",
-        f"        if not ({' and '.join(few_states)}):",
-        f"            {other}",
-        "        if out is None and workers == 1:",
-        f"            {targets} = kernel({arguments})",
-        *_indented(3, frees),
-        *_indented(3, _result_lines(outputs, slots, arguments, written=False)),
-        "    if type(out) is not dict or workers != 1:",
-        f"        {other}",
-        *_indented(1, _memory_lines(shapes, outputs, other)),
-        "    try:",
-        f"        {targets} = kernel({arguments}, {targets})",
-        "    except (ValueError, TypeError):",  # an array that cannot be written: the general function says which
-        f"        {other}",
-        *_indented(1, _result_lines(outputs, slots, arguments, written=True)),
-    ]
-    return "\n".join(lines)
-
-
-def _indented(depth: int, lines: Sequence[str]) -> list[str]:
-    return ["    " * depth + line for line in lines]
-
-
-def _packed_lines(layout: Layout, is_result: bool, arguments: str) -> list[str]:
-    """Return the lines that compute one state into new memory: one array is quicker than one for each output."""
+def _splitter(layout: Layout) -> Callable[[Any], Sequence[Any]]:
+    """Return a function from the packed outputs of one state to these outputs."""
     if len(layout.outputs) == 1:
-        line = f"out0 = packed({arguments})"
-        if layout.outputs[0].sample_shape:
-            return [line, "freeze(out0, False)"] if is_result else [line]
-        return [line] if is_result else [line, "out0 = array(out0)"]
-    lines, start = [f"all = packed({arguments})"], 0
-    if is_result:
-        lines.append("freeze(all, False)")  # its views too
+        return lambda memory: (memory,)
     row = layout.packed.outputs[0].sample_shape[1:]
+    places: list[int | slice] = []
+    shapes, start = {}, 0
     for k, one in enumerate(layout.outputs):
-        shape, stop = one.sample_shape, start + math.prod(one.sample_shape) // math.prod(row)
-        place = f"{start}" if shape == row else f"{start}:{stop}"
-        reshaped = f".reshape({shape})" if len(shape) > len(row) + 1 else ""
-        lines.append(f"out{k} = all[{place}]{reshaped}")
+        stop = start + math.prod(one.sample_shape) // math.prod(row)
+        places.append(start if one.sample_shape == row else slice(start, stop))
+        if len(one.sample_shape) > len(row) + 1:
+            shapes[k] = one.sample_shape
         start = stop
-    return lines
+    pick = operator.itemgetter(*places)
+    if not shapes:
+        return pick
+    return lambda memory: [x.reshape(shapes[k]) if k in shapes else x for k, x in enumerate(pick(memory))]
 
 
-def _memory_lines(shapes: Sequence[tuple[int, ...]], outputs: Sequence[Output], other: str) -> list[str]:
-    """Return the lines that take the arrays of `out`, or run `other` if one is missing, does not fit, or might share
-    memory. The arrays of the last such call need no second look, since their memory stays theirs.
+def _finisher(outputs: Sequence[Output], result: type[Results] | None) -> Callable[..., Any]:
+    """Return a function that makes the result of outputs and their leading shape. Where the arrays are those of the
+    user, which stay writable, the result makes read-only views of them when it is asked for them.
     """
-    shown = [(k, one) for k, one in enumerate(outputs) if one.limit is None]
-    written = [f"out{k}" for k, _ in shown]
-    lines = ["try:", *(f"    out{k} = out[{one.name!r}]" for k, one in shown), "except KeyError:", f"    {other}"]
-    lines += [f"out{k} = None" for k, one in enumerate(outputs) if one.limit is not None]
-    lines += [
-        f"{''.join(f'{array}_ref, ' for array in written)}samples, owners = known[0]",
-        f"same = len(out) == {len(shown)} and samples == lead",
-        f"if not (same and {' and '.join(f'{one}_ref() is {one}' for one in written)}):",
+    shown = [k for k, one in enumerate(outputs) if one.limit is None]
+    names = tuple(outputs[k].name for k in shown)
+    if result is None:
+        place = shown[0]
+        return lambda parts, *_: parts[place] if isinstance(parts[place], np.ndarray) else np.array(parts[place])
+    kind, new, set_content = result, result.__new__, Results.__dict__["_content"].__set__
+    slots = [
+        (k, result.__dict__[name].__set__) for k, name in zip(shown, names, strict=True) if name in result.__slots__
     ]
-    fits = (
-        f"type(out{k}) is ndarray and out{k}.dtype is dtype and out{k}.shape == (*lead, *{one.shape})"
-        for k, one in shown
-    )
-    checks = [f"if not (len(out) == {len(shown)} and {' and '.join(fits)}):", f"    {other}"]
-    for array in written:
-        checks += _owner_lines(array, f" and {array}.flags.c_contiguous", other)
-    checks += [
-        f"owners = {{{''.join(f'id({array}_owner), ' for array in written)}}}",
-        f"if len(owners) != {len(written)}:",
-        f"    {other}",
-        f"known[0] = {''.join(f'ref({array}), ' for array in written)}lead, owners",
-    ]
-    lines += _indented(1, checks)
-    read = [f"in{k}" for k, shape in enumerate(shapes) if shape]
-    for array in read:
-        lines += _owner_lines(array, "", other)
-    theirs = "".join(f"id({array}_owner), " for array in read)
-    return [*lines, f"if not owners.isdisjoint(({theirs})):", f"    {other}"]
+    checks = len(shown) < len(outputs)
+
+    def finish(parts: Sequence[Any], lead: tuple[int, ...], own: bool = True) -> Results:
+        made = new(kind)
+        set_content(made, (names, tuple([parts[k] for k in shown]) if checks else parts, lead))
+        if own:
+            for k, put in slots:
+                put(made, parts[k])
+        return made
+
+    return finish
 
 
-def _owner_lines(array: str, dense: str, other: str) -> list[str]:
-    """Return the lines that name the owner of an array's memory, or run `other` where that is unclear; `dense` is a
-    further condition on arrays that do not own theirs.
+def _target_function(outputs: Sequence[Output], dtype: np.dtype[Any]) -> Callable[..., list[Any] | None]:
+    """Return a function of `out`, the leading shape and the arguments. It returns the arrays to write to in the order
+    of the outputs, None for what is only checked; None if one is missing, does not fit, or might share memory with
+    another or with an argument. The arrays of the last call need no second look, since their memory stays theirs.
     """
-    return [
-        f"{array}_owner = {array}.base",
-        f"if {array}_owner is None:",
-        f"    {array}_owner = {array}",
-        f"elif not (type({array}_owner) is ndarray and {array}_owner.base is None{dense}):",
-        f"    {other}",
-    ]
+    shown = [one for one in outputs if one.limit is None]
+    count = len(shown)
+    checked = [k for k, one in enumerate(outputs) if one.limit is not None]
+    ndarray = np.ndarray
+    # Of the last call: leading shape, weak references by name, identities of those who own the memory.
+    known: list[tuple[Any, list[tuple[str, Any]], set[int]]] = [(None, [], set())]
+
+    def look(out: dict[str, Any], lead: tuple[int, ...]) -> tuple[list[Any], set[int]] | None:
+        """Return arrays that fit, and the owners of their memory."""
+        arrays, owners = [], set()
+        for output in shown:
+            one = out.get(output.name)
+            if type(one) is not ndarray or one.dtype is not dtype or one.shape != lead + output.shape:
+                return None
+            owner = _owner(one)
+            if owner is None or not (one.base is None or one.flags.c_contiguous):
+                return None
+            arrays.append(one)
+            owners.add(id(owner))
+        if len(owners) < len(shown):
+            return None
+        names = (one.name for one in shown)
+        known[0] = lead, [(name, weakref.ref(one)) for name, one in zip(names, arrays, strict=True)], owners
+        return arrays, owners
+
+    def take(out: Any, lead: tuple[int, ...], given: Sequence[NDArray[Any]]) -> list[Any] | None:
+        if type(out) is not dict or len(out) != count:
+            return None
+        samples, references, owners = known[0]
+        arrays = [one for name, reference in references if (one := reference()) is not None and out.get(name) is one]
+        if samples != lead or len(arrays) != count:
+            found = look(out, lead)
+            if found is None:
+                return None
+            arrays, owners = found
+        for x in given:
+            owner = x if x.base is None else _owner(x)
+            if owner is None or id(owner) in owners:
+                return None
+        for k in checked:
+            arrays.insert(k, None)
+        return arrays
+
+    return take
 
 
-def _result_lines(outputs: Sequence[Output], slots: Sequence[str] | None, arguments: str, written: bool) -> list[str]:
-    """Return the lines that check the limits and return the result. Where arrays of the user were written, which stay
-    writable, the result makes read-only views of them when it is asked for them.
-    """
-    lines = []
-    for k, one in enumerate(outputs):
-        if one.limit is not None:
-            lines += [f"if (out{k} > {one.limit!r}).any():", f"    refuse(({arguments},), {written})"]
-    shown = {f"out{k}": one.name for k, one in enumerate(outputs) if one.limit is None}
-    if slots is None:
-        return [*lines, f"return {next(iter(shown))}"]
-    lines += ["result = new(Result)", f"set_content(result, (names, ({', '.join(shown)},), lead))"]
-    if not written:
-        lines += [f"set_{name}(result, {out})" for out, name in shown.items() if name in slots]
-    return [*lines, "return result"]
+def _owner(array: NDArray[Any]) -> Any:
+    """Return the array that owns the memory of another; None where that is unclear."""
+    owner = array.base
+    if owner is None:
+        return array
+    return owner if type(owner) is np.ndarray and owner.base is None else None

@@ -152,7 +152,9 @@ class Prepared:
         """
         if len(given) != len(self.given):
             raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
-        if self._plain and (out is None or type(out) is dict):
+        if out is None and self._plain:
+            result = self._call.rows(*given)
+        elif self._plain and type(out) is dict:
             result = self._call.rows(*given, out=out)
         else:
             result = self._call_with_options(given, out)
