@@ -273,17 +273,20 @@ def test_axes_that_do_not_fill_the_lanes(one, other, workers, monkeypatch):
 
 
 @pytest.mark.parametrize("dtype", [F4, F8], ids=str)
-def test_more_arrays_than_a_ufunc_takes(dtype):
-    names = [f"x{k}" for k in range(70)]
-    loop = Loop(
-        "sum",
-        lambda v: {"y": sum(v[name] * (k + 1.0) for k, name in enumerate(names))},
-        dict.fromkeys(names, ()),
-        {"y": ()},
-    )
+@pytest.mark.parametrize(("inputs", "outputs"), [(70, 1), (2, 70), (40, 40)])
+def test_more_arrays_than_a_ufunc_takes(inputs, outputs, dtype):
+    names = [f"x{k}" for k in range(inputs)]
+
+    def function(v):
+        total = sum(v[name] * (k + 1.0) for k, name in enumerate(names))
+        return {"y": (total, 2.0 * total, total, total)} | {f"z{k}": total * (k + 2.0) for k in range(1, outputs)}
+
+    shapes = {"y": (2, 2)} | {f"z{k}": () for k in range(1, outputs)}
+    loop = Loop("sum", function, dict.fromkeys(names, ()), shapes)
     values = {name: np.arange(50.0).reshape(10, 5)[:: 1 + 9 * (k % 2)] * k for k, name in enumerate(names)}
     found, expected = (run(loop, values, (10, 5), dtype, execution) for execution in (COMPILED, NUMPY))
-    np.testing.assert_allclose(found["y"], expected["y"], rtol=1e-5 if dtype == F4 else 1e-14)
+    for name, array in found.items():
+        np.testing.assert_allclose(array, expected[name], rtol=1e-5 if dtype == F4 else 1e-14)
 
 
 @pytest.mark.parametrize("tail", [(), (2,), (4,), (3, 3)])

@@ -151,6 +151,33 @@ def test_a_small_stack_of_users_threads_is_not_that_of_ours():
         threading.stack_size(before)
 
 
+STACK = """
+import sys, threading, numpy as np
+from hingepair.engine.backend import Execution
+from hingepair.engine.loops import Loop
+
+def function(v):
+    values = [v["x"][k % 3] * (1.0 + k) for k in range(3000)]
+    return {"y": tuple(values), "z": tuple(reversed(values))}
+
+loop, x = Loop("wide", function, {"x": (3,)}, {"y": (3000,), "z": (3000,)}), np.ones((20, 6))[:, ::2]
+def work():
+    out = {name: np.zeros((20, 2, 3000))[:, 0] for name in "yz"}
+    loop.run({"x": x}, out, (20,), x.dtype, Execution("compiled", 1))
+    print((out["y"] == np.arange(1.0, 3001)).all() and (out["z"] == out["y"][:, ::-1]).all())
+threading.stack_size(128 * 1024)
+thread = threading.Thread(target=work)
+thread.start()
+thread.join()
+"""
+
+
+@pytest.mark.slow(2)
+def test_a_large_program_computes_in_a_thread_with_a_small_stack():
+    done = subprocess.run([sys.executable, "-c", STACK], check=False, timeout=HANG, capture_output=True, text=True)
+    assert done.stdout.strip() == "True", (done.returncode, done.stderr)
+
+
 EXIT = """
 import threading, time, numpy as np, hingepair as hp
 f = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0)).prepare("acceleration", backend="compiled")

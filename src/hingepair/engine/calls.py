@@ -33,6 +33,7 @@ _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 _READ_CHARACTERS = frozenset("dfbhilqBHILQ")  # characters of the dtypes that are computed in float64 or float32
 # Types of arguments that become an array of one state.
 _SEQUENCES, _NUMBERS = {list, tuple}, {float, int, np.float64}
+_WEAK = {float, int}  # numbers that take the dtype of the arrays beside them
 # Samples below which calls share one kernel, in which no constant is folded, and components are joined for it.
 _FEW_SAMPLES: Final = 20_000
 
@@ -213,7 +214,7 @@ class Call:
             Output(name, tail, self._limits[name][dtype.itemsize] if name in self._limits else None)
             for name, tail in self.loop.outputs
         ]
-        width = sum(math.prod(tail) for _, tail in self.loop.outputs) * dtype.itemsize
+        width = max(math.prod(tail) for _, tail in self.loop.outputs) * dtype.itemsize
         most = min(_FEW_SAMPLES, MIN_REUSED_BYTES // max(1, width))  # of larger results the memory is used again
         rows = rows_function(
             layout, outputs, dtype, self.result, kernel=ufunc, packed=packed, most=most,
@@ -284,7 +285,7 @@ class Call:
             if array.dtype.char not in _READ_CHARACTERS:
                 return None
             arrays.append(array)
-            if type(value) is not float:
+            if type(value) not in _WEAK:
                 chars.add(array.dtype.char)
         alike = len(set(leads)) == 1
         try:

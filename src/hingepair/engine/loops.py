@@ -46,7 +46,7 @@ from hingepair.engine.trace import (
     sampled_value,
 )
 from hingepair.engine.trace import Operand as TracedOperand
-from hingepair.engine.ufunc import FLOAT_TYPES, MAX_OPERANDS, Layout, Operand, Ufunc, loop_ir
+from hingepair.engine.ufunc import FLOAT_TYPES, MAX_OPERANDS, Layout, Operand, Ufunc, check_numpy, loop_ir
 from hingepair.errors import CompilationError, ShapeError
 from hingepair.numeric.arrays import Block, load, split_into_blocks
 from hingepair.numeric.blocks import components, fill_blocks
@@ -205,7 +205,7 @@ class Program:
         self.loop = loop
         self.pattern = pattern
         self._kernels: dict[tuple[Layout, str], Kernel] = {}
-        self._ufuncs: dict[tuple[Layout, str], Ufunc] = {}
+        self._ufuncs: dict[tuple[Layout, str, bool], Ufunc] = {}
         self._compiles = True  # until LLVM fails
 
     # ---- kernels
@@ -229,43 +229,66 @@ class Program:
         self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> bool:
         """Compute the outputs by a kernel; return False if the backend may do without, and LLVM fails."""
-        outputs = [out[name] for name, _ in self.loop.outputs]
-        inputs = [*bound.arrays]
-        if bound.constants:
-            inputs = [np.array(bound.constants, dtype), *inputs]
-        tails = [tail for _, tail in self.loop.outputs]
-        layout = Layout(tuple(Operand(one.shape[-1:]) for one in inputs), tuple(map(Operand, tails)), False)
-        ufunc = self._ufuncs.get((layout, dtype.char))
+        inputs = self._kernel_inputs(bound, dtype)
+        ufunc = self._ufunc(inputs, dtype, execution, packed=False)
         if ufunc is None:
-            compiled = self.kernel if execution.backend == "compiled" else self.kernel_or_none
-            kernel = compiled(layout, dtype.char)
-            if kernel is None:
-                return False
-            loops = [(dtype.char, kernel.address("loop"), None)]
-            ufunc = self._ufuncs[layout, dtype.char] = Ufunc(self.loop.name, layout, loops, kernel)
+            return False
+        outputs, tails = [out[name] for name, _ in self.loop.outputs], [tail for _, tail in self.loop.outputs]
         ranks = [*(1 for _ in inputs), *map(len, tails)]
         run_slices(
             ufunc, inputs, outputs, ranks, shape, operations=self.weighted_operations, workers=execution.workers
         )
         return True
 
+    def _kernel_inputs(self, bound: BoundInputs, dtype: np.dtype[Any]) -> list[NDArray[Any]]:
+        constants = [np.array(bound.constants, dtype)] if bound.constants else []
+        return [*constants, *bound.arrays]
+
+    def _ufunc(
+        self, inputs: Sequence[NDArray[Any]], dtype: np.dtype[Any], execution: Execution, packed: bool
+    ) -> Ufunc | None:
+        """Return the ufunc of these inputs, which returns all outputs in one array if `packed`; None if the backend
+        may do without, and LLVM fails.
+        """
+        tails = [tail for _, tail in self.loop.outputs]
+        layout = Layout(tuple(Operand(one.shape[-1:]) for one in inputs), tuple(map(Operand, tails)), False)
+        key = layout, dtype.char, packed
+        ufunc = self._ufuncs.get(key)
+        if ufunc is None:
+            compiled = self.kernel if execution.backend == "compiled" else self.kernel_or_none
+            kernel = compiled(layout, dtype.char)
+            if kernel is None:
+                return None
+            loops = [(dtype.char, kernel.address("packed" if packed else "loop"), None)]
+            own = layout.packed if packed else layout
+            ufunc = self._ufuncs[key] = Ufunc(self.loop.name, own, loops, kernel)
+        return ufunc
+
     def _run_stacked(
         self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> bool:
-        """Compute the outputs from more arrays than a ufunc takes: in one array of all components, block by block."""
+        """Compute what has more arrays than a ufunc takes: block by block, from one array of all components of the
+        inputs to one of all outputs.
+        """
         starts = [0, *itertools.accumulate(one.shape[-1] for one in bound.arrays)]
         stacked = BoundInputs()
         stacked.sources = [(0, starts[one[0]] + one[1]) if isinstance(one, tuple) else one for one in self.pattern]
         stacked.constants = bound.constants
         program = self.loop.program(stacked.pattern)
-        for block in split_into_blocks(shape, max(1, _STACKED_BYTES // (dtype.itemsize * starts[-1]))):
+        sizes = [math.prod(tail) for _, tail in self.loop.outputs]
+        ends = [*itertools.accumulate(sizes)]
+        for block in split_into_blocks(shape, max(1, _STACKED_BYTES // (dtype.itemsize * (starts[-1] + ends[-1])))):
             block_shape = tuple(axis.stop - axis.start for axis in block)
             parts = [load(one, (*block, slice(one.shape[-1])), dtype) for one in bound.arrays]
             wide = [np.broadcast_to(one, (*block_shape, one.shape[-1])) for one in parts]
             stacked.arrays = [np.concatenate(wide, axis=-1)]
-            buffers = {name: array[block] for name, array in out.items()}
-            if not program._run_kernel(stacked, buffers, block_shape, dtype, execution):
+            inputs = program._kernel_inputs(stacked, dtype)
+            ufunc = program._ufunc(inputs, dtype, execution, packed=True)
+            if ufunc is None:
                 return False
+            found = np.reshape(ufunc.call(*inputs), (*block_shape, ends[-1]))
+            for (name, tail), end, size in zip(self.loop.outputs, ends, sizes, strict=True):
+                out[name][block] = found[..., end - size : end].reshape(*block_shape, *tail)
         return True
 
     def kernel_or_none(self, layout: Layout, char: str) -> Kernel | None:
@@ -285,6 +308,7 @@ class Program:
         """
         kernel = self._kernels.get((layout, char))
         if kernel is None:
+            check_numpy()
             with compiler_lock:  # a second thread waits, and takes the kernel of the first
                 from hingepair.engine.llvm.native import Kernel
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import collections
 import contextlib
-import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, TypeAlias
@@ -45,11 +44,7 @@ def output_arrays(
         _check_array(f"out[{name!r}]", array, shapes[name], dtype)
     if out:
         _check_memory(out, inputs)
-    sizes = [math.prod(size) for name, size in shapes.items() if name not in out]
-    memory = empty(sum(sizes), dtype)
-    ends = itertools.accumulate(sizes)
-    parts = (memory[end - size : end] for end, size in zip(ends, sizes, strict=True))
-    return {name: out[name] if name in out else next(parts).reshape(size) for name, size in shapes.items()}
+    return {name: out[name] if name in out else empty(size, dtype) for name, size in shapes.items()}
 
 
 def _check_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
@@ -114,7 +109,7 @@ MIN_REUSED_BYTES: Final = 1_000_000
 """Size of results from which on their memory is used again; less new memory is quick."""
 
 _KEPT: Final = 160_000_000  # bytes of blocks that nobody uses, at most
-_free: Final[collections.deque[NDArray[np.uint8]]] = collections.deque(maxlen=4)  # the oldest falls out
+_free: Final[collections.deque[NDArray[np.uint8]]] = collections.deque(maxlen=32)  # the oldest falls out
 
 
 class _Lease:
@@ -132,17 +127,17 @@ class _Lease:
                 _free.popleft()
 
 
-def empty(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return an uninitialised array (count,), whose memory may be that of a former result."""
-    size = count * dtype.itemsize
+def empty(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return an uninitialised array, whose memory may be that of a former result."""
+    size = math.prod(shape) * dtype.itemsize
     if not MIN_REUSED_BYTES <= size <= _KEPT:
-        return np.empty(count, dtype)
+        return np.empty(shape, dtype)
     for _ in range(len(_free)):
         try:
             block = _free.popleft()
         except IndexError:  # another thread was quicker
             break
         if block.size == size:
-            return np.asarray(_Lease(block)).view(dtype)
+            return np.asarray(_Lease(block)).view(dtype).reshape(shape)
         _free.append(block)
-    return np.asarray(_Lease(np.empty(size, np.uint8))).view(dtype)
+    return np.asarray(_Lease(np.empty(size, np.uint8))).view(dtype).reshape(shape)

@@ -3,8 +3,8 @@
 The equations take any values that add and multiply. With traced values they record straight-line code: one value for
 each operation, assigned once. Operations with known numbers fold away while they are recorded (x + 0, x * 1, x * 0,
 x * -1), common subexpressions are recorded once, and values that no result needs are left out. The order of the
-operations stays that of the equations, so that a folded program gives the bits of the unfolded one, except for the
-sign of a zero and for the product of zero and NaN.
+operations stays that of the equations: by NumPy, folding changes no bits but the sign of a zero and the product of
+zero and NaN. Kernels fuse products with sums, and which they fuse may change with what folds.
 """
 
 from __future__ import annotations

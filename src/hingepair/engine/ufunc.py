@@ -19,6 +19,7 @@ import numpy as np
 
 from hingepair.engine.llvm.builder import NUMBER_BYTES, FunctionBuilder
 from hingepair.engine.llvm.ir import ROW_WORDS
+from hingepair.errors import CompilationError
 
 MAX_OPERANDS: Final = 64  # that a ufunc takes and returns (NPY_MAXARGS)
 FLOAT_TYPES: Final = {"d": "double", "f": "float"}  # LLVM's name of a type, by the character of the dtype
@@ -154,7 +155,7 @@ def _copied_ir(layout: Layout, float_type: str) -> str:
     addresses = {k: (f.load_word("%args", 8 * k), f.load_word("%steps", 8 * k)) for k in rows}
     cores = {k: _core_steps(f, layout, k) for k in sizes}
     for k, size in sizes.items():
-        f.do(f"%copy{k} = alloca [{most * size} x {float_type}], align 64")
+        f.do(f"%copy{k} = getelementptr i8, ptr {f.buffer(most * size * number_bytes)}, i64 0")
         buffer = f.put(f"ptrtoint ptr %copy{k} to i64")
         _store_row(f, rows[k], buffer, str(size * number_bytes), str(number_bytes))
     with f.loop("%count", step=str(most)) as first:
@@ -268,6 +269,18 @@ class Ufunc:
 
 
 _published: list[Ufunc] = []  # whose ufuncs users may hold when all else is gone
+
+
+def check_numpy() -> None:
+    """Check that ufuncs can be made of machine code: NumPy keeps the table of its functions in a private place.
+
+    Raises:
+        CompilationError: the table is not there.
+    """
+    try:
+        _create_ufunc()
+    except (ImportError, AttributeError, ValueError) as error:
+        raise CompilationError("any program", f"NumPy {np.__version__} makes no ufunc of it: {error}") from error
 
 
 @functools.cache

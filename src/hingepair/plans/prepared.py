@@ -78,7 +78,7 @@ class Prepared:
     @property
     def ufunc(self) -> np.ufunc:
         """The kernel itself, a generalised ufunc of NumPy such as "(7),(7)->(3),(3,3)". It follows NumPy's rules of
-        broadcasting and casting (small integers, bool and float16 become float32), and checks no rotation. It stays
+        broadcasting and casting (integers, bool and float16 become float64), and checks no rotation. It stays
         in memory, cannot be pickled, and returns the outputs in order.
 
         >>> import hingepair as hp, numpy as np

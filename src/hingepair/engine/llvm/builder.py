@@ -9,6 +9,7 @@ from typing import Final
 
 LANES: Final = 8  # samples in one vector
 CACHE_LINE: Final = 64  # bytes
+MAX_STACK: Final = 2**14  # bytes of buffers on the stack of a function
 NUMBER_BYTES: Final = {"float": 4, "double": 8}  # by LLVM's name of the type of numbers
 
 
@@ -35,10 +36,31 @@ class FunctionBuilder:
         self._lines = [f"define {signature} nounwind {{", "entry:"]
         self._count = 0
         self._block = "entry"
+        self._buffer_bytes = 0
 
     def text(self) -> str:
-        """Return the finished function."""
-        return "\n".join([*self._lines, "}"])
+        """Return the finished function, which ends with its only `ret`."""
+        begin, end, size = [], [], self._buffer_bytes
+        if size > MAX_STACK:
+            begin = [
+                f"  %heap = call ptr @malloc(i64 {size + CACHE_LINE})",
+                "  %heap.address = ptrtoint ptr %heap to i64",
+                f"  %heap.above = add i64 %heap.address, {CACHE_LINE}",
+                f"  %heap.line = and i64 %heap.above, -{CACHE_LINE}",
+                "  %buffers = inttoptr i64 %heap.line to ptr",
+            ]
+            end = ["  call void @free(ptr %heap)"]
+        elif size:
+            begin = [f"  %buffers = alloca [{size} x i8], align {CACHE_LINE}"]
+        return "\n".join([*self._lines[:2], *begin, *self._lines[2:-1], *end, self._lines[-1], "}"])
+
+    def buffer(self, size: int) -> str:
+        """Return the address of a buffer of so many bytes, which begins with a cache line. All buffers of a function
+        are on its stack, or if they are large in memory of their own: a thread may have a stack of 64 kB.
+        """
+        address = self.pointer_at("%buffers", self._buffer_bytes)
+        self._buffer_bytes += -(-size // CACHE_LINE) * CACHE_LINE
+        return address
 
     def put(self, code: str) -> str:
         """Append an instruction that computes a value, and return the value's name."""

@@ -77,6 +77,7 @@ class KernelBuilder:
             f"declare void {shared_name(name, self.arithmetic.float_type)}({parameters})"
             for name, parameters in _SHARED.items()
         ]
+        declared.append("declare ptr @malloc(i64)\ndeclare void @free(ptr)")
         declared.append("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)\ndeclare i64 @llvm.abs.i64(i64, i1)")
         lanewise = [lanewise_function(name) for name in self.arithmetic.lanewise_functions]
         return "\n\n".join([*self.tables, *declared, *lanewise, *steps, self.f.text()]) + "\n"
@@ -127,7 +128,8 @@ class KernelBuilder:
             [f.load_word("%table", 8 * (g * row_words + k)) for k in range(row_words)]
             for g in range(len(self.inputs) + len(self.outputs))
         ]
-        f.do(f"%frame = alloca [{max(1, arithmetic.frame_size)} x {arithmetic.vector}], align {CACHE_LINE}")
+        frame = f.buffer(max(1, arithmetic.frame_size) * LANES * arithmetic.number_bytes)
+        f.do(f"%frame = getelementptr i8, ptr {frame}, i64 0")
         f.do(f"%places = alloca [{arithmetic.word_offsets[-1] + len(self.outputs)} x i64], align 8")
         for number, slot in arithmetic.constant_slots.items():
             arithmetic.store_slot(f, slot, arithmetic.operand(number))
@@ -299,7 +301,7 @@ class _OutputWriter:
                 aligned = f.put(f"icmp eq i64 {f.put(f'and i64 {self.start}, {number_bytes - 1}')}, 0")
                 self.streamed = f.put(f"and i1 {self.dense}, {f.put(f'and i1 {large}, {aligned}')}")
         staged = self.count if self.count <= MAX_STREAMED else 2 * PANEL
-        buffer = f.put(f"alloca [{CACHE_LINE + LANES * staged * number_bytes} x i8], align {CACHE_LINE}")
+        buffer = f.buffer(CACHE_LINE + LANES * staged * number_bytes)
         self.stage = f.pointer_at(buffer, CACHE_LINE)  # behind the rest of a line that is not full yet
 
     def row(self, i: str) -> str:

@@ -74,7 +74,7 @@ class _ScanBuilder(KernelBuilder):
         self.declarations += environment
         rows = self.begin_kernel(SCAN_WORDS)
         most = max(len(group.values) for group in (*self.outputs, *inputs))
-        f.do(f"%stage = alloca [{LANES * most} x double], align {CACHE_LINE}")
+        f.do(f"%stage = getelementptr i8, ptr {f.buffer(LANES * most * 8)}, i64 0")
         f.do(f"%read = alloca [{len(inputs)} x i64], align 8")
         for g, group in enumerate(inputs):
             f.do(f"store i64 0, ptr {f.pointer_at('%read', 8 * g)}, align 8")
