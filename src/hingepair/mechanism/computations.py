@@ -231,7 +231,10 @@ class RobotComputation(Computation):
             known, result, constants.tree.coordinate_names, derivatives=MechanismDerivatives,
             owner="robot", samples_name="lengths" if samples is not None and samples.lengths else "payload",
             shape=known["samples"].shape[:-1] if varied else (),
-            operations=estimated_operations(self.form, self.request),
+            # Derivatives of torques share less than the torques themselves.
+            operations=max(
+                estimated_operations(self.form, self.request), 750 * len(self.form.parents) * self.needs_masses
+            ),
             constant_shapes=body_constants(len(self.form.parents), free),
         )  # fmt: skip
 

@@ -23,7 +23,9 @@ from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERRORS, check_rotatio
 
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
 _ATTITUDES: Final = ("S1", "S2", *QUATERNIONS)  # inputs that a prepared call checks
-_MAX_DERIVED_OPERATIONS: Final = 10_000_000  # most, by an estimate; 2.5 million take some 5 s to compile
+# Most operations of derivatives, by an estimate of what they take before they fold: those of a chain of 45 joints by
+# all arguments. It becomes a program of a million operations, which LLVM compiles in a minute, with 1.6 GB.
+_MAX_DERIVED_OPERATIONS: Final = 7_500_000
 _MAX_CALLS: Final = 64  # most that a computation keeps, before it forgets all
 
 
