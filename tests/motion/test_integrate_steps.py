@@ -14,7 +14,6 @@ from hingepair.bench.truth import DIGITS
 from hingepair.engine.backend import execution_of
 from hingepair.motion import step_selection
 from hingepair.motion.integrals import AttitudeIntegral
-from hingepair.motion.methods import RULES
 from hingepair.motion.signals import CallableSignal
 from hingepair.motion.stepping import Steps, subdivide
 from support.sparse import sparse
@@ -97,7 +96,7 @@ def test_probes_do_not_enlarge_rounding():
 def test_steps_do_not_chase_rounding():
     """What is left of the errors of intervals is rounding, which more steps do not mend."""
     omega = CallableSignal("omega1", about_x(np.exp), (3,))
-    turning = AttitudeIntegral("omega1", omega, RULES["magnus6"], execution_of("numpy", 1), False)
+    turning = AttitudeIntegral("omega1", omega, execution_of("numpy", 1), False)
     assert step_selection.select_steps((turning,), np.linspace(0, 10, 3), 1e-14).steps.step_count <= 3000
     smooth = hp.integrate(PAIR, [0, 1], about_x(np.cos), np.cos, tol=1e-2, outputs=())
     assert smooth.steps == 16
@@ -130,19 +129,14 @@ def test_lengths_of_steps_add_up():
     assert (h > 0).all()
 
 
-@pytest.mark.parametrize(
-    ("method", "at"),
-    [
-        *sparse([("magnus6", at) for at in generator(161).uniform(0.5, 9.5, 4).tolist()], 4),
-    ],
-)
-def test_a_short_pulse_is_seen(method, at):
+@pytest.mark.parametrize("at", generator(161).uniform(0.5, 9.5, 4).tolist())
+def test_a_short_pulse_is_seen(at):
     """Of a thousandth of the time; in two instants, and without a tolerance the estimate says it is not followed."""
     rate = about_x(lambda t: 100 * np.exp(-((t - at) ** 2) / 1e-4))
     whole = np.sqrt(np.pi)
-    blind = hp.integrate(PAIR, [0, 10], rate, 0.0, method=method, outputs=())
+    blind = hp.integrate(PAIR, [0, 10], rate, 0.0, outputs=())
     assert whole / 2 <= blind.error_estimate <= 2 * whole
-    motion = hp.integrate(PAIR, [0, 10], rate, lambda t: rate(t)[:, 0], tol=1e-6, method=method, outputs=())
+    motion = hp.integrate(PAIR, [0, 10], rate, lambda t: rate(t)[:, 0], tol=1e-6, outputs=())
     assert abs(motion.euler_angles(1)[-1, 0] - whole) <= 3 * motion.error_estimate <= 3e-6
     assert abs(motion.psi[-1] - whole) <= 3 * motion.psi_error_estimate <= 3e-6
 
@@ -159,14 +153,13 @@ def kinked(order, at):
 @pytest.mark.slow
 @pytest.mark.parametrize("order", [0, 1], ids=["jump", "kink"])
 @pytest.mark.parametrize("count", sparse([2, 11, 101, 12_001], 3))
-@pytest.mark.parametrize("method", RULES)
-def test_a_jump_of_a_callable_is_seen(method, count, order):
+def test_a_jump_of_a_callable_is_seen(count, order):
     """Wherever it is, also where rules of few nodes agree by chance; on more intervals than are looked at, too."""
     t = np.linspace(0, 1, count)
     for at in generator(163).uniform(0.02, 0.98, 3):
         rate, angle = kinked(order, at)
         for tol in (None, 1e-4):
-            motion = hp.integrate(PAIR, t, about_x(rate), rate, tol=tol, method=method, outputs=())
+            motion = hp.integrate(PAIR, t, about_x(rate), rate, tol=tol, outputs=())
             off = np.abs(motion.psi - angle(t)).max()
             turned = np.abs(motion.euler_angles(1)[:, 0] - angle(t)).max()
             assert off <= min(tol or 1, 3 * motion.psi_error_estimate + 10 * U)
@@ -265,10 +258,9 @@ def test_steps_are_counted_for_any_rate(wild, seed, monkeypatch):
     rates = [random_rate(random) if wild else random_rate(random, 7, 0) for _ in range(4)]
     start, span = random.choice([0, -1, 1000]) if wild else 0.0, 10 ** random.uniform(-3, 6 if wild else 0)
     t = start + np.linspace(0, span, random.integers(2, 101))
-    method = random.choice(list(RULES))
     with contextlib.suppress(hp.ArgumentError) if wild else contextlib.nullcontext(), np.errstate(all="ignore"):
         motion = hp.integrate(
-            PAIR, t, lambda s: np.stack([r(s) for r in rates[:3]], -1), rates[3], method=method, tol=1e-3, outputs=()
+            PAIR, t, lambda s: np.stack([r(s) for r in rates[:3]], -1), rates[3], tol=1e-3, outputs=()
         )
         assert len(t) - 1 <= motion.steps <= 5000 + len(t)
         assert max(motion.error_estimate, motion.psi_error_estimate) <= 1e-3
@@ -337,24 +329,24 @@ def test_a_corner_costs_some_sixty_steps(tmp_path, monkeypatch):
         motion = hp.load_scene(tmp_path / "my.toml").motion
         np.testing.assert_allclose(motion.source.hinge[0], [angle(t) for t in motion.t], rtol=0, atol=1e-12)
         assert motion.error_estimate <= 1e-12
-    for method in RULES:
-        motion = hp.integrate(PAIR, [0, 10], about_x(np.cos), lambda t: 1.0 * (t > 0.3), tol=1e-5, method=method)
-        assert abs(motion.psi[-1] - 9.7) <= 1e-5
-        assert motion.steps <= 20_000
-        assert len(motion.t) == len(motion.psi) == len(motion.S1) == 2
+    motion = hp.integrate(PAIR, [0, 10], about_x(np.cos), lambda t: 1.0 * (t > 0.3), tol=1e-5)
+    assert abs(motion.psi[-1] - 9.7) <= 1e-5
+    assert motion.steps <= 20_000
+    assert len(motion.t) == len(motion.psi) == len(motion.S1) == 2
 
 
 def test_samples_beside_a_callable_that_jumps():
     """Halved intervals are parts of those between samples, whose errors keep their places."""
     t = np.linspace(0, 3, 61)
-    for at in (0.123, 2.9):
-        jump = hp.integrate(
-            PAIR, t, about_x(np.square)(t), lambda s, at=at: 1.0 * (s > at), tol=1e-4, method="midpoint", outputs=()
-        )
-        off = np.abs(jump.euler_angles(1)[:, 0] - t**3 / 3).max()
+    for at in (0.123, 2.91):
+        rates = about_x(lambda s: np.cos(2 * s))(t)
+        jump = hp.integrate(PAIR, t, rates, lambda s, at=at: 1.0 * (s > at), tol=1e-6, outputs=())
+        plain = hp.integrate(PAIR, t, rates, 0.0, outputs=())
+        off = np.abs(jump.euler_angles(1)[:, 0] - np.sin(2 * t) / 2).max()
         assert jump.steps > len(t) + 8
-        assert off / 1.2 <= jump.error_estimate <= 1.2 * off
-        np.testing.assert_allclose(jump.psi, np.maximum(0, t - at), rtol=0, atol=1e-4)
+        assert off <= jump.error_estimate <= 200 * off
+        assert jump.error_estimate == pytest.approx(plain.error_estimate, rel=0.1)
+        np.testing.assert_allclose(jump.psi, np.maximum(0, t - at), rtol=0, atol=1e-6)
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import numpy as np
 
 from hingepair.motion.collocation import NODE_TIMES, NODES, WEIGHTS
 from hingepair.motion.run import Run, rate_jumps
+from hingepair.motion.trajectory import not_kept
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.tables.sheets import ruled_table
 
@@ -59,7 +60,7 @@ class EnergyBalance:
 
 
 class LazyBalance:
-    """Callable that computes an `EnergyBalance` at the first call; a copy or a pickle computes it first."""
+    """Callable that computes an `EnergyBalance` at the first call; a pickle holds it if it was computed."""
 
     def __init__(self, balance: Callable[[], EnergyBalance] | EnergyBalance) -> None:
         self._balance = balance
@@ -70,8 +71,11 @@ class LazyBalance:
             self._balance = self._balance()
         return self._balance
 
-    def __reduce__(self) -> tuple[type, tuple[EnergyBalance]]:
-        return type(self), (self(),)
+    def __reduce__(self) -> tuple[type, tuple[Any]]:
+        return type(self), (self._balance if isinstance(self._balance, EnergyBalance) else not_kept,)
+
+    def __deepcopy__(self, _: Any) -> LazyBalance:
+        return self
 
 
 def energy_balance(run: Run) -> EnergyBalance:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.motion.integrals import AngleIntegral, Integral
-from hingepair.motion.methods import RULES, StepRule
+from hingepair.motion.methods import NODES, ORDER, step_integrals
 from hingepair.motion.signals import CallableSignal, ConstantSignal, SampledSignal, Signal
 from hingepair.motion.stepping import Steps, Subdivision, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
@@ -30,7 +30,7 @@ from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
 _CHUNK = 1 << 12  # steps whose errors are measured at a time, in arrays of a megabyte or two
 _BESIDE_ENDS = 1e-4, 1 - 1e-4  # fractions of a pair of steps; not 0 and 1, since a callable may jump at instants
-_EARLY_AND_LATE = RULES["magnus6"].nodes[::2]  # fractions of a step
+_EARLY_AND_LATE = NODES[::2]  # fractions of a step
 
 
 class StepErrors(NamedTuple):
@@ -94,10 +94,8 @@ def _interpolation_error(integral: Integral, rate: SampledSignal, steps: Steps, 
     if len(rate.t) < 4:
         return math.nan
     t, h = steps.t, np.diff(steps.t)
-    apart = rate.values_at_nodes(t[:-1], h, integral.rule.nodes) - rate.every_second().values_at_nodes(
-        t[:-1], h, integral.rule.nodes
-    )
-    at_start = integral.errors_at_start(values[1:], integral.rule.integral(apart, h))
+    apart = rate.values_at_nodes(t[:-1], h, NODES) - rate.every_second().values_at_nodes(t[:-1], h, NODES)
+    at_start = integral.errors_at_start(values[1:], step_integrals(apart, h))
     return float(row_norms(np.cumsum(at_start, axis=0)).max())
 
 
@@ -137,22 +135,22 @@ def measure_errors(integral: Integral, start: Array, stop: Array, duration: floa
 
 def _measure_chunk(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
     """Measure the errors of so few steps that all fit into memory."""
-    rate, rule = integral.rate, integral.rule
+    rate = integral.rate
     coarse = subdivide(start, stop, np.ones(len(start), np.int64))
     # A feature of a callable that is narrower than one of these steps, and than half a step, may be missed.
     fine = subdivide(start, stop, 2 * np.maximum(-(-equal_step_counts(stop - start, duration, 509) // 2), 1))
     node_values = (
-        rate.values_at_nodes(coarse.start, coarse.h, rule.nodes),
-        rate.values_at_nodes(fine.start, fine.h, rule.nodes),
+        rate.values_at_nodes(coarse.start, coarse.h, NODES),
+        rate.values_at_nodes(fine.start, fine.h, NODES),
     )
     # Richardson extrapolation: the error of fine steps is smaller by this factor.
-    gain = fine.counts.astype(float) ** rule.order
+    gain = fine.counts.astype(float) ** ORDER
     errors = integral.difference(coarse, fine, node_values) * (gain / (gain - 1))[:, None]
     turned, rounding = _step_rounding(rate, start, stop)
     noise = rounding + integral.rounding_of_sums(turned, fine.counts.astype(float))
     undetected = np.zeros(len(start))
     if isinstance(rate, CallableSignal):
-        undetected = _above_noise(_undetected_errors(rate, coarse, fine, node_values, rule), 4 * noise)
+        undetected = _above_noise(_undetected_errors(rate, coarse, fine, node_values), 4 * noise)
     return StepErrors(errors, undetected, noise, turned, rounding)
 
 
@@ -178,13 +176,13 @@ def _step_rounding(signal: Signal, start: Array, stop: Array) -> tuple[Array, Ar
 
 
 def _undetected_errors(
-    signal: CallableSignal, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array], rule: StepRule
+    signal: CallableSignal, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]
 ) -> Array:
     """Return bounds on the errors [rad] of jumps between an end of a pair of fine steps and their nearest node, which
     coarse and fine steps both miss; 0 where a bound does not exceed twice the difference between them.
     """
     pairs = fine._replace(counts=fine.counts // 2, start=fine.start[::2], stop=fine.stop[1::2])
-    nodes = np.append(rule.nodes, np.add(rule.nodes, 1)) / 2
+    nodes = np.append(NODES, np.add(NODES, 1)) / 2
     inside = node_values[1].reshape(len(pairs.h), len(nodes), -1)
     ends = signal.values_at_nodes(pairs.start, pairs.h, _BESIDE_ENDS).reshape(len(pairs.h), 2, -1)
     # Where no jump is in between, the polynomial through the values at the nodes goes through those at the ends.
@@ -192,6 +190,6 @@ def _undetected_errors(
     jumps = row_norms(ends - weights @ inside).max(axis=1)
     squares = pairs.sum_over_intervals((nodes[0] * pairs.h * jumps) ** 2)
     measured = row_norms(
-        rule.integral(node_values[0], coarse.h) - fine.sum_over_intervals(rule.integral(node_values[1], fine.h))
+        step_integrals(node_values[0], coarse.h) - fine.sum_over_intervals(step_integrals(node_values[1], fine.h))
     )
     return np.sqrt(np.where(squares > (2.0 * measured) ** 2, squares, 0.0))

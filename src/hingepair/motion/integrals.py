@@ -14,7 +14,7 @@ import numpy as np
 
 from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError
-from hingepair.motion.methods import StepRule, angle_loop, quaternion_product, rotation_loop
+from hingepair.motion.methods import NODES, angle_loop, quaternion_product, rotation_loop, step_integrals
 from hingepair.motion.signals import ConstantSignal, Signal
 from hingepair.motion.stepping import HIGH_LOW_SUM_SCAN, ROTATION_SCAN, Steps, Subdivision
 from hingepair.numeric.arrays import FLOAT64
@@ -31,7 +31,6 @@ class _RateIntegral:
 
     name: str  # of the rate, for messages
     rate: Signal
-    rule: StepRule
     execution: Execution
     expected_rate: ClassVar[str]  # of messages on overflow
 
@@ -77,15 +76,15 @@ class AngleIntegral(_RateIntegral):
 
     def _write_step_integrals(self, begin: Array, h: HighLow, rows: Array) -> None:
         """Write the integral of each step, a sum of two doubles, to `rows` (..., steps, 2)."""
-        arguments = {"rate": self.rate.values_at_nodes(begin, h[0], self.rule.nodes), "h": h}
-        angle_loop(self.rule).run(arguments, {"sum": rows}, rows.shape[:-1], FLOAT64, self.execution)
+        arguments = {"rate": self.rate.values_at_nodes(begin, h[0], NODES), "h": h}
+        angle_loop().run(arguments, {"sum": rows}, rows.shape[:-1], FLOAT64, self.execution)
 
     def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
         """Return the integrals over intervals by coarse steps less those by fine steps [rad]; (intervals, 1).
         `node_values` are the rates at the nodes of both.
         """
         sums = [
-            steps.sum_over_intervals(self.rule.integral(values, steps.h))
+            steps.sum_over_intervals(step_integrals(values, steps.h))
             for steps, values in zip((coarse, fine), node_values, strict=True)
         ]
         return sums[0] - sums[1]
@@ -130,11 +129,11 @@ class AttitudeIntegral(_RateIntegral):
         return quats * _CONJUGATE if self.omega_in_body_axes else quats
 
     def _write_step_rotations(self, begin: Array, h: HighLow, rows: Array) -> None:
-        self._compute_rotations(self.rate.values_at_nodes(begin, h[0], self.rule.nodes), h[0], rows)
+        self._compute_rotations(self.rate.values_at_nodes(begin, h[0], NODES), h[0], rows)
 
     def _compute_rotations(self, node_omega: Array, h: Array, quats: Array) -> None:
         """Write the rotation of each step, not accumulated, to `quats`: its inverse if omega is in body axes."""
-        rotation_loop(self.rule).run(
+        rotation_loop().run(
             {"omega": node_omega, "h": -h if self.omega_in_body_axes else h},
             {"q": quats},
             quats.shape[:-1],

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from typing import Any, Final, NamedTuple, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.backend import execution_of, execution_of_steps
+from hingepair.engine.backend import execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError, quoted
-from hingepair.motion.signals import R1_PARTS, ConstantSignal, SampledSignal, Signal, read_position, read_signal
+from hingepair.motion.signals import R1_PARTS, SampledSignal, Signal, read_position, read_signal
 from hingepair.motion.solve import Solution, SolveOptions, solve, solve_together
 from hingepair.motion.trajectory import (
-    STATE_PREFIX,
     LazyValue,
     PlanarTrajectory,
     Trajectory,
     quaternions_to_matrices,
     rotate_to_world,
-    trajectory_from_arrays,
 )
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import (
@@ -33,17 +30,16 @@ from hingepair.numeric.arrays import (
     read_only,
     vectors,
 )
-from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask, unwrap_lazy_xarray
-from hingepair.pair.geometry import Constants, check_pair, check_single_pair
+from hingepair.pair.geometry import Constants, check_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.requests import STATES, computation_of
 from hingepair.plans.arguments import Arguments, Outputs, check_outputs
-from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.matrices import check_rotation
 from hingepair.tables.instants import instants_of, warn_of_measurements
 from hingepair.tables.suspicions import suspicions
 
+METHODS: Final = ("magnus6",)  # of integration
 RATE_FRAME_NAMES: Final = ("world", "body")  # axes in which omega1 and alpha1 may be given
 
 RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
@@ -118,8 +114,8 @@ def integrate(
     Each of the rates omega1, psid, alpha1 and psidd is one of:
 
     - a constant: shape (3,) for omega1 and alpha1, a number for psid and psidd;
-    - samples at the instants t: shape (N, 3) or (N,); they are interpolated by polynomials of degree 5, which
-      overshoot at a kink or across a gap;
+    - samples at the instants t: shape (N, 3) or (N,); they are interpolated by a spline of degree 5, which overshoots
+      at a kink or across a gap;
     - a callable that takes an array of times (n,) in seconds and returns an array (n, 3) or (n,), or a constant. The
       times count from the zero of t, or from the first instant where t is datetime64 or integer nanoseconds. (Seconds
       since 1970 as floats are rounded to 2.4e-7 s: give datetime64 or integer nanoseconds.)
@@ -128,9 +124,6 @@ def integrate(
     psidd (..., N), S1_0 (..., 3, 3), phi_0 and psi_0 (...,). Leading axes broadcast against each other. A rate or R1
     whose axis N has length 1 is constant in time in each motion. A callable, or an array without leading axes,
     applies to all motions. Each motion is integrated as if by a separate call, with bitwise the same result.
-
-    Dask arrays, and xarray objects that hold them, give a trajectory of lazy Dask arrays, with one task for each
-    chunk of motions; `trajectory.compute()` returns the trajectory in memory.
 
     Args:
         pair: a HingePair, or a PlanarPair (E11). For a PlanarPair, omega1 and alpha1 have the same forms as psid and
@@ -146,8 +139,7 @@ def integrate(
             default.
         phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; shape (...,); 0 by default.
         psi_0: hinge angle at t[0] [rad]; shape (...,); 0 by default.
-        method: "magnus6", a Magnus series of order 6 from omega1 at three times in each step, or "midpoint", of
-            order 2 from omega1 in the middle.
+        method: "magnus6", a Magnus series of order 6 from omega1 at three times in each step, the only one.
         frame: axes of omega1 and alpha1: "world" (the default) or "body" (for a HingePair only).
         tol: largest allowed error of the attitude and of psi at any instant [rad]. By default, each interval of t is
             one step, and the error has no limit. With tol, steps are divided until the error is small enough, of a
@@ -187,12 +179,7 @@ def integrate(
     motion = {"omega1": omega1, "psid": psid, "R1": R1, "S1_0": S1_0, "phi_0": phi_0, "psi_0": psi_0}
     motion |= {"alpha1": alpha1, "psidd": psidd}
     choices: dict[str, Any] = {"method": method, "frame": frame, "tol": tol, "outputs": outputs, "backend": backend}
-    if holds_dask(t):
-        raise ArgumentError("t", "instants in memory, which all motions share", f"a Dask {type(t).__name__}")
-    t = instants_of("t", t)
-    if holds_dask(motion):
-        return _integrate_lazily(pair, t, motion, choices)
-    request = _read_request(pair, t, **motion, **choices)
+    request = _read_request(pair, instants_of("t", t), **motion, **choices)
     trajectory = _make_trajectory(request, _solve_motions(request))
     if any(isinstance(request.signals[name], SampledSignal) for name in ("omega1", "psid")):
         warn_of_measurements(_instant_doubts(trajectory))
@@ -252,7 +239,8 @@ def _read_request(
     """Check kinds and shapes of the arguments of `integrate`. Samples may still hold NaN."""
     check_choice("frame", frame, RATE_FRAME_NAMES)
     execution = execution_of_steps(backend, len(t))
-    options = SolveOptions(t, method, tol, execution, frame == "body")
+    check_choice("method", method, METHODS)
+    options = SolveOptions(t, tol, execution, frame == "body")
     options.check()
     psi_0 = _read_start("psi_0", psi_0)
     is_planar = isinstance(pair, PlanarPair)
@@ -268,7 +256,7 @@ def _read_request(
         start = _read_start("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
     values = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
     signals = {
-        name: read_signal(name, value, t, () if is_planar or name in {"psid", "psidd"} else (3,), execution)
+        name: read_signal(name, value, t, () if is_planar or name in {"psid", "psidd"} else (3,))
         for name, value in values.items()
         if value is not None or name in {"omega1", "psid"}
     }
@@ -299,40 +287,37 @@ def _name_of_motion(name: str, index: Sequence[int]) -> str:
 
 
 @contextlib.contextmanager
-def _named_by_motion(index: tuple[int, ...], first: tuple[int, ...] | None) -> Iterator[None]:
-    """Add the index of a motion to the name in an ArgumentError of the block. `first` is the index of the first
-    motion of a chunk among all, None for zeros.
-    """
+def _named_by_motion(index: tuple[int, ...]) -> Iterator[None]:
+    """Add the index of a motion to the name in an ArgumentError of the block."""
     try:
         yield
     except ArgumentError as error:
         if not index:
             raise
-        whole = index if first is None else tuple(np.add(first, index).tolist())
-        raise type(error)(_name_of_motion(error.name, whole), error.expected, error.got) from None
+        raise type(error)(_name_of_motion(error.name, index), error.expected, error.got) from None
 
 
-def _check_finite(request: _Request, first: tuple[int, ...] | None = None) -> None:
+def _check_finite(request: _Request) -> None:
     """Raise an ArgumentError if a number is not finite, or an attitude at the start is not a rotation."""
     for name, signal in request.signals.items():
         bad = signal.first_bad()
         if bad is not None:
-            with _named_by_motion(bad[0], first):
+            with _named_by_motion(bad[0]):
                 raise ArgumentError(name, "finite numbers", bad[1])
     for index in np.ndindex(request.psi_0.shape):
-        with _named_by_motion(index, first):
+        with _named_by_motion(index):
             finite_number("psi_0", float(request.psi_0[index]))
     for index in np.ndindex(request.start.shape[: None if request.is_planar else -2]):
-        with _named_by_motion(index, first):
+        with _named_by_motion(index):
             if request.is_planar:
                 finite_number("phi_0", float(request.start[index]))
             else:
                 check_rotation("S1_0", one_constant("S1_0", request.start[index], 3, 3))
 
 
-def _solve_motions(request: _Request, first: tuple[int, ...] | None = None) -> list[Solution]:
+def _solve_motions(request: _Request) -> list[Solution]:
     """Check and solve the motions of a request; return a `Solution` of each in C order, or refuse the tolerance."""
-    _check_finite(request, first)
+    _check_finite(request)
     options, motions, is_planar = request.options, request.motions, request.is_planar
     rates: list[Any] = [request.signals[name] for name in ("omega1", "psid")]
     # One axis of motions; rates without motions are shared by all.
@@ -351,7 +336,7 @@ def _solve_motions(request: _Request, first: tuple[int, ...] | None = None) -> l
         for k in range(begin, begin + len(psi_0[group])):
             own = [rate[k] if rate.motions else rate for rate in rates]
             start = float(starts[k]) if is_planar else starts[k]
-            with _named_by_motion(tuple(int(i) for i in np.unravel_index(k, motions)), first):
+            with _named_by_motion(tuple(int(i) for i in np.unravel_index(k, motions))):
                 given = None if integrated is None else tuple(part[k - begin] for part in integrated)
                 solution = solve(options, own[0], own[1], start, float(psi_0[k]), given)
                 solution.check_tolerance(options)
@@ -384,7 +369,7 @@ def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
         t=read_only(t),
         psi=psi,
         state=_compute_state(request, orientations, psi),
-        method=request.options.method,
+        method=METHODS[0],
         steps=read_only(steps.reshape(motions)) if motions else int(steps[0]),
         _error=lazily([one.error for one in solutions]),
         _psi_error=lazily([one.psi_error for one in solutions]),
@@ -410,109 +395,9 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
     return computation.run(Arguments(inputs, {"t": psi.shape}, {}), options.execution)
 
 
-def _integrate_lazily(
-    pair: Any, t: Array, motion_arguments: Mapping[str, Any], other_arguments: Mapping[str, Any]
-) -> Any:
-    """Return a trajectory of lazy Dask arrays, in which one task integrates each chunk of motions. Arguments of the
-    wrong kind or shape are refused before any task runs.
-    """
-    is_planar = isinstance(pair, PlanarPair)
-    if not is_planar:
-        check_pair(pair)
-    check_single_pair(pair, " if the arguments are Dask arrays")
-    execution_of(other_arguments["backend"], 1)
-    R1, point, vector = motion_arguments["R1"], (2,) if is_planar else (3,), () if is_planar else (3,)
-    tails: dict[str, Any] = {
-        **{name: _shape_for_one_motion(motion_arguments[name], len(t), vector) for name in ("omega1", "alpha1")},
-        **{name: _shape_for_one_motion(motion_arguments[name], len(t), ()) for name in ("psid", "psidd")},
-        "R1": _shape_for_one_motion(R1, len(t), point),
-        **{"S1_0": (3, 3), "phi_0": (), "psi_0": ()},
-    }
-    if isinstance(R1, tuple) and len(R1) and np.ndim(R1[0]) > 0:
-        tails["R1"] = [_shape_for_one_motion(part, len(t), point) for part in R1]
-    arguments = {"pair": pair, "t": t, **motion_arguments, **other_arguments}
-    arrays = apply_to_chunks(
-        _integrate_chunk, arguments, tails, template_function=_chunk_template, first_index_name="first"
-    )
-    errors = apply_to_chunks(
-        _estimate_chunk, arguments, tails, template_function=_error_template, first_index_name="first"
-    )
-    arrays |= {"_error": errors["error_estimate"], "_psi_error": errors["psi_error_estimate"]}
-    values = {"t": read_only(t), "method": other_arguments["method"]} | ({} if is_planar else {"pair": pair})
-    make_state = functools.partial(
-        STATES[PLANE if is_planar else SPACE],
-        shape=arrays["psi"].shape,
-    )
-    return trajectory_from_arrays(PlanarTrajectory if is_planar else Trajectory, values, make_state, arrays)
-
-
-def _shape_for_one_motion(value: Any, instant_count: int, value_shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape that an argument has for one motion: `value_shape`, (1, *value_shape) where the value of each
-    motion is constant, otherwise (instant_count, *value_shape).
-    """
-    shape = tuple(getattr(unwrap_lazy_xarray(value), "shape", ()))
-    if shape == value_shape:
-        return value_shape
-    is_constant = shape[len(shape) - 1 - len(value_shape) :] == (1, *value_shape)
-    return (1 if is_constant else instant_count, *value_shape)
-
-
-def _integrate_chunk(first: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
-    """Return the arrays of the trajectory of a chunk of motions, of which the first one has the index `first`."""
-    request = _read_request(**arguments)
-    return _trajectory_arrays(_make_trajectory(request, _solve_motions(request, first)))
-
-
-def _estimate_chunk(first: tuple[int, ...] | None, **arguments: Any) -> dict[str, NDArray[Any]]:
-    """Return the error estimates of a chunk of motions, of which the first one has the index `first`."""
-    request = _read_request(**arguments | {"outputs": ()})
-    trajectory = _make_trajectory(request, _solve_motions(request, first))
-    return {name: np.asarray(getattr(trajectory, name)) for name in ("error_estimate", "psi_error_estimate")}
-
-
-def _chunk_template(first: None, **arguments: Any) -> dict[str, NDArray[Any]]:
-    """Check all arguments; return arrays with the names, shapes and dtypes of those of `_integrate_chunk`."""
-    request = _read_request(**arguments)
-    _check_finite(request)
-    t = request.options.t
-    # Only the first instant is integrated, which takes no step.
-    signals: dict[str, Signal] = {
-        name: ConstantSignal(one.values_at(t[:1])[(slice(None),) * len(one.motions) + (0,)], one.motions)
-        for name, one in request.signals.items()
-    }
-    points = {name: array if array.ndim == 1 else array[..., :1, :] for name, array in request.points.items()}
-    request = request._replace(options=request.options._replace(t=t[:1]), signals=signals, points=points)
-    arrays = _trajectory_arrays(_make_trajectory(request, _solve_motions(request, first)))
-    count = len(request.motions)
-    steps = {"steps": arrays.pop("steps")}
-    return steps | {
-        name: np.broadcast_to(array, (*array.shape[:count], len(t), *array.shape[count + 1 :]))
-        for name, array in arrays.items()
-    }
-
-
-def _error_template(first: None, **arguments: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG001
-    """Check all arguments; return arrays with the names, shapes and dtypes of those of `_estimate_chunk`."""
-    shape = _read_request(**arguments | {"outputs": ()}).motions
-    return {name: np.zeros(shape) for name in ("error_estimate", "psi_error_estimate")}
-
-
-def _trajectory_arrays(trajectory: Any) -> dict[str, NDArray[Any]]:
-    """Return all arrays of a trajectory but t and the error estimates; those of its state with STATE_PREFIX."""
-    names = ("phi",) if isinstance(trajectory, PlanarTrajectory) else ("quat_wxyz", "R1")
-    arrays = {name: np.asarray(getattr(trajectory, name)) for name in (*names, "psi", "steps")}
-    return arrays | {STATE_PREFIX + name: array for name, array in trajectory.state.arrays().items()}
-
-
-def _needed_inputs(pair: Constants, outputs: tuple[str, ...]) -> set[str]:
-    """Return the names of the inputs that outputs need, the constants of the pair apart."""
-    computation, attitude = computation_of(pair, outputs), "phi1" if pair.kind.planar else "S1"
-    return {name for one in outputs for name in computation.missing_inputs(one, ())} | {attitude, "psi"}
-
-
-def _checked_outputs(pair: Constants, outputs: Outputs, arguments: Set[str]) -> tuple[str, ...]:
-    """Return the names of the outputs, all of body 2 for which the `arguments` suffice if `outputs` is None; refuse
-    those that need more.
+def _make_plan(pair: Constants, outputs: Outputs, arguments: Set[str], kind: MotionKind) -> Plan:
+    """Return the Plan that computes `outputs` from the `arguments` that are given; None: all outputs of body 2 that
+    these allow.
     """
     available = {"S1", "phi1", "psi"} | arguments
     available |= {name for name, argument in _RATE_OF_INPUT.items() if argument in arguments}

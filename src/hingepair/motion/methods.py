@@ -1,4 +1,4 @@
-"""One-step methods of integration from rates (E12): their quadrature nodes, and the rotation of a step.
+"""The step of integration from rates (E12): its quadrature nodes, its integral and its rotation.
 
 S' = [omega]x S, so S(t + h) = exp([Omega]x) S(t), and Omega is a Magnus series in commutators; those of [a]x and
 [b]x are [a x b]x (Blanes, Casas, Ros: three Gauss nodes, order 6). Strapdown navigation knows the same terms as
@@ -10,23 +10,22 @@ A rotation is a quaternion (w, x, y, z). As in `equations`, a scalar is any valu
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 from hingepair.equations.spatial import Scalar, Vector, add, cross, dot, scale, subtract
-from hingepair.errors import ArgumentError
-from hingepair.numeric.arrays import check_choice
 from hingepair.numeric.blocks import cosine, sine
-from hingepair.numeric.twofold import HighLow, exact_product, twofold_product, twofold_quotient, twofold_sum
+from hingepair.numeric.twofold import exact_product, twofold_product, twofold_quotient, twofold_sum
 
 Quaternion: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar]
 
 _SQRT_15 = 3.872983346207417
-_GAUSS3 = (0.5 - _SQRT_15 / 10, 0.5, 0.5 + _SQRT_15 / 10)  # Gauss nodes on [0, 1]
+NODES: Final = (0.5 - _SQRT_15 / 10, 0.5, 0.5 + _SQRT_15 / 10)  # Gauss nodes, as fractions of a step
+_WEIGHTS = (5, 8, 5)  # of the nodes in an integral, to be divided by their sum
+ORDER: Final = 6  # the error of the integral goes as h^ORDER
 
 
 def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
@@ -73,70 +72,36 @@ def magnus6(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Vector:
     return add(a1, add(scale(a3, 1 / 12), scale(outer, 1 / 240)))
 
 
-class StepRule(NamedTuple):
-    """A one-step method of integration."""
-
-    name: str
-    order: int  # the error of the integral goes as h^order
-    nodes: tuple[float, ...]  # where a step evaluates omega and psi', as fractions of the step; none at its ends
-    weights: tuple[int, ...]  # of the nodes in an integral, to be divided by their sum
-    rotation_vector: Callable[..., Vector]  # of a step, from omega at the nodes and the length of the step
-
-    def integral(self, values: Any, h: Any) -> Any:
-        """Return the integrals (steps, columns) over steps of lengths h of a quantity whose `values` at the nodes
-        have the shape (steps, nodes, ...).
-        """
-        columns = values.reshape(len(h), len(self.nodes), -1)
-        return h[:, None] * np.einsum("n,snk->sk", np.array(self.weights) / sum(self.weights), columns)
-
-
-RULES: Final = {  # by name
-    rule.name: rule
-    for rule in (
-        StepRule("magnus6", 6, _GAUSS3, (5, 8, 5), magnus6),
-        StepRule("midpoint", 2, (0.5,), (1,), scale),
-    )
-}
-
-_FORMER = ("magnus4", "cf4", "rk4_quaternion", "euler_angles", "dop853")  # methods that were removed
-
-
-def check_method(method: str) -> None:
-    """Raise an ArgumentError unless there is a method of this name; of a former one, say which to use."""
-    if isinstance(method, str) and method in _FORMER:
-        expected = "'magnus6', which is more accurate in less time (with tol= it divides its steps)"
-        raise ArgumentError("method", expected, f"'{method}', which was removed")
-    check_choice("method", method, tuple(RULES))
+def step_integrals(values: Any, h: Any) -> Any:
+    """Return the integrals (steps, columns) over steps of lengths h of a quantity whose `values` at the nodes have
+    the shape (steps, nodes, ...).
+    """
+    columns = values.reshape(len(h), len(NODES), -1)
+    return h[:, None] * np.einsum("n,snk->sk", np.array(_WEIGHTS) / sum(_WEIGHTS), columns)
 
 
 @functools.cache
-def rotation_loop(rule: StepRule) -> Loop:
+def rotation_loop() -> Loop:
     """Return the `Loop` that computes the quaternions of steps from omega at the nodes and the step length h. For
     omega in body axes, h is to be negated; the quaternions are then those of the inverse rotations.
     """
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
         w = v["omega"]
-        return {"q": quaternion_exp(rule.rotation_vector(*(w[i : i + 3] for i in range(0, len(w), 3)), v["h"]))}
+        return {"q": quaternion_exp(magnus6(w[:3], w[3:6], w[6:], v["h"]))}
 
-    return Loop(f"turns_{rule.name}", step, {"omega": (len(rule.nodes), 3), "h": ()}, {"q": (4,)})
+    return Loop("turns_magnus6", step, {"omega": (len(NODES), 3), "h": ()}, {"q": (4,)})
 
 
 @functools.cache
-def angle_loop(rule: StepRule) -> Loop:
+def angle_loop() -> Loop:
     """Return the `Loop` that integrates a scalar rate over each step, from the rate at the nodes and the step length
     h. The step length and the integral are sums of two doubles.
     """
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
-        # Sums of two doubles throughout.
-        weighted = [_weighted(p, w) for p, w in zip(v["rate"], rule.weights, strict=True)]
+        weighted = [exact_product(p, float(weight)) for p, weight in zip(v["rate"], _WEIGHTS, strict=True)]
         total = functools.reduce(twofold_sum, weighted)
-        mean = twofold_quotient(total, float(sum(rule.weights))) if len(weighted) > 1 else total
-        return {"sum": twofold_product(mean, v["h"])}
+        return {"sum": twofold_product(twofold_quotient(total, float(sum(_WEIGHTS))), v["h"])}
 
-    return Loop(f"rises_{rule.name}", step, {"rate": (len(rule.nodes),), "h": (2,)}, {"sum": (2,)}, exact=True)
-
-
-def _weighted(p: Scalar, weight: int) -> HighLow:
-    return (p, 0.0) if weight == 1 else exact_product(p, float(weight))
+    return Loop("rises_magnus6", step, {"rate": (len(NODES),), "h": (2,)}, {"sum": (2,)}, exact=True)

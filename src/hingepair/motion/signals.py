@@ -1,29 +1,22 @@
 """Signals, rates as functions of time: a constant, a callable, or samples at the instants; and positions of body 1.
 
-A signal may hold many motions, on leading axes. Samples are interpolated by the polynomial of degree 5 through the
-six nearest (through all, where there are fewer), which keeps order 6 of an integral over them.
+A signal may hold many motions, on leading axes.
 """
 
 from __future__ import annotations
 
 import functools
-import itertools
-import math
-import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from hingepair.engine.backend import Execution
-from hingepair.engine.loops import Loop
 from hingepair.errors import ArgumentError, HingePairError, ShapeError
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
 
-POINTS: Final = 6  # samples that an interpolating polynomial goes through
+_DEGREE: Final = 5  # of the spline through samples, which keeps order 6 of an integral over them
 R1_PARTS: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}  # parts of the argument R1, and their names in messages
 
 
@@ -102,31 +95,30 @@ class CallableSignal:
 
 
 class SampledSignal:
-    """Samples at instants: (*motions, N) or (*motions, N, k). Only differences of neighbouring instants enter, so
-    that stamps since 1970 are not rounded again.
+    """Samples at instants: (*motions, N) or (*motions, N, k). Only times since the first instant enter, so that
+    stamps since 1970 are not rounded again.
     """
 
-    def __init__(self, t: Array, values: Array, execution: Execution, motions: tuple[int, ...] = ()) -> None:
+    def __init__(self, t: Array, values: Array, motions: tuple[int, ...] = ()) -> None:
         self.t = t
         self.values = values
-        self.execution = execution
         self.motions = motions
 
     def __getitem__(self, index: Any) -> SampledSignal:
         values = self.values[index]
         motions = values.shape[: values.ndim - self.values.ndim + len(self.motions)]
-        return SampledSignal(self.t, values, self.execution, motions)
+        return SampledSignal(self.t, values, motions)
 
     def every_second(self) -> SampledSignal:
         """Return the signal of every second sample and the last one; of a single motion."""
         kept = np.append(np.arange(0, len(self.t) - 1, 2), len(self.t) - 1)
-        return SampledSignal(self.t[kept], self.values[kept], self.execution)
+        return SampledSignal(self.t[kept], self.values[kept])
 
     def flattened(self, motions: tuple[int, ...]) -> SampledSignal:
         """Return the signal with one axis of motions, to which it is broadcast."""
         tail = self.values.shape[len(self.motions) :]
         values = np.broadcast_to(self.values, (*motions, *tail)).reshape(-1, *tail)
-        return SampledSignal(self.t, values, self.execution, values.shape[:1])
+        return SampledSignal(self.t, values, values.shape[:1])
 
     def first_bad(self) -> tuple[tuple[int, ...], str] | None:
         """Return the index of the first motion with a number that is not finite, and the sample as text; or None."""
@@ -138,43 +130,23 @@ class SampledSignal:
         return self.values[(slice(None),) * len(self.motions) + (slice(len(times)),)]
 
     def values_at_nodes(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
-        """Return interpolated values at the nodes of steps; (*motions, steps, nodes, ...). No step may extend beyond
-        the two samples around its start.
-        """
-        count = min(POINTS, len(self.t))
-        first = int(np.searchsorted(self.t, start[0]))
-        if np.array_equal(self.t[first : first + len(start)], start):
-            interval = np.arange(first, first + len(start))
-        else:
-            interval = np.searchsorted(self.t, start, side="right") - 1
-        lowest = np.clip(interval - (count // 2 - 1), 0, len(self.t) - count)
-        offsets = np.multiply.outer(nodes, h).T  # by columns, so that eight steps lie side by side in memory
-        motions, columns = self.motions, self.values.reshape(*self.motions, len(self.t), -1)
-        values = np.empty((*motions, *offsets.shape, columns.shape[-1]))
-        loop = interpolation_loop(count, len(nodes), columns.shape[-1])
-        t, near = sliding_window_view(self.t, count), sliding_window_view(columns, count, axis=-2)
-        for steps, rows in _runs_of_consecutive_steps(lowest):
-            x = (t[rows].T - start[steps]).T
-            arguments = {"x": x, "values": near[..., rows, :, :], "offsets": offsets[steps]}
-            out = {"values": values[..., steps, :, :]}
-            loop.run(arguments, out, (*motions, len(x)), values.dtype, self.execution)
-        return values.reshape(*motions, *offsets.shape, *self.values.shape[len(motions) + 1 :])
+        """Return interpolated values at the nodes of steps; (*motions, steps, nodes, ...)."""
+        times = (start - self.t[0])[:, None] + h[:, None] * np.array(nodes)
+        return np.ascontiguousarray(self._spline(times))
 
+    @functools.cached_property
+    def _spline(self) -> Any:
+        """The spline of degree 5 through the samples; of fewer than six, the polynomial through all."""
+        from scipy.interpolate import make_interp_spline
 
-def _runs_of_consecutive_steps(first_samples: NDArray[np.intp]) -> Iterator[tuple[slice, slice | NDArray[np.intp]]]:
-    """Yield slices of steps whose first samples are consecutive, and these samples; all at once if there are many."""
-    stops = np.flatnonzero(np.diff(first_samples, append=-1) != 1) + 1
-    if len(stops) > 8:  # each slice takes a kernel call; more runs share one call
-        yield slice(None), first_samples
-    else:
-        for first, stop in itertools.pairwise((0, *stops.tolist())):
-            yield slice(first, stop), slice(first_samples[first], first_samples[first] + stop - first)
+        degree = min(_DEGREE, len(self.t) - 1)
+        return make_interp_spline(self.t - self.t[0], self.values, degree, axis=len(self.motions), check_finite=False)
 
 
 Signal: TypeAlias = ConstantSignal | CallableSignal | SampledSignal
 
 
-def read_signal(name: str, value: Any, t: Array, value_shape: tuple[int, ...], execution: Execution) -> Signal:
+def read_signal(name: str, value: Any, t: Array, value_shape: tuple[int, ...]) -> Signal:
     """Return a rate as a signal. `value` is a callable of t, a constant of shape `value_shape`, samples (..., N,
     *value_shape), or (..., 1, *value_shape) where the rate of each motion is constant. Whether numbers are finite is
     not checked.
@@ -191,7 +163,7 @@ def read_signal(name: str, value: Any, t: Array, value_shape: tuple[int, ...], e
         raise ShapeError(name, expected, f"shape {array.shape}")
     if array.shape == value_shape or instant_count < len(t):
         return ConstantSignal(array.reshape((*motions, *value_shape)), motions)
-    return SampledSignal(t, array, execution, motions)
+    return SampledSignal(t, array, motions)
 
 
 def _split_shape(shape: tuple[int, ...], value_shape: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
@@ -259,28 +231,3 @@ def _first_not_finite(values: Array) -> tuple[int, ...] | None:
     """Return the index of the first number that is not finite; None if all are."""
     bad = ~np.isfinite(values)
     return tuple(int(i) for i in np.unravel_index(np.argmax(bad), bad.shape)) if bad.any() else None
-
-
-@functools.cache
-def interpolation_loop(sample_count: int, node_count: int, column_count: int) -> Loop:
-    """Return the `Loop` that evaluates the polynomial through the samples of each step at its nodes. All its times
-    are relative to the start of the step.
-    """
-
-    def interpolate(v: dict[str, Any]) -> dict[str, Any]:
-        """Return values at the `offsets` of nodes from samples at times x, both since the start of the step."""
-        x = v["x"]
-        samples = [v["values"][sample_count * k : sample_count * (k + 1)] for k in range(column_count)]
-        # Lagrange's weights: products of distances without one of them.
-        scales = [1 / math.prod(one - other for i, other in enumerate(x) if i != j) for j, one in enumerate(x)]
-        values = []
-        for node in v["offsets"]:
-            distances = [node - one for one in x]
-            before = list(itertools.accumulate(distances[:-1], operator.mul, initial=1.0))
-            after = list(itertools.accumulate(distances[:0:-1], operator.mul, initial=1.0))[::-1]
-            weights = [s * (p * q) for s, p, q in zip(scales, before, after, strict=True)]
-            values += [functools.reduce(operator.add, map(operator.mul, weights, column)) for column in samples]
-        return {"values": tuple(values)}
-
-    shapes = {"x": (sample_count,), "values": (column_count, sample_count), "offsets": (node_count,)}
-    return Loop("interpolation", interpolate, shapes, {"values": (node_count, column_count)})

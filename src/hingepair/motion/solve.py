@@ -11,7 +11,6 @@ from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError
 from hingepair.motion.error_estimate import StepErrors, estimate_error
 from hingepair.motion.integrals import AngleIntegral, AttitudeIntegral, Integral
-from hingepair.motion.methods import RULES, check_method
 from hingepair.motion.signals import Signal
 from hingepair.motion.step_selection import select_steps
 from hingepair.motion.stepping import Steps
@@ -25,25 +24,23 @@ class SolveOptions(NamedTuple):
     """Options of a solver."""
 
     t: Array  # instants [s]
-    method: str  # one of RULES
     tol: float | None  # largest error [rad]; None: one step for each interval
     execution: Execution
     omega_in_body_axes: bool
     rate_names: tuple[str, str] = ("omega1", "psid")  # in errors
 
     def check(self) -> None:
-        """Raise an ArgumentError if the method or the tolerance cannot be used."""
-        check_method(self.method)
+        """Raise an ArgumentError if the tolerance cannot be used."""
         if self.tol is not None and not finite_number("tol", self.tol) > 0:
             raise ArgumentError("tol", "a positive number", self.tol)
 
     def integrals(self, omega: Signal, psid: Signal, *, planar: bool) -> tuple[Integral, AngleIntegral]:
         """Return the integrals of both rates."""
-        names, rule = self.rate_names, RULES[self.method]
-        hinge = AngleIntegral(names[1], psid, rule, self.execution)
+        names = self.rate_names
+        hinge = AngleIntegral(names[1], psid, self.execution)
         if planar:
-            return AngleIntegral(names[0], omega, rule, self.execution), hinge
-        return AttitudeIntegral(names[0], omega, rule, self.execution, self.omega_in_body_axes), hinge
+            return AngleIntegral(names[0], omega, self.execution), hinge
+        return AttitudeIntegral(names[0], omega, self.execution, self.omega_in_body_axes), hinge
 
 
 class Solution(NamedTuple):

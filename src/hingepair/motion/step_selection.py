@@ -28,6 +28,7 @@ from hingepair.motion.error_estimate import (
     rounding_error,
 )
 from hingepair.motion.integrals import Integral
+from hingepair.motion.methods import ORDER
 from hingepair.motion.stepping import Steps, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
 
@@ -46,7 +47,9 @@ class _Pieces(NamedTuple):
 
     start: Array  # [s]
     stop: Array  # [s]
-    expected: Array  # size of the error if it has fallen by the rule's order at the last division [rad]; NaN: unknown
+    expected: (
+        Array  # size of the error if it has fallen by the method's order at the last division [rad]; NaN: unknown
+    )
     errors: tuple[StepErrors, ...]  # by integral
 
     @property
@@ -58,7 +61,7 @@ class _Pieces(NamedTuple):
 
     @property
     def is_regular(self) -> NDArray[np.bool_]:
-        """Whether the error fell by the rule's order at the last division."""
+        """Whether the error fell by the method's order at the last division."""
         return self.error_sizes <= self.expected
 
     @property
@@ -86,7 +89,7 @@ class _Pieces(NamedTuple):
 def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> SelectedSteps:
     """Select integration steps between the instants t that keep the error of each integral below `tol` [rad], as far
     as MAX_STEPS can. Errors of interpolation between samples do not count. Without a tolerance each interval is one
-    step. All integrals have the same rule.
+    step.
     """
     inexact = [integral for integral in integrals if not integral.is_exact]
     if tol is None or len(t) < 2 or not inexact:
@@ -123,7 +126,7 @@ def _divided(
     """Divide pieces with errors of `sizes` (NaN: unknown) into `counts` equal parts each, and measure those."""
     parts = subdivide(start, stop, counts)
     errors = tuple(measure_errors(integral, parts.start, parts.stop, duration) for integral in integrals)
-    expected = np.repeat(sizes / counts.astype(float) ** integrals[0].rule.order, counts)
+    expected = np.repeat(sizes / counts.astype(float) ** ORDER, counts)
     return _Pieces(parts.start, parts.stop, expected, errors)
 
 
@@ -131,12 +134,11 @@ def _part_counts(integrals: Sequence[Integral], t: Array, pieces: _Pieces, tol: 
     """Return into how many equal parts each piece is divided next; all 1 if the errors are small enough."""
     sizes, is_regular = pieces.cautious_sizes, pieces.is_regular
     total, done = float(sizes.sum()), np.ones(len(sizes), np.int64)
-    order = integrals[0].rule.order
-    shares = sizes ** (1 / (order + 1))
+    shares = sizes ** (1 / (ORDER + 1))
 
     def wanted(goal: float) -> Array:
         """Return the numbers of parts that bring the sum of sizes to about the goal."""
-        return np.asarray(np.maximum(np.rint((shares.sum() / goal) ** (1 / order) * shares), 1.0))
+        return np.asarray(np.maximum(np.rint((shares.sum() / goal) ** (1 / ORDER) * shares), 1.0))
 
     if total == 0:
         return done
@@ -147,7 +149,7 @@ def _part_counts(integrals: Sequence[Integral], t: Array, pieces: _Pieces, tol: 
         allowed = max(tol - rounding, 0.5 * tol)
         if error_after(done) <= 0.8 * allowed:
             return done
-        goal, high = 0.4 * allowed / 1.5**order, total  # with this goal, numbers that are rounded down suffice too
+        goal, high = 0.4 * allowed / 1.5**ORDER, total  # with this goal, numbers that are rounded down suffice too
         for _ in range(8):  # bisections
             middle = math.sqrt(goal * high)
             goal, high = (middle, high) if error_after(wanted(middle)) <= 0.6 * allowed else (goal, middle)
@@ -166,7 +168,7 @@ def _expected_errors(
     """Return a function of the numbers of parts of the pieces, which tells the largest sum of errors at any instant
     that is to be expected of them [rad], and the largest rounding error [rad].
     """
-    steps, order = _steps_of(t, pieces), integrals[0].rule.order
+    steps = _steps_of(t, pieces)
     parts = [
         (one, steps, one.integrate(steps, one.default_start), errors)
         for one, errors in zip(integrals, pieces.errors, strict=True)
@@ -174,7 +176,7 @@ def _expected_errors(
     irregular = np.where(pieces.is_regular, 0.0, pieces.cautious_sizes)
 
     def error_after(counts: NDArray[Any]) -> float:
-        factors = counts ** -float(order)
+        factors = counts ** -float(ORDER)
         by_chance = float(np.linalg.norm(irregular * factors))
         return max(by_chance, *(largest_sum(*part, factors) for part in parts))
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from inspect import Signature
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Frozen, check_choice, read_only
 from hingepair.numeric.blocks import components_of, tabulate_one
-from hingepair.numeric.dask_arrays import DaskCollection, apply_to_chunks, holds_dask
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
@@ -62,11 +60,20 @@ class LazyValue:
         return part
 
     def __reduce__(self) -> tuple[type[LazyValue], tuple[Any]]:
-        return LazyValue, (self(),)
+        """Pickle what is computed already; the functions hold the whole integration, and often a lambda."""
+        return LazyValue, (np.frompyfunc(lambda value: not_kept if callable(value) else value, 1, 1)(self._values),)
+
+    def __deepcopy__(self, _: Any) -> LazyValue:
+        return self
+
+
+def not_kept() -> Any:
+    """Refuse to compute what a pickle does not hold."""
+    raise ArgumentError("motion", "estimates and energy balance computed before the motion was pickled", "none")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class _TrajectoryBase(DaskCollection, Frozen, Result):
+class _TrajectoryBase(Frozen, Result):
     """Instants, psi, method, steps and error estimates, and the attributes of the state."""
 
     __signature__ = (
@@ -119,28 +126,16 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         steps = int(steps) if isinstance(steps, np.integer) else steps
         return replace(self, psi=psi, state=state, steps=steps, **values)
 
-    def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return the Dask arrays by name, and a function that makes a trajectory from these, computed or lazy."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        state = values.pop("state")
-        lazy = {name: value for name, value in values.items() if holds_dask(value)}
-        others = {name: value for name, value in values.items() if name not in lazy}
-        outputs, make_state = state._dask_parts()
-        lazy |= {STATE_PREFIX + name: array for name, array in outputs.items()}
-        return lazy, functools.partial(trajectory_from_arrays, type(self), others, make_state)
-
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return the arrays of one motion by name, the instants on the first axis: the outputs that were computed,
         psi, and R1 and S1 (in the plane phi).
 
         Raises:
-            ArgumentError: the trajectory holds many motions, or its arrays are Dask arrays.
+            ArgumentError: the trajectory holds many motions.
         """
         if self.motions:
             expected = "one motion, such as trajectory[0] (of many: trajectory.to_xarray())"
             raise ArgumentError("trajectory", expected, f"motions of shape {self.motions}")
-        if holds_dask(self.psi):
-            raise ArgumentError("trajectory", "a motion in memory, such as trajectory.compute()", "Dask arrays")
         return self._arrays()
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
@@ -148,7 +143,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         instants.
         """
         count = len(self.motions)
-        if not count and not holds_dask(self.psi):
+        if not count:
             return ("time",), self.recorded()
         motion_axes = tuple(f"motion_{axis}" for axis in range(count)) if count > 1 else ("motion",) * count
         return (*motion_axes, "time"), self._arrays()
@@ -160,8 +155,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
     @property
     def error_estimate(self) -> Any:
         """Estimate of the largest error of the attitude of body 1 (in the plane of phi) at any instant, as an angle
-        [rad], with rounding: a number, or an array (...,) of many motions. It is computed at the first access; of
-        Dask arrays it is lazy, and its tasks integrate the motions again.
+        [rad], with rounding: a number, or an array (...,) of many motions. It is computed at the first access.
 
         Where rates are smooth, it differs from the actual error by a few per cent. The result of each step is
         compared with that of steps of half its length or less. Of a callable that jumps or has a kink, the estimate
@@ -172,12 +166,12 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         the error of interpolation where the motion is smooth. It is NaN for fewer than 4 samples. It does not include
         noise, rounded time stamps, nor motion that leaves no trace in the samples.
         """
-        return self._error() if isinstance(self._error, LazyValue) else self._error
+        return self._error()
 
     @property
     def psi_error_estimate(self) -> Any:
         """Estimate of the largest error of psi at any instant [rad], as `error_estimate`."""
-        return self._psi_error() if isinstance(self._psi_error, LazyValue) else self._psi_error
+        return self._psi_error()
 
     def __getattr__(self, name: str) -> Any:
         state = object.__getattribute__(self, "state")
@@ -189,7 +183,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         t, method, steps, error, psi = (
             object.__getattribute__(self, name) for name in ("t", "method", "steps", "_error", "psi")
         )
-        computed = isinstance(error, LazyValue) and error.is_computed and psi.size > 0
+        computed = error.is_computed and psi.size > 0
         estimate = f", error_estimate={np.max(error()):.2g}" if computed else ""
         names = ", ".join(object.__getattribute__(self, "state").outputs)
         motions = f"motions={psi.shape[:-1]}, " if psi.ndim > 1 else ""
@@ -239,8 +233,6 @@ class Trajectory(_TrajectoryBase):
         S1 = self.state.S1
         if S1 is not None:
             return S1
-        if holds_dask(self.quat_wxyz):
-            return apply_to_chunks(quaternions_to_matrices, {"quat_wxyz": self.quat_wxyz}, {"quat_wxyz": (4,)})
         return read_only(quaternions_to_matrices(self.quat_wxyz))
 
     def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:
@@ -287,28 +279,6 @@ class PlanarTrajectory(_TrajectoryBase):
     state: PlanarState
 
 
-STATE_PREFIX: Final = "state."  # of the names of a state's outputs among the arrays of a trajectory
-_ERRORS = {"_error", "_psi_error"}  # fields that hold a LazyValue
-
-
-def trajectory_from_arrays(
-    trajectory_class: type[_TrajectoryBase],
-    other_values: Mapping[str, Any],
-    state_function: Callable[[Mapping[str, Any]], Any],
-    arrays: Mapping[str, Any],
-) -> Any:
-    """Return a trajectory from arrays, NumPy or Dask, and other values by field name. `state_function` makes the
-    state from those whose names begin with STATE_PREFIX. Arrays in memory become read-only.
-    """
-    outputs = {name.removeprefix(STATE_PREFIX): a for name, a in arrays.items() if name.startswith(STATE_PREFIX)}
-    field_arrays = {name: array for name, array in arrays.items() if not name.startswith(STATE_PREFIX)}
-    if not holds_dask(field_arrays):
-        errors = {name: LazyValue(np.asarray(field_arrays.pop(name))) for name in field_arrays.keys() & _ERRORS}
-        field_arrays = {name: read_only(np.asarray(array)) for name, array in field_arrays.items()} | errors
-        field_arrays |= {"steps": int(field_arrays["steps"])} if np.ndim(field_arrays.get("steps", ())) == 0 else {}
-    return trajectory_class(**{**other_values, **field_arrays, "state": state_function(outputs)})
-
-
 def _describe_steps(steps: Any) -> str:
     """Return the number of steps as text.
 
@@ -316,7 +286,7 @@ def _describe_steps(steps: Any) -> str:
     ('12..40', '7')
     """
     if not isinstance(steps, np.ndarray):
-        return str(steps) if isinstance(steps, int) else "not computed"
+        return str(steps)
     return f"{steps.min()}..{steps.max()}" if steps.size else "0"
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hingepair.engine.backend import execution_of_steps
-from hingepair.motion.integrate import RATE_FRAME_NAMES
+from hingepair.motion.integrate import METHODS, RATE_FRAME_NAMES
 from hingepair.motion.signals import Signal
 from hingepair.motion.solve import SolveOptions, solve
 from hingepair.motion.trajectory import LazyValue, quaternions_to_matrices, rotate_to_world
@@ -41,8 +41,8 @@ def integrate_motion(
         **motion_fields: further fields of the motion by name, such as functions, hint and notes.
     """
     body = not planar and table.choice("frame", RATE_FRAME_NAMES) == "body"
-    method = table.text("method", "magnus6")
-    options = SolveOptions(t, method, tol, execution_of_steps("auto", len(t)), body, ("omega1", "psi_dot"))
+    method = table.choice("method", METHODS)
+    options = SolveOptions(t, tol, execution_of_steps("auto", len(t)), body, ("omega1", "psi_dot"))
     start: Any
     key_by_rate_name_in_errors = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
     with table.naming(**key_by_rate_name_in_errors):

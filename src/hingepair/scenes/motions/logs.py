@@ -18,7 +18,6 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.backend import execution_of
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import SceneError, choices, nearest, quoted
 from hingepair.measured.robust import LOSSES
@@ -602,8 +601,8 @@ def _integrate_rates(table: Table, log: Log) -> PairMotion:
     _velocity_frame(table, log)
     arrays = position | turning | hinge
     signals = (
-        SampledSignal(log.since, arrays["omega1"], execution_of("auto", 1)),
-        SampledSignal(log.since, arrays["psid"], execution_of("auto", 1)),
+        SampledSignal(log.since, arrays["omega1"]),
+        SampledSignal(log.since, arrays["psid"]),
     )
     return replace(integrate_motion(table, log.since, signals, arrays, notes=tuple(log.notes)), t=log.t)
 
