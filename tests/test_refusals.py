@@ -314,7 +314,7 @@ CALLS = {
         ("omega1", S, np.ones((10, 3)), lambda t: np.ones((3, len(t)))),
         ("omega1", A, lambda t: (math.sin(t), 0, 0)), ("psid", A, spoiled(11, 5), INF, None, math.cos),
         ("psid", D, 1j),
-        ("t", A, [0, 1, 1], [0, NAN, 1]), ("t", S, [], 1.0), ("method", A, "euler", "dop853", ["magnus6"]),
+        ("t", A, [0, 1, 1], [0, NAN, 1]), ("t", S, [], 1.0), ("method", A, "euler", "midpoint", ["magnus6"]),
         ("frame", A, "hinge"), ("tol", A, 0.0, "fine"), ("psi_0", A, NAN), ("S1_0", R, 2 * EYE),
         ("S1_0", S, np.ones((2, 3))),
         ("R1", S, np.zeros((10, 3))), ("R1", A, lambda _: None), ("phi_0", A, 1.0), ("pair", A, None),

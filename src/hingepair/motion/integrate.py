@@ -395,9 +395,15 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
     return computation.run(Arguments(inputs, {"t": psi.shape}, {}), options.execution)
 
 
-def _make_plan(pair: Constants, outputs: Outputs, arguments: Set[str], kind: MotionKind) -> Plan:
-    """Return the Plan that computes `outputs` from the `arguments` that are given; None: all outputs of body 2 that
-    these allow.
+def _needed_inputs(pair: Constants, outputs: tuple[str, ...]) -> set[str]:
+    """Return the names of the inputs that outputs need, the constants of the pair apart."""
+    computation, attitude = computation_of(pair, outputs), "phi1" if pair.kind.planar else "S1"
+    return {name for one in outputs for name in computation.missing_inputs(one, ())} | {attitude, "psi"}
+
+
+def _checked_outputs(pair: Constants, outputs: Outputs, arguments: Set[str]) -> tuple[str, ...]:
+    """Return the names of the outputs, all of body 2 for which the `arguments` suffice if `outputs` is None; refuse
+    those that need more.
     """
     available = {"S1", "phi1", "psi"} | arguments
     available |= {name for name, argument in _RATE_OF_INPUT.items() if argument in arguments}
