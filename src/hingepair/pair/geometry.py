@@ -187,14 +187,15 @@ def _hinge_frames(constants: Constants) -> HingeFrames:
     axes = turn = identity  # in the plane, the axes of both bodies at psi = 0 are those of the tree
     with np.errstate(all="ignore"):
         if constants.axis is not None:
-            axis = numbers(constants.axis)
-            n, _ = polar(axis)
-            least = numbers(least_axis(constants.arrays["n"]))
-            e2, _ = polar(tuple(c + 0.0 for c in eq.cross(axis, least)))
+            axis: Any = numbers(constants.axis)
+            n: Any = polar(axis)[0]
+            least: Any = numbers(least_axis(constants.arrays["n"]))
+            e2: Any = polar(tuple(c + 0.0 for c in eq.cross(axis, least)))[0]
             twofold = matrix_from_columns(eq.cross(e2, n), e2, n)
             axes, turn = tuple(c.high + 0.0 for c in twofold), eq.transpose(twofold)
             if constants.has_home:
-                turn = eq.compose(turn, tuple(map(Twofold, numbers(constants.arrays["home"], 2))))
+                home: Any = tuple(map(Twofold, numbers(constants.arrays["home"], 2)))
+                turn = eq.compose(turn, home)
         else:
             turn = tuple(map(Twofold, turn))
         origins = [_turned_difference(turn, p, u2) for p in ((0.0, 0.0, 0.0), *points)]
@@ -210,7 +211,7 @@ def _of_body2(constants: Constants) -> list[NDArray[np.float64]]:
 def _turned_difference(turn: Any, p: Components, u: Components) -> Components:
     """Return turn (p - u), rounded once."""
     scaled, exponent = scaled_by_power_of_two((*p, *u))
-    ends = tuple(map(Twofold, scaled))
+    ends: Any = tuple(map(Twofold, scaled))
     turned = eq.rotate(turn, eq.subtract(ends[:3], ends[3:]))
     return tuple(times_power_of_two(c.high, exponent) + 0.0 for c in turned)
 

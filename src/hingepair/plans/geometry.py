@@ -11,7 +11,18 @@ from typing import Any, ClassVar, Final
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.trace import square_root
 from hingepair.equations.derivatives import matrix_from_columns
-from hingepair.equations.spatial import ZERO_VECTOR, add, compose, cross, dot, rotate, scale, subtract, transpose
+from hingepair.equations.spatial import (
+    ZERO_VECTOR,
+    Vector,
+    add,
+    compose,
+    cross,
+    dot,
+    rotate,
+    scale,
+    subtract,
+    transpose,
+)
 from hingepair.equations.trees import Matter, Placement, with_carried
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.fronts import Front
@@ -63,7 +74,11 @@ class Geometry(Front):
         bodies: for each point of the pair, its body, 1 or 2.
     """
 
-    needs: ClassVar = {"numbers": (*GEOMETRY_SHAPES[False], *HIDDEN_SHAPES, "points")}
+    needs: ClassVar = {
+        "numbers": (*GEOMETRY_SHAPES[False], *HIDDEN_SHAPES, "points"),
+        **dict.fromkeys(("e1", "e2"), ("n", "least_axis")),
+        **dict.fromkeys(("e1_in_2", "e2_in_2", "n_in_2"), ("n", "least_axis", "home")),
+    }
 
     def __init__(self, given: Mapping[str, Any], bodies: Sequence[int]) -> None:
         super().__init__(given)
@@ -72,10 +87,8 @@ class Geometry(Front):
     @lock_free_cached_property
     def numbers(self) -> tuple[Any, ...]:
         """All constants in the order of `plans.trees`. Body 2 has the axes e1, e2 and n of body 1 at psi = 0."""
-        n, home, u1, u2, across = (self.given[name] for name in ("n", "home", "u1", "u2", "least_axis"))
-        e1 = subtract(across, scale(n, dot(n, across)))
-        e1 = scale(e1, 1.0 / square_root(dot(e1, e1)))
-        axes = matrix_from_columns(e1, cross(n, e1), n)
+        n, home, u1, u2 = (self.given[name] for name in ("n", "home", "u1", "u2"))
+        axes = matrix_from_columns(self.e1, self.e2, n)
         turn = compose(transpose(axes), home)
         arm = scale(rotate(turn, u2), -1.0)  # from the hinge point to R2
         base, second = self._matter(0), self._matter(1)
@@ -91,6 +104,41 @@ class Geometry(Front):
             *axes, *u1, moved.mass, *moved.first, *moved.second, *_ROTOR, hinge,
             force, torque, *frames,
         )  # fmt: skip
+
+    @lock_free_cached_property
+    def e1(self) -> Vector:
+        """Unit vector across n."""
+        n, across = self.given["n"], self.given["least_axis"]
+        e1 = subtract(across, scale(n, dot(n, across)))
+        return scale(e1, 1.0 / square_root(dot(e1, e1)))
+
+    @property
+    def e2(self) -> Vector:
+        """Unit vector across n and e1."""
+        return cross(self.given["n"], self.e1)
+
+    @property
+    def e1_in_2(self) -> Vector:
+        """C^-1 e1."""
+        return self._in_body2(self.e1)
+
+    @property
+    def e2_in_2(self) -> Vector:
+        """C^-1 e2."""
+        return self._in_body2(self.e2)
+
+    @property
+    def n_in_2(self) -> Vector:
+        """C^-1 n."""
+        return self._in_body2(self.given["n"])
+
+    def _in_body2(self, v: Vector) -> Vector:
+        """Return C^-1 v: a vector of body-1 axes at psi = 0 in the axes of body 2."""
+        a, b, c = (self.given["home"][k::3] for k in range(3))
+        sides = cross(b, c), cross(c, a), cross(a, b)
+        volume = dot(a, sides[0])
+        x, y, z = (dot(side, v) / volume for side in sides)
+        return x, y, z
 
     def _matter(self, body: int) -> Matter:
         """Return the matter of body 1 (`body` 0) or 2 (1), about its reference point, in its axes."""

@@ -335,8 +335,9 @@ class PairRequest(NamedTuple):
                 names |= needed_names(fronts, _output(self, name).inputs)
                 constants = True
         shapes = {**(PLANE if self.planar else SPACE).shapes}
-        if constants and self.by_geometry:
+        if self.by_geometry:
             shapes |= {**GEOMETRY_SHAPES[self.planar], **HIDDEN_SHAPES}
+        if constants and self.by_geometry:
             shapes["points"] = (len(self.points) * (3 - self.planar),)
             names |= needed_names(fronts, ("numbers",)) - ({"points"} if not self.points else set())
         elif constants:

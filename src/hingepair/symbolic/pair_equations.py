@@ -136,7 +136,9 @@ def _velocity2(v1: Vector, omega1: Vector, r1: Vector, omega2: Vector, r2: Vecto
     return eq.add(v1, eq.subtract(eq.cross(omega1, r1), eq.cross(omega2, r2)))
 
 
-def _acceleration2(a1: Vector, rates1: Any, r1: Vector, rates2: Any, r2: Vector) -> Vector:
+def _acceleration2(
+    a1: Vector, rates1: tuple[Vector, Vector], r1: Vector, rates2: tuple[Vector, Vector], r2: Vector
+) -> Vector:
     """Return a2 = a1 + r1'' - r2'' (E9), where rates1 = (omega1, alpha1) and rates2 = (omega2, alpha2)."""
     return eq.add(a1, eq.subtract(eq.point_acceleration(*rates1, r1), eq.point_acceleration(*rates2, r2)))
 
@@ -191,7 +193,7 @@ def _of_point(point: Point, planar: bool) -> Mapping[str, Equation]:
         }
     lifted, across, turned = (f"{word} {name}" for word in ("lifted", "across", "turned"))
     omega, alpha = ("omega1", "alpha1") if k == 1 else ("omega2 in space", "alpha2 in space")
-    in_space = {
+    in_space: dict[str, Equation] = {
         "R": (eq.add, (f"R{k} in space", arm)),
         "v": (_point_velocity, (f"v{k} in space", omega, arm)),
         "a": (_point_acceleration, (f"a{k} in space", omega, alpha, arm)),
