@@ -159,7 +159,7 @@ def test_sizes_are_refused_before_anything_is_allocated(tmp_path, monkeypatch):
     for name in ("log.csv", "log.npz", "log.parquet"):
         with monkeypatch.context() as patch:
             patch.setattr("hingepair.tables.column_file.MAX_FILE_ROWS", 11)
-            with pytest.raises(hp.SceneError, match="at most 11 samples, got 12"):
+            with pytest.raises(hp.SceneError, match="at most 11 samples, got "):
                 scene_of(tmp_path, GOOD, name=name)
             patch.setattr("hingepair.tables.column_file.MAX_FILE_BYTES", 100)
             with pytest.raises(hp.SceneError, match="at most 100 bytes"):

@@ -98,3 +98,20 @@ def test_a_log_of_psi_alone_is_that_of_a_body_1_at_rest(tmp_path, rates):
     assert "body 1 rests at the origin, since the log has psi alone" in logged.motion.notes
     assert given.motion.how == "body 1 rests at the origin"
     assert not given.evaluate(("R1", "omega1", "a1")).R1.any()
+
+
+def test_a_unit_in_a_heading_counts_where_the_scene_names_the_column(tmp_path: Path) -> None:
+    rows = "".join(f"{k},{k},{10 * k}\n" for k in range(10))
+    (tmp_path / "log.csv").write_text("Time [ms],Angle [deg],Knick (°)\n" + rows, encoding="utf-8")
+    for heading, factor in (("Angle [deg]", 1.0), ("Knick (°)", 10.0)):
+        names = f'[motion.columns]\nt = "Time [ms]"\npsi = "{heading}"\n'
+        (tmp_path / "scene.toml").write_text(PAIR.format("log.csv") + names, encoding="utf-8")
+        result = hp.load_scene(tmp_path / "scene.toml").evaluate(("psi",))
+        np.testing.assert_allclose(result.psi, np.radians(factor * np.arange(10)), rtol=1e-15)
+        np.testing.assert_allclose(result.t, 1e-3 * np.arange(10), rtol=1e-15)
+    names = '[motion.columns]\nt = "Time [ms]"\npsi = "Time [ms]"\n'
+    (tmp_path / "scene.toml").write_text(PAIR.format("log.csv") + names, encoding="utf-8")
+    with pytest.raises(hp.SceneError, match=r"columns\.psi\.unit: expected one of rad, .* got 'ms'"):
+        hp.load_scene(tmp_path / "scene.toml")
+    data = {"t": np.arange(3.0), "X [mm]": [0.0, 1000, 2000], "y": np.zeros(3), "z": np.zeros(3)}
+    assert hp.read_recording(data, columns={"x": "X [mm]"}).body1.R[:, 0].tolist() == [0.0, 1.0, 2.0]

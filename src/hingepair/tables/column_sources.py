@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, choices, nearest, nearest_name, quoted
-from hingepair.tables.units import SCALES
+from hingepair.tables.units import SCALES, heading_unit
 
 _COMPASS: Final = "compass"  # unit of headings in degrees, clockwise from north
 
@@ -65,7 +65,7 @@ def read_column_sources(
             raise ArgumentError(f"columns.{name}", expected, quoted(entry))
         own = unit_of(name)
         column = str(given.get("name", name))
-        unit = str(given.get("unit") or stated_units.get(column) or own)
+        unit = str(given.get("unit") or stated_units.get(column) or heading_unit(column) or own)
         if unit == _COMPASS and name in headings:
             sources[name] = ColumnSource(column, compass=True)
             continue

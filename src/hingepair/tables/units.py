@@ -171,6 +171,18 @@ IN_SI: Final = Columns()
 """Quantities of the registry in SI units."""
 
 
+def heading_unit(heading: str) -> str:
+    """Return the unit in a heading, in brackets or parentheses behind a name; an empty text if there is none that is
+    known.
+
+    >>> heading_unit("Angle [deg]"), heading_unit("Kurs (\N{DEGREE SIGN})"), heading_unit("Angle [raw]")
+    ('deg', 'deg', '')
+    """
+    match = re.fullmatch(r".*[\[(]([^][()]+)[\])]\s*", heading)
+    unit = _in_ascii(match[1].strip()) if match else ""
+    return unit if any(unit == si or unit in scales for si, scales in SCALES.items()) else ""
+
+
 def read_heading(heading: str, si_unit: Callable[[str], str]) -> tuple[str, float]:
     """Return the name in a heading with a unit, and the factor from that unit to the SI unit; other headings are
     names.

@@ -37,7 +37,7 @@ from hingepair.scenes.motions.known import HINGE_NAMES, MotionByCoordinates, mot
 from hingepair.scenes.motions.motion import PairMotion, PairMotionSource, euler_axes_phrase
 from hingepair.scenes.tables import NamedSource, Table
 from hingepair.tables.angle_columns import PlanarColumns, doubts_about_angles, headings_among, planar_zeros
-from hingepair.tables.column_file import ColumnRequest, csv_column, read_columns
+from hingepair.tables.column_file import ColumnRequest, read_columns
 from hingepair.tables.column_sources import ColumnSource, check_once, in_own_names, read_column_sources
 from hingepair.tables.column_tables import ColumnTable
 from hingepair.tables.instants import MeasurementWarning, gap_sentences, instants_of, split_at_gaps
@@ -253,15 +253,8 @@ class Log(NamedSource):
             self._kept_rows = np.flatnonzero(kept)
             self._complete_planar_columns("no column was named for" if sources else "the log has no")
             stamps = self.columns["t"]
-            t = instants_of("t", stamps)
-            # s: doubles of this size are rounded to more than 1e-11 s
-            late = kind == ".csv" and stamps.dtype.kind == "f" and abs(t[0]) > 1e5
-            source = sources.get("t", ColumnSource("t"))
-            instants = (
-                source.converted(csv_column(path, source.column, np.longdouble, read_own_heading)[kept])
-                if late and isinstance(path, Path)
-                else t
-            )
+            rounded = stamps.astype(np.float64) if stamps.dtype == np.longdouble else stamps
+            t = instants_of("t", rounded)
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
             unit = "" if stamps.dtype.kind in "mM" else " ns"
             self.notes.append(f"t is counted from the first stamp of the log, {stamps[0]}{unit}")
@@ -270,7 +263,8 @@ class Log(NamedSource):
         self.notes += gap_sentences("t", t)
         self._judge_units(sources, stated)
         self.t = np.asarray(read_only(t))
-        self.since = np.asarray(instants - instants[0], dtype=np.float64)
+        precise = stamps if stamps.dtype == np.longdouble else t
+        self.since = np.asarray(precise - precise[0], dtype=np.float64)
 
     def _judge_units(self, sources: Mapping[str, ColumnSource], stated: Set[str]) -> None:
         """Add notes on columns that are probably not in SI units, unless they are converted or in `stated`."""
