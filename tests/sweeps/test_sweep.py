@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import json
 import os
 import re
 import signal
@@ -17,10 +16,8 @@ from numpy.testing import assert_array_equal
 import hingepair as hp
 
 pytest.importorskip("dask.distributed", reason="the extra dask is not installed")
-pytest.importorskip("zarr", reason="the extra dask is not installed")
 
 import pyarrow.parquet as pq
-import zarr
 
 from hingepair.sweeps import stores
 from hingepair.sweeps import sweep as sweeps
@@ -164,9 +161,6 @@ def test_results_are_in_the_units_of_the_sweep_or_of_the_command():
     np.testing.assert_allclose(whole["R2_x [mm]"][31:], 1e3 * motion.R2[:, 0], rtol=1e-12)
     np.testing.assert_allclose(whole["psi [deg]"][31:], np.degrees(motion.psi), rtol=1e-12)
     assert_array_equal(whole["t [s]"][31:], motion.t)
-    group = zarr.open_group(swept("whole", "whole.zarr"))
-    assert group["R2"].attrs["units"] == "mm"
-    np.testing.assert_allclose(group["R2"][1], 1e3 * motion.R2, rtol=1e-12)
     run_sweep(load_sweep("whole.toml", "rpm, m"), Path("other.parquet"))
     assert "R2_x [m]" in table(Path("other.parquet"))
     with pytest.raises(hp.SceneError, match="units: expected one of"):
@@ -185,26 +179,15 @@ KINDS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", [".zarr", ".parquet"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_whole_motions_are_those_of_the_scenes(kind, ending):
+def test_whole_motions_are_those_of_the_scenes(kind):
     name, text, key, (old, new), output = KINDS[kind]
     sweep = (
         f'scene = "{name}.toml"\noutputs = ["{output}"]\nchunk = 2\n[[vary]]\nkey = "{key}"\nvalues = [1, 2, 2.5]\n'
     )
-    path = swept("whole", f"whole{ending}", sweep)
+    path = swept("whole", "whole.parquet", sweep)
     scenes = [scene_with(text, (old, new.format(value))) for value in (1, 2, 2.5)]
     expected = [scene.evaluate((output,)).requested_arrays() for scene in scenes]
-    if ending == ".zarr":
-        group = zarr.open_group(path, mode="r")
-        assert_array_equal(group[key][:], [1, 2, 2.5])
-        assert_array_equal(group["t"][:], [scene.times() for scene in scenes])
-        assert json.loads(json.dumps(dict(group.attrs)))["sweep"]["variants"] == 3
-        for name, array in expected[0].items():
-            assert group[name].shape == (3, *array.shape)
-            for i in range(3):
-                assert np.abs(group[name][i] - expected[i][name]).max() < 1e-12
-        return
     found = table(path)
     assert_array_equal(found["variant"], np.repeat([0, 1, 2], scenes[0].samples))
     assert_array_equal(found["t"], np.concatenate([scene.times() for scene in scenes]))
@@ -361,7 +344,7 @@ def test_a_sweep_needs_no_package_for_a_csv_file(monkeypatch):
     for module in (stores, sweeps):
         monkeypatch.setattr(module, "find_spec", lambda name: None if name in {"dask", "pyarrow"} else there(name))
     shown = refusal("sweep", "grid.toml", "--out", "grid.parquet")
-    assert "sweep: expected the package pyarrow: pip install 'hingepair[dask]'; or --out" in shown
+    assert "sweep: expected the package pyarrow: pip install 'hingepair[data]'; or --out" in shown
     assert not Path("grid.parquet.parts").exists()
     run_command("sweep", "grid.toml")
     header, *rows = Path("grid.csv").read_text().splitlines()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError
-from hingepair.numeric.arrays import FloatArray, read_only
-from hingepair.numeric.dask_arrays import DaskCollection, holds_dask
+from hingepair.numeric.arrays import FloatArray, read_only, real_array
 from hingepair.tables.data_frames import data_frame, dataset, sample_rows
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
 from hingepair.tables.units import Columns, Units
@@ -19,11 +17,9 @@ from hingepair.tables.units import Columns, Units
 _METHODS: Final = ("arrays", "outputs", "shape", "to_dataframe", "to_xarray")  # that `dir` lists
 
 
-class Results(DaskCollection, Shown):
+class Results(Shown):
     """Results of a call by name: read-only NumPy arrays, or arrays of another library. They are available as
     results[name] and, for the names in the class's `__slots__`, as attributes.
-
-    `dask.compute` takes results that are Dask arrays as one, and returns them of the same class in memory.
 
     Args:
         arrays: the results by name, each of shape (*shape, ...).
@@ -59,22 +55,20 @@ class Results(DaskCollection, Shown):
             units: units in place of SI units, such as "deg, mm"; the headings then say the units: "R2_x [mm]".
 
         Raises:
-            ArgumentError: the samples have more than one axis, the arrays are Dask arrays, or a unit is unknown.
+            ArgumentError: the samples have more than one axis, the arrays are not in memory, or a unit is unknown.
             MissingDependencyError: pandas is not installed.
         """
         columns = Columns(Units.of(units), self._unit)
         if len(self.shape) > 1:
             raise ArgumentError("to_dataframe", "one sample, or samples along one axis", f"shape {self.shape}")
-        recorded = self._recorded()
-        if holds_dask(recorded):
-            raise ArgumentError("to_dataframe", "arrays in memory, such as those of compute()", "Dask arrays")
+        recorded = {name: real_array(name, array) for name, array in self._recorded().items()}
         return data_frame(sample_rows(recorded, len(self.shape)), columns, type(self).__name__)
 
     def to_xarray(self, units: str | None = None) -> Any:
         """Return an xarray Dataset with a variable for each output, named as the columns of `to_dataframe` begin.
 
         The samples have the dimension `sample`, or sample_0, sample_1, ...; a vector has `xyz` or `xy`, a matrix
-        `xyz` for its rows (world axes) and `body_xyz` for its columns. Dask arrays stay lazy.
+        `xyz` for its rows (world axes) and `body_xyz` for its columns.
 
         Args:
             units: units in place of SI units, such as "deg, mm"; the names stay as they are.
@@ -85,9 +79,7 @@ class Results(DaskCollection, Shown):
         """
         axes = len(self.shape)
         leading = ("sample",) if axes == 1 else tuple(f"sample_{k}" for k in range(axes))
-        recorded = {
-            name: array if holds_dask(array) else np.asarray(array) for name, array in self._recorded().items()
-        }
+        recorded = {name: real_array(name, array) for name, array in self._recorded().items()}
         return dataset(recorded, leading, Columns(Units.of(units), self._unit), type(self).__name__)
 
     def _recorded(self) -> dict[str, Any]:
@@ -97,13 +89,6 @@ class Results(DaskCollection, Shown):
     def _unit(self, name: str) -> str:
         """Return the SI unit of an array of `_recorded`, or of one of its components."""
         return unit_of(name)
-
-    def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return the Dask arrays among the results, and a function that returns results with the computed ones."""
-        arrays = self.arrays()
-        lazy = {name: array for name, array in arrays.items() if holds_dask(array)}
-        others = {name: None if name in lazy else array for name, array in arrays.items()}
-        return lazy, functools.partial(_results_of, type(self), others, self.shape)
 
     def __getitem__(self, name: str) -> FloatArray:
         """Return an output by its name; outputs that are not attributes of the class are available here only.
@@ -161,13 +146,6 @@ def writable_arrays(results: Results) -> dict[str, FloatArray]:
             if isinstance(part, np.ndarray) and not part.flags.writeable:
                 part.flags.writeable = True
     return {name: np.array(a) if isinstance(a, np.generic) else a for name, a in zip(names, arrays, strict=True)}
-
-
-def _results_of(
-    result_class: type[Results], arrays: Mapping[str, Any], shape: tuple[int, ...], replacements: Mapping[str, Any]
-) -> Results:
-    """Return results of a class with arrays, of which Dask has computed those in `replacements`."""
-    return result_class({**arrays, **replacements}, shape)
 
 
 def _user_view(array: Any) -> Any:

@@ -47,9 +47,8 @@ from hingepair.mechanism.states import (
 )
 from hingepair.mechanism.tree import Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, is_zero, one_constant, set_frozen
-from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.pair.body import warn_of_dynamics
-from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion
+from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.arguments import Coordinates, renamed_out, requested_outputs
@@ -403,17 +402,6 @@ class MechanismMethods(Frozen, Shown):
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
         coordinates |= {} if tau is None else {"tau": tau}
         labelled_loads = self._base_loads(force1, torque1)
-        if holds_dask(coordinates, base_motion, labelled_loads):
-            dof = (len(self._constants.names),)
-            tails = {
-                **dict.fromkeys(coordinates, dof),
-                **dict.fromkeys(labelled_loads, (3,)),
-                "base_motion": MOTION_SHAPES,
-            }
-            options = {"frames": frames, "outputs": outputs, "gravity": gravity}
-            loads = {name: value for name, (value, _) in labelled_loads.items()}
-            arguments = {**coordinates, **loads, "base_motion": base_motion, **options}
-            return apply_to_chunks(self.error_bounds, arguments, tails, self._table_columns)
         accepted = tuple(name for name in self._available(ALL_OUTPUTS) if name not in TASKS["joint_wrenches"].outputs)
         asked = requested_outputs(
             outputs, None, (*accepted, *_TORQUE_SLOPES), TASKS[self._level(coordinates)].outputs
@@ -1315,9 +1303,6 @@ class MechanismMethods(Frozen, Shown):
         self._check_needed_inputs(computation, coordinates, computed)
         all_loads, asked = {**acting, **(loads or {})}, None
         if derivative:
-            if holds_dask(coordinates, base_motion, all_loads):
-                expected = "arrays in memory, to compute derivatives"
-                raise ArgumentError("q", expected, "a Dask array among the arguments")
             size = (self._constants.form.dof + 6 * (self.base == "free"),)
             by = tuple((name.partition("_")[2], size) for name in names) if by_arguments else ()
             asked = Derivative(derivative, names, by)
@@ -1486,10 +1471,6 @@ class MechanismMethods(Frozen, Shown):
                     expected = "0: a fixed base is not moved by forces (base='free' is)"
                     raise ArgumentError(name, expected, quoted(value))
         return loads
-
-    def _table_columns(self, name: str, table: Any) -> tuple[str, ...]:
-        """Return the names of the columns of a table that hold q, qd, qdd or tau."""
-        return self._tree.coordinate_names.table_columns(name, table)
 
     def _check_masses(self) -> None:
         """Refuse a body whose mass was never given, and masses that overflow."""

@@ -220,8 +220,7 @@ def row_norms(rows: Float64Array) -> Float64Array:
 
 
 def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
-    """Return the shape to which shapes by name broadcast; where a size is unknown (NaN, of a Dask array), that with
-    the most axes.
+    """Return the shape to which shapes by name broadcast.
 
     Raises:
         ShapeError: names the first that does not fit those before it.
@@ -234,8 +233,6 @@ def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
             shape = np.broadcast_shapes(shape, other)
         except ValueError:
             raise ShapeError(name, f"leading shape that broadcasts with {shape}", f"shape {other}") from None
-        except TypeError:  # NaN, the size of a Dask array whose chunks have unknown sizes
-            return max(shapes.values(), key=len)
     return shape
 
 

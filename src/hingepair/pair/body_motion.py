@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import Frozen, broadcast_shape, own_copy, read_only, vectors
-from hingepair.numeric.dask_arrays import holds_dask, unwrap_lazy_xarray
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
 
 MOTION_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
@@ -25,7 +24,7 @@ MOTION_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
 class BodyMotion(Frozen):
     """Position, attitude, velocities and accelerations of one body at one or many samples, in world axes.
 
-    Arrays are copied and read-only. Those of Dask are kept, and S is then checked chunk by chunk when it is computed.
+    The arrays are copied and read-only.
 
     Args:
         R: position of the body's reference point [m]; shape (..., 3).
@@ -67,10 +66,8 @@ class BodyMotion(Frozen):
         alpha: ArrayLike | None = None,
     ) -> None:
         array_by_name: dict[str, Any] = {"R": R, "S": S, "v": v, "omega": omega, "a": a, "alpha": alpha}
-        array_by_name = {name: unwrap_lazy_xarray(value) for name, value in array_by_name.items()}
-        lazy = holds_dask(array_by_name)
         _set_arrays(self, array_by_name, array_by_name)
-        if self.S is not None and not lazy:
+        if self.S is not None:
             check_rotation("S", self.S)
 
     def __repr__(self) -> str:
@@ -182,17 +179,13 @@ def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any], copied: Collection[
 
 
 def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
-    """Return an array of NumPy as a read-only view, and one of Dask as it is."""
-    if not holds_dask(value):
-        try:
-            return read_only(vectors(name, value, *sample_shape))
-        except ShapeError as error:
-            if sample_shape == (3,) and np.shape(value)[-1:] == (2,):
-                raise ShapeError(name, "shape (..., 3), of what moves in the plane (x, y, 0)", error.got) from None
-            raise
-    if value.shape[max(0, value.ndim - len(sample_shape)) :] != sample_shape:
-        raise ShapeError(name, f"shape (..., {', '.join(map(str, sample_shape))})", f"shape {value.shape}")
-    return value
+    """Return an array as a read-only view."""
+    try:
+        return read_only(vectors(name, value, *sample_shape))
+    except ShapeError as error:
+        if sample_shape == (3,) and np.shape(value)[-1:] == (2,):
+            raise ShapeError(name, "shape (..., 3), of what moves in the plane (x, y, 0)", error.got) from None
+        raise
 
 
 def motion_inputs(
@@ -210,10 +203,10 @@ def motion_inputs(
 
 
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a BodyMotion with these letters as NumPy arrays, by input name, such as S1.
+    """Return the arrays of a BodyMotion with these letters by input name, such as S1.
 
     Raises:
-        ArgumentError: not a BodyMotion, or an array is missing or a Dask array.
+        ArgumentError: not a BodyMotion, or an array is missing.
     """
     if not isinstance(body, BodyMotion):
         raise ArgumentError(name, "a BodyMotion", quoted(body))
@@ -223,6 +216,4 @@ def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[A
             raise ArgumentError(
                 f"{name}.{letter}", f"a value, as in BodyMotion(..., {letter}=...): an output needs it", None
             )
-    if holds_dask(arrays):
-        raise ArgumentError(name, "arrays in memory, such as what .compute() returns", "Dask arrays")
     return arrays

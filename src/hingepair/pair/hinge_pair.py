@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any, Final, overload
 
@@ -14,7 +14,6 @@ from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, Frozen, call_text, number_not_below_0, one_constant, set_frozen
-from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.pair import accuracy, requests, residuals, tolerances
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion, motion_inputs
@@ -336,8 +335,6 @@ class HingePair(Frozen, Shown):
             return accuracy.error_bounds(self.constants, given, level, outputs)
         if psidd is not None:
             raise ArgumentError("psidd", "nothing, since the first argument is no BodyMotion", quoted(psidd))
-        if holds_dask(q, qd, qdd):
-            return requests.lazily(self, self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs, sequence=sequence)
         given = requests.coordinate_rows(q, qd, qdd)
         find_sequence(sequence)
         return accuracy.error_bounds(self.constants, given, len(given) - 1, outputs, sequence)
@@ -553,11 +550,8 @@ class HingePair(Frozen, Shown):
             t: instants of the samples, numbers [s] or datetime64, by which the worst ones are named.
 
         Returns:
-            The `Residuals`, in NumPy whatever the motions are, since a verdict needs numbers (`prepare` computes gap,
-            tilt and so on under `jax.jit`); `.ok` says whether all are within their tolerances, `print` gives a
-            table. Residuals that are not finite at a sample are not compared there. Of Dask arrays, a
-            `LazyResiduals`: `.compute()` returns the `Residuals` in memory, `.compute_summary()` those of motions
-            larger than memory.
+            The `Residuals`; `.ok` says whether all are within their tolerances, `print` gives a table. Residuals
+            that are not finite at a sample are not compared there.
 
         Raises:
             ArgumentError: a tolerance is given for a residual that needs velocities or accelerations which the
@@ -572,17 +566,7 @@ class HingePair(Frozen, Shown):
         >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
         True
         """
-        if holds_dask(body1, body2):
-            arrays = requests.lazily(self, self._residual_arrays, body1=body1, body2=body2, tolerances=tolerances)
-            lazy: Any = residuals.lazy_residuals(arrays, self.name, body1, body2, tolerances, t)
-            return lazy
         return residuals.residuals(self.constants, self.name, body1, body2, tolerances, t)
-
-    def _residual_arrays(
-        self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
-    ) -> dict[str, NDArray[Any]]:
-        """Return the arrays of a report of `residuals`, for chunks of Dask arrays."""
-        return residuals.residual_arrays(self.constants, body1, body2, tolerances)
 
     def jacobian(
         self,
@@ -683,7 +667,7 @@ class HingePair(Frozen, Shown):
             The PoseCovariance; of a point, `found["handle"]` is the PointCovariance of its position.
 
         Raises:
-            ArgumentError: no tolerance is given, two for one dimension, or one of a point for Dask arrays.
+            ArgumentError: no tolerance is given, or two for one dimension.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -696,13 +680,6 @@ class HingePair(Frozen, Shown):
         """
         given: dict[str, Any] = {"u1": u1, "u2": u2, "axis": axis, "home": home}
         given |= {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
-        if holds_dask(body1, psi):
-            if points:
-                raise ArgumentError("points", "None for Dask arrays", quoted(points))
-            plain = replace(self, points1={}, points2={})
-            return requests.lazily(
-                plain, plain.propagate_covariance, body1=body1, psi=psi, covariance=covariance, **given
-            )
         return tolerances.propagate_covariance(self.constants, body1, psi, covariance, points, **given)
 
     def constraint_jacobian(

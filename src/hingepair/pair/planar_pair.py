@@ -13,7 +13,6 @@ from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, call_text, set_frozen
-from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.pair import accuracy, requests
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import motion_of_rotations
@@ -175,8 +174,6 @@ class PlanarPair(Frozen, Shown):
         >>> f"{pair.error_bounds((0, 0, 0.5, 0.25))['R2']:.0e}"
         '7e-16'
         """
-        if holds_dask(q, qd, qdd):
-            return requests.lazily(self, self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs)
         given = requests.coordinate_rows(q, qd, qdd)
         return accuracy.error_bounds(self.constants, given, len(given) - 1, outputs)
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import functools
-import itertools
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +13,6 @@ from hingepair.engine.results import Results
 from hingepair.equations.quantities import attribute_texts
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
-from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_arrays
 from hingepair.pair.geometry import Constants
@@ -28,6 +25,10 @@ _HEADINGS = (
     *("residual", "", "rms", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "at t"),
     *("compared", ""),
 )
+
+
+# Attributes of a report beside those of all results.
+_OF_REPORTS = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi", "name", "t", "u")
 
 
 class ResidualCheck(NamedTuple):
@@ -131,10 +132,6 @@ class Residuals(Results):
     def _facts(self) -> tuple[Any, ...]:
         return self.rows, self.name, self.skipped, self.u, self.t
 
-    def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        lazy, _ = super()._dask_parts()
-        return lazy, functools.partial(_with_arrays, self.arrays(), self.shape, self._facts())
-
     def _recorded(self) -> dict[str, Any]:
         return self.arrays() if self.t is None else {"t": self.t, **self.arrays()}
 
@@ -165,12 +162,10 @@ class Residuals(Results):
             axis: index of the time axis among the axes of the samples.
 
         Raises:
-            ArgumentError: the samples have no such axis, or psi is a Dask array.
+            ArgumentError: the samples have no such axis.
         """
         if isinstance(axis, bool) or not isinstance(axis, int) or not -len(self.shape) <= axis < len(self.shape):
             raise ArgumentError("axis", f"an axis of samples of shape {self.shape}", quoted(axis))
-        if holds_dask(self.psi):
-            raise ArgumentError("psi", "an array in memory, as in the report that compute() returns", "a Dask Array")
         psi = np.array(self.psi)
         rows = np.moveaxis(psi, axis, -1)
         for index in np.ndindex(rows.shape[:-1]):
@@ -233,206 +228,11 @@ _KINDS = {
 }
 
 
-class LazyResiduals(Results):
-    """Report on the residuals of motions that hold Dask arrays: the arrays of `Residuals` as Dask arrays.
-
-    `report.compute()`, or `dask.compute(report)`, returns the `Residuals` in memory; `report.compute_summary()`
-    computes rows and verdict chunk by chunk, and leaves the arrays lazy.
-
-    Attributes:
-        ratio: largest residual / tolerance of each sample, at most 1 if it passes; NaN if none is finite.
-        shape: leading shape of the samples.
-        outputs: names of the arrays.
-        name: name of the pair.
-        t: instants of the samples; None if they were not given.
-    """
-
-    __slots__ = (*_ARRAYS, "_summary", "_u", "name", "ratio", "t")
-
-    def __init__(
-        self, arrays: Mapping[str, Any], shape: tuple[int, ...], name: str, t: Any, u: float, summary: Any
-    ) -> None:
-        super().__init__(arrays, shape)
-        for key, value in {"name": name, "t": t, "_u": u, "_summary": summary}.items():
-            object.__setattr__(self, key, value)
-
-    def compute_summary(self, **options: Any) -> Residuals:
-        """Compute rows and verdict, chunk by chunk; the arrays stay lazy. Keyword arguments go to `dask.compute`."""
-        import dask
-
-        (summary,) = dask.compute(self._summary, **options)
-        return _make_report(self.name, self.t, self._u, summary, self.arrays())
-
-    def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return the arrays and the summary, which are not computed yet, and what makes a report of them."""
-        lazy = {**self.arrays(), "summary": self._summary}
-        return lazy, functools.partial(_report_from_parts, self.name, self.t, self._u)
-
-    def __getattr__(self, name: str) -> Any:
-        if name in _ABSENT_WHEN_LAZY:
-            expected = f"LazyResiduals has no {name!r} before it is computed: report.compute(), or of motions larger"
-            raise AttributeError(f"{expected} than memory report.compute_summary()", name=name, obj=self)
-        return super().__getattr__(name)  # type: ignore[misc]
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.arrays(), self.shape, self.name, self.t, self._u, self._summary)
-
-    def __str__(self) -> str:
-        title = f"{self.name}: two motions against the constraints, samples of shape {self.shape}; not computed"
-        chunked = "report.compute_summary() computes the rows and the verdict chunk by chunk"
-        return f"{title}\nreport.compute(), or dask.compute(report), computes it; {chunked}"
-
-    def __repr__(self) -> str:
-        return f"LazyResiduals(shape={self.shape}, not computed, outputs=({', '.join(self.outputs)}))"
-
-
-# Attributes that a LazyResiduals does not have.
-_ABSENT_WHEN_LAZY = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
-_OF_REPORTS = (*_ABSENT_WHEN_LAZY, "name", "t", "u")  # attributes of `Residuals` beside those of all results
-
-
-def lazy_residuals(
-    arrays: Mapping[str, Any],
-    name: str,
-    body1: BodyMotion,
-    body2: BodyMotion,
-    tolerances: Mapping[str, float] | None,
-    t: ArrayLike | None,
-) -> LazyResiduals:
-    """Return the LazyResiduals of two motions, made of the Dask arrays of `residual_arrays`; nothing is computed.
-
-    Raises:
-        ArgumentError: t is a Dask array, or does not broadcast to the samples.
-    """
-    from dask import delayed
-
-    if holds_dask(t):
-        raise ArgumentError("t", "instants in memory, such as t.compute()", f"a Dask {type(t).__name__}")
-    shape = arrays["psi"].shape
-    if t is not None and not any(math.isnan(size) for size in shape):
-        t = _broadcast_instants(t, shape)
-    blocks = {key: array.to_delayed(optimize_graph=False) for key, array in arrays.items() if key in _COMPARED}
-    kinds = [kind for kind in _KINDS if _SIZE + kind in blocks]
-    given = tuple(_check_tolerances(tolerances))
-    grid = blocks[_SIZE + kinds[0]].shape
-    summaries = []
-    for index in np.ndindex(grid):
-        compared = {kind: (blocks[_SIZE + kind][index], blocks[_TOLERANCE + kind][index]) for kind in kinds}
-        summaries.append(delayed(_summarize, pure=True)(compared, given))
-    summary = delayed(_merge_summaries, pure=True)(summaries, grid)
-    report_arrays = {key: array for key, array in arrays.items() if key not in _COMPARED}
-    return LazyResiduals(report_arrays, shape, name, t, _largest_roundoff(_dtypes(body1, body2)), summary)
-
-
-class _Summary(NamedTuple):
-    """Summary of the residuals at some samples."""
-
-    # comparison of each residual with its tolerance, without instants. The index of the worst sample counts from the
-    # first of these samples
-    rows: tuple[ResidualCheck, ...]
-    shape: tuple[int, ...]  # leading shape of the samples
-    skipped: int  # number of samples at which at least one residual is not finite
-
-
-def _summarize(compared: Mapping[str, tuple[Any, Any]], given: Collection[str]) -> _Summary:
-    """Return the summary of sizes and tolerances by kind; those of the kinds in `given` are the user's."""
-    rows, finite = [], np.True_
-    for kind, one in compared.items():
-        sizes, tolerance = map(np.asarray, one)
-        rows.append(_worst_sample_check(kind, sizes, tolerance, _basis(kind, given)))
-        finite = finite & (sizes != -np.inf)
-    return _Summary(tuple(rows), finite.shape, int((~finite).sum()))
-
-
-def _merge_summaries(summaries: Sequence[_Summary], grid_shape: tuple[int, ...]) -> _Summary:
-    """Merge the summaries of all chunks, which come in C order of a grid."""
-    by_index = dict(zip(np.ndindex(grid_shape), summaries, strict=True))
-    starts = []  # along each axis, the indices of the first samples of the chunks
-    for axis, count in enumerate(grid_shape):
-        first_chunk = (0,) * len(grid_shape)
-        along = (by_index[(*first_chunk[:axis], k, *first_chunk[axis + 1 :])].shape[axis] for k in range(count))
-        starts.append([0, *itertools.accumulate(along)])
-    firsts = [tuple(starts[axis][k] for axis, k in enumerate(index)) for index in by_index]
-    pairs = list(zip(summaries, firsts, strict=True))
-    rows = tuple(
-        _merge_checks([_shift_worst_sample(one.rows[k], first) for one, first in pairs])
-        for k in range(len(summaries[0].rows))
-    )
-    return _Summary(rows, tuple(ends[-1] for ends in starts), sum(one.skipped for one in summaries))
-
-
-def _shift_worst_sample(check: ResidualCheck, chunk_start: tuple[int, ...]) -> ResidualCheck:
-    """Return a check of a chunk whose worst sample counts from the first of all chunks."""
-    if check.worst_sample is None:
-        return check
-    return check._replace(worst_sample=tuple(i + j for i, j in zip(check.worst_sample, chunk_start, strict=True)))
-
-
-def _merge_checks(checks: Sequence[ResidualCheck]) -> ResidualCheck:
-    """Merge the checks of one residual in all chunks."""
-    compared = [check for check in checks if check.samples]
-    if not compared:
-        return checks[0]
-    largest, samples = max(check.largest for check in compared), sum(check.samples for check in compared)
-    rms = largest
-    if 0 < largest < math.inf:
-        parts = (check.samples * (check.rms / largest) ** 2 for check in compared)  # squares stay in range
-        rms = largest * math.sqrt(math.fsum(parts) / samples)
-    worst = min(compared, key=lambda check: (-check.ratio, check.worst_sample))
-    return worst._replace(largest=largest, rms=rms, samples=samples)
-
-
-def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -> Residuals | LazyResiduals:
-    """Return the report of arrays and a summary, a LazyResiduals if they are Dask arrays."""
-    arrays = {key: value for key, value in values.items() if key != "summary"}
-    if holds_dask(arrays):
-        return LazyResiduals(arrays, arrays["psi"].shape, name, t, u, values["summary"])
-    arrays.pop("ratio")
-    return _make_report(name, t, u, values["summary"], arrays)
-
-
-def _make_report(name: str, t: Any, u: float, summary: _Summary, arrays: Mapping[str, Any]) -> Residuals:
-    """Return the Residuals of a summary and arrays; each row gets the instant of its worst sample."""
-    instants = None if t is None else _broadcast_instants(t, summary.shape)
-    rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)
-    shown = {
-        key: array if holds_dask(array) else read_only(np.asarray(array))
-        for key, array in arrays.items()
-        if key in _ARRAYS
-    }
-    return Residuals(shown, summary.shape, rows, name, summary.skipped, u, instants)
-
-
-def _with_arrays(
-    arrays: Mapping[str, Any], shape: tuple[int, ...], facts: tuple[Any, ...], computed: Mapping[str, Any]
-) -> Residuals:
-    return Residuals({**arrays, **computed}, shape, *facts)
-
-
 def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float | str | None:
     """Return the instant of a sample, a number or text; None without instants."""
     if t is None or sample is None:
         return None
     return str(t[sample]) if t.dtype.kind in "mM" else t[sample].item()
-
-
-_SIZE = "size of "  # before the name of the residual
-_TOLERANCE = "tolerance of "  # before the name of the residual
-# Names of the arrays of sizes and tolerances, which reports do not show.
-_COMPARED = {prefix + kind for prefix in (_SIZE, _TOLERANCE) for kind in _KINDS}
-
-
-def residual_arrays(
-    pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
-) -> dict[str, NDArray[Any]]:
-    """Compute the arrays of a report: those of `Residuals`, `ratio`, the largest residual / tolerance of each sample,
-    and the size and tolerance of each residual, (...,); sizes are -inf where the motion is not finite.
-    """
-    arrays, compared, _ = _compute_residuals(pair, body1, body2, tolerances)
-    ratio = functools.reduce(np.maximum, [_ratio(*one) for one in compared.values()])
-    sizes = {_SIZE + kind: size for kind, (size, _) in compared.items()}
-    allowed = {_TOLERANCE + kind: tolerance for kind, (_, tolerance) in compared.items()}
-    return {**arrays, "ratio": np.where(ratio == -np.inf, np.nan, ratio), **sizes, **allowed}
 
 
 def _compute_residuals(
@@ -478,12 +278,6 @@ def _largest_roundoff(dtypes: Iterable[np.dtype[Any]]) -> float:
     return max(unit_roundoff(dtype if dtype.kind == "f" else np.float64) for dtype in dtypes)
 
 
-def _dtypes(*bodies: BodyMotion) -> list[np.dtype[Any]]:
-    """Return the dtypes of all arrays of motions."""
-    arrays = (getattr(body, letter) for body in bodies for letter in MOTION_SHAPES)
-    return [array.dtype for array in arrays if array is not None]
-
-
 def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
     """Return a dict of all arrays of two BodyMotions that are not None, with keys such as R1 and omega2."""
     motions: dict[str, NDArray[Any]] = {}
@@ -513,7 +307,14 @@ def residuals(
 ) -> Residuals:
     """Compute what `HingePair.residuals` returns."""
     arrays, compared, u = _compute_residuals(pair, body1, body2, tolerances)
-    return _make_report(name, t, u, _summarize(compared, tuple(tolerances or ())), arrays)
+    checks, finite = [], np.True_
+    for kind, (sizes, tolerance) in compared.items():
+        checks.append(_worst_sample_check(kind, sizes, tolerance, _basis(kind, tolerances or ())))
+        finite = finite & (sizes != -np.inf)
+    instants = None if t is None else _broadcast_instants(t, finite.shape)
+    rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in checks)
+    shown = {key: read_only(np.asarray(array)) for key, array in arrays.items()}
+    return Residuals(shown, finite.shape, rows, name, int((~finite).sum()), u, instants)
 
 
 def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:

@@ -99,7 +99,7 @@ class Result(Shown):
                 default those of the scene, otherwise SI units.
 
         Raises:
-            ArgumentError: the object holds many motions or Dask arrays, or a unit is unknown.
+            ArgumentError: the object holds many motions, or a unit is unknown.
             MissingDependencyError: pandas is not installed.
         """
         return data_frame({"t": self.t, **self.recorded()}, self.in_units(units), self.described)
@@ -110,7 +110,7 @@ class Result(Shown):
 
         A vector has the dimension `xyz`, or `xy` in the plane; a matrix `xyz` for its rows (world axes) and
         `body_xyz` for its columns (body axes). Many motions have the dimension `motion`, or motion_0, motion_1, ...,
-        before `time`. Dask arrays stay lazy.
+        before `time`.
 
         Args:
             units: units in place of SI units, such as "deg, mm"; the names stay as they are. By default those of the

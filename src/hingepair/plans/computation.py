@@ -16,8 +16,9 @@ from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop, OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, RotationError, ShapeError
-from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
+from hingepair.plans import dask_chunks
 from hingepair.plans.arguments import Arguments, CoordinateNames, check_out, read_arguments
+from hingepair.plans.dask_chunks import is_dask
 from hingepair.plans.derivatives import Derivative, change_shape, derivative_loop
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERRORS, check_rotation
 
@@ -193,20 +194,34 @@ class Computation:
                     keep[0].calls[keep[1]] = call
                 return result
         labels = labels or {}
-        if holds_dask(given) and remade is not None:
-            if self._shape:
-                got = f"pairs of shape {self._shape}"
-                raise ShapeError(
-                    "pair", "one pair if the arguments are Dask arrays, such as HingePair(u1[i], ...)", got
-                )
-            method = functools.partial(_compute_chunk, remade, execution, gravity, labels)
-            named = {labels.get(name, name): value for name, value in given.items()}
-            shapes = {label: call.argument_shapes[name] for label, name in zip(named, given, strict=True)}
-            return apply_to_chunks(method, {**named, "out": out}, shapes, self.coordinates.table_columns)
+        if remade is not None and derivative is None and any(map(is_dask, given.values())):
+            function = functools.partial(_compute_chunk, remade, execution, gravity, tuple(given))
+            return self.over_chunks(call, function, given, out, labels)
         arguments = read_arguments(given, call.argument_shapes, self.coordinates, labels)
         if keep is not None:
             keep[0].calls[keep[1]] = call
         return self.run(arguments, execution, gravity, out, derivative=derivative)
+
+    def over_chunks(
+        self,
+        call: Call,
+        function: Callable[..., Any],
+        given: Mapping[str, Any],
+        out: Any,
+        labels: Mapping[str, str] | None = None,
+    ) -> Any:
+        """Return the results for arguments among which are Dask arrays, as lazy Dask arrays; `function` computes the
+        call for the arrays of a chunk, and can be pickled.
+        """
+        dask_chunks.refuse_out(out)
+        if self._shape:
+            raise ShapeError(self.samples_name, "no samples, since the arguments are Dask arrays", f"{self._shape}")
+        named = {(labels or {}).get(name, name): value for name, value in given.items()}
+        outputs = {name: tail for name, tail in call.loop.outputs if name in self.outputs}
+        arrays = dask_chunks.over_chunks(function, named, [*call.argument_shapes.values()], outputs)
+        first = next(iter(arrays.values()))
+        axes = first.ndim - len(next(iter(outputs.values())))
+        return first if self.result is None else self.result(arrays, first.shape[:axes])
 
     def run(
         self,
@@ -252,16 +267,11 @@ def _compute_chunk(
     remade: Callable[[], Computation],
     execution: Execution,
     gravity: tuple[float, ...] | None,
-    labels: Mapping[str, str],
-    *,
-    out: None,
-    **named: Any,
+    names: tuple[str, ...],
+    *arrays: Any,
 ) -> Any:
-    """Compute one chunk of Dask arrays, which come by the names that messages use."""
-    names = {label: name for name, label in labels.items()}
-    given = {names.get(label, label): value for label, value in named.items()}
-    _check_attitudes(given, labels)  # which BodyMotion does of arrays in memory
-    return remade().compute(given, execution, gravity, out, labels=labels)
+    """Compute one chunk of Dask arrays."""
+    return remade().compute(dict(zip(names, arrays, strict=True)), execution, gravity)
 
 
 def _limits(name: str) -> Mapping[int, float]:

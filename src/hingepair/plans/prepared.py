@@ -17,6 +17,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray
 from hingepair.plans.arguments import Arguments, check_out, chosen_names, read_arguments
 from hingepair.plans.computation import Computation
+from hingepair.plans.dask_chunks import is_dask
 from hingepair.plans.derivatives import Derivative
 
 
@@ -168,8 +169,10 @@ class Prepared:
         return result
 
     def _call_any_arguments(self, given: Sequence[Any], out: Any) -> Any:
-        """Compute what `rows` does not take, such as tables and arrays of other libraries."""
+        """Compute what `rows` does not take, such as tables and Dask arrays."""
         named = dict(zip(self.given, given, strict=True))
+        if any(map(is_dask, given)):
+            return self._computation.over_chunks(self._call, self, named, out)
         result = self._computation.run(
             self._read(self._call, named), self._execution, self._gravity, out, prepared=True
         )

@@ -19,7 +19,6 @@ from hingepair.numeric.blocks import (
     tabulate,
     tabulate_one,
 )
-from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
@@ -113,8 +112,6 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
     """
-    if holds_dask(rotvec):
-        return apply_to_chunks(rotation_exp, {"rotvec": rotvec}, {"rotvec": (3,)})
     vector = vectors("rotvec", rotvec, 3)
 
     def rotation(values: Named) -> tuple[Any, ...]:
@@ -223,10 +220,6 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
     Raises:
         RotationError: a quaternion is zero; names the argument `name`.
     """
-    if holds_dask(quat):
-        return apply_to_chunks(
-            quaternion_to_matrix, {"name": name, "quat": quat, "scalar_first": scalar_first}, {"quat": (4,)}
-        )
     quaternions = vectors(name, quat, 4)
     if np.any((quaternions == 0).all(axis=-1)):
         raise RotationError(name, "non-zero quaternions", "a zero quaternion")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
-import json
 import os
 import shutil
 import zlib
@@ -23,7 +22,7 @@ from hingepair.tables.column_file import write_npz
 from hingepair.tables.data_frames import column_names, split_columns
 from hingepair.tables.whole_file import whole_file
 
-STORE_SUFFIXES: Final = (".csv", ".parquet", ".zarr")
+STORE_SUFFIXES: Final = (".csv", ".parquet")
 """Endings of the names of stores."""
 
 _LOCK_NAME: Final = "lock"  # file in the folder of the chunks, locked while a sweep runs
@@ -91,7 +90,7 @@ class Store:
         """Write the store from the files of all `chunk_count` chunks, and delete the folder of these files.
         `chunk_size` is the number of variants in each chunk but the last.
         """
-        write = {".csv": _write_csv, ".parquet": _write_parquet, ".zarr": _write_zarr}[self.path.suffix.lower()]
+        write = {".csv": _write_csv, ".parquet": _write_parquet}[self.path.suffix.lower()]
         with _convert_os_errors(self.path):
             write(self, chunk_count, chunk_size)
             shutil.rmtree(self.parts)
@@ -144,9 +143,8 @@ def _convert_os_errors(path: Path) -> Iterator[None]:
 
 def check_package(path: Path) -> None:
     """Raise a MissingDependencyError if the package that writes a store with the suffix of `path` is missing."""
-    package = {".parquet": "pyarrow", ".zarr": "zarr"}.get(path.suffix.lower())
-    if package is not None and find_spec(package) is None:
-        expected = f"the package {package}: pip install 'hingepair[dask]'; or --out with a name that ends in .csv"
+    if path.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
+        expected = "the package pyarrow: pip install 'hingepair[data]'; or --out with a name that ends in .csv"
         raise MissingDependencyError("sweep", expected, "none")
 
 
@@ -205,28 +203,3 @@ def _split_heading(heading: str) -> tuple[str, str]:
     """Return name and unit of a heading such as R2 [mm]; the unit is empty if there is none."""
     name, _, unit = heading.partition(" [")
     return name, unit.removesuffix("]")
-
-
-def _write_zarr(store: Store, chunk_count: int, chunk_size: int) -> None:
-    """Write a Store as a Zarr group of arrays from the files of its chunks; all but the last have `chunk_size`
-    rows.
-    """
-    import zarr
-
-    unfinished = store.parts / "store.zarr"
-    if unfinished.exists():
-        shutil.rmtree(unfinished)
-    group: Any = zarr.create_group(store=str(unfinished))
-    group.attrs["sweep"] = json.loads(store.identity)
-    total = (chunk_count - 1) * chunk_size + len(store.read(chunk_count - 1)["variant"])
-    for chunk in range(chunk_count):
-        columns = store.read(chunk)
-        first = chunk * chunk_size
-        for heading, array in columns.items():
-            name, unit = _split_heading(heading)
-            if chunk == 0:
-                sizes = (min(chunk_size, total), *array.shape[1:])
-                made = group.create_array(name, shape=(total, *array.shape[1:]), chunks=sizes, dtype=array.dtype)
-                made.attrs.update({"units": unit} if unit else {})
-            group[name][first : first + len(array)] = array
-    os.replace(unfinished, store.path)

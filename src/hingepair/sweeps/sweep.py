@@ -83,11 +83,8 @@ class Sweep:
         return -(-self.variants // self.chunk)
 
     def default_store(self) -> Path:
-        """Return the default path of the store: the sweep file's stem with .parquet (reductions) or .zarr, or with
-        .csv where the package that writes these is not installed.
-        """
-        package, suffix = ("pyarrow", ".parquet") if self.task.reductions else ("zarr", ".zarr")
-        return Path(f"{self.files[0].stem}{suffix if find_spec(package) else '.csv'}")
+        """Return the default path of the store: the sweep file's stem with .parquet, or .csv without pyarrow."""
+        return Path(f"{self.files[0].stem}{'.parquet' if find_spec('pyarrow') else '.csv'}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +237,7 @@ def run_sweep(
 
     Args:
         sweep: a sweep from `load_sweep`.
-        out: path of the store; ends in .parquet or .zarr. Finished chunks are in the folder `<out>.parts` until all
+        out: path of the store; ends in .parquet or .csv. Finished chunks are in the folder `<out>.parts` until all
             are finished; an interrupted sweep continues from them.
         scheduler: address of a `dask.distributed` scheduler; None computes on threads of this process.
         workers: number of these threads; -1 for one on every core.

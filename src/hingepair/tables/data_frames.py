@@ -91,7 +91,7 @@ def dataset(
     described: str,
     t: NDArray[Any] | None = None,
 ) -> Any:
-    """Return an xarray Dataset with a variable for each array, in units; arrays of Dask stay lazy.
+    """Return an xarray Dataset with a variable for each array, in units.
 
     Args:
         arrays: arrays by name, whose axes begin with `leading`.
