@@ -13,8 +13,9 @@ from hingepair.engine.backend import Execution, execution_of
 from hingepair.engine.loops import Loop
 from hingepair.engine.outputs import Out
 from hingepair.engine.results import Results, writable_arrays
-from hingepair.errors import ArgumentError
-from hingepair.numeric.arrays import is_zero
+from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.numeric.arrays import FloatArray, is_zero, one_constant
+from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
 from hingepair.pair.geometry import (
     Constants,
@@ -28,10 +29,11 @@ from hingepair.plans.arguments import (
     Arguments,
     CoordinateNames,
     Outputs,
+    check_outputs,
     read_arguments,
     requested_outputs,
 )
-from hingepair.plans.computation import Computation
+from hingepair.plans.computation import QUATERNIONS, Computation
 from hingepair.plans.constraints import CONSTRAINTS
 from hingepair.plans.geometry import GEOMETRY_SHAPES
 from hingepair.plans.pairs import (
@@ -47,6 +49,7 @@ from hingepair.plans.pairs import (
     pair_loop,
     point_outputs,
 )
+from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
 
 Returned = TypeVar("Returned")
@@ -351,3 +354,157 @@ def _compute(
         given, execution_of(backend, workers), gravity, out, labels=INPUT_LABELS,
         keep=None if key is None else (pair.cache, key), remade=functools.partial(computation_of, *what),
     )  # fmt: skip
+
+
+# ---- masses
+
+
+def check_masses(bodies: Mapping[str, Body | None], hint: str = "") -> None:
+    """Raise ArgumentError for a body, by name, that is None; `hint` ends the message for body 1. Issue a
+    DynamicsWarning for each assumed value.
+    """
+    for name, body in bodies.items():
+        if body is None:
+            examples = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
+            raise ArgumentError(
+                f"pair.{name}", f"mass properties, as in {examples}{hint if name == 'body1' else ''}", None
+            )
+        for sentence in body.assumed:
+            warn_of_dynamics(f"pair.{name}: {sentence}")
+
+
+def pivot_limits(pair: Constants) -> FloatArray:
+    """Return the sizes below which pivots of the hinge, of forces and of torques on body 1 are rounding, (..., 3);
+    0 where they cannot be that small.
+    """
+    tree = tree_numbers(pair, masses=True)
+    limits = np.array(tree.numbers[35:38])
+    if tree.samples is None:
+        return limits
+    columns = dict(zip(tree.varied, np.moveaxis(tree.samples, -1, 0), strict=True))
+    return np.stack(np.broadcast_arrays(*(columns.get(35 + k, limits[k]) for k in range(3))), axis=-1)
+
+
+def warn_where_singular(psidd: FloatArray, pair: Any) -> None:
+    """Issue a DynamicsWarning where accelerations are NaN because the mass matrix of the pair is singular."""
+    constants: Constants = pair.constants
+    limits = pivot_limits(constants)
+    if not limits.any() or not isinstance(psidd, np.ndarray | np.generic):
+        return
+    bad = np.isnan(psidd)
+    if not bad.any():
+        return
+    still: dict[str, Any] = {"phi1": 0.0} if constants.kind.planar else {"S1": np.eye(3)}
+    still["psi"] = 0.0
+    pivots = compute_arrays(constants, ("pivots",), still, dict.fromkeys(still, ()))["pivots"]
+    low = ~(pivots > limits[..., [0, 1, 1, 1, 2, 2, 2]])  # NaN are low
+    if low.any():
+        which = "the hinge" if low[..., 0].any() else "body 1"
+        where = f"at {int(bad.sum())} of {bad.size} samples" if bad.shape else "here"
+        warn_of_dynamics(f"{pair.name}: no mass resists {which} {where}; accelerations are NaN there")
+
+
+# ---- prepared calls
+
+_INPUTS: Final = {  # that a prepared call can take
+    SPACE: (
+        *(*ROWS, "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
+        *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOADS),
+    ),
+    PLANE: (*ROWS, *LOADS),
+}
+
+
+def prepare(
+    pair: Any,
+    given: str | Iterable[str],
+    outputs: Iterable[str] | None,
+    sequence: str | None,
+    gravity: ArrayLike,
+    execution: Execution,
+) -> Prepared:
+    """Return the call that `HingePair.prepare` and `PlanarPair.prepare` describe; `sequence` is None in the plane.
+
+    Raises:
+        ArgumentError: unknown names, missing inputs or missing masses.
+    """
+    constants: Constants = pair.constants
+    kind = constants.kind
+    tasks = TASKS[kind]
+    names = _checked_names(kind, given)
+    solves, rows = any(name in LOADS for name in names), "q" in names
+    if sequence is not None and rows:
+        find_sequence(sequence)
+    if outputs is not None:
+        of_both = () if kind.planar else (name for name in CONSTRAINTS if name != "S2_check")
+        of_tasks = (name for task in tasks.values() for name in task.outputs)
+        output_names = check_outputs(outputs, dict.fromkeys((*constants.levels, *of_tasks, *of_both)))
+    elif isinstance(given, str):
+        output_names = tasks[given].outputs
+    elif solves:
+        output_names = tasks["forward_dynamics"].outputs
+    else:
+        level = sum(name in names for name in (("qd", "qdd") if rows else ("psid", "psidd")))
+        output_names = kind.default_outputs(level)
+    if solves or needs_masses(constants, output_names):
+        needed = BODIES if solves else _bodies(tasks, output_names)
+        check_masses({one: getattr(pair, one) for one in BODIES if one in needed})
+    computation = computation_of(constants, output_names, sequence if rows else None, STATES[kind], False, solves)
+    _check_given(computation, names, solves)
+    remade = functools.partial(
+        pair.prepare, names, outputs=output_names, gravity=gravity, workers=execution.workers,
+        backend=execution.backend, **({} if sequence is None else {"sequence": sequence}),
+    )  # fmt: skip
+    solved = tasks["forward_dynamics"].outputs[-1]
+    watched = solves and solved in output_names and pivot_limits(constants).any()
+    watch = functools.partial(_watch, pair, solved) if watched else None
+    return Prepared(computation, names, execution, _checked_gravity(kind, gravity), remade, watch)
+
+
+def _check_given(computation: Computation, names: tuple[str, ...], solves: bool) -> None:
+    """Refuse arguments that do not suffice for the outputs."""
+    for name in computation.outputs:
+        of_both = (*names, "S2") if name in CONSTRAINTS and not solves else names
+        missing = {*computation.missing_inputs(name, of_both), *of_both} - {*names}
+        if missing:  # without q, motions of body 1 are inputs
+            needed = ", ".join("q" if one == name else one for one in sorted(missing))
+            raise ArgumentError("given", f"names with {needed}, which output {name} needs", ", ".join(names))
+
+
+def _watch(pair: Any, output: str, result: Any, _: Any) -> None:
+    """Warn of a singular mass matrix in the results of a prepared call."""
+    warn_where_singular(np.asarray(result[output]), pair)
+
+
+def _bodies(tasks: Mapping[str, Task], outputs: tuple[str, ...]) -> set[str]:
+    """Return the bodies, "body1" or "body2", whose masses the outputs need."""
+    fewest: dict[str, tuple[str, ...]] = {}
+    for task in tasks.values():
+        for name in task.outputs:
+            if name not in fewest or len(task.masses) < len(fewest[name]):
+                fewest[name] = task.masses
+    return {body for name in outputs for body in fewest.get(name, ())}
+
+
+def _checked_names(kind: PairKind, given: str | Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the inputs that `given` means: a key of TASKS such as "velocity", or the names themselves.
+    Refuse unknown and repeated names, and any but one attitude of body 1.
+    """
+    tasks, allowed = TASKS[kind], _INPUTS[kind]
+    try:
+        names = tasks[given].given if isinstance(given, str) else tuple(given)
+    except (KeyError, TypeError):
+        raise ArgumentError("given", f"{choices(tuple(tasks))}, or a tuple of names", quoted(given)) from None
+    for name in names:
+        if name not in allowed:
+            raise ArgumentError("given", choices(allowed), quoted(name))
+    attitudes = [name for name in names if name in {"q", "S1", *QUATERNIONS}]
+    if len(attitudes) != 1 or len({*names}) != len(names):
+        expected = "q" if kind.planar else "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz"
+        raise ArgumentError("given", expected, quoted(names))
+    return names
+
+
+def _checked_gravity(kind: PairKind, gravity: ArrayLike) -> tuple[float, ...]:
+    """Return the argument `gravity` as a tuple of numbers."""
+    return tuple(one_constant("gravity", gravity, len(kind.gravity)).tolist())
