@@ -14,6 +14,7 @@ import time
 import numpy as np
 import pytest
 
+from hingepair.engine import ufunc
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind, bind_constant
 from hingepair.engine.calls import Call
@@ -626,3 +627,53 @@ def test_few_states_are_written_where_they_fit(lead):
         first = [np.array(part[(0,) * len(lead)]) for part in (unused, m, x)]
         with pytest.raises(ShapeError, match="out"):
             one.rows(*first, out=out)
+
+
+@pytest.mark.parametrize("lead", [(), (9,), (30_000,)], ids=str)
+def test_a_number_of_each_sample_is_not_written_over(lead):
+    one, (unused, m, x) = call(), arrays([lead] * 3)
+    x, before = np.array(x), np.array(x)
+    out = {"y": np.zeros((*lead, 3)), "trace": np.zeros(lead)}
+    one.rows(unused, m, x, out=out)
+    for _ in range(2):
+        with pytest.raises(ArgumentError, match="overlaps x"):
+            one.rows(unused, m, x, out={**out, "trace": x})
+    np.testing.assert_array_equal(x, before)
+
+
+@pytest.mark.parametrize("count", [9, 3_000, 60_000])
+def test_an_output_that_is_kept_does_not_hold_the_others(count):
+    given = arrays([(count,)] * 3)
+    for state in (
+        call().rows(*given),
+        call().run(dict(zip(GIVEN, given, strict=True)), dict.fromkeys(GIVEN, (count,))),
+    ):
+        owner = state["trace"]
+        while isinstance(owner.base, np.ndarray):
+            owner = owner.base
+        assert owner.nbytes == state["trace"].nbytes
+
+
+@pytest.mark.parametrize("backend", ["auto", "compiled", "numpy"])
+@pytest.mark.parametrize("x", [1, 1.0])
+def test_python_numbers_beside_arrays_take_their_dtype(x, backend):
+    unused, m, _ = (a.astype(np.float32) for a in arrays([(4,)] * 3))
+    one = call(backend)
+    found = one.rows(unused, m, x)
+    if found is None:
+        found = one.run({"unused": unused, "m": m, "x": x}, {"unused": (4,), "m": (4,), "x": ()})
+    assert found.y.dtype == np.float32
+
+
+def test_without_numpys_table_of_functions_numpy_computes(monkeypatch):
+    def gone():
+        raise AttributeError("_UFUNC_API")
+
+    monkeypatch.setattr(ufunc, "_create_ufunc", gone)
+    loop, given = Loop("fresh", product, dict(LOOP.inputs), OUTPUTS), arrays([(4,)] * 3)
+    one = Call(loop, GIVEN, CONSTANTS, Product)
+    with pytest.warns(RuntimeWarning, match="computing with NumPy"):
+        state = one.run(dict(zip(GIVEN, given, strict=True)), dict.fromkeys(GIVEN, (4,)))
+    np.testing.assert_allclose(state.y, expected(*given)[0], rtol=1e-14)
+    with pytest.raises(CompilationError, match="NumPy"):
+        Call(loop, GIVEN, CONSTANTS, Product, backend="compiled")
