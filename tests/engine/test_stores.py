@@ -9,10 +9,10 @@ import pytest
 
 from hingepair.engine import slices
 from hingepair.engine.backend import Execution
-from hingepair.engine.llvm import arithmetic, ir
-from hingepair.engine.llvm.arithmetic import MAX_NARROW
+from hingepair.engine.llvm import arithmetic, ir, schedule
 from hingepair.engine.llvm.builder import CACHE_LINE
 from hingepair.engine.llvm.memory import MAX_STREAMED, PANEL
+from hingepair.engine.llvm.schedule import MAX_NARROW
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 
@@ -178,7 +178,7 @@ def long_function(v):
 @pytest.mark.parametrize("dtype", [F8, F4], ids=str)
 def test_constants_as_numbers_or_as_vectors(most, dtype, monkeypatch):
     """Also where sines are taken of them, and where they are components of a wide output."""
-    monkeypatch.setattr(arithmetic, "MAX_UNIFORM_VECTORS", most)
+    monkeypatch.setattr(schedule, "MAX_UNIFORM_VECTORS", most)
     count = MAX_NARROW + 1
 
     def function(v):
@@ -214,8 +214,8 @@ def test_a_program_in_parts_gives_the_bits_of_the_whole(length, distance, still,
     rng = np.random.default_rng(2)
     values = {"x": rng.normal(size=(19, 20)), "c": 0.3 if still else rng.normal(size=19)}
     whole = run_long(values, 19)
-    monkeypatch.setattr(arithmetic, "_UNSPLIT", 0)
-    monkeypatch.setattr(arithmetic, "_SPLIT", length)
+    monkeypatch.setattr(schedule, "_UNSPLIT", 0)
+    monkeypatch.setattr(schedule, "_SPLIT", length)
     monkeypatch.setattr(arithmetic, "_MAX_AGE", distance)
     for name, array in run_long(values, 19).items():
         np.testing.assert_array_equal(array, whole[name])

@@ -31,9 +31,9 @@ from hingepair.engine.binding import (
 )
 from hingepair.engine.interpreter import BOUNDED, NUMPY, Functions, interpreter
 from hingepair.engine.llvm import object_cache
-from hingepair.engine.llvm.arithmetic import ComponentGroup
 from hingepair.engine.llvm.ir import kernel_ir
 from hingepair.engine.llvm.scan import scan_ir
+from hingepair.engine.llvm.schedule import ComponentGroup
 from hingepair.engine.slices import run_slices
 from hingepair.engine.threads import run_in_threads
 from hingepair.engine.trace import (

@@ -19,9 +19,10 @@ import itertools
 from collections.abc import Sequence
 from typing import Final
 
-from hingepair.engine.llvm.arithmetic import Arithmetic, ComponentGroup, KernelStep
+from hingepair.engine.llvm.arithmetic import Arithmetic
 from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder, shared_name
 from hingepair.engine.llvm.memory import MAX_STREAMED, MEMORY_FUNCTIONS, PANEL, PREFETCH_SAMPLES, memory_functions
+from hingepair.engine.llvm.schedule import ComponentGroup, Step
 from hingepair.engine.llvm.sines import SINE_FUNCTIONS, lanewise_function, sine_functions
 
 ROW_WORDS: Final = 3  # integers in a row of the kernel's table: address, bytes between samples and between components
@@ -64,7 +65,8 @@ class KernelBuilder:
 
     def __init__(self, arithmetic: Arithmetic) -> None:
         self.arithmetic = arithmetic
-        self.inputs, self.outputs = arithmetic.inputs, arithmetic.outputs
+        self.schedule = arithmetic.schedule
+        self.inputs, self.outputs = self.schedule.inputs, self.schedule.outputs
         self.number_bytes = arithmetic.number_bytes
         self.tables: list[str] = []
         self.f = FunctionBuilder(self.SIGNATURE)
@@ -95,14 +97,14 @@ class KernelBuilder:
 
     def write_kernel(self) -> None:
         """Write the kernel: the loops over samples, and the memory fence after streaming stores."""
-        f, arithmetic = self.f, self.arithmetic
+        f = self.f
         rows = self.begin_kernel(ROW_WORDS)
         readers = [InputReader(self, g, row) for g, row in enumerate(rows[: len(self.inputs)])]
         writers = [_OutputWriter(self, g, row) for g, row in enumerate(rows[len(self.inputs) :])]
         for reader in readers:
             if not reader.group.varies:
                 reader.read_uniform()
-        self.call_steps(arithmetic.uniform_steps)
+        self.call_steps(self.schedule.uniform_steps)
         start = self.write_direct_blocks(readers, writers)
         with f.loop("%samples", start=start, step=str(LANES)) as i:
             left = f.put(f"sub i64 %samples, {i}")
@@ -110,7 +112,7 @@ class KernelBuilder:
                 writer.begin_samples(i, left)
             for reader in readers:
                 reader.read(i, left)
-            self.call_steps(arithmetic.varying_steps)
+            self.call_steps(self.schedule.varying_steps)
             for writer in writers:
                 writer.write_samples()
         for writer in writers:
@@ -128,10 +130,10 @@ class KernelBuilder:
             [f.load_word("%table", 8 * (g * row_words + k)) for k in range(row_words)]
             for g in range(len(self.inputs) + len(self.outputs))
         ]
-        frame = f.buffer(max(1, arithmetic.frame_size) * LANES * arithmetic.number_bytes)
+        frame = f.buffer(max(1, self.schedule.frame_size) * LANES * arithmetic.number_bytes)
         f.do(f"%frame = getelementptr i8, ptr {frame}, i64 0")
         f.do(f"%places = alloca [{arithmetic.word_offsets[-1] + len(self.outputs)} x i64], align 8")
-        for number, slot in arithmetic.constant_slots.items():
+        for number, slot in self.schedule.constant_slots.items():
             arithmetic.store_slot(f, slot, arithmetic.operand(number))
         return rows
 
@@ -151,17 +153,17 @@ class KernelBuilder:
                 writer.set_row_address(writer.row(i))
             for reader in readers:
                 reader.read(i, str(LANES))
-            self.call_steps(self.arithmetic.varying_steps)
+            self.call_steps(self.schedule.varying_steps)
             for writer in writers:
                 if not writer.group.narrow:
                     writer.write_rows(writer.row(i), "false")
         return stop
 
-    def call_steps(self, steps: Sequence[KernelStep]) -> None:
+    def call_steps(self, steps: Sequence[Step]) -> None:
         """Call the steps in order."""
         for step in steps:
             if step.angles:
-                slots, first = self.arithmetic.sine_slots(step)
+                slots, first = self.schedule.sine_slots(step)
                 angles = f"ptr {self.add_table(slots)}, i64 {len(slots)}"
                 self.call_shared("sines", "ptr %frame", angles, f"ptr {self.arithmetic.slot_address(self.f, first)}")
             else:
@@ -185,10 +187,10 @@ class InputReader:
         if not self.group.varies:
             self.stride = "0"
         self.base = f.put(f"inttoptr i64 {address} to ptr")
-        self.components, self.slot = kernel.arithmetic.input_slots[index]
-        self.scalars, self.scalar_slot = kernel.arithmetic.input_scalars[index]
+        self.components, self.slot = kernel.schedule.input_slots[index]
+        self.scalars, self.scalar_slot = kernel.schedule.input_scalars[index]
         self.word_offset = 8 * kernel.arithmetic.word_offsets[index]
-        self.in_registers = index in kernel.arithmetic.register_inputs
+        self.in_registers = index in kernel.schedule.register_inputs
         if self.in_registers:
             f.do(f"store i64 {self.step}, ptr {f.pointer_at('%places', self.word_offset + 8 * LANES)}, align 8")
             self.prefetched = self.prefetch_offsets()
@@ -295,7 +297,7 @@ class _OutputWriter:
         if self.count > 1:
             self.dense = f.put(f"and i1 {self.dense}, {f.put(f'icmp eq i64 {self.step}, {number_bytes}')}")
         if not self.group.narrow:
-            self.tiles = kernel.add_table(kernel.arithmetic.tile_offsets(self.group))
+            self.tiles = kernel.add_table(kernel.arithmetic.tile_offsets(index))
             if self.count <= MAX_STREAMED:
                 large = f.put(f"icmp sge i64 {f.multiply('%samples', self.row_bytes)}, {MIN_STREAMED_BYTES}")
                 aligned = f.put(f"icmp eq i64 {f.put(f'and i64 {self.start}, {number_bytes - 1}')}, 0")

@@ -12,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from hingepair.engine.llvm.arithmetic import Arithmetic, ComponentGroup
+from hingepair.engine.llvm.arithmetic import Arithmetic
 from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder
 from hingepair.engine.llvm.ir import InputReader, KernelBuilder
+from hingepair.engine.llvm.schedule import ComponentGroup
 from hingepair.engine.trace import Operand
 from hingepair.engine.ufunc import default_float_environment
 
@@ -80,7 +81,7 @@ class _ScanBuilder(KernelBuilder):
             f.do(f"store i64 0, ptr {f.pointer_at('%read', 8 * g)}, align 8")
             if not group.varies:
                 InputReader(self, g, rows[g][:3]).read_uniform()
-        self.call_steps(self.arithmetic.uniform_steps)
+        self.call_steps(self.schedule.uniform_steps)
         passed = {g: _Rows(self, f"state{g}", self.input_slots(g), rows[g]) for g in self.passed}
         read = {
             g: _Rows(self, f"input{g}", self.input_slots(g), rows[g])
@@ -88,7 +89,7 @@ class _ScanBuilder(KernelBuilder):
             if group.varies and g not in passed
         }
         written = [
-            _Rows(self, f"output{g}", self.arithmetic.output_slots(group), rows[len(inputs) + g])
+            _Rows(self, f"output{g}", self.schedule.slots_of(g), rows[len(inputs) + g])
             for g, group in enumerate(self.outputs)
         ]
         with f.loop("%samples", step=str(LANES)) as i:
@@ -101,7 +102,7 @@ class _ScanBuilder(KernelBuilder):
                     with f.when(f.put(f"icmp ne i64 {address}, {f.load_word(last, 0)}")):
                         f.do(f"store i64 {address}, ptr {last}, align 8")
                         one.read(address, left)
-                self.call_steps(self.arithmetic.varying_steps)
+                self.call_steps(self.schedule.varying_steps)
                 for one in written:
                     due = f.put(f"icmp ne i64 {one.start}, 0")
                     for k, count, stride in zip((s, j), COUNTS[1:], one.strides[1:], strict=True):
@@ -118,14 +119,14 @@ class _ScanBuilder(KernelBuilder):
 
     def input_slots(self, g: int) -> list[int]:
         """Return the slots of the components of an input, which follow each other."""
-        used, first = self.arithmetic.input_slots[g]
+        used, first = self.schedule.input_slots[g]
         return [first + k for k in range(len(used))]
 
     def pass_on(self) -> None:
         """Copy the next state to the slots of the state, all values being loaded before the first is stored."""
         pairs: list[tuple[int, int]] = []
         for g, output in self.passed.items():
-            following = self.arithmetic.output_slots(self.outputs[output])
+            following = self.schedule.slots_of(output)
             pairs += zip(following, self.input_slots(g), strict=True)
         f, vector = self.f, self.arithmetic.vector
         places = [self.arithmetic.slot_address(f, source) for source, _ in pairs]

@@ -1,0 +1,314 @@
+"""The schedule of a kernel's arithmetic: which step computes a value, and where the frame keeps it.
+
+A frame is an array of vectors, with one slot for each value that more than one function reads. Where samples share
+hundreds of inputs, these are stored in the frame as numbers. The values are computed in steps: arithmetic of limited
+length, and sines that are computed together. LLVM's time grows faster than the length of a function, and values in
+the frame need no registers between the functions.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final, NamedTuple, TypeAlias
+
+from hingepair.engine.llvm.builder import LANES
+from hingepair.engine.llvm.sines import SINES
+from hingepair.engine.trace import Operand, TracedValue, needed_values
+
+MAX_NARROW: Final = 16  # most components of an output assembled in registers, and needed ones of an input there
+# Where registers are few, loading a vector is quicker than a broadcast; but 256 vectors (16 kB) are half a cache.
+MAX_UNIFORM_VECTORS: Final = 256  # inputs shared by all samples that the frame holds as vectors; more are numbers
+_UNSPLIT: Final = 1000  # most operations of a program that is one LLVM function, so that few values pass the frame
+_SPLIT: Final = 300  # operations of each function of a longer program: LLVM spills few registers then
+
+
+class ComponentGroup(NamedTuple):
+    """The components of one array, which lie at one common stride in memory."""
+
+    values: tuple[Operand, ...]  # traced inputs, or results
+    varies: bool = True  # from sample to sample
+    in_frame: bool = False  # whether the kernel itself moves it to or from the frame, however few components it has
+
+    @property
+    def narrow(self) -> bool:
+        """Whether an output is assembled in registers; wider ones are copied from the frame."""
+        return len(self.values) <= MAX_NARROW and not self.in_frame
+
+
+class Node:
+    """A value of the trace that the kernel needs, and where the kernel has it."""
+
+    __slots__ = ("is_read", "made", "number", "operands", "product", "sines", "slot", "stores", "value")
+
+    def __init__(self, value: TracedValue) -> None:
+        self.value = value
+        self.operands: list[Operation] = []  # of its code: those of a fused product in the place of the product
+        self.product: Node | None = None  # that is fused with this sum or difference
+        self.is_read = False  # by any code; a product that is fused into all of its sums is not
+        self.sines: list[Node] = []  # the sine, cosine and versine of this angle
+        self.stores: list[int] = []  # narrow outputs that are stored right after it has been computed
+        self.made = -1  # the step that makes it; -1 if there is none
+        self.slot = -1  # of the frame; -1 if it has none
+        self.number = -1  # its place among the numbers of the frame; -1 if it has none
+
+    @property
+    def read_nodes(self) -> list[Node]:
+        """The values that its code reads."""
+        return [one for one in self.operands if isinstance(one, Node)]
+
+
+Operation: TypeAlias = "Node | float"
+"""A value, or a known number."""
+
+
+class Step(NamedTuple):
+    """One step of a kernel: a function of its own, or sines."""
+
+    name: str  # of the function
+    lines: list[Node]  # to compute, in order; none for sines
+    angles: list[Node]  # [rad] whose sines are computed; none for arithmetic
+    loads: dict[int, list[int]]  # components to load, by the index of the input
+
+
+class Schedule:
+    """The steps that compute a kernel's values, and the frame through which they pass values.
+
+    Args:
+        inputs: groups of input components.
+        outputs: groups of output components.
+        fuse: whether sums are fused with products (FMA).
+
+    Attributes:
+        inputs, outputs: the groups.
+        input_nodes: for each input, its components; None where one is not needed.
+        output_nodes: for each output, its components.
+        uniform_steps: steps that compute the values which do not vary from sample to sample.
+        varying_steps: steps that compute those which do.
+        stored_last: narrow outputs that are stored at the end of the last step.
+        frame_size: number of slots.
+        register_inputs: indices of the inputs that steps load into registers; other inputs are gathered into the
+            frame.
+        input_slots: for each input, the components needed as vectors, and the first slot of the gathered ones.
+        input_scalars: for each input, the components needed as one number for all samples, and their first slot,
+            which holds eight of them.
+        constant_slots: number of the slot of each constant in a wide output.
+    """
+
+    def __init__(self, inputs: Sequence[ComponentGroup], outputs: Sequence[ComponentGroup], fuse: bool) -> None:
+        self.inputs, self.outputs = inputs, outputs
+        lines = _nodes(needed_values(value for group in outputs for value in group.values), fuse)
+        nodes = {id(node.value): node for node in lines}
+        self.input_nodes = [[nodes.get(id(value)) for value in group.values] for group in inputs]
+        self.output_nodes: list[list[Operation]] = [
+            [nodes[id(value)] if isinstance(value, TracedValue) else value for value in group.values]
+            for group in outputs
+        ]
+        for node in itertools.chain(*self.output_nodes, *(node.operands for node in lines)):
+            if isinstance(node, Node):
+                node.is_read = True
+        self.uniform_steps = _steps("once", (node for node in lines if not node.value.varies))
+        self.varying_steps = _steps("block", (node for node in lines if node.value.varies))
+        self.register_inputs = {
+            g
+            for g, (group, parts) in enumerate(zip(inputs, self.input_nodes, strict=True))
+            if group.varies and sum(one is not None for one in parts) <= MAX_NARROW and not group.in_frame
+        }
+        self.stored_last: list[int] = []
+        self._schedule_stores()
+        self._schedule_loads()
+        self._assign_slots()
+
+    # ---- stores and loads
+
+    def _schedule_stores(self) -> None:
+        """Note for each narrow output the value after which it is stored: the last of its components; if sines, which
+        a shared function computes, the end of the last step.
+        """
+        position: dict[Node, int] = {}
+        by_sines: set[Node] = set()
+        for step in self.varying_steps:
+            made = [*step.lines, *(line for angle in step.angles for line in angle.sines)]
+            position |= {node: len(position) + k for k, node in enumerate(made)}
+            if step.angles:
+                by_sines.update(made)
+        for g, (group, parts) in enumerate(zip(self.outputs, self.output_nodes, strict=True)):
+            if group.narrow:
+                varying = [node for node in parts if isinstance(node, Node) and node in position]
+                last = max(varying, key=position.__getitem__, default=None)
+                (self.stored_last if last is None or last in by_sines else last.stores).append(g)
+
+    def _schedule_loads(self) -> None:
+        """Enter each component of an input in registers in the `loads` of a step: the first that reads it, but none
+        behind one that stores, since an output may overlap an input.
+        """
+        steps = self.varying_steps
+        first: dict[Node, int] = {}
+        for s, step in enumerate(steps):
+            for node in self._read_by(step):
+                first.setdefault(node, s)
+        stores = [any(node.stores for node in step.lines) for step in steps]
+        latest = stores.index(True) if any(stores) else len(steps) - 1  # step that may load
+        for g in sorted(self.register_inputs):
+            for c, node in enumerate(self.input_nodes[g]):
+                if node is not None:
+                    s = min(first.get(node, latest), latest)
+                    while steps[s].angles:
+                        s -= 1
+                    steps[s].loads[g].append(c)
+
+    def _read_by(self, step: Step) -> Iterator[Node]:
+        """Yield the values that a step reads or stores in outputs."""
+        yield from step.angles
+        outputs = [g for node in step.lines for g in node.stores]
+        if step is self.varying_steps[-1]:
+            outputs += self.stored_last
+        for node in step.lines:
+            yield from node.read_nodes
+        for g in outputs:
+            yield from (one for one in self.output_nodes[g] if isinstance(one, Node))
+
+    def _made_by(self, step: Step) -> list[Node]:
+        """Return the values that a step loads or computes."""
+        loaded = (self.input_nodes[g][c] for g, components in step.loads.items() for c in components)
+        return [*(node for node in loaded if node is not None), *step.lines]
+
+    # ---- the frame
+
+    def _assign_slots(self) -> None:
+        """Assign a slot to each value that passes from one function to another; a slot is used again when its value
+        is not needed any more.
+        """
+        steps = [*self.uniform_steps, *self.varying_steps]
+        wide = [one for g, group in enumerate(self.outputs) if not group.narrow for one in self.output_nodes[g]]
+        self._assign_input_slots({*wide, *(angle for step in steps for angle in step.angles)})
+        # Constants of wide outputs, which `rows` reads from the frame.
+        self.constant_slots: dict[float, int] = {}
+        for one in wide:
+            if not isinstance(one, Node) and one not in self.constant_slots:
+                self.constant_slots[one] = self.frame_size
+                self.frame_size += 1
+        # Sines have places behind each other, for they are computed together; other values share places in time.
+        for s, step in enumerate(steps):
+            for node in self._made_by(step):
+                node.made = s
+            for angle in step.angles:
+                for line in angle.sines:
+                    line.slot = self.frame_size + SINES.index(line.value.operation)
+                self.frame_size += len(SINES)
+        last: dict[Node, int] = {}  # the last step that reads a value, other than that which makes it
+        for s, step in enumerate(steps):
+            last |= {node: s for node in self._read_by(step) if node.made not in {-1, s}}
+        last |= {one: len(steps) for one in wide if isinstance(one, Node) and one.made >= 0}
+        self._share_slots(steps, last)
+
+    def _assign_input_slots(self, vectors: set[Operation]) -> None:
+        """Assign slots to the inputs that are gathered into the frame before the steps; `vectors` are needed as such
+        also where samples share many inputs, which are numbers otherwise.
+        """
+        size = 0
+        self.input_slots: list[tuple[list[int], int]] = []
+        self.input_scalars: list[tuple[list[int], int]] = []
+        for g, (group, parts) in enumerate(zip(self.inputs, self.input_nodes, strict=True)):
+            used = [c for c, node in enumerate(parts) if group.in_frame or node is not None]
+            shared = used if len(used) > MAX_UNIFORM_VECTORS and not group.varies else []
+            gathered = [c for c in used if parts[c] in vectors] if shared else used
+            self.input_scalars.append((shared, size))
+            for k, c in enumerate(shared):
+                if (node := parts[c]) is not None:
+                    node.number = size * LANES + k
+            size += -(-len(shared) // LANES)
+            self.input_slots.append((gathered, size))
+            if g not in self.register_inputs:
+                for k, c in enumerate(gathered):
+                    if (node := parts[c]) is not None:
+                        node.slot = size + k
+                size += len(gathered)
+        self.frame_size = size
+
+    def _share_slots(self, steps: Sequence[Step], last: dict[Node, int]) -> None:
+        """Assign a slot to each value that another step reads than the one that makes it, until its `last` use."""
+        varying = len(self.uniform_steps)
+        ending: defaultdict[int, list[Node]] = defaultdict(list)
+        for node, s in last.items():
+            # Uniform values that varying steps read keep their slots for all blocks.
+            if s < varying or node.made >= varying:
+                ending[s].append(node)
+        free: list[int] = []
+        for s, step in enumerate(steps):
+            for node in self._made_by(step):
+                if node in last:
+                    node.slot = free.pop() if free else self.frame_size
+                    self.frame_size = max(self.frame_size, node.slot + 1)
+            free += [node.slot for node in ending[s]]
+
+    def slots_of(self, output: int) -> list[int]:
+        """Return the slots of the components of an output that is copied from the frame."""
+        return [one.slot if isinstance(one, Node) else self.constant_slots[one] for one in self.output_nodes[output]]
+
+    def sine_slots(self, step: Step) -> tuple[list[int], int]:
+        """Return the slots of the angles of a step of sines, and the first slot of the results."""
+        line = step.angles[0].sines[0]
+        return [angle.slot for angle in step.angles], line.slot - SINES.index(line.value.operation)
+
+
+def _nodes(values: Sequence[TracedValue], fuse: bool) -> list[Node]:
+    """Return the nodes of traced values, in the same order, with the operands of their code."""
+    nodes = {id(value): Node(value) for value in values}
+    for node in nodes.values():
+        value = node.value
+        operands: list[Operand] = [*value.operands]
+        if value.operation in SINES:  # only the angle is read
+            del operands[1:]
+        if value.operation == "where" and isinstance(operands[0], TracedValue):  # the comparison's operands
+            operands[:1] = operands[0].operands
+        if fuse and value.operation in {"+", "-"}:
+            for one in reversed(value.operands):  # the second of two products
+                if isinstance(one, TracedValue) and one.operation == "*":
+                    operands.reverse()
+                    operands.remove(one)
+                    operands += one.operands
+                    node.product = nodes[id(one)]
+                    break
+        node.operands = [nodes[id(one)] if isinstance(one, TracedValue) else one for one in operands]
+    return [*nodes.values()]
+
+
+def _steps(prefix: str, lines: Iterable[Node]) -> list[Step]:
+    """Return the steps that compute these values, named by `prefix`; sines come as early as they can."""
+    rest = [node for node in lines if node.value.operation != "input" and node.is_read]
+    parts: list[tuple[list[Node], list[Node]]] = []
+    while any(node.value.operation in SINES for node in rest):
+        # Late are sines and all that needs them; this round computes the sines whose angles are not late.
+        late: set[Node] = set()
+        angles: dict[Node, None] = {}
+        for node in rest:
+            operands = node.read_nodes
+            if not late.isdisjoint(operands):
+                late.add(node)
+            elif node.value.operation in SINES:
+                late.add(node)
+                angles[operands[0]] = None
+                operands[0].sines.append(node)
+        # What these angles need comes first, then the angles' sines; the rest waits for the next round.
+        first = {*angles}
+        for node in reversed(rest):
+            if node in first:
+                first.update(node.read_nodes)
+        parts += _split([node for node in rest if node in first])
+        parts.append(([], [*angles]))
+        first.update(line for angle in angles for line in angle.sines)
+        rest = [node for node in rest if node not in first]
+    parts += _split(rest)
+    if prefix == "block":  # the first step loads inputs, the last step stores outputs
+        parts = [([], []), *parts] if not parts or parts[0][1] else parts
+        parts = [*parts, ([], [])] if parts[-1][1] else parts
+    return [Step(f"{prefix}{k}", *part, defaultdict(list)) for k, part in enumerate(parts)]
+
+
+def _split(lines: Sequence[Node]) -> list[tuple[list[Node], list[Node]]]:
+    """Return the lines in parts of about equal length, one for each step, as pairs (lines, []), without angles."""
+    count = -(-len(lines) // _SPLIT) if len(lines) > _UNSPLIT else min(len(lines), 1)
+    ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]
+    return [(list(lines[a:b]), []) for a, b in itertools.pairwise(ends)]
