@@ -443,3 +443,21 @@ def test_an_inertia_far_above_the_levers_is_warned_of():
     ) as said:
         hp.simulate(pair, [0, 0.1], STILL, 0.0, 0.0, base="fixed")
     assert [Path(one.filename).name for one in said] == ["test_simulate.py"]
+
+
+@pytest.mark.parametrize("late", [False, True], ids=["at the start", "later"])
+def test_a_controller_with_a_memory_is_named(late):
+    """It would be called at trial steps, in any order: its sum means nothing, and steps never agree."""
+    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
+    total = np.zeros(1)
+
+    def torque(t, psi, psid):
+        if not late or t.min() > 0.1:
+            total[0] += np.mean(1 - psi) * 0.01
+        return 5 * (1 - psi) - 2 * psid + total[0]
+
+    start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+    with pytest.raises(
+        hp.ArgumentError, match="hinge_torque: expected a callable that returns the same values whenever"
+    ):
+        hp.simulate(pair, [0, 5], start, 0.0, 0.0, hinge_torque=torque, base="fixed")

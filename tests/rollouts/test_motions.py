@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -263,3 +265,42 @@ def test_a_free_base_starts_with_all_that_is_given_or_at_rest(missing):
         robot.rollout([0.0], [0.0], 0.0, 1e-2, steps=1, base_motion=base)
     still = robot.rollout([0.0], [0.0], 0.0, 1e-2, steps=1, base_motion=hp.BodyMotion(R=(0, 0, 1), S=np.eye(3)))
     assert (still.v1[0] == 0).all()
+
+
+def test_tables_have_instants_and_names_of_joints():
+    """Also of a pickle, which holds them."""
+    rolled = ROBOT.rollout(np.zeros(DOF), np.ones(DOF), 0, H, steps=3)
+    for one in (rolled, pickle.loads(pickle.dumps(rolled))):
+        frame = one.to_dataframe()
+        assert list(frame.columns) == ["t", *ROBOT.names, *(f"{name}d" for name in ROBOT.names)]
+        np.testing.assert_array_equal(frame["t"], H * np.arange(4))
+        np.testing.assert_array_equal(frame[ROBOT.names[1]], rolled.q[:, 1])
+    assert frame.attrs["units"][f"{ROBOT.names[0]}d"] == f"{frame.attrs['units'][ROBOT.names[0]]}/s"
+
+
+BODY = hp.Body(2.0, centre_of_mass=(0.1, -0.2, 0.3), inertia=(1, 2, 2.5))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["simulate", "rollout"])
+def test_one_free_rigid_body_falls_and_keeps_its_angular_momentum(way):
+    pair = hp.HingePair(
+        (0, 0, 0), (0, 0, 0), (0, 0, 1), name="h", body1=BODY, body2=hp.Body(1e-9, inertia=(1e-9,) * 3)
+    )
+    body = hp.Mechanism([pair], base="free").with_locked({"h": 0.0})
+    start = hp.BodyMotion(R=(1, 2, 3), S=np.eye(3), v=(0.5, 0, 1), omega=(1, 2, 0.3))
+    assert body.dof == 0
+    if way == "simulate":
+        found = hp.simulate(body, np.linspace(0, 1, 5), [], base_motion=start)
+        t, near, base = found.t, 1e-9, found.base_motion
+        assert found.energy_balance().residual == pytest.approx(0, abs=1e-9)
+    else:
+        found = body.rollout([], [], 0.0, 1e-3, steps=1000, every=250, base_motion=start, method="rk4")
+        t, near, base = found.t, 1e-8, found.base_motion
+        assert found.vjp({"R1": np.ones(3)}, wrt="v1")["v1"].shape == (3,)
+    centre = body.centre_of_mass(np.zeros((5, 0)), base_motion=base)
+    momentum = body.momentum(np.zeros((5, 0)), np.zeros((5, 0)), base_motion=base)
+    expected = centre[0] + np.outer(t, momentum.linear[0] / BODY.mass) - np.outer(t**2 / 2, (0, 0, 9.81))
+    np.testing.assert_allclose(centre, expected, rtol=0, atol=1e-6)
+    spin = momentum.angular - np.cross(centre, momentum.linear)
+    np.testing.assert_allclose(spin, np.broadcast_to(spin[0], spin.shape), rtol=0, atol=near)

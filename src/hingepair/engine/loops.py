@@ -333,11 +333,11 @@ class Program:
         """Return the LLVM module, as text, of a scan of this program."""
         traced, sources = self._traced, iter(self.pattern)
         groups = ((name, [*itertools.islice(sources, math.prod(tail))]) for name, tail in self.loop.inputs)
-        arrays = [name for name, group in groups if isinstance(group[0], tuple)]
+        arrays = [name for name, group in groups if group and isinstance(group[0], tuple)]
         return scan_ir(
             traced.constants,
             dict(zip(arrays, traced.arrays, strict=True)),
-            {name: components(traced.results[name]) for name, _ in self.loop.outputs},
+            {name: components(traced.results[name]) for name, tail in self.loop.outputs if 0 not in tail},
             fuse=self.fuses,
         )
 

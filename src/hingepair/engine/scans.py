@@ -44,13 +44,13 @@ class Scan:
                 bound = bind_constant(name, tail, known[name])
                 pattern += bound.pattern
                 constants += bound.constants
-            else:
+            elif 0 not in tail:  # the coordinates of a robot without joints have no components
                 pattern += [(len(self._ranks), k) for k in range(math.prod(tail))]
                 self._ranks[name] = len(tail)
         self.inputs = tuple(self._ranks)
         outputs = dict(loop.outputs)
         self._read = {name for name in self.inputs if f"next_{name}" not in outputs}  # and not replaced
-        self._ranks |= {name: len(tail) for name, tail in loop.outputs}
+        self._ranks |= {name: len(tail) for name, tail in loop.outputs if 0 not in tail}
         self._constants = np.array(constants)
         self._kernel = loop.program(tuple(pattern)).scan_kernel()
         self._function = _PROTOTYPE(self._kernel.address("scan"))

@@ -36,6 +36,8 @@ class Rollout(Results):
         "v1": "Velocity of R1; (..., steps + 1, 3) m/s.",
         "omega1": "Angular velocity of a free base, world axes; (..., steps + 1, 3) rad/s.",
         "_motions": "",
+        "_t": "",
+        "_joints": "",
     }
 
     q: FloatArray
@@ -45,12 +47,39 @@ class Rollout(Results):
     v1: FloatArray
     omega1: FloatArray
     _motions: Motions | None
+    _t: FloatArray | None
+    _joints: tuple[tuple[str, str], ...]
 
     def __init__(
-        self, arrays: Mapping[str, FloatArray], shape: tuple[int, ...], motions: Motions | None = None
+        self,
+        arrays: Mapping[str, FloatArray],
+        shape: tuple[int, ...],
+        motions: Motions | None = None,
+        t: FloatArray | None = None,
+        joints: tuple[tuple[str, str], ...] = (),  # names and units of the coordinates
     ) -> None:
         super().__init__(arrays, shape)
-        object.__setattr__(self, "_motions", motions)
+        for name, value in (("_motions", motions), ("_t", t), ("_joints", joints)):
+            object.__setattr__(self, name, value)
+
+    def __reduce__(self) -> tuple[type[Rollout], tuple[Any, ...]]:  # type: ignore[override]
+        return type(self), (self.arrays(), self.shape, None, self._t, self._joints)
+
+    def _recorded(self) -> dict[str, Any]:
+        """Return t, and of a joint `elbow` elbow and elbowd, and the motion of a free base."""
+        arrays = self.arrays()
+        if self._t is None:
+            return arrays
+        columns: dict[str, Any] = {"t": np.broadcast_to(self._t, self.shape)}
+        for ending, name in (("", "q"), ("d", "qd")):
+            columns |= {joint + ending: arrays[name][..., k] for k, (joint, _) in enumerate(self._joints)}
+        return columns | {name: array for name, array in arrays.items() if name not in ("q", "qd")}
+
+    def _unit(self, name: str) -> str:
+        for joint, unit in self._joints:
+            if name in (joint, f"{joint}d"):
+                return unit if name == joint else f"{unit}/s"
+        return super()._unit(name)
 
     def vjp(
         self, cotangents: Mapping[str, ArrayLike], wrt: str | Iterable[str] | None = None
@@ -94,11 +123,8 @@ class Rollout(Results):
 
     @property
     def t(self) -> FloatArray | None:
-        """Instants of the recorded states from 0 at the start [s]; (steps + 1,). None for copies and for arrays of
-        JAX and PyTorch.
-        """
-        motions = self._motions
-        return None if motions is None else np.arange(motions.records + 1) * (motions.every * motions.known["h"])
+        """Instants of the recorded states, from 0 [s]; (steps + 1,). None for arrays of JAX and PyTorch."""
+        return self._t
 
     @property
     def base_motion(self) -> BodyMotion | None:
@@ -220,8 +246,9 @@ def rolled_out(
     if base_motion is not None and not isinstance(base_motion, BodyMotion):
         raise ArgumentError("base_motion", "a BodyMotion", quoted(base_motion))
     form, request, dof = computation.form, computation.request, computation.form.dof
-    if not dof or not request_loop(form, request).traced:
-        raise ArgumentError("robot", "joints that move, and not too many for one program", f"{dof}")
+    if not (dof or request.free) or not request_loop(form, request).traced:
+        expected = "joints that move or a free base, and not too many joints for one program"
+        raise ArgumentError("robot", expected, f"{dof}")
     tree = computation.constants.tree
     starts = {"q": tree.rows("q0", q0), "qd": tree.rows("qd0", qd0)}
     known = {**RESTING_BASE, "constants": computation.known["constants"], "gravity": gravity}
@@ -244,4 +271,7 @@ def rolled_out(
     step = RolloutStep(form, request._replace(outputs=()), method, control)
     count = count_steps(tracks, steps, method)
     motions = Motions(step, known, starts, tracks, count, int(every), execution.workers)
-    return Rollout(motions.run(check_out(out, tuple(starts))), (*motions.shape, motions.records + 1), motions)
+    t = np.arange(motions.records + 1) * (motions.every * known["h"])
+    joints = tuple((joint.name, joint.unit) for joint in tree.coordinates)
+    arrays = motions.run(check_out(out, tuple(starts)))
+    return Rollout(arrays, (*motions.shape, motions.records + 1), motions, t, joints)

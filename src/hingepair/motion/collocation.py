@@ -325,7 +325,9 @@ class Stepper:
             shifted[1 + k, :, column] += increments[:, k]
         rates = self.rates(np.tile(times, len(shifted)), shifted.reshape(-1, states.shape[1]))[:, self._qd]
         unshifted, *others = rates.reshape(len(shifted), len(times), self._dof)
-        slopes = np.stack([(x - unshifted) / increments[:, k, None] for k, x in enumerate(others)], axis=-1)
+        slopes = np.zeros((len(times), self._dof, 2 * self._dof))
+        for k, x in enumerate(others):
+            slopes[..., k] = (x - unshifted) / increments[:, k, None]
         return slopes[..., : self._dof], slopes[..., self._dof :]
 
     def _newton_matrices(self, length: float) -> tuple[Array, Array]:

@@ -126,9 +126,10 @@ class RobotMotion:
         self.quat = matrix_to_quaternion(self._S)
         self.phi = float(np.arctan2(self._S[1, 0], self._S[0, 0]))
         self._S0 = quaternions_to_matrices(self.quat[None])
+        self._of_joints = slice(6 * self.has_momenta, None)  # in velocities and generalized forces
         self._known = np.zeros(self.dof + 6 * self.has_momenta, np.bool_)
         self._known[:3] = base == "pinned"
-        self._known[[k - self.dof for k in self._driven]] = True
+        self._known[self._of_joints][[*self._driven]] = True
         self.length = _length(robot)
         units = np.array([1.0 if joint.unit == "rad" else self.length for joint in tree_of(robot).coordinates])
         if not self.has_momenta:
@@ -191,7 +192,7 @@ class RobotMotion:
         """
         turning = slice(_G.start if self.has_momenta else 0, None)
         rates = (self.rates(np.array([t]), self.state[None])[0] / self.sizes)[turning]
-        rates[-self.dof :] /= np.maximum(1, np.abs(self.state[self._qd]))
+        rates[len(rates) - self.dof :] /= np.maximum(1, np.abs(self.state[self._qd]))
         fastest = float(np.abs(rates).max(initial=0.0))
         return min(span, 0.1 / fastest) if 0 < fastest < np.inf else span / 100
 
@@ -217,7 +218,7 @@ class RobotMotion:
         """Return what `rates` does, where joints are held or move as given."""
         terms = self._terms(t, states)
         loads = self._generalized(t, terms, self.side)
-        qdd = self._solve(terms, loads, self.held)[0][:, -self.dof :]
+        qdd = self._solve(terms, loads, self.held)[0][:, self._of_joints]
         if not self.has_momenta:
             return np.concatenate([terms.now.qd, qdd], axis=1)
         external, centre, mass = loads[:, :6], terms.centre, terms.M[:, :1, 0]
@@ -235,19 +236,19 @@ class RobotMotion:
         """Return the accelerations of the joints in one state, (dof,); 0 of held ones."""
         instants = np.array([t])
         terms = self._terms(instants, state[None])
-        return self._solve(terms, self._generalized(instants, terms, self.side), self.held)[0][0, -self.dof :]
+        return self._solve(terms, self._generalized(instants, terms, self.side), self.held)[0][0, self._of_joints]
 
     def joint_mobility(self, t: float, state: Array) -> Array:
         """Return the derivatives of the accelerations by efforts at the joints, none of which is held; (dof, dof)."""
         M = self._terms(np.array([t]), state[None]).M
         inverse: Array = np.linalg.inv(_with_known(M, self._known[None]))[0]
         inverse[self._known] = 0.0
-        return inverse[-self.dof :, -self.dof :]
+        return inverse[self._of_joints, self._of_joints]
 
     def holding_efforts(self, t: Array, states: Array) -> Array:
         """Return the efforts that hold the held joints, (n, dof); 0 of others."""
         terms = self._terms(t, states)
-        efforts = self._solve(terms, self._generalized(t, terms, self.side), self.held)[1][:, -self.dof :]
+        efforts = self._solve(terms, self._generalized(t, terms, self.side), self.held)[1][:, self._of_joints]
         return np.where(self.held, efforts, 0.0)
 
     def callable_loads(self, t: Array, states: Array) -> dict[str, Array]:
@@ -287,8 +288,8 @@ class RobotMotion:
         else:
             quats = matrix_to_quaternion(terms.now.S1)
             phi = np.unwrap(2 * np.arctan2(quats[:, 3], quats[:, 0]))
-        loads = self.loads.all_at(t, terms.now, side, holding[:, -self.dof :], tuple(self._driven))
-        qdd = accelerations[:, -self.dof :]
+        loads = self.loads.all_at(t, terms.now, side, holding[:, self._of_joints], tuple(self._driven))
+        qdd = accelerations[:, self._of_joints]
         return RobotSamples(t, quats, terms.now, qdd, a1, alpha1, phi, loads)
 
     # ---- what the energy balance asks
@@ -386,13 +387,13 @@ class RobotMotion:
         velocities) each. `held` has the shape (dof,) or (n, dof).
         """
         known = np.broadcast_to(self._known, loads.shape).copy()
-        known[:, -self.dof :] |= held
+        known[:, self._of_joints] |= held
         forces = loads - terms.bias
         if not known.any():
             return _solved(terms.M, forces), np.zeros_like(forces)
         if self._driven:
             given = np.zeros_like(forces)
-            given[:, -self.dof :] = terms.qdd
+            given[:, self._of_joints] = terms.qdd
             rest = np.where(known, given, forces - (terms.M @ given[..., None])[..., 0])
         else:
             rest = np.where(known, 0.0, forces)

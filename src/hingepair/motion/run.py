@@ -32,6 +32,7 @@ from hingepair.pair.hinge_load import check_callable, stop_range
 from hingepair.tables.suspicions import suspicions
 
 _EVALUATIONS = 509 * 17  # of callables over the whole motion, at least
+_TRIALS_BETWEEN_CHECKS = 50  # of whether callables keep no memory
 _FINER = 1e-3  # tolerance of the second run, which tells the errors, in parts of that of the first
 _MORE_EVALUATIONS = 4.3  # times as many in the second run, whose instants then do not fall on those of the first
 
@@ -225,6 +226,7 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
     span = float(elapsed[-1])
     events = JointEvents(motion, start, options.tol, options.until, span)
     breaks = [float(x) for x in options.breaks - start if 0 <= x <= span]
+    _check_memory(motion, start, motion.state)
     margin, bounds = 8 * np.spacing(max(abs(start), abs(start + span))), np.zeros(2)
     checked = bool(motion.callable_names or options.until)
     stepper = Stepper(
@@ -240,7 +242,7 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
         span / options.evaluations if checked else np.inf,
         elapsed if checked else np.empty(0),
     )
-    records, last_trials, last_t = list[StepRecord](), 0, 0.0
+    records, last_trials, last_t, next_check = list[StepRecord](), 0, 0.0, 1
     for interval_start, end in itertools.pairwise(sorted({0.0, *breaks, span})):
         bounds[:] = (
             interval_start + margin * (interval_start in breaks),
@@ -255,6 +257,9 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
                 reason = reason or motion.mass_doubt(start + error.t, stepper.state, 1e-6)
                 reason = reason or "the loads change too fast there to be followed"
                 raise SimulationError(start + error.t, f"steps became too short; {reason}") from None
+            if stepper.trials >= next_check:
+                next_check = stepper.trials + _TRIALS_BETWEEN_CHECKS
+                _check_memory(motion, start + stepper.t, stepper.state)
             if polynomial is not None:
                 records.append(StepRecord(polynomial, *attitude, motion.side, motion.held.copy()))
                 stepper.apply_pending_event()
@@ -274,6 +279,21 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
                 )
             last_trials, last_t = stepper.trials, stepper.t
     return records, None
+
+
+def _check_memory(motion: RobotMotion, t: float, state: Array) -> None:
+    """Refuse a callable load that returns other values when it is called again, such as a controller that adds up
+    what it is given: steps are tried in any order and more than once.
+    """
+    if not motion.loads.callable_names:
+        return
+    times, states = np.full(2, t), np.stack([state] * 2)
+    first, again = (motion.callable_loads(times, states) for _ in range(2))
+    for name, values in first.items():
+        if not np.array_equal(values, again[name], equal_nan=True):
+            expected = "a callable that returns the same values whenever it is called with the same arguments"
+            got = f"{values[0].tolist()} and then {again[name][0].tolist()} at t = {t:g}; does it keep a sum?"
+            raise ArgumentError(name, expected, got)
 
 
 def _sample_steps(motion: RobotMotion, first_state: Array, steps: list[StepRecord], t: Array) -> RobotSamples:

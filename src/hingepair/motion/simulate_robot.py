@@ -198,8 +198,6 @@ def simulate_robot(
     """Simulate the motion of a robot; `hp.simulate` says what the arguments are."""
     if not isinstance(robot, Mechanism):
         raise ArgumentError("robot", "a Mechanism", quoted(robot))
-    if not robot.dof:
-        raise ArgumentError("robot", "joints that move", "none")
     tree_of(robot).single()
     if joint_loads is not None:
         loads = _described_loads(robot, loads, joint_loads)
@@ -207,6 +205,8 @@ def simulate_robot(
         sentence = f"{robot.name}: {note}; loads=robot.joint_loads counts them, loads={{}} is silent"
         warnings.warn(sentence, DynamicsWarning, stacklevel=3)
     kind, start = _base_of(robot, base, base_motion)
+    if not robot.dof and kind not in ("free", "pinned"):
+        raise ArgumentError("robot", "joints that move, or a base that is free or pinned", "none")
     if kind in ("free", "pinned") and robot.base != "free":
         robot = robot.with_base("free")
     instants = instants_of("t", t)
@@ -253,7 +253,7 @@ def simulate_robot(
         wrenches=all_loads.wrenches_of(samples.loads),
         gravity=all_loads.gravity,
         base=kind,
-        q_range=read_only(np.array(q_range)),
+        q_range=read_only(np.array(q_range, np.float64).reshape(-1, 2)),
         impacts=tuple(sorted(impacts, key=lambda impact: impact.t)),
         steps=samples.steps,
         ended_by_event=found.run.ended,
