@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import itertools
 import pickle
 import signal
 import subprocess
@@ -20,7 +19,7 @@ from hingepair.engine.binding import bind, bind_constant
 from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.results import Results, writable_arrays
-from hingepair.errors import ArgumentError, CompilationError, ShapeError
+from hingepair.errors import ArgumentError, CompilationError
 from hingepair.numeric.blocks import sine
 
 GIVEN = {"unused": (2,), "m": (3, 3), "x": ()}
@@ -71,114 +70,6 @@ def expected(unused, m, x):
     return np.einsum("...ij,...j->...i", m, k), trace
 
 
-LEADS = [(), (1,), (64,), (4, 16), (40, 1)]
-
-
-@pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
-def test_arguments_broadcast(backend):
-    one = call(backend)
-    for lead in [*itertools.product(LEADS, repeat=3)][::3]:
-        check_broadcast(one, lead, backend)
-
-
-def check_broadcast(one, lead, backend):
-    given = arrays(lead)
-    shapes, values = dict(zip(GIVEN, lead, strict=True)), dict(zip(GIVEN, given, strict=True))
-    try:
-        shape = np.broadcast_shapes(*lead)
-    except ValueError:
-        assert one.rows(*given) is None
-        with pytest.raises(ShapeError):
-            one.run(values, shapes)
-        return
-    y, trace = expected(*given)
-    rows = one.rows(*given)
-    assert (rows is None) == (backend == "numpy")
-    for state in filter(None, (rows, one.run(values, shapes), one.run(values, shapes, workers=2))):
-        assert state.shape == shape
-        assert state.outputs == ("y", "trace")
-        np.testing.assert_allclose(state.y, y, rtol=1e-14, atol=1e-14)
-        np.testing.assert_allclose(state["trace"], trace, rtol=1e-14, atol=1e-14)
-        assert state.y.shape == y.shape
-        assert np.shape(state["trace"]) == shape
-        assert not state.y.flags.writeable
-
-
-LAYOUTS = {
-    "every other": lambda a: np.repeat(a, 2, axis=0)[::2],
-    "backwards": lambda a: a[::-1].copy()[::-1],
-    "one for all": lambda a: np.broadcast_to(a[:1], a.shape),
-    "spread components": lambda a: np.repeat(a, 3, axis=-1)[..., ::3] if a.ndim > 1 else a,
-    "columns": np.asfortranarray,
-    "transposed in memory": lambda a: np.swapaxes(np.swapaxes(a, -1, -2).copy(), -1, -2) if a.ndim > 2 else a,
-    "rows backwards": lambda a: a[..., ::-1, :].copy()[..., ::-1, :] if a.ndim > 2 else a,
-    "float32": lambda a: a.astype(np.float32),
-    "other byte order": lambda a: a.astype(">f8"),
-    "integers": lambda a: np.rint(a * 10).astype(int),
-    "unaligned": lambda a: np.frombuffer(b"x" + a.tobytes(), np.uint8)[1:].view(a.dtype).reshape(a.shape),
-    "a class of its own": lambda a: a.view(type("Own", (np.ndarray,), {})),
-}
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_every_layout_and_dtype_is_read(layout):
-    one = call()
-    for place, count in itertools.product(range(3), (9, 150)):
-        given = arrays([(count,)] * 3)
-        given[place] = LAYOUTS[layout](given[place])
-        y, trace = expected(*(np.asarray(a, float) for a in given))
-        state = one.rows(*given) or one.run(dict(zip(GIVEN, given, strict=True)), dict.fromkeys(GIVEN, (count,)))
-        np.testing.assert_allclose(state.y, y, rtol=1e-13, atol=1e-13)
-        np.testing.assert_allclose(state["trace"], trace, rtol=1e-13, atol=1e-13)
-
-
-DTYPES = ["float64", "float32", "int64", "int8", "uint16", ">f8", ">f4", "list", "numbers"]
-
-
-@pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
-@pytest.mark.parametrize("bare", [True, False], ids=["bare", "results"])
-@pytest.mark.parametrize("way", ["rows", "run", "out"])
-def test_one_state_of_scalar_outputs(backend, bare, way):
-    """What is not written, or written into a copy, shows as what memory held before."""
-    for dtype, workers in itertools.product(DTYPES, (1, 2)):
-        check_one_state(dtype, workers, backend, bare, way)
-
-
-def check_one_state(dtype, workers, backend, bare, way):
-    outputs = {"trace": ()} if bare else OUTPUTS
-    loop = Loop("product", product, dict(LOOP.inputs), {**outputs, "checked": ()})
-    limits = {"checked": {8: 100.0, 4: 100.0}}
-    one = Call(loop, GIVEN, CONSTANTS, None if bare else Product, backend=backend, limits=limits, on_limit=refuse)
-    given = [np.ones(2), np.arange(9.0).reshape(3, 3), np.array(3.0)]
-    if dtype == "list":
-        given = [a.tolist() for a in given]
-    elif dtype == "numbers":
-        given[2] = 3.0
-    else:
-        given = [a.astype(dtype) for a in given]
-    single = dtype in ("float32", ">f4")
-    trace = np.full((), 7.0, np.float32 if single else float)
-    for _ in range(3):
-        if way == "run":
-            found = one.run(
-                dict(zip(GIVEN, map(np.asarray, given), strict=True)), dict.fromkeys(GIVEN, ()), workers=workers
-            )
-        else:
-            found = one.rows(*given, out={"trace": trace} if way == "out" else None, workers=workers)
-            assert (found is None) == (backend == "numpy")
-            if found is None:
-                return
-        assert (found if bare else found["trace"]) == 9.0
-        assert (found if bare else found["trace"]).dtype == trace.dtype
-        assert way != "out" or trace == 9.0
-
-
-@pytest.mark.parametrize("dtype", ["float16", "bool", "complex128", "longdouble", "object", "U1", "M8[s]"])
-def test_other_dtypes_are_left_to_who_says_what_is_wrong(dtype):
-    given = [np.zeros(2), np.eye(3), np.zeros((), dtype)]
-    assert call().rows(*given) is None
-
-
 REFUSED = {
     "a text": "rubbish",
     "nothing": None,
@@ -198,12 +89,6 @@ def test_an_argument_that_no_output_needs_is_looked_at_all_the_same(kind):
     one = call()
     assert one.rows(np.zeros((9, 2)), m, x) is not None
     assert one.rows(REFUSED[kind], m, x) is None
-
-
-def test_numbers_beside_arrays():
-    unused, m, _ = arrays([(), (4,), ()])
-    for x in (0.5, np.float64(0.5), np.array(0.5)):
-        np.testing.assert_array_equal(call().rows(unused, m, x).y, call().rows(unused, m, np.full(4, 0.5)).y)
 
 
 def test_casts_of_large_batches_take_little_memory():
@@ -250,18 +135,6 @@ def test_constants_that_were_sorted_once_are_bound_as_they_are(value, moving):
     plain, other = (bind(spec, {"k": k, "x": x}, single_samples_vary=moving) for k in (value, once))
     assert (plain.pattern, plain.constants) == (other.pattern, other.constants)
     assert len(plain.arrays) == len(other.arrays)
-
-
-@pytest.mark.parametrize("lead", [(), (9,), (2, 3)], ids=str)
-def test_outputs_are_written_in_place(lead):
-    one, given = call(), arrays([lead] * 3)
-    y = np.full((*lead, 3, 2), np.nan)[..., 0]  # components two numbers apart
-    state = one.rows(*given, out={"y": y})
-    np.testing.assert_array_equal(y, one.rows(*given).y)
-    np.testing.assert_array_equal(state["trace"], one.rows(*given)["trace"])
-    assert np.shares_memory(state.y, y)
-    assert not state.y.flags.writeable
-    assert y.flags.writeable
 
 
 @pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
@@ -530,44 +403,6 @@ def test_results_that_nobody_holds_can_be_written_to(lead, backend):
         assert (array == 3).all()
 
 
-@pytest.mark.parametrize("backend", ["numpy", "compiled"])
-@pytest.mark.parametrize("lead", [(), (9,), (2, 3)])
-def test_one_output_alone_is_returned_itself(lead, backend):
-    loop = Loop("product", product, dict(LIMITED.inputs), {"y": (3,), "checked": ()})
-    one = Call(loop, GIVEN, CONSTANTS, None, backend=backend, limits={"checked": {8: 1.0}}, on_limit=refuse)
-    given = arrays([lead] * 3)
-    given[2][...] = -1.0
-    wanted = expected(*given)[0]
-    shapes = dict.fromkeys(GIVEN, lead)
-    for _ in range(2):  # not the same array again
-        found = one.run(dict(zip(GIVEN, given, strict=True)), shapes)
-        np.testing.assert_allclose(found, wanted, rtol=1e-14)
-        found[...] = 0.0
-    quick = one.rows(*given)
-    if quick is not None:
-        np.testing.assert_allclose(quick, wanted, rtol=1e-14)
-        quick[...] = 0.0
-    out = np.empty((*lead, 3))
-    assert np.shares_memory(one.run(dict(zip(GIVEN, given, strict=True)), shapes, {"y": out}), out)
-    np.testing.assert_allclose(out, wanted, rtol=1e-14)
-    with pytest.raises(RefusedError):
-        one.run(dict(zip(GIVEN, (*given[:2], given[2] + 3.0), strict=True)), shapes)
-
-
-@pytest.mark.parametrize("width", [1, 3])
-@pytest.mark.parametrize("result", [None, Results])
-def test_the_only_output_is_written_in_place(width, result):
-    loop = Loop("twice", lambda v: {"y": tuple(2 * x for x in v["x"])}, {"x": (width,)}, {"y": (width,)})
-    one, x, y = Call(loop, {"x": (width,)}, {}, result, backend="compiled"), np.ones(width), np.empty(width)
-    state = one.rows(x, out={"y": y})
-    assert (y == 2).all()
-    found = state if result is None else state["y"]
-    assert found.shape == (width,)
-    assert np.shares_memory(found, y)
-    with pytest.raises(ArgumentError, match="overlaps x"):
-        one.rows(x, out={"y": x})
-
-
 @pytest.mark.parametrize("lead", [(), (5,)], ids=str)
 def test_matrices_of_any_strides_are_read_as_they_are(lead):
     one, (unused, m, x) = call(), arrays([lead] * 3)
@@ -578,55 +413,6 @@ def test_matrices_of_any_strides_are_read_as_they_are(lead):
         y, trace = expected(unused, m, x)
         np.testing.assert_allclose(state.y, y, rtol=1e-14, atol=1e-14)
         np.testing.assert_allclose(state["trace"], trace, rtol=1e-14, atol=1e-14)
-
-
-@pytest.mark.parametrize("lead", [(), (5,)], ids=str)
-def test_arrays_to_write_that_do_not_fit_are_refused(lead):
-    one, given = call(), arrays([lead] * 3)
-    y, trace = np.zeros((*lead, 3)), np.zeros(lead)
-    one.rows(*given)
-    assert one.rows(*given, out={"y": y, "trace": trace, "nonsense": y.copy()}) is None
-    memory = np.zeros((*lead, 3))
-    itself = np.ndarray(memory.shape, float, memory, strides=(0,) * memory.ndim)
-    with pytest.raises(ArgumentError, match="overlaps itself"):
-        one.rows(*given, out={"y": itself, "trace": trace})
-    assert not y.any()
-    assert not memory.any()
-
-
-def test_arrays_that_were_written_before_are_refused_once_they_do_not_fit():
-    one, (unused, m, x) = call(), arrays([()] * 3)
-    both = np.zeros((2, 3, 3))
-    out = {"y": np.zeros(3), "trace": np.zeros(())}
-    one.rows(unused, m, x)
-    for _ in range(3):
-        one.rows(unused, m, x, out=out)
-        np.testing.assert_allclose(out["y"], expected(unused, m, x)[0], rtol=1e-14)
-    out["y"] = both[0, 0]  # whose memory a matrix shares
-    one.rows(unused, m, x, out=out)
-    with pytest.raises(ArgumentError, match="overlaps m"):
-        one.rows(unused, both[0], x, out=out)
-    assert one.rows(unused, m, x, out={**out, "nonsense": np.zeros(3)}) is None
-    with pytest.raises(ArgumentError, match="array to write into"):
-        one.rows(unused, m, x, out={"y": None, "trace": out["trace"]})
-
-
-@pytest.mark.parametrize("lead", [(), (1,), (5,), (2, 3)], ids=str)
-def test_few_states_are_written_where_they_fit(lead):
-    one, (unused, m, x) = call(), arrays([lead] * 3)
-    one.rows(unused, m, x)
-    out = {"y": np.zeros((*lead, 3)), "trace": np.zeros(lead)}
-    for single in (m, m[(0,) * len(lead)]):
-        for _ in range(2):
-            state = one.rows(unused, single, x, out=out)
-            y, trace = expected(unused, np.broadcast_to(single, m.shape), x)
-            np.testing.assert_allclose(out["y"], y, rtol=1e-14, atol=1e-14)
-            np.testing.assert_allclose(state["trace"], trace, rtol=1e-14, atol=1e-14)
-            assert state.shape == lead
-    if lead:  # not a state that NumPy would repeat
-        first = [np.array(part[(0,) * len(lead)]) for part in (unused, m, x)]
-        with pytest.raises(ShapeError, match="out"):
-            one.rows(*first, out=out)
 
 
 @pytest.mark.parametrize("lead", [(), (9,), (30_000,)], ids=str)

@@ -85,58 +85,6 @@ def test_lanes_do_not_know_of_each_other():
                 np.testing.assert_array_equal(array, whole[name][start:stop])
 
 
-def test_far_angles_and_none_at_all():
-    count = 24
-    values = given(count)
-    clean = run(MAP, values, (count,))
-    hard = {3: 1e300, 5: -1e16, 9: np.nan, 10: np.inf, 20: 1000000.5, 23: -np.inf}
-    for k, angle in hard.items():
-        values["angle"][k] = angle
-    found, expected = run(MAP, values, (count,)), run(MAP, values, (count,), execution=NUMPY)
-    rest = [k for k in range(count) if k not in hard]
-    for name, array in found.items():
-        np.testing.assert_array_equal(array[rest], clean[name][rest])
-        np.testing.assert_array_equal(np.isnan(array), np.isnan(expected[name]))
-        np.testing.assert_allclose(array, expected[name], rtol=1e-15, atol=1e-15)
-
-
-LAYOUTS = {
-    "strided": lambda a: np.repeat(a, 3, axis=0)[::3],
-    "backward": lambda a: a[::-1].copy()[::-1],
-    "Fortran": np.asfortranarray,
-    "every other component": lambda a: np.repeat(a, 2, axis=1)[:, ::2],
-    "unaligned": lambda a: np.frombuffer(b"x" + a.tobytes(), np.uint8)[1:].view(a.dtype).reshape(a.shape),
-    "other byte order": lambda a: a.astype(a.dtype.newbyteorder()),
-    "read-only": lambda a: np.broadcast_to(a, a.shape),
-    "float32": lambda a: a.astype(np.float32),
-}
-
-
-@pytest.mark.parametrize("execution", [NUMPY, COMPILED], ids=["numpy", "compiled"])
-@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
-def test_every_layout(layout, execution):
-    values = given(37)
-    values["u"] = values["u"].astype(np.float32).astype(float)
-    expected = run(MAP, values, (37,), execution=execution)
-    found = run(MAP, {**values, "u": layout(values["u"])}, (37,), execution=execution)
-    for name, array in found.items():
-        np.testing.assert_array_equal(array, expected[name])
-
-
-@pytest.mark.parametrize("execution", [NUMPY, COMPILED], ids=["numpy", "compiled"])
-def test_samples_of_several_axes_broadcast(execution):
-    rng = np.random.default_rng(5)
-    values = {
-        "u": rng.normal(size=(4, 1, 11, 3)),
-        "angle": rng.normal(size=(5, 1)),
-        "more": rng.uniform(size=(4, 5, 11)),
-    }
-    found = run(MAP, values, (4, 5, 11), execution=execution)
-    for i, j in np.ndindex(4, 5):
-        one = {"u": values["u"][i, 0], "angle": np.repeat(values["angle"][j], 11), "more": values["more"][i, j]}
-        agree(run(MAP, one, (11,), execution=NUMPY), {name: array[i, j] for name, array in found.items()})
-
-
 def test_outputs_of_any_stride():
     values = given(21)
     room = np.zeros((21, 2, 4))
@@ -154,20 +102,6 @@ def test_large_outputs_go_past_the_caches_and_workers_share():
     shared = run(MAP, values, (count,), execution=Execution("compiled", 3))
     for name, array in shared.items():
         np.testing.assert_array_equal(array, alone[name])
-
-
-@pytest.mark.parametrize("execution", [NUMPY, COMPILED], ids=["numpy", "compiled"])
-def test_names_may_be_any_text(execution):
-    names = ['a-b.c d"e', "a_b.c d'e", "%0\n; ret void", "entry", "frame"]
-
-    def function(values):
-        return {name + "'": values[name] * values[names[0]] for name in names}
-
-    loop = Loop(names[0], function, dict.fromkeys(names, ()), {f"{name}'": () for name in names})
-    values = {name: np.arange(9.0) + k for k, name in enumerate(names)}
-    found = run(loop, values, (9,), execution=execution)
-    for name in names:
-        np.testing.assert_array_equal(found[f"{name}'"], values[name] * values[names[0]])
 
 
 def test_exact_arithmetic_is_not_fused():

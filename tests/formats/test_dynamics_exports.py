@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from support.commands import refusal, run_command
+from support.commands import run_command
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
 
@@ -167,30 +167,7 @@ def test_an_option_for_the_base_wins(tmp_path, command):
         assert 'type="floating"' in exported(tmp_path, command, text, "--floating-base", left_out="R1_0, S1_0")
 
 
-def test_a_scene_is_exported_without_being_simulated(tmp_path):
-    text = PAIR + '[dynamics]\nbase = "fixed"\n[time]\nstart = 0\nstop = 1e9\nsamples = 11\n'
-    assert "mujoco" in exported(tmp_path, "mjcf", text)
-    (tmp_path / "scene.toml").write_text(text.replace("fixed", "afloat"))
-    assert "dynamics.base: expected one of" in refusal("mjcf", tmp_path / "scene.toml")
-
-
-SPRING = hp.HingeLoad(stiffness=2, damping=0.1)
 BEAM = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1))
-
-
-def test_the_library_lists_what_a_format_has_not():
-    with pytest.warns(hp.DynamicsWarning, match=r"^URDF has no stiffness: left out$"):
-        text = hp.to_urdf(BEAM, hinge_torque=SPRING)
-    assert '<dynamics damping="0.1" friction="0.0" />' in text
-    assert 'stiffness="2.0" springref="0.0" damping="0.1"' in hp.to_mjcf(BEAM, hinge_torque=SPRING)
-    with pytest.warns(hp.DynamicsWarning, match=r"^MJCF has no stop_damping, motor: left out$"):
-        hp.to_mjcf(BEAM, hinge_torque=hp.HingeLoad(motor=1, stop_damping=3, stops=(0, 1)))
-
-
-def test_without_loads_nothing_is_written_of_them():
-    assert "dynamics" not in hp.to_urdf(BEAM)
-    assert not {"stiffness", "springref", "damping", "frictionloss"} & set(re.findall(r"\w+(?==)", hp.to_mjcf(BEAM)))
-    assert hp.to_mjcf(BEAM, hinge_torque=hp.HingeLoad()) == hp.to_mjcf(BEAM)
 
 
 def test_the_models_stand_where_their_scenes_start():

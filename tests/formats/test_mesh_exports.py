@@ -122,22 +122,6 @@ def test_mujoco_shows_the_meshes_where_the_urdf_has_them(
     assert not model.nmesh - 1
 
 
-def test_collision_shapes_are_a_class_that_is_shown_where_nothing_else_is(folder: Path) -> None:
-    both = element(STL) + element('<sphere radius="0.1"/>', "collision")
-    text = hp.to_mjcf(robot(folder, both, upper=element(STL, "collision"), kind="revolute"))
-    model = mujoco.MjModel.from_xml_string(text)
-    bodies = [model.body(body).name for body in model.geom_bodyid]
-    assert list(zip(bodies, model.geom_group.tolist(), strict=True)) == [("upper", 1), ("hand", 1), ("hand", 3)]
-    assert not model.geom_contype.any()
-    root = ET.fromstring(text)
-    root.find("default/default/geom").attrib.update(contype="1", conaffinity="1")
-    model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
-    assert model.geom_contype.tolist() == [1, 0, 1]
-    # the file is one asset, though two geoms show it
-    assert model.nmesh == 1
-    assert mujoco.MjModel.from_xml_string(hp.to_mjcf(robot(folder, both), meshes=False)).ngeom == 1
-
-
 LEFT_OUT = {
     "DAE": (STL.replace(".stl", ".dae"), "since MuJoCo cannot load DAE: hull.dae"),
     "text": (STL.replace("hull.stl", "text.stl"), "since MuJoCo cannot load STL that is text: text.stl"),
@@ -163,27 +147,11 @@ def test_meshes_that_mujoco_cannot_load_are_named(folder: Path, name: str) -> No
     assert geometry.split('"')[1] in hp.to_urdf(arm)
 
 
-@pytest.mark.parametrize("name", ["of_2.stl", "of_4.obj"])
-def test_meshes_of_four_vertices_are_loaded(folder: Path, name: str) -> None:
-    model = mujoco.MjModel.from_xml_string(hp.to_mjcf(robot(folder, element(STL.replace("hull.stl", name)))))
-    assert model.mesh_vertnum.tolist() == [4]
-
-
 def test_a_mesh_is_written_at_the_scales_that_mujoco_can_load(folder: Path) -> None:
     arm = robot(folder, element(STL) + element(STL.replace("0.1 0.2 -0.3", "0 0 0")))
     with pytest.warns(hp.DynamicsWarning, match=r"their scale has a 0: hull\.stl"):
         model = mujoco.MjModel.from_xml_string(hp.to_mjcf(arm))
     assert model.nmesh == model.ngeom == 1
-
-
-@pytest.mark.parametrize("write", [hp.to_urdf, hp.to_mjcf])
-@pytest.mark.parametrize(
-    "geometry", ['<capsule radius="1" length="2"/>', '<mesh scale="1 1 1"/>', '<box size="1 2 nan"/>']
-)
-def test_what_cannot_be_read_is_named(folder: Path, write: object, geometry: str) -> None:
-    arm = robot(folder, element(geometry))
-    with pytest.warns(hp.DynamicsWarning, match=r"^arm: what cannot be read is not written: visual of link 'hand'$"):
-        write(arm.with_locked({"turn": 0.1}))
 
 
 def test_meshes_stay_with_locked_joints_and_payloads(folder: Path) -> None:

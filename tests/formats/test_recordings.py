@@ -100,37 +100,6 @@ def test_two_files_with_clocks_of_their_own_meet(tmp_path: Path) -> None:
     assert hp.fit(found.body1, found.body2, t=found.t).ok
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (
-            {"temperature": MADE.t},
-            r"columns of poses, columns=\{'NAME': 'temperature'\}, or ignore=\['temperature'\]",
-        ),
-        ({"qx3": MADE.t}, "nearest: qx"),
-        (
-            {"time": MADE.t},
-            r"columns of poses \(nearest: t\), columns=\{'t': 'time'\}, or ignore=\['time'\]",
-        ),
-        (
-            {"time_ms": MADE.t},
-            r"columns of poses \(nearest: t\), columns=\{'t': \{'name': 'time_ms', 'unit': 'ms'\}\}, or ignore=",
-        ),
-        ({"x1_mm": MADE.t}, r"columns=\{'x1': \{'name': 'x1_mm', 'unit': 'mm'\}\}"),
-        ({"px1": MADE.t}, r"nearest: x1\)"),
-        ({"pos_z": MADE.t}, r"nearest: z\)"),
-        ({"y2": None}, "y2: expected a column, since the file has x2, z2, got none"),
-        ({"qw1": None}, "qw1: expected a column"),
-    ],
-    ids=["unknown", "misspelt", "time", "milliseconds", "millimetres", "px1", "pos_z", "lacking", "no scalar"],
-)
-def test_columns_that_cannot_be_used_are_named(tmp_path: Path, change: dict, words: str) -> None:
-    columns = {name: array for name, array in (both() | change).items() if array is not None}
-    path = table(tmp_path / "a.csv", **columns)
-    with pytest.raises(hp.ArgumentError, match=words):
-        read_recording(path)
-
-
 def test_a_body_2_without_attitudes_is_a_point(tmp_path: Path) -> None:
     columns = {name: array for name, array in both().items() if not name.startswith("q") or name.endswith("1")}
     found = read_recording(table(tmp_path / "a.csv", **columns))
@@ -206,23 +175,6 @@ def test_only_numbers_are_read(tmp_path: Path, name: str, kind: str) -> None:
     assert read_recording(path, ignore=["note"]).body1.shape == (300,)  # nor is anything unpickled
     with pytest.raises(hp.ArgumentError, match=f"{name}: x2: expected (real|a column of) numbers"):
         read_recording(saved(path, **both() | {"x2": others}))
-
-
-def test_a_vector_of_no_concern_is_named_as_its_columns_are(tmp_path: Path) -> None:
-    path = saved(tmp_path / "a.npz", **both(), marker=MADE.R1)
-    with pytest.raises(hp.ArgumentError, match=r"ignore=\['marker_x'\]"):
-        read_recording(path)
-    assert read_recording(path, ignore=["marker_*"]).body1.shape == (300,)
-
-
-def test_names_of_files_are_checked(tmp_path: Path) -> None:
-    for name in ("a.csv", "a" * 300 + ".csv"):
-        with pytest.raises(hp.ArgumentError, match="no such file"):
-            read_recording(tmp_path / name)
-    with pytest.raises(hp.ArgumentError, match=r"ends in \.csv, \.npz, \.parquet"):
-        read_recording(tmp_path / "a.txt")
-    with pytest.raises(hp.ArgumentError, match="one recording, or one of each body"):
-        read_recording()
 
 
 def test_attitudes_of_a_few_digits_and_of_zeros_are_read(tmp_path: Path) -> None:
@@ -316,11 +268,6 @@ def test_columns_of_another_program_have_names_and_units(tmp_path: Path) -> None
         hp.read_recording(german, columns=columns | {"x1": {"name": "Ost", "unit": "deg"}})
 
 
-def test_a_recording_is_shown_in_a_line() -> None:
-    found = hp.read_recording(both())
-    assert repr(found) == "Recording(300 instants: body1, body2, t)"
-
-
 @pytest.mark.slow
 def test_one_body_may_be_read_alone() -> None:
     columns = {name.removesuffix("1"): column for name, column in both().items() if not name.endswith("2")}
@@ -329,27 +276,6 @@ def test_one_body_may_be_read_alone() -> None:
     assert hp.smooth(found.t, found.body1).omega.shape == (300, 3)
     point = hp.read_recording({name: columns[name] for name in "txyz"})
     assert point.body1.S is None
-
-
-@pytest.mark.parametrize(
-    ("columns", "words"),
-    [
-        ({"x1": "0,5"}, r"DataFrame: x1: expected numbers; pandas.read_csv.*decimal=',.*, got '0,5'"),
-        ({"t": "2026-03-05 14:30"}, "DataFrame: t: expected numbers, or dates, which pandas.to_datetime makes"),
-        ({"x1": pd.Timestamp(0)}, "DataFrame: x1: expected numbers"),
-        ({"weather": "fine"}, "DataFrame: 'weather': expected columns of poses"),
-    ],
-    ids=["decimal commas", "text for dates", "dates", "unknown"],
-)
-def test_columns_of_a_data_frame_that_cannot_be_used_are_named(columns: dict[str, object], words: str) -> None:
-    with pytest.raises(hp.ArgumentError, match=words):
-        hp.read_recording(pd.DataFrame(both()).assign(**columns))
-
-
-@pytest.mark.parametrize("source", [5, [1, 2], np.zeros((3, 8))], ids=str)
-def test_what_is_no_table_is_refused(source: object) -> None:
-    with pytest.raises(hp.ArgumentError, match="sources: expected the path of a file, a pandas DataFrame"):
-        hp.read_recording(source)
 
 
 @pytest.mark.parametrize(("digits", "sequence"), [(("phi_{}1", "phi_{}2"), "XYZ"), (("phi1_{}", "phi2_{}"), "ZYX")])
@@ -411,17 +337,6 @@ def test_headings_are_read_as_in_scenes(tmp_path: Path) -> None:
         hp.load_scene(tmp_path / "flat.toml")
 
 
-@pytest.mark.parametrize(
-    ("name", "sequence", "heading"),
-    [("phi_x1", None, "phi_z1"), ("phi1_y", "xyz", "phi1_z"), ("phi_z2", "ZYX", "phi_x2"), ("phi_y", "YXY", "")],
-)
-def test_only_a_turn_about_z_is_a_heading(name: str, sequence: str | None, heading: str) -> None:
-    such = f", such as {heading}" if heading else ""
-    words = rf"columns\.{name}\.unit: expected .*turn, or .* only a turn about z is a heading{such}, got 'compass'"
-    with pytest.raises(hp.ArgumentError, match=words):
-        hp.read_recording(both(), columns={name: {"name": "Kurs", "unit": "compass"}}, sequence=sequence)
-
-
 def test_angles_in_degrees_are_noticed() -> None:
     t = np.arange(40) / 10
     log = {"t": t, "x1": t, "y1": t, "phi_z1": 20 * t, "x2": t, "y2": t, "phi_z2 [deg]": 3000 * t}
@@ -435,33 +350,3 @@ def test_angles_in_degrees_are_noticed() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         hp.read_recording(both() | {"phi_x1": 100 * MADE.t})  # coordinates beside the quaternion
-
-
-@pytest.mark.parametrize(
-    ("changes", "sequence", "words"),
-    [
-        ({"phi_y1": None}, None, "phi_y1: expected a column, since the file has phi_x1, phi_z1"),
-        ({}, "ZZZ", "sequence: expected one of"),
-        (dict.fromkeys(("phi_x1", "phi_y1", "phi_z1")), None, "or qx1, qy1, qz1, qw1, or phi_x1, phi_y1, phi_z1"),
-    ],
-    ids=["a part", "a wrong sequence", "none"],
-)
-def test_euler_angles_that_cannot_be_used_are_named(changes: dict, sequence: str | None, words: str) -> None:
-    t = np.arange(9.0)
-    log = {"t": t, **dict.fromkeys((*("x1", "y1", "z1", "x2", "y2", "z2"), "phi_x1", "phi_y1", "phi_z1"), 0.1 * t)}
-    log = {name: column for name, column in (log | changes).items() if column is not None}
-    with pytest.raises(hp.ArgumentError, match=words):
-        hp.read_recording(log, sequence=sequence)
-
-
-def test_a_sequence_without_euler_angles_is_refused() -> None:
-    with pytest.raises(hp.ArgumentError, match="sequence: expected None, since no attitude is in Euler angles"):
-        hp.read_recording(both(), sequence="ZYX")
-
-
-def test_files_of_markers_are_told_what_makes_poses_of_them() -> None:
-    markers = {"Time (Seconds)": MADE.t} | {f"M{k}_{c}": MADE.t for k in range(3) for c in "XYZ"}
-    with pytest.raises(hp.ArgumentError, match=r"expected columns of poses \(nearest: t\), columns="):
-        hp.read_recording(markers)
-    with pytest.raises(hp.ArgumentError, match=r"hp\.fit_cluster makes poses of positions of markers"):
-        hp.read_recording(markers, columns={"t": "Time (Seconds)"})

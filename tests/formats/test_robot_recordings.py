@@ -40,25 +40,6 @@ def test_a_column_is_read_once(
         read_robot_recording(recording(tmp_path, *others, first, second), ARM, columns=columns)
 
 
-@pytest.mark.parametrize(
-    ("columns", "words"),
-    [
-        ({"tau_elbow": {"name": "nope"}}, r"columns\.tau_elbow: expected one of t, .*, got 'nope'"),
-        ({"qd_elbow": {"name": "q_elbow"}}, r"a column q_elbow, or hold .*, got it as qd_elbow, by columns"),
-        ({"tau_elbow": {"unit": "compass"}}, r"columns\.tau_elbow\.unit: expected one of N m"),
-        (
-            {"q_elbow": {"name": "q", "unit": "compass"}},
-            r"columns\.q_elbow\.unit: .*only a turn about z is",
-        ),
-    ],
-    ids=["no such column", "used as another", "a torque has no heading", "a joint has none"],
-)
-def test_messages_name_the_reason(columns: dict[str, dict[str, str]], words: str, tmp_path: Path) -> None:
-    names = [name for name in NAMES if name not in columns or name.startswith("tau")]
-    with pytest.raises(hp.ArgumentError, match=words):
-        read_robot_recording(recording(tmp_path, *names), ARM, columns=columns)
-
-
 def test_columns_of_other_names_are_those_of_ours(tmp_path: Path) -> None:
     path = recording(tmp_path, "t", "Winkel", "qd_elbow", "qdd_elbow", "tau_elbow [N mm]")
     t, found = read_robot_recording(path, ARM, columns={"q_elbow": {"name": "Winkel", "unit": "deg"}})

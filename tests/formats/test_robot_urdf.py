@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.errors import ArgumentError
 from hingepair.mechanism.mechanism import tree_of
 from support.exported import ARM
 
@@ -128,28 +126,10 @@ def test_limits_of_one_side_are_written():
     assert hp.Mechanism.from_urdf(hp.to_urdf(robot)).position_limits.tolist() == [[-math.inf, 0.5]]
 
 
-def test_names_that_xml_cannot_hold_are_refused():
-    with pytest.raises(ArgumentError, match="name: expected characters that XML can hold"):
-        hp.to_urdf(hp.Mechanism(pairs(), name="a\x00b"))
-    with pytest.raises(ArgumentError, match="base: expected one of free, floating, fixed"):
-        hp.to_urdf(hp.Mechanism(pairs()), base="loose")
-    escaped = hp.Mechanism([hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), name="<&\"'> ☃")])
-    assert hp.Mechanism.from_urdf(hp.to_urdf(escaped)).names == escaped.names
-
-
 def test_what_urdf_has_of_a_joint_comes_back():
     text = ARM.replace("</joint>", '<dynamics damping="0.25" friction="3"/></joint>', 1)
     back = hp.Mechanism.from_urdf(hp.to_urdf(hp.Mechanism.from_urdf(text)))
     assert tree_of(back).joints[0].load == hp.HingeLoad(damping=0.25, friction=3)
-
-
-def test_a_slider_without_limits_is_not_held_by_other_readers():
-    rail = hp.Slider((0, 0, 0), (0, 0, 0), (1, 0, 0), name="rail")
-    text = hp.to_urdf(hp.Mechanism([rail]))
-    model = pin.buildModelFromXML(text)
-    assert model.lowerPositionLimit[0] < -1e300
-    assert model.upperPositionLimit[0] > 1e300
-    assert hp.Mechanism.from_urdf(text).position_limits.tolist() == [[-math.inf, math.inf]]
 
 
 @pytest.mark.parametrize("link", ["base", "arm"])
@@ -170,11 +150,3 @@ def test_a_floating_root_joint_is_a_free_base(base):
     if base == "floating":
         check_same(robot, back)
         assert robot.links == back.links
-
-
-def test_limits_that_are_made_up_are_told():
-    joints = [hp.HingePair((0, 0, 1), (0, 0, 0), (0, 1, 0), name=f"j{k}", limits=(-1, 1)) for k in range(5)]
-    robot = hp.Mechanism([*joints[:4], replace(joints[4], torque_limit=3)])
-    wanted = "made up: effort 1000 and velocity 100 of j0, j1, j2 and 1 more; velocity 100 of j4"
-    with pytest.warns(hp.DynamicsWarning, match=wanted):
-        assert f"{wanted} -->" in hp.to_urdf(robot)

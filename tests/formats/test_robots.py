@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hingepair.errors import ArgumentError, MissingDependencyError, URDFError
+from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.formats import robots
 from hingepair.formats.robots import load_robot_hinge, robot_names, robot_urdf
 from hingepair.pair.accuracy import error_ratios
@@ -153,41 +153,6 @@ def test_a_stem_that_two_robots_share_needs_its_folder():
     assert not np.array_equal(b.u1, c.u1)
     assert {"anymal_b_simple_description/anymal", "anymal_c_simple_description/anymal"} <= set(robot_names())
     assert "anymal" not in robot_names()
-
-
-def test_the_folder_may_always_be_named():
-    assert robot_urdf("talos_data/talos_reduced") == robot_urdf("talos_reduced")
-
-
-@pytest.mark.parametrize(
-    ("robot", "near"),
-    [
-        ("talos_reducd", "talos_reduced"),
-        ("TALOS", "talos_full_v2"),
-        ("Panda", "(nearest: panda, "),
-        ("qqq", "example-robot-data"),
-    ],
-)
-def test_an_unknown_robot_is_refused_with_those_like_it(robot, near):
-    with pytest.raises(ArgumentError) as raised:
-        load_robot_hinge(robot, "joint")
-    assert str(raised.value).startswith(f"robot: expected one of the {len(robot_names())} robots")
-    assert near in str(raised.value)
-
-
-def test_the_ending_robot_may_be_left_out():
-    """`ur5` is no file, and `ur5_gripper` and `ur5_joint_limited_robot` begin alike."""
-    assert robot_urdf("ur5") == robot_urdf("ur5_robot")
-    with pytest.raises(ArgumentError, match="nearest: talos_full_v2, "):
-        robot_urdf("talos")  # several robots, none of them plain
-
-
-def test_an_unknown_joint_is_refused_with_those_of_the_robot():
-    with pytest.raises(URDFError, match="shoulder_pan_joint") as raised:
-        load_robot_hinge("ur5_robot", "knee")
-    assert raised.value.name == "joint"
-    with pytest.raises(URDFError, match="which is fixed"):
-        load_robot_hinge("ur5_robot", "base_link-base_fixed_joint")
 
 
 def test_the_pair_is_named_after_robot_and_joint():

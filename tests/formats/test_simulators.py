@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from contextlib import nullcontext
 
 import numpy as np
@@ -105,36 +104,6 @@ def test_pinocchio_moves_body2_as_many_pairs_do():
         assert max(ratios.values()) <= 16, (k, ratios)
 
 
-@pytest.mark.slow
-def test_many_pairs_are_read_back():
-    for k in range(150):
-        pair = corner_pair(k, limits=(-1, k / 7))
-        back = hp.from_urdf(hp.to_urdf(pair), HINGE_JOINT_NAME, body2_frame=BODY2_LINK_NAME)
-        assert np.array_equal(back.u1, pair.u1)
-        assert np.array_equal(back.u2, pair.u2)
-        assert np.abs(back.home - pair.home).max() <= 16 * U, k
-        assert np.abs(back.n - pair.n).max() <= 16 * U, k
-        assert back.limits == pair.limits
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("base", ["free", "floating", "fixed"])
-def test_yourdfpy_sees_the_same_pose(base):
-    import yourdfpy
-
-    for k in range(30):
-        pair = corner_pair(k, limits=(-4, 4) if k % 2 else None)
-        robot = yourdfpy.URDF.load(io.BytesIO(hp.to_urdf(pair, base=base).encode()))
-        assert robot.actuated_joint_names[-1] == HINGE_JOINT_NAME
-        psi = states.generator(86, k).uniform(-3, 3)
-        robot.update_cfg({HINGE_JOINT_NAME: psi})
-        seen = robot.get_transform(BODY2_LINK_NAME, BODY1_LINK_NAME)
-        state = pair.forward_kinematics((0, 0, 0, 0, 0, 0, psi))
-        size = np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
-        assert np.abs(seen[:3, :3] - state.S2).max() <= 16 * U
-        assert np.abs(seen[:3, 3] - state.R2).max() <= 16 * U * size
-
-
 # ---------------------------------------------------------------- the base
 
 
@@ -155,19 +124,6 @@ def test_the_base_is_what_was_asked_for():
     assert pin.buildModelFromXML(hp.to_urdf(pair), pin.JointModelFreeFlyer()).nq == 8
     assert mujoco.MjModel.from_xml_string(hp.to_mjcf(pair)).nq == 8
     assert mujoco.MjModel.from_xml_string(hp.to_mjcf(pair, base="fixed")).nq == 1
-
-
-def test_a_floating_joint_under_world_is_a_free_base():
-    pair, (body1, hinge) = corner_pair(4, limits=(-9, 9)), motion_of(4)
-    model = pin.buildModelFromXML(hp.to_urdf(pair, base="floating"))
-    data = model.createData()
-    state = pair.forward_kinematics_from_body1(body1, hinge[0])
-    for i, psi in enumerate(hinge[0]):
-        pin.framesForwardKinematics(model, data, np.r_[body1.R[i], pin.Quaternion(body1.S[i]).coeffs(), psi])
-        place = data.oMf[model.getFrameId(BODY2_LINK_NAME)]
-        size = np.abs(body1.R[i]).max() + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
-        assert np.abs(place.translation - state.R2[i]).max() <= 16 * U * size
-        assert np.abs(place.rotation - state.S2[i]).max() <= 16 * U
 
 
 @pytest.mark.parametrize("write", [hp.to_urdf, hp.to_mjcf])
@@ -210,25 +166,3 @@ def test_limits_of_torque_and_rate_reach_the_simulators_and_come_back(limits, to
         model = mujoco.MjModel.from_xml_string(hp.to_mjcf(pair))
     assert model.jnt_actfrclimited[1] == bool(torque)
     assert tuple(model.jnt_actfrcrange[1]) == ((-torque, torque) if torque else (0, 0))
-
-
-def test_limits_reach_the_simulators():
-    import mujoco
-
-    pair = corner_pair(1, limits=(-0.1, 1 / 3))
-    model = pin.buildModelFromXML(hp.to_urdf(pair))
-    assert (model.lowerPositionLimit[0], model.upperPositionLimit[0]) == pair.limits
-    for text in (hp.to_urdf(pair), hp.to_mjcf(pair)):
-        joint = mujoco.MjModel.from_xml_string(text).joint(HINGE_JOINT_NAME)
-        assert joint.limited == 1
-        assert tuple(joint.range) == pair.limits
-    for text in (hp.to_urdf(corner_pair(1)), hp.to_mjcf(corner_pair(1))):
-        assert mujoco.MjModel.from_xml_string(text).joint(HINGE_JOINT_NAME).limited == 0
-
-
-def test_equal_limits_are_written_where_a_format_has_them():
-    mujoco, pair = pytest.importorskip("mujoco"), corner_pair(1, limits=(0.5, 0.5))
-    assert hp.from_urdf(hp.to_urdf(pair), joint="hinge").limits == (0.5, 0.5)
-    with pytest.warns(hp.DynamicsWarning, match="MJCF cannot hold equal limits"):
-        text = hp.to_mjcf(pair)
-    assert not mujoco.MjModel.from_xml_string(text).jnt_limited.any()

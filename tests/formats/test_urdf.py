@@ -18,7 +18,6 @@ from hingepair.rotations.euler import euler_to_matrix
 from hingepair.urdf.reader import read_urdf
 from support import states
 from support.exported import ARM, pinocchio_of_urdf, welded_robot
-from support.hinged import pair_of
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
 
@@ -70,16 +69,6 @@ def test_what_was_written_is_read_back():
         assert np.abs(back.n - pair.n).max() <= 16 * U, k
 
 
-def test_the_text_is_deterministic_and_holds_every_digit():
-    pair = HingePair(u1=(1 / 3, 1e-300, 2e10), u2=(-0.1, 0, math.pi), n=(1, 2, 3))
-    text = to_urdf(pair)
-    assert text == to_urdf(pair)
-    assert 'xyz="0.3333333333333333 1e-300 20000000000.0"' in text
-    assert 'xyz="0.1 0.0 -3.141592653589793"' in text
-    assert "-0.0 " not in text
-    assert '-0.0"' not in text
-
-
 def test_the_joint_is_continuous_and_the_inertias_are_valid():
     root = ET.fromstring(to_urdf(random_pair(1)))
     assert [joint.get("type") for joint in root.findall("joint")] == ["continuous", "fixed"]
@@ -92,16 +81,6 @@ def test_the_joint_is_continuous_and_the_inertias_are_valid():
         assert set(moments) == {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"}
         assert moments["ixx"] + moments["iyy"] >= moments["izz"] > 0
         assert float(inertial.find("mass").get("value")) > 0
-
-
-NAMES = {"xml": "<&\"'> ", "space": "a\nb\tc", "unicode": "Ärmchen ☃ \U0001f9be", "long": "x" * 5000}
-
-
-@pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
-def test_names_are_escaped(name):
-    text = to_urdf(pair_of(states.pair(states.generator(82)), name=name))
-    assert read_urdf(text).name == name
-    assert pin.buildModelFromXML(text, pin.JointModelFreeFlyer()).nv == 7
 
 
 # ---------------------------------------------------------------- read
@@ -137,13 +116,6 @@ def test_a_file_is_read_like_its_text(tmp_path):
         assert repr(from_urdf(source, "shoulder")) == repr(from_urdf(ARM, "shoulder"))
 
 
-def test_a_file_in_another_encoding_is_read(tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_bytes(b'<?xml version="1.0" encoding="iso-8859-1"?>' + ARM.replace("arm", "Ärmchen").encode("latin1"))
-    assert read_urdf(path).name == "Ärmchen"
-    assert from_urdf(path, "elbow").name == "elbow"
-
-
 @pytest.mark.parametrize(("body1", "body2"), [("camera", None), (None, "camera"), ("upper", "lower")])
 def test_frames_may_be_links_rigidly_fixed_to_the_joint(body1, body2):
     """Up and down the tree: camera is fixed to upper, the parent of elbow and the child of shoulder."""
@@ -175,10 +147,3 @@ def test_frames_are_found_along_fixed_joints_up_and_down(body1, body2):
     offsets = 6 * np.linalg.norm((3, 3, 3))
     assert np.abs(state.R2 - two.translation).max() <= 16 * U * offsets
     assert np.abs(state.S2 - two.rotation).max() <= 6 * 16 * U
-
-
-@pytest.mark.parametrize("length", ["5e-324", "1e-200", "1e200", "1.7e308"])
-def test_an_axis_of_any_length_is_normalised(length):
-    unit = from_urdf(ARM.replace("0 0 2", "1 1 1"), "shoulder").n
-    pair = from_urdf(ARM.replace("0 0 2", f"{length} {length} {length}"), "shoulder")
-    assert np.abs(pair.n - unit).max() <= 4 * U

@@ -11,12 +11,6 @@ from hingepair.urdf.reader import read_urdf
 from support.exported import ARM
 from support.work import bounded_calls
 
-
-def test_a_robot_without_hinges_says_so():
-    with pytest.raises(URDFError, match="a robot with a revolute or continuous joint"):
-        from_urdf("<robot name='r'><link name='a'/></robot>", "knee")
-
-
 NO_LINK = "expected a parent and a child that are links of the robot"
 ONE_BODY = "expected a parent and a child that are not fixed to each other, got"
 

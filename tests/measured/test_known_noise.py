@@ -58,21 +58,3 @@ def test_noise_that_is_known_wrongly_is_said() -> None:
     found = hp.fit(*bodies(made), noise1=(1e-4, 2e-3), noise2=(1e-4, 2e-3))
     assert re.search(r"Positions scatter (9\.\d|10) times as much as noise1 and noise2 say", found.findings[0])
     assert "Attitudes" not in " ".join(found.findings)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (
-            {"noise1": (1e-3, 1e-3)},
-            "noise2: expected two standard deviations, .* as for the other body",
-        ),
-        ({"noise1": (1e-3, 1e-3), "noise2": 1e-3}, "noise2: expected two standard deviations"),
-        ({"noise1": (1e-3, -1.0), "noise2": (1e-3, 1.0)}, "noise1: expected finite numbers, none negative"),
-        ({"noise1": (np.ones(3), 1.0), "noise2": (1e-3, 1.0)}, "noise1: expected numbers or shape"),
-        ({"noise1": (0.0, 1.0), "noise2": (0.0, 1.0)}, "above 0 for at least one body"),
-    ],
-)
-def test_noise_that_cannot_be_used_is_named(change: dict[str, object], words: str) -> None:
-    with pytest.raises(hp.ArgumentError, match=words):
-        hp.fit(*bodies(recording(50)), **change)

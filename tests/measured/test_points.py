@@ -121,35 +121,12 @@ def test_what_is_no_circle_is_said(kind: dict[str, object], words: str) -> None:
     assert words in " ".join(found.findings)
 
 
-@pytest.mark.parametrize("size", [5e-3, 0.1])
-@pytest.mark.parametrize("way", ["along", "across"])
-def test_what_is_said_of_a_path_agrees_with_the_verdict(way: str, size: float) -> None:
-    direction = N1 if way == "along" else np.array((0.0, 0.24, 0.97))
-    found = hp.fit(*bodies(recording(600, 1e-4, slip=size * SLOW[:, None] * direction)))
-    said = " ".join(found.findings)
-    assert found.ok == (size < 0.1)
-    assert ("leaves the plane" in said or "is off the circle" in said) == (not found.ok)
-    assert ("% of the radius" in said) >= found.ok
-
-
 def test_noise_of_a_circle_is_no_straight_path() -> None:
     made = recording(400, turn=1.5)
     noise = 0.08 * np.random.default_rng(0).standard_normal((400, 3))
     found = hp.fit(hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2 + noise))
     assert "hardly an arc beside its noise" in " ".join(found.findings)
     assert "straight" not in " ".join(found.findings)
-
-
-def test_points_that_show_nothing_are_refused() -> None:
-    made = recording(50)
-    body1 = hp.BodyMotion(R=np.zeros(3), S=np.eye(3))
-    for path in (np.zeros((50, 3)), np.outer(made.t, (1, 2, 3))):
-        with pytest.raises(hp.FitError, match="a point that moves along an arc"):
-            hp.fit(body1, hp.BodyMotion(R=path))
-    with pytest.raises(hp.FitError, match="at least four samples"):
-        hp.fit(*bodies(recording(3)))
-    with pytest.raises(hp.ArgumentError, match="noise1: expected None, since body 2 has no attitudes"):
-        hp.fit(*bodies(made), noise1=(1e-3, 1e-3), noise2=(1e-3, 1e-3))
 
 
 def test_what_needs_an_attitude_refuses_a_point() -> None:

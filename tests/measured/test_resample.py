@@ -120,11 +120,6 @@ def test_wrapped_angles_are_warned_of(turn: float, words: str) -> None:
     )
 
 
-def test_instants_that_are_no_seconds_are_warned_of() -> None:
-    with pytest.warns(hp.MeasurementWarning, match="t steps by 2 s: is it in seconds"):
-        hp.resample(np.arange(100) * 2.0, np.zeros(100), [3.0])
-
-
 @pytest.mark.parametrize("rate", [50, 64, 100, 128, 256])
 def test_two_missing_samples_are_interpolated_like_one(rate):
     """At 64, 128 and 256 Hz a Lagrange weight is exactly 1 away from its node."""

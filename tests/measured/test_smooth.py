@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 import warnings
 
 import numpy as np
@@ -163,13 +161,6 @@ def test_wrapped_degrees_are_refused() -> None:
 
 
 @pytest.mark.slow
-def test_instants_that_are_no_seconds_are_warned_of() -> None:
-    t = np.arange(400) * 5e6
-    with pytest.warns(hp.MeasurementWarning, match=r"t steps by 5e\+06 s: .* Nanoseconds become seconds by 1e-9"):
-        hp.smooth(t, np.sin(t * 1e-9))
-
-
-@pytest.mark.slow
 def test_noise_that_dominates_is_warned_of_with_its_size() -> None:
     t = np.arange(1000) / 200
     truth = motion(t)
@@ -212,16 +203,6 @@ def test_rough_attitudes_are_smoothed_along_a_smooth_path() -> None:
     truth = motion(t)
     found = hp.smooth(t, noisy(truth, 1e-3, 0.1, 8))
     assert rms(found.alpha - truth.alpha1) < 4 * found.noise["alpha"]
-
-
-@pytest.mark.slow
-def test_what_is_smoothed_can_be_copied_and_kept() -> None:
-    t = np.arange(200) / 200
-    truth = motion(t)
-    found = hp.smooth(t, hp.BodyMotion(R=truth.R1, S=truth.S1))
-    for other in (copy.deepcopy(found), pickle.loads(pickle.dumps(found))):
-        assert (other.alpha == found.alpha).all()
-        assert other.noise == found.noise
 
 
 def correlated(share: float, count: int, seed: int) -> np.ndarray:

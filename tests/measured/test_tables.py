@@ -16,22 +16,6 @@ def body1():
     return hp.BodyMotion(R=np.stack([np.sin(T), T, 0 * T], axis=-1), S=hp.euler_to_matrix(angles))
 
 
-def test_smoothed_motion_is_a_table_with_standard_deviations(body1):
-    noise = 1e-3 * np.random.default_rng(1).normal(size=(2, T.size, 3))
-    smoothed = hp.smooth(T, hp.BodyMotion(R=body1.R + noise[0], S=body1.S @ hp.rotation_exp(noise[1])))
-    table = smoothed.to_dataframe("mm, deg")
-    np.testing.assert_allclose(table["R_y [mm]"], 1e3 * smoothed.R[:, 1], rtol=1e-15)
-    np.testing.assert_allclose(table["S_std [deg]"], np.degrees(smoothed.std["S"][:, 0]), rtol=1e-15)
-    np.testing.assert_array_equal(smoothed.to_xarray().omega, smoothed.omega)
-
-
-def test_a_smoothed_angle_is_a_table():
-    smoothed = hp.smooth(T, np.sin(T))
-    table = smoothed.to_dataframe()
-    assert table.columns.tolist() == ["t", "psi", "psid", "psidd", "psi_std", "psid_std", "psidd_std"]
-    np.testing.assert_array_equal(table["psidd_std"], smoothed.std["psidd"])
-
-
 def test_a_fit_is_a_table_that_is_saved(body1, tmp_path):
     pair = hp.HingePair((0.5, 0, 0.1), (-0.3, 0.1, 0), (0, 0.2, 1))
     state = pair.forward_kinematics_from_body1(body1, 1.2 * np.sin(T))

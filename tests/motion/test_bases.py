@@ -104,15 +104,6 @@ def test_a_pin_holds_its_point_and_gives_no_torque():
     np.testing.assert_allclose(total[::2] - total[0], done, rtol=0, atol=2e-3)
 
 
-def test_where_a_planar_pair_starts_is_told():
-    with pytest.raises(hp.ArgumentError, match=r"BodyMotion\(R=\(x, y, 0\), S=hp\.rodrigues\(\(0, 0, 1\), phi\)\)"):
-        hp.simulate(DOUBLE, [0, 1], (0, 0, 0.3), 0.0, 0.0, base="pinned")
-    with pytest.raises(hp.ArgumentError, match=r"^R: expected shape .* of what moves in the plane \(x, y, 0\)"):
-        hp.BodyMotion(R=(0, 0), S=np.eye(3))
-    start = hp.BodyMotion(R=(1, 2, 0), S=hp.rodrigues((0, 0, 1), 0.3))
-    assert hp.simulate(DOUBLE, [0, 0.1], start, 0.0, 0.0, base="pinned").phi[0] == pytest.approx(0.3, abs=1e-15)
-
-
 def test_errors_are_told_apart_and_momentum_is_that_of_the_pair():
     t, swing = np.linspace(0, 1, 5), {"psi_0": 0.3, "psid_0": 1.0, "tol": 1e-6}
     still = hp.BodyMotion(R=HELD.R, S=HELD.S)
@@ -121,10 +112,3 @@ def test_errors_are_told_apart_and_momentum_is_that_of_the_pair():
     assert {"energy", "momentum", "psi_error_estimate"} <= {*dir(fixed)}
     expected = DOUBLE.massive().momentum(fixed.body1, fixed.psi, fixed.psid)
     np.testing.assert_array_equal(fixed.momentum().angular, expected.angular)
-
-
-def test_motion_in_the_plane_is_drawn(tmp_path):
-    found = hp.simulate(DOUBLE, np.linspace(0, 0.2, 5), HELD, 0.4, -0.1, base="pinned", tol=1e-6)
-    hp.view(found, tmp_path / "pendulum.html")
-    assert (tmp_path / "pendulum.html").stat().st_size > 1000
-    found.save(tmp_path / "pendulum.csv")

@@ -120,13 +120,6 @@ def test_attitudes_are_rotations_to_4u(backend):
     assert gap.max() <= 4 * U
 
 
-def test_backends_agree():
-    t = np.sort(generator(122).uniform(0, 2, GROUP**3 + 30))
-    plain = attitudes(TURNED, t, backend="numpy")
-    other = attitudes(TURNED, t, backend="compiled")
-    np.testing.assert_allclose(plain.quat_wxyz, other.quat_wxyz, rtol=0, atol=30 * U)
-
-
 def test_state_is_that_of_the_coordinates():
     """Everything about body 2 as forward_kinematics has it from Euler angles."""
     t = instants(1.5, 0.005)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import pickle
 
 import mpmath
@@ -11,8 +10,6 @@ import pytest
 
 import hingepair as hp
 from hingepair.bench.truth import DIGITS
-from hingepair.motion.methods import angle_loop, rotation_loop
-from support.sparse import sparse
 from support.spins import REFERENCE, SPINS, TURNED, U, angle
 from support.states import generator
 
@@ -72,26 +69,6 @@ def test_error_estimate_is_honest(spin, kind):
         true = spin.error(t, motion.S1, instants=8)
         assert motion.error_estimate <= most * max(true, 20 * U)
         assert true <= 10 * motion.error_estimate
-
-
-@pytest.mark.parametrize("tol", sparse([None, 1e-6], 2))
-@pytest.mark.parametrize("kind", sparse(["callable", "samples"], 2))
-def test_numpy_is_numpy_where_kernels_are_there_already(kind, tol):
-    """The same bits of motion and estimates, before and after all that runs was compiled."""
-    for loops in (rotation_loop, angle_loop):
-        loops.cache_clear()
-    t = np.linspace(0, 1, 200)
-    given = TURNED.omega(t) if kind == "samples" else TURNED.omega
-    rate = np.sin(3 * t) if kind == "samples" else np.sin
-
-    def found(backend):
-        motion = hp.integrate(PAIR, t, given, rate, tol=tol, backend=backend)
-        return motion.quat_wxyz, motion.psi, motion.v2, motion.error_estimate, motion.psi_error_estimate
-
-    before = found("numpy")
-    found("compiled")
-    for one, other in zip(found("numpy"), before, strict=True):
-        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("shift", range(3))
@@ -172,17 +149,6 @@ def test_body_2_keeps_the_hinge_point():
     assert np.abs(gap).max() <= 20 * U
 
 
-def test_inputs_are_left_alone():
-    t, omega, psid = T.copy(), TURNED.omega(T), np.cos(T)
-    for array in (t, omega, psid):
-        array.flags.writeable = False
-    motion = hp.integrate(PAIR, t, omega, psid)
-    assert not any(array.flags.writeable for array in (motion.t, motion.quat_wxyz, motion.psi, motion.S1))
-    same = hp.integrate(PAIR, list(t), omega.astype(">f8")[::-1][::-1], psid.tolist())
-    np.testing.assert_array_equal(same.quat_wxyz, motion.quat_wxyz)
-    np.testing.assert_array_equal(np.roll(motion.quat_xyzw, 1, axis=-1), motion.quat_wxyz)
-
-
 def test_a_callable_may_work_in_place():
     def rate(t):
         t *= 2
@@ -253,15 +219,6 @@ def test_error_estimate_of_samples_sees_gaps_jumps_and_too_few_samples():
         assert motion.error_estimate == pytest.approx(motion.psi_error_estimate, rel=1e-6)
     with pytest.raises(hp.ArgumentError, match="tol: expected at least the error that is left, nan rad"):
         hp.integrate(PAIR, t[:3], (0, 0, 0), t[:3], tol=1.0, outputs=())
-
-
-def test_trajectories_are_values():
-    """Frozen; nothing private is shown."""
-    motion = hp.integrate(PAIR, T, lambda t: TURNED.omega(1 * t), 1.0)
-    assert "_error" not in repr(motion) + str(inspect.signature(hp.Trajectory))
-    for name in ("t", "psi"):
-        with pytest.raises(AttributeError):
-            setattr(motion, name, 1.0)
 
 
 def test_pickling_computes_no_estimate_and_keeps_those_computed():

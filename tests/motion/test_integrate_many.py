@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -138,19 +136,6 @@ def test_euler_angles_are_continuous_in_each_motion():
             np.testing.assert_array_equal(angles[index], many[index].euler_angles(1, sequence))
 
 
-def test_a_trajectory_of_many_is_short_to_read_and_survives_a_pickle():
-    many = hp.integrate(PAIR, T, OMEGA1, PSID, tol=1e-9, backend="numpy", outputs=("R2",))
-    low, high = many.steps.min(), many.steps.max()
-    error = many.error_estimate.max()
-    expected = f"steps={low}..{high}, motions=(3,), samples=70, t=0..1, error_estimate={error:.2g}, outputs=(R2)"
-    assert repr(many) == f"Trajectory(magnus6, {expected})"
-    assert "motion by magnus6" in many._repr_html_()
-    many.psi_error_estimate  # noqa: B018, which the pickle then holds
-    copy = pickle.loads(pickle.dumps(many))
-    np.testing.assert_array_equal(copy.psi_error_estimate, many.psi_error_estimate)
-    np.testing.assert_array_equal(copy[1].R2, many.R2[1])
-
-
 @pytest.mark.slow
 def test_labels_name_the_axes_of_motions(tmp_path):
     xarray = pytest.importorskip("xarray")
@@ -164,75 +149,3 @@ def test_labels_name_the_axes_of_motions(tmp_path):
     labelled.to_netcdf(tmp_path / "motions.nc", engine="scipy")
     wide = hp.integrate(PAIR, T, OMEGA1[:, None], PSID, outputs=()).to_xarray()
     assert wide.psi.dims == ("motion_0", "motion_1", "time")
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda many: many.to_dataframe(),
-        lambda many: many.save("motions.csv"),
-        hp.plot,
-        lambda many: hp.view(many, "motions.html"),
-    ],
-    ids=["to_dataframe", "save", "plot", "view"],
-)
-def test_what_takes_one_motion_says_how_to_select_it(call, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    many = hp.integrate(PAIR, T, OMEGA1, PSID)
-    wanted = (
-        r"trajectory: expected one motion, such as trajectory\[0\] .*to_xarray\(\)\), got motions of shape \(3,\)"
-    )
-    with pytest.raises(hp.ArgumentError, match=wanted):
-        call(many)
-    assert not list(tmp_path.iterdir())
-
-
-def _changed(array, index, value):
-    changed = np.array(array)
-    changed[index] = value
-    return changed
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"omega1": _changed(OMEGA1, (2, 17, 1), np.nan)}, "omega1 of motion 2: expected finite .*nan.* at index 17"),
-        ({"psid": _changed(PSID, (1, 5), np.inf)}, "psid of motion 1: expected finite numbers, got inf at index 5"),
-        (
-            {"psid": _changed(PSID, (1, slice(None)), 1e308), "t": 10 * T},
-            "psid of motion 1: expected a rate whose integral is finite, got overflow between the instants",
-        ),
-        ({"psi_0": _changed(PSI_0, 2, np.nan)}, "psi_0 of motion 2: expected a finite number, got nan"),
-        ({"S1_0": _changed(S1_0, (1, 0, 0), 3.0)}, "S1_0 of motion 1: expected rotations"),
-        ({"S1_0": _changed(S1_0, (1, 0, 0), np.nan)}, "S1_0 of motion 1: expected finite numbers"),
-        (
-            {"omega1": (0, 0, 1), "psid": np.stack([T, T > 0.5])[:, None], "tol": 1e-6},
-            r"tol of motion \(1, 0\): expected at least the error that is left",
-        ),
-        ({"omega1": OMEGA1[:, :50]}, r"omega1: expected a callable, .* or samples of shape \(..., 70, 3\)"),
-        ({"omega1": OMEGA1[..., :2]}, r"omega1: expected a callable, .* got shape \(3, 70, 2\)"),
-        ({"psid": PSID[:, :2]}, r"psid: expected .* samples of shape \(..., 70\), got shape \(3, 2\)"),
-        ({"psid": PSID[:2]}, r"psid: expected leading shape that broadcasts with \(3,\), got shape \(2,\)"),
-        ({"R1": R1[:2]}, r"R1: expected leading shape that broadcasts with \(3,\), got shape \(2,\)"),
-        ({"R1": (R1, V1[:2])}, r"R1\[1\]: expected leading shape that broadcasts with \(3,\), got shape \(2,\)"),
-        ({"R1": R1[:, :50]}, r"R1: expected shape \(3,\) or \(..., 70, 3\), got shape \(3, 50, 3\)"),
-        ({"psi_0": PSI_0[:2]}, r"psi_0: expected leading shape that broadcasts with \(3,\)"),
-        ({"S1_0": S1_0[:2]}, r"S1_0: expected leading shape that broadcasts with \(3,\)"),
-        ({"pair": FLAT, "omega1": PSID, "phi_0": PSI_0[:2]}, "phi_0: expected leading shape that broadcasts"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_used_of_many_motions_is_named(change, message):
-    arguments = {"pair": PAIR, "t": T, "omega1": OMEGA1, "psid": PSID, **change}
-    with pytest.raises(hp.ArgumentError, match=message):
-        hp.integrate(**arguments)
-
-
-@pytest.mark.parametrize("index", [True, None, 0.5, (0, 0), ...], ids=str)
-def test_motions_are_selected_by_indices_and_slices_alone(index):
-    many = hp.integrate(PAIR, T, OMEGA1, PSID, outputs=())
-    with pytest.raises(hp.ArgumentError, match="index of the trajectory: expected indices or slices of the 1 axes"):
-        _ = many[index]
-    with pytest.raises(IndexError, match="out of bounds"):
-        _ = many[MOTIONS]
-    with pytest.raises(hp.ArgumentError, match="expected indices or slices of the 0 axes of motions, got 0"):
-        _ = many[1][0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -269,13 +268,6 @@ def test_time_stamps_of_a_clock_cost_nothing():
     np.testing.assert_allclose(late.psi, early.psi, rtol=0, atol=1e-13)
 
 
-def test_a_callable_that_converts_arrays_to_numbers_is_named():
-    torque = hp.HingeLoad(motor=lambda t, _psi, _psid: math.sin(t))
-    assert torque(1.0, 0.0, 0.0) == math.sin(1.0)
-    with pytest.raises(hp.ArgumentError, match=r"^motor: expected a callable of arrays.*np\.sin of math\.sin"):
-        torque(np.ones(2), 0.0, 0.0)
-
-
 @pytest.mark.slow
 def test_a_motion_without_end_is_refused_where_it_ends():
     calls = []
@@ -327,36 +319,6 @@ def test_what_happens_between_the_instants_is_warned_of():
     spring = hp.HingeLoad(stops=(-1, 1), stop_stiffness=1.0)
     with pytest.warns(hp.DynamicsWarning, match="psi passes the stops by"):
         hp.simulate(pendulum(), [0, 2.9], STILL, 0.0, 0.0, base="fixed", hinge_torque=spring)
-
-
-@pytest.mark.parametrize(
-    ("load", "said"),
-    [
-        (
-            {"hinge_torque": lambda _t, psi, _: np.where(psi > 2, np.nan, 0.0)},
-            "hinge_torque is nan near t = 0.845559, psi = 2",
-        ),
-        ({"hinge_torque": lambda *_: None}, "hinge_torque: .* got None"),
-        ({"force2": lambda *_: None}, "force2: .* got None"),
-        ({"max_steps": 20}, "20 steps would not reach the end; max_steps="),
-        ({"until": lambda _, now: np.sqrt(1 - now.psi)}, "until: .* nan at t = 0.56"),
-        ({"until": lambda _, now: np.where(now.psi > 1, np.nan, 5 - now.psi)}, "until: .* nan at t = 0.56"),
-        ({"hinge_torque": hp.HingeLoad(stops=(0, 1e-14), stop_restitution=0.5)}, "hinge_torque: .*stops at least"),
-        (
-            {
-                "hinge_torque": hp.HingeLoad(
-                    stops=(0, 1), stop_restitution=1, motor=hp.HingeLoad(stops=(2, 3), stop_restitution=1)
-                )
-            },
-            "hinge_torque: .*stops at least",
-        ),
-    ],
-    ids=["nan", "None", "None force", "steps", "root", "undefined event", "stops", "stops apart"],
-)
-@pytest.mark.filterwarnings("ignore:invalid value")
-def test_what_cannot_be_followed_says_why(load, said):
-    with pytest.raises(hp.HingePairError, match=said):
-        hp.simulate(pendulum(), np.linspace(0, 10, 11), STILL, 0.0, 0.0, **{"base": "fixed", **load})
 
 
 @pytest.mark.slow

@@ -281,13 +281,6 @@ def test_stiff_feedback_takes_no_short_steps():
     np.testing.assert_allclose(found.q[-1], [0.1, 0.2, -0.1, 0.3], atol=0.02)
 
 
-@pytest.mark.slow
-def test_a_chain_of_ten_hinges_keeps_its_energy():
-    found = hp.simulate(chain(10), np.linspace(0, 10, 101), np.zeros(10), tol=1e-12)
-    energy = found.energy()
-    assert np.ptp(energy.kinetic + energy.potential) < 1e-9 * energy.kinetic.max()
-
-
 def test_a_damped_double_pendulum_is_that_of_mujoco_to_its_order():
     mujoco = pytest.importorskip("mujoco")
     body = '<inertial mass="1" pos="0.5 0 0" diaginertia="0.01 0.09 0.09"/>'
@@ -305,13 +298,6 @@ def test_a_damped_double_pendulum_is_that_of_mujoco_to_its_order():
         errors.append(np.abs(data.qpos - expected).max())
     assert errors[1] < 1e-8
     assert 12 < errors[0] / errors[1] < 20  # order 4
-
-
-@pytest.mark.slow
-def test_a_simulated_robot_is_drawn(tmp_path):
-    found = hp.simulate(chain(2), np.linspace(0, 1, 21), [0.0, 0.0])
-    assert len(hp.plot(found).axes) >= 3
-    assert hp.view(found, path=tmp_path / "swing.html").frames == 21
 
 
 def test_an_event_ends_the_motion_of_a_robot():

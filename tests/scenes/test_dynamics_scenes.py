@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
-from hingepair.tables.units import Units
 
 MODELS = Path(__file__).parents[2] / "models"
 PAIR = """
@@ -151,71 +149,6 @@ def test_stops_may_be_the_limits(tmp_path):
 
 
 @pytest.mark.slow
-def test_notes_say_how_far_a_stop_is_passed(tmp_path):
-    text = "[dynamics]\nbase = 'fixed'\npsid_0 = 1\ngravity = [0, 0, 0]\nstops = [-0.1, 0.1]\nstop_stiffness = 0.1\n"
-    scene = scene_of(tmp_path, PAIR.replace("limits = [-0.3, 0.3]\n", "") + text)
-    depth = scene.motion.simulated.psi.max() - 0.1
-    assert depth > 0.2
-    said = f"psi passes the stops by {depth:.3g} rad, for they are springs; stop_stiffness hardens them"
-    assert scene.notes() == (said,)
-    hard = scene_of(tmp_path, PAIR + text.replace("stop_stiffness = 0.1", "stop_stiffness = 1e5"))
-    (peak,) = hard.notes()  # the contact takes milliseconds, a step between instants 50
-    assert re.fullmatch(
-        r"psi presses \S+ rad into a stop between instants, 0 rad at them: more instants show .*", peak
-    )
-    assert float(peak.split()[2]) == pytest.approx(hard.motion.simulated.psi_range[1] - 0.1, rel=1e-2)
-
-
-@pytest.mark.parametrize(
-    ("name", "remark"),
-    [
-        ("hinge_torqe", "nearest: hinge_torque"),
-        ("hinge_torque", r"hingepair forces and scene\.forces\(\) give hinge_torque"),
-        ("edge_z", "edge has all its components"),
-        ("egde_v", "nearest: edge_v"),
-    ],
-)
-def test_unknown_outputs_are_told_what_to_ask_for(tmp_path, name, remark):
-    text = PAIR.replace("[time]", "points2.edge = [0, 0, 1]\n[time]") + "[motion]\npsi = 't'\n"
-    with pytest.raises(hp.ArgumentError, match=rf"quat2 \({remark}\), got '{name}'"):
-        scene_of(tmp_path, text).request([name])
-
-
-def test_signs_of_units_are_told_their_names():
-    with pytest.raises(hp.ArgumentError, match=r"\(nearest: deg/s\), got '°/s'"):
-        Units("°/s")
-
-
-def test_a_log_without_psi_is_told_its_own_columns_and_one_without_rates_what_gives_them(tmp_path):
-    text = PAIR[: PAIR.index("[time]")] + "[motion]\nfile = 'log.csv'\n"
-    (tmp_path / "log.csv").write_text("t,x,y,phi_z,knee\n0,0,0,0,0\n1,0,0,0,0\n")
-    with pytest.raises(hp.SceneError, match=r"psi = \"NAME\" in \[motion\.columns\].* among t, x, y, phi_z, knee"):
-        scene_of(tmp_path, text + "ignore = ['knee']\n").evaluate()
-    notes = scene_of(tmp_path, text + "columns = { psi = 'knee' }\n").notes()
-    assert "the log has no rates: smooth = true in [motion] gives v2, a2, ..." in notes
-
-
-def test_how_deep_a_hinge_presses_into_soft_stops_is_told_in_units(tmp_path):
-    """Not that it leaves its limits, at which the stops are."""
-    text = "[dynamics]\nbase = 'fixed'\npsid_0 = 3\nstops = true\nstop_stiffness = 5\ngravity = [0, 0, 0]\n"
-    scene = scene_of(tmp_path, PAIR.replace("samples = 11", "samples = 201") + text)
-    psi = scene.motion.simulated.psi
-    depth, count = np.abs(psi).max() - 0.3, int((np.abs(psi) > 0.3).sum())
-    pressed = f"psi presses into its stops, which are springs, at {count} of 201 instants, "
-    assert scene.notes()[0] == f"{pressed}{depth:.3g} rad deep at most"
-    assert scene.notes("deg")[0] == f"{pressed}{np.degrees(depth):.3g} deg deep at most"
-    bare = scene_of(tmp_path, PAIR + text.replace("stops = true\nstop_stiffness = 5\n", ""))
-    assert bare.notes("deg")[0].startswith("psi leaves its limits, -17.1887 to 17.1887 deg, at ")
-
-
-def test_constants_are_not_called_as_the_hinge_angle_is(tmp_path):
-    for name in ("psi", "psid"):
-        text = f"[dynamics]\nhinge_torque = '-psi'\n[constants]\n{name} = 5\n"
-        with pytest.raises(hp.SceneError, match=rf"constants\.{name}: expected another name"):
-            scene_of(tmp_path, PAIR + text)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -242,13 +175,6 @@ def test_what_cannot_be_used_is_named(tmp_path, text, message):
         scene_of(tmp_path, PAIR + "[dynamics]\n" + text + "\n")
 
 
-def test_a_pair_without_masses_is_named(tmp_path):
-    with pytest.raises(
-        hp.SceneError, match=r"pair\.body1: expected mass properties.*, or base = 'fixed' in \[dynamics\]"
-    ):
-        scene_of(tmp_path, PAIR.replace("body1 =", "#") + "[dynamics]\n")
-
-
 def test_a_scene_has_rigid_stops_and_breaks(tmp_path):
     motion = "[dynamics]\nbase = 'fixed'\ngravity = [0, 0, 0]\nhinge_torque = '{}*(1 + 3*step(t - 0.25))'\n"
     keys = "stops = [-1, 1]\nstop_restitution = 0.0\nbreaks = [0.25]\n"
@@ -258,19 +184,3 @@ def test_a_scene_has_rigid_stops_and_breaks(tmp_path):
     assert found.psi.max() <= 1
     with pytest.raises(hp.SceneError, match=r"stop_damping: expected 0, since stop_restitution"):
         scene_of(tmp_path, PAIR + motion.format(1) + keys + "stop_damping = 2\n").evaluate()
-
-
-def test_notes_tell_the_hardest_impact_at_a_rigid_stop(tmp_path):
-    """The rate falls to half at each bounce; a soft stop has no impact."""
-    text = "[dynamics]\nbase = 'fixed'\npsid_0 = 4\ngravity = [0, 0, 0]\nstops = true\n"
-    scene = scene_of(tmp_path, PAIR + text + "stop_restitution = 0.5\n")
-    (note,) = scene.notes()
-    assert note.startswith(
-        "psi hits a rigid stop at t = 0.075 s (psi' from 4 to -2 rad/s), and less hard 1 more time:"
-    )
-    assert note in scene.forces().notes
-    assert [(x.joint, round(x.before, 9), round(x.after, 9)) for x in scene.motion.simulated.impacts] == [
-        ("psi", 4, -2),
-        ("psi", -2, 1),
-    ]
-    assert scene_of(tmp_path, PAIR + text + "stop_stiffness = 1e5\n").motion.simulated.impacts == ()

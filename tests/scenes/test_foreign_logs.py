@@ -111,19 +111,6 @@ def test_columns_that_cannot_be_used_are_named(columns: str, message: str, tmp_p
         load(tmp_path, german(), f"[motion.columns]\n{columns}\n")
 
 
-@pytest.mark.parametrize("row", [0, 3])
-@pytest.mark.parametrize("date", ["11/23/2026 10:00", "10:00:00", "31.02.2026 10:00:00,000", "2026-11-23"])
-def test_a_date_that_cannot_be_read_is_refused_with_the_forms_that_can(date: str, row: int, tmp_path: Path) -> None:
-    forms = r"a date such as .* \(ISO 8601\) or .* \(DD\.MM\.YYYY HH:MM:SS\)"
-    with pytest.raises(hp.SceneError, match=f"line {row + 2}: Zeit: expected .*{forms}, got '{date}'"):
-        load(tmp_path, german().replace(stamp(T[row], "+01:00"), date))
-
-
-def test_a_date_beside_the_instants_is_no_number(tmp_path: Path) -> None:
-    with pytest.raises(hp.SceneError, match=r"line 2: Nord: expected a number \(nan"):
-        load(tmp_path, german().replace(";2,000000000000;", ";05.03.2026 10:00;", 1))
-
-
 def test_german_dates_are_read(tmp_path: Path) -> None:
     head, *rows = german(zone="").replace("2026-11-23T", "05.03.2026 ").splitlines()
     scene = load(tmp_path, "\n".join([head, *(row.replace(".0", ",0", 3).replace(",03,", ".03.") for row in rows)]))
@@ -156,17 +143,6 @@ def test_headings_of_windows_are_understood(encoding: str, tmp_path: Path) -> No
 def test_a_file_in_utf_16_is_refused(tmp_path: Path) -> None:
     with pytest.raises(hp.SceneError, match="expected a text file in UTF-8 or Windows-1252, got zero bytes"):
         load(tmp_path, german(), COLUMNS, "utf-16")
-
-
-def test_an_unknown_column_is_refused_with_both_remedies(tmp_path: Path) -> None:
-    with pytest.raises(hp.SceneError, match=r"'Zeit': .* ignore = \['Zeit'\] leaves .* \[motion.columns\] names"):
-        load(tmp_path, german(), "")
-
-
-def test_a_log_that_lacks_columns_of_space_is_said_to_lack_them(tmp_path: Path) -> None:
-    rows = "".join(f"{t},{t},0,{t},{t}\n" for t in T)
-    notes = load(tmp_path, f"t,x,y,phi_z,psi\n{rows}", "").notes()
-    assert "the log has no z, phi_x, phi_y: they were taken as 0, as of a motion in the plane" in notes
 
 
 def test_small_angles_beside_angles_in_degrees_are_suspected_of_degrees(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 from pathlib import Path
 
 import mpmath
@@ -14,7 +13,6 @@ import sympy
 import hingepair as hp
 from hingepair.symbolic.exact_expressions import time_symbol, to_sympy
 from hingepair.symbolic.expressions import parse_expression
-from support.commands import run_command
 from support.spins import U
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -209,19 +207,6 @@ def _with_velocity(row, speed):
     return ",".join([*cells[:4], str(speed), "0", "0", *cells[4:]])
 
 
-@pytest.mark.slow
-def test_run_says_how_far_the_integration_is_off(tmp_path):
-    scene_of(tmp_path, LOGGED, LOG)
-    path = tmp_path / "my.toml"
-    found = json.loads(run_command("run", path, "--json").stdout)
-    assert 0 < found["error_estimate"] < 1e-12
-    assert "integrated by magnus6, error about" in run_command("run", path).stdout
-    scene_of(tmp_path, LOGGED, "\n".join(LOG.splitlines()[:3]) + "\n")
-    assert "error unknown" in run_command("run", path).stdout
-    assert json.loads(run_command("run", path, "--json").stdout)["error_estimate"] is None
-    run_command("check", path)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -273,17 +258,6 @@ def test_what_is_wrong_with_a_log_is_named(tmp_path, extra, log, message):
     text = LOGGED if "integrate" not in extra else LOGGED.replace("integrate = true\n", "")
     with pytest.raises(hp.SceneError, match=message):
         scene_of(tmp_path, text + extra + "\n", log)
-
-
-def test_a_log_of_too_long_a_name_is_no_file(tmp_path):
-    with pytest.raises(hp.SceneError, match=r"my.toml: motion.file: expected .*, got no such file"):
-        scene_of(tmp_path, LOGGED.replace("log.csv", "log" * 100 + ".csv"), LOG)
-
-
-def test_planar_scenes_refuse_what_is_of_space(tmp_path):
-    for line, key in (('frame = "body"', "frame"), ("S1_0 = 1", "S1_0")):
-        with pytest.raises(hp.SceneError, match=rf"motion\.{key}: expected one of"):
-            scene_of(tmp_path, FLAT + line + TIME)
 
 
 def test_start_attitudes_are_said_by_axis_and_angle(tmp_path):

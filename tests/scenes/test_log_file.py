@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import sys
 import tracemalloc
 import zipfile
 
@@ -190,13 +189,6 @@ def test_parquet_nulls_are_lost_numbers_and_words_are_refused(tmp_path):
     columns["y"] = ["1.5"] * 12
     with pytest.raises(hp.SceneError, match="y: expected a column of numbers, got string"):
         scene_of(tmp_path, columns, name="log.parquet")
-
-
-def test_parquet_without_pyarrow_says_what_to_install(tmp_path, monkeypatch):
-    scene_of(tmp_path, GOOD, name="log.parquet")
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(hp.errors.MissingDependencyError, match=r"hingepair\[data\]"):
-        hp.load_scene(tmp_path / "my.toml")
 
 
 @pytest.mark.parametrize("name", ["log.txt", "log", "none.csv", "."])

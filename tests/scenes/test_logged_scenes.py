@@ -320,40 +320,6 @@ def test_a_log_in_millimetres_or_with_the_scalar_first_is_doubted(tmp_path):
     )
 
 
-@pytest.mark.slow
-def test_rows_that_are_absent_are_said_once(tmp_path):
-    t = np.arange(800) * 0.01
-    t = t[~(((t > 2.005) & (t < 2.395)) | ((t > 3.005) & (t < 6.595)))]
-    columns = {"t": t, **{name: 0.1 * np.sin(t) for name in EULER[:6]}, "psi": np.sin(t)}
-    notes = scene_of(tmp_path, columns, "smooth = true\n").notes()
-    assert [note for note in notes if "has no samples" in note] == [
-        "t has no samples from 2 to 2.4 s, nor in 1 more gap of up to 3.6 s"
-    ]
-
-
-@pytest.mark.slow
-def test_doubts_of_a_log_are_said_once_and_first(tmp_path):
-    t = np.arange(400) * 10.0
-    columns = {"t": t, **dict.fromkeys(EULER[:6], 0 * t), "psi": 90 * np.sin(t / 500)}
-    notes = scene_of(tmp_path, columns, "smooth = true\n").notes()
-    assert len(set(notes)) == len(notes)
-    assert [note.partition(":")[0] for note in notes[:2]] == ["t steps by 10 s", "psi spans 180 rad, 28.6 turns"]
-
-
-@pytest.mark.parametrize(
-    ("angle", "said"),
-    [
-        (lambda t: 100 * np.sin(8 * t), "angles in radians, got probably degrees: phi_x spans"),
-        (lambda t: np.mod(700 * t, 360), "jumps by nearly 360, as of degrees"),
-    ],
-)
-def test_a_log_in_degrees_that_cannot_be_smoothed_is_said_to_be_in_degrees(tmp_path, angle, said):
-    t = np.arange(160) * 0.01
-    columns = {"t": t, **dict.fromkeys(EULER, 0 * t), "phi_x": angle(t)}
-    with pytest.raises(hp.SceneError, match=said):
-        scene_of(tmp_path, columns, "smooth = true\n")
-
-
 def test_instants_since_1970_can_be_told_apart(tmp_path):
     rows = "".join(f"{1763746391 + i / 4!r},{i},0,0,0,0,0,{i}\n" for i in range(3))
     (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + rows)

@@ -18,7 +18,6 @@ import hingepair as hp
 from hingepair.cli.summary import RunSummary
 from hingepair.formats.recordings import read_recording
 from hingepair.scenes.instants import UniformInstants
-from support.commands import refusal, run_command
 from support.sparse import sparse
 from support.work import HANG
 
@@ -228,13 +227,3 @@ def test_poses_as_quaternions_are_a_recording_that_fit_reads(tmp_path):
     recording = read_recording(result.save(tmp_path / "poses.csv"))
     np.testing.assert_allclose(recording.body2.S, scene.evaluate(("S2",)).S2, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(recording.body1.R, result.R1)
-
-
-@pytest.mark.slow
-def test_run_shows_and_a_scene_names_coordinates(tmp_path):
-    path = long_scene(tmp_path, 11)
-    path.write_text(path.read_text() + '\n[outputs]\nnames = ["psi", "qd"]\n')
-    shown = run_command("run", path).stdout
-    assert re.search(r"psi +rad +0 +50 +100", shown)
-    assert re.search(r"phid_z +rad/s +5 +5 +5", shown)
-    assert "psi, psid, psidd" in refusal("run", path, "--outputs", "R9")

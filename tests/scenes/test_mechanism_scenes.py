@@ -303,11 +303,6 @@ def test_a_joint_that_may_take_no_load_uses_all_of_it(tmp_path: Path) -> None:
     assert "stick" in str(forces)
 
 
-def test_kinks_are_told(tmp_path: Path) -> None:
-    (note,) = scene_of(tmp_path, GOOD.replace('"w*t"', '"w*abs(t - 1.01)"')).notes()
-    assert note == "kinks or jumps in 1 interval; derivatives there are those from the right"
-
-
 def test_samples_that_are_no_number_stay_by_themselves(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, GOOD.replace('"w*t"', '"sqrt(t - 0.52)"'))
     forces = scene.forces()
@@ -341,14 +336,6 @@ def test_outputs_of_the_file_are_what_is_computed(tmp_path: Path) -> None:
     assert "v" not in dir(result)
     assert list(scene.evaluate().requested_arrays()) != list(scene.evaluate(("boom",)).requested_arrays())
     np.testing.assert_array_equal(scene.sampled(5, ("q",)).t, scene.t[::10])
-
-
-def test_the_plan_counts_what_resting_joints_save(tmp_path: Path) -> None:
-    scene, all_move = scene_of(tmp_path, GOOD), GOOD.replace("[motion]", "[motion]\nstick = '-t'", 1)
-    plan = scene.plan()
-    assert ("sines, cosines and rates of stick", "these coordinates do not change") in plan.skipped
-    less, more = plan.operations, scene_of(tmp_path, all_move).plan().operations
-    assert less.per_sample < more.per_sample < more.unfolded == less.unfolded
 
 
 STRAY = r"expected the motion of a joint under \[motion\], got a joint in another table"

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import hingepair as hp
 from hingepair.pair.states import PlanarState
-from support.commands import run_command
 from support.summed import summed
-
-MODELS = Path(__file__).parents[2] / "models"
 
 PLANAR_MOTION_KIND = """
 planar = true
@@ -107,37 +100,6 @@ def test_a_wrong_planar_pair_fails_its_check(monkeypatch):
     assert "FAILED" in str(hp.cross_validate(pair, q, q, q))
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*no mass properties are given")
-def test_command_line(tmp_path):
-    path = tmp_path / "my.toml"
-    path.write_text(PLANAR_MOTION_KIND)
-    facts = json.loads(run_command("run", path, "--json", "-o", tmp_path / "out.csv").stdout)
-    assert list(facts["outputs"]) == [
-        "R2_x",
-        "R2_y",
-        "phi2",
-        "d_x",
-        "d_y",
-        "v2_x",
-        "v2_y",
-        "omega2",
-        "a2_x",
-        "a2_y",
-        "alpha2",
-        "psi",
-        "psid",
-        "psidd",
-    ]
-    rows = list(csv.reader((tmp_path / "out.csv").read_text().splitlines()))
-    assert rows[0] == ["t", *facts["outputs"], "x", "y", "phi"]
-    assert float(rows[-1][3]) == 0.3 * 4 + np.sin(2)
-    assert "in the plane z = 0" in run_command("run", path).stdout
-    robot = run_command("urdf", path).stdout
-    back = hp.from_urdf(robot, joint="hinge", body2_frame="body2")
-    np.testing.assert_allclose(back.u2, (-0.25, 0.1, 0), rtol=0, atol=1e-16)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -153,28 +115,3 @@ def test_refused(tmp_path, old, new, message):
     assert old in PLANAR_MOTION_KIND
     with pytest.raises(hp.SceneError, match=message):
         scene_of(tmp_path, PLANAR_MOTION_KIND.replace(old, new))
-
-
-def test_log_files_are_not_of_the_plane(tmp_path):
-    text = PLANAR_MOTION_KIND.split("[motion]", maxsplit=1)[0] + '[motion]\nfile = "log.csv"\n'
-    with pytest.raises(hp.SceneError, match=r"motion\.file: .*planar"):
-        scene_of(tmp_path, text)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "folds"),
-    [
-        ("n = [0, 0, 2]", "n = [0, 0, -1]", True),
-        ("phi_x = 0", "phi_x = 0.1", False),
-        ("phi_y = 0", 'phi_y = "0*t"', True),
-        ("phi_y = 0", 'phi_y = "1e-9*t"', False),
-        ("n = [0, 0, 2]", "n = [0, 1e-9, 2]", False),
-        ("n = [0, 0, 2]", "n = [0, 0, 2]\nhome = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]", True),
-        ("n = [0, 0, 2]", "n = [0, 0, 2]\nhome = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]", True),
-    ],
-)
-def test_plan_says_what_constants_fold_away(tmp_path, old, new, folds):
-    assert old in SPATIAL_MOTION_KIND
-    plan = scene_of(tmp_path, SPATIAL_MOTION_KIND.replace(old, new)).plan()
-    assert (plan.operations.per_sample < 0.25 * plan.operations.unfolded) is folds
-    assert f"{plan.operations.folded} operations" in str(plan)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from support.commands import refusal, run_command
+from support.commands import refusal
 
 mpl.use("Agg")
 
@@ -63,27 +63,6 @@ def test_results_have_points_by_name(hatch):
     assert "computed: " in str(scene.plan(("edge",)))
 
 
-def test_tables_and_files_have_columns_of_points(hatch, tmp_path):
-    out = run_command("run", hatch, "--outputs", "handle_v,handle", "-o", tmp_path / "x.csv").stdout
-    assert [line.split()[:2] for line in out.splitlines() if line.startswith("handle")] == [
-        *([f"handle_v_{axis}", "m/s"] for axis in "xyz"),
-        *([f"handle_{axis}", "m"] for axis in "xyz"),
-    ]
-    header, first, *_ = (tmp_path / "x.csv").read_text().splitlines()
-    assert header.startswith("t,handle_v_x,handle_v_y,handle_v_z,handle_x,handle_y,handle_z,")
-    assert [float(x) for x in first.split(",")[4:7]] == pytest.approx((1.55, 0.1, 1.25), abs=1e-15)
-    assert "edge_a_z" in run_command("run", hatch).stdout
-    dataset = hp.load_scene(hatch).evaluate(("handle", "handle_a")).to_xarray()
-    assert [dataset[name].attrs["units"] for name in ("handle", "handle_a")] == ["m", "m/s^2"]
-    figure = hp.plot(hp.load_scene(hatch), ("handle", "edge_v"))
-    assert [(axes.get_title(), axes.get_ylabel()) for axes in figure.axes] == [
-        ("handle", "m"),
-        ("edge_v", "m/s"),
-    ]
-    (axes,) = hp.plot(hp.load_scene(hatch).pair, ("handle",), units="mm").axes
-    assert axes.get_ylabel() == "mm"
-
-
 def test_sweeps_and_searches_take_components_of_points(hatch):
     """Along the lid the handle stands at the distance x, and 0.05 above it."""
     found = hp.search(hatch, "pair.points2.handle[0]", "handle_z_max = 2.5")
@@ -126,12 +105,6 @@ def test_planar_scenes_and_hinges_of_robots_have_points(tmp_path):
 def test_points_that_cannot_be_used_are_named(hatch, line, message):
     hatch.write_text(HATCH.replace("handle = [0.55, 0.1, 0.05]", line))
     assert message in refusal("run", hatch)
-
-
-def test_a_point_in_millimetres_is_suspected(hatch):
-    hatch.write_text(HATCH.replace("handle = [0.55, 0.1, 0.05]", "handle = [550, 100, 50]"))
-    (sentence,) = hp.load_scene(hatch).suspicions()
-    assert sentence.startswith("pair.points2.handle: 550")
 
 
 def test_integrated_motions_have_points(hatch):

@@ -180,11 +180,6 @@ def test_wrenches_act_on_links_and_joints_of_motion_move_as_given(tmp_path):
     np.testing.assert_allclose(found.forces().tau, expected.tau, rtol=0, atol=1e-7)  # what the wrenches do not do
 
 
-def test_an_energy_balance_needs_a_simulation():
-    with pytest.raises(hp.ArgumentError, match="that \\[dynamics\\] simulates"):
-        hp.load_scene("models/excavator.toml").energy_balance()
-
-
 def test_efforts_are_those_of_motors_in_every_command(tmp_path):
     """What wrenches on links, dampers and springs do is not the motors' to do, in results and forces alike."""
     loads = "[dynamics]\n[dynamics.lift]\ndamping = 3\n[dynamics.arm]\nqd_0 = 1\ndamping = 0.5\nstiffness = 2\n"

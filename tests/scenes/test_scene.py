@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import re
 from pathlib import Path
 
@@ -147,7 +146,6 @@ def change(old: str, new: str) -> str:
     return GOOD.replace(old, new)
 
 
-N = "n = [1, 0, 0]\n"
 MALFORMED = {
     "not TOML": ("[pair", "TOML"),
     "empty": ("", "[pair]"),
@@ -252,35 +250,6 @@ def test_unknown_robot_names_the_key(tmp_path: Path, robot: str) -> None:
         scene_of(tmp_path, re.sub(r"u1.*\nu2.*\nn .*\n", robot, GOOD))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", sorted(MODELS.glob("*.toml")), ids=lambda path: path.stem)
-def test_models_say_what_they_are_and_move(model: Path) -> None:
-    text = model.read_text()
-    scene = hp.load_scene(model)
-    assert text.startswith("#")
-    assert len(scene.title.split()) > 5
-    result = scene.evaluate()
-    assert all(np.isfinite(array).all() for array in result.state.arrays().values())
-    if not isinstance(scene, PairScene):
-        assert np.ptp(result.R, axis=0).max() > 0.5  # of the frame that the file names
-        return
-    bodies = scene.motion.source.part(slice(None), 1).body_arrays(scene.pair)
-    assert np.ptp(np.einsum("nij,nik->njk", bodies["S1"], bodies["S2"]), axis=0).max() > 0.01
-
-
-def test_panel_swings_from_the_side_to_straight_out() -> None:
-    result = hp.load_scene(MODELS / "satellite_panel.toml").evaluate(("S1", "d"))
-    in_body_1 = np.einsum("nji,nj->ni", result.S1, result.d)
-    np.testing.assert_allclose(in_body_1[0], (0.5, 0, -0.6), atol=1e-4)
-    np.testing.assert_allclose(in_body_1[-1], (1.5, 0, 0.4), atol=1e-4)
-
-
-def test_wheels_of_truck_and_trailer_hardly_slip() -> None:
-    result = hp.load_scene(MODELS / "truck_trailer.toml").evaluate(("S1", "v1", "S2", "v2"))
-    for S, v, most in ((result.S1, result.v1, 1e-12), (result.S2, result.v2, 0.1)):
-        assert np.abs(np.einsum("ni,ni->n", v, S[:, :, 1])).max() <= most  # m/s, at 20 m/s
-
-
 def test_only_the_derivatives_that_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = hp.load_scene(MODELS / "truck_trailer.toml")
     given = []
@@ -291,47 +260,6 @@ def test_only_the_derivatives_that_are_needed(monkeypatch: pytest.MonkeyPatch) -
     for outputs in (("R2", "S1"), ("omega1", "d"), ("alpha2",), None):
         scene.evaluate(outputs)
     assert given == [2, 3, 4, 4]
-
-
-def test_result_says_what_it_has(tmp_path: Path) -> None:
-    result = scene_of(tmp_path, GOOD).evaluate(("R2",))
-    assert result.state.R2 is result.R2
-    names = ["R2", "arrays", "described", "outputs", "psi", "q", "save", "scene", "shape", "state", "t"]
-    assert dir(result) == [*names, "to_dataframe", "to_xarray"]
-    assert dir(result.state) == ["R2", "arrays", "outputs", "shape", "to_dataframe", "to_xarray"]
-    for one in (result, result.state):
-        with pytest.raises(AttributeError, match=f"has no 'R3'; it has {', '.join(dir(one))}$"):
-            _ = one.R3
-    with pytest.raises(AttributeError):
-        result.t = 0
-    assert pickle.loads(pickle.dumps(result)).R2.tolist() == result.R2.tolist()
-
-
-@pytest.mark.parametrize("path", ["", "no/such.toml", ".", "nul\0.toml", 3, None])
-def test_unreadable_path(path: object) -> None:
-    with pytest.raises(hp.SceneError):
-        hp.load_scene(path)
-
-
-def test_the_plan_says_what_is_skipped_and_why(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, GOOD)
-    full = scene.plan()
-    assert full.outputs == scene.evaluate().state.outputs
-    assert ("sines, cosines and rates of y, phi_z", "these coordinates do not change") in full.skipped
-    assert "no output needs" not in str(full)
-    assert f"computed: {full.operations.per_sample} operations at each instant" in str(full)
-    only = scene.plan(("S1",))
-    assert only.operations.per_sample < full.operations.per_sample / 2
-    assert ("first derivatives of the coordinates", "no output needs them") in only.skipped
-    turned = GOOD.replace('"0.1*t"', "0.3").replace('"0.2*sin(t)"', "0.2")
-    assert scene_of(tmp_path, turned).plan(("S1",)).operations.per_sample == 0
-    with pytest.raises(hp.ArgumentError, match="outputs"):
-        scene.plan(("R9",))
-
-
-def test_the_empty_scene_lacks_its_pair_first(tmp_path: Path) -> None:
-    with pytest.raises(hp.SceneError, match=r"pair: expected a table \[pair\]"):
-        scene_of(tmp_path, "")
 
 
 def test_numbers_may_be_expressions_of_constants(tmp_path: Path) -> None:
@@ -480,9 +408,6 @@ def test_a_trapezoid_keeps_its_limits(tmp_path: Path) -> None:
     assert psidd.max() == -psidd.min() <= 4
 
 
-TIME = "[time]\nstart = 0\nstop = 2\nsamples = 21\n"
-
-
 def test_rates_may_go_through_way_points(tmp_path: Path) -> None:
     motion = """
 [motion]
@@ -550,16 +475,6 @@ def test_wheels_and_radians_are_not_suspected(tmp_path: Path, old: str, new: str
     assert doubts(tmp_path, change(old, new)) == ()
 
 
-def test_a_scene_in_millimetres_is_suspected_in_one_line(tmp_path: Path) -> None:
-    text = GOOD.replace("[0.5, 0.2, 0.1]", "[500, 200, 100]").replace("[-0.25, 0.1, 0.3]", "[-250, 100, 300]")
-    text = text.replace(
-        "[motion]\n", "body2 = { mass = 2, shapes = [{ box = [900, 40, 2000], center = [0, 0, 60] }] }\n[motion]\n", 1
-    )
-    (sentence,) = doubts(tmp_path, text)
-    assert sentence.startswith("pair.body2.shapes[0].box: 2000 is taken for metres")
-    assert sentence.endswith(" Likewise pair.u1, pair.u2 and 1 more.")
-
-
 def test_a_motion_in_millimetres_is_suspected_and_a_flight_is_not(tmp_path: Path) -> None:
     def moved(x: str) -> tuple[str, ...]:
         return doubts(tmp_path, re.sub(r"(?m)^x = .*$", f'x = "{x}"', GOOD))
@@ -607,62 +522,3 @@ def test_constants_may_stand_in_the_motion_but_not_in_both(tmp_path: Path) -> No
     np.testing.assert_array_equal(scene_of(tmp_path, old).evaluate().R2, scene_of(tmp_path, GOOD).evaluate().R2)
     with pytest.raises(hp.SceneError, match="toml: constants: expected constants in one table"):
         scene_of(tmp_path, old + "[constants]\nc = 1\n")
-
-
-def pointed_at(path: Path, text: str) -> tuple[str, str, str]:
-    """The message of a scene that is refused, the line that it shows, and what stands where its caret points."""
-    with pytest.raises(hp.SceneError) as caught:
-        scene_of(path, text)
-    (note,) = caught.value.__notes__
-    line, caret = note.split("\n")
-    assert caret.strip() == "^"
-    assert line.strip() in text.replace("\n", " ")
-    return str(caught.value), line.strip(), line[len(caret) - 1 :]
-
-
-@pytest.mark.parametrize(
-    ("psi", "hint", "at"),
-    [
-        ('"0.1*"', "an end where something is missing at column 5", ""),
-        ('"5t"', "a product is written 5*t", "5t"),
-        ('"1e-3 t"', "a product is written 1e-3*t", "t"),
-        ('"2000 mm"', "lengths are in metres: 2000*1e-3", "mm"),
-        ('"85 deg"', "degrees are written deg(85)", "deg"),
-        ('"85°"', "degrees are written deg(x)", "°"),
-        ("80,5", "decimals follow a point", ",5"),
-        ('"0.2*sin t"', "a function is called as sin(t)", "t"),
-        ('"0.2*sine(t)"', "nearest: sin", "sine(t)"),
-        ('"30*deg"', "expected deg(x), got deg at column 4", "deg"),
-        ('"arctan2(t, 1)"', "(atan2(y, x))", "arctan2(t, 1)"),
-        ('"if(t < 1, 0, 1)"', "a choice is written where(condition, x, y)", "if(t < 1, 0, 1)"),
-        ('"t^2"', "a power is written **", "^2"),
-        ('"1,5"', "decimals follow a point", "1,5"),
-        ('"""sin(t)\n + 2)"""', "unmatched ')'", ")"),
-        ('"x = t"', "its name stands before the quotes", "= t"),
-        ("2*pi*t", 'an expression stands in quotes: "2*pi*t"', "*pi*t"),
-        ("sin(t)  # turns", 'an expression stands in quotes: "sin(t)"', "sin(t)  # turns"),
-        ("{ t = [0, 1], value = [0, pi/2] }", 'an expression stands in quotes: "pi/2"', "pi/2] }"),
-        ("True", "it is written true", "True"),
-        ("[0, 1", "Unclosed array", "[time]"),
-    ],
-)
-def test_a_caret_points_at_what_cannot_be_read(tmp_path: Path, psi: str, hint: str, at: str) -> None:
-    text = re.sub(r"(?s)\[constants\].*?(?=\[time\])", "", change('psi = "pi*t"', f"psi = {psi}"))
-    message, _, there = pointed_at(tmp_path, text.replace("w*t", "2*t"))
-    assert hint in message
-    assert there == at
-    assert "\n" not in message
-
-
-@pytest.mark.parametrize("psi", ["t + " * 9_000 + "t", '"2' + "t" * 9_000 + '"', "1 " * 9_000, "-" * 9_000])
-def test_messages_about_long_lines_are_short(tmp_path: Path, psi: str) -> None:
-    with pytest.raises(hp.SceneError) as caught:
-        scene_of(tmp_path, change('psi = "pi*t"', f"psi = {psi}"))
-    assert len(str(caught.value)) < 700
-    assert all(len(note) < 300 for note in getattr(caught.value, "__notes__", ()))
-
-
-def test_a_long_line_is_shown_around_the_caret(tmp_path: Path) -> None:
-    _, line, there = pointed_at(tmp_path, change('psi = "pi*t"', f'psi = "{"t + " * 200}* {" + t" * 200}"'))
-    assert len(line) < 130
-    assert there.startswith("*  + t")

@@ -11,12 +11,6 @@ import pytest
 
 import hingepair as hp
 from hingepair.plans.pairs import SPACE
-from hingepair.scenes.motions.logs import LOG_ARRAYS, LOG_COLUMNS
-from hingepair.scenes.motions.simulated import DYNAMICS_KEYS
-from hingepair.scenes.motions.waypoints import PROFILES
-from hingepair.scenes.pair_table import PAIR_TABLE_KEYS
-from hingepair.scenes.robot_table import JOINT_TABLE_KEYS, MECHANISM_KEYS
-from hingepair.symbolic.expressions import BUILTIN_CONSTANTS, CALLS
 from support.sparse import sparse
 
 ROOT = Path(__file__).parents[2]
@@ -60,50 +54,3 @@ def test_examples_run(number, tmp_path):
     assert np.isfinite(result.R if is_of_a_mechanism(example) else result.R2).all()
     assert scene.notes() == () or not is_of_a_mechanism(example)
     assert scene.cross_validate(20).ok
-
-
-@pytest.mark.parametrize(
-    "example", [e for e in EXAMPLES if "[pair]" in e and re.search(r"^\[(motion|dynamics)", e, re.M)]
-)
-def test_what_looks_like_a_whole_scene_is_one(example):
-    assert completed(example) == example
-
-
-def test_there_are_examples_of_every_kind():
-    assert len(EXAMPLES) >= 9
-    for word in (
-        "planar = true",
-        "robot = ",
-        "omega1 = ",
-        "integrate = true",
-        "profile = ",
-        "[pair.body1]",
-        "[dynamics]",
-        "[[joint]]",
-        "[mechanism]",
-        "[base]",
-    ):
-        assert any(word in example for example in EXAMPLES), word
-
-
-WORDS = (
-    *CALLS,
-    *BUILTIN_CONSTANTS,
-    *PROFILES,
-    *PAIR_TABLE_KEYS,
-    *LOG_ARRAYS,
-    *DYNAMICS_KEYS,
-    *MECHANISM_KEYS,
-    *JOINT_TABLE_KEYS,
-    *("R", "S", "quat", "d", "v", "omega", "a", "alpha", "q", "qd", "qdd", "tau", "force1", "torque1"),
-)
-
-
-def test_every_word_is_told():
-    assert not {*WORDS} - {*re.findall(r"\w+", PAGE)}
-
-
-def test_every_column_is_told():
-    told = set(re.findall(r"`(\w+)`", PAGE))
-    for column in LOG_COLUMNS:
-        assert column in told or f"{column[:-1]}x" in told, column

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
@@ -61,30 +59,6 @@ def test_a_noisy_log_is_smoothed_with_its_rates(tmp_path, quaternions):
     assert any("smoothed: noise of 0.001 m of position" in note for note in scene.motion.notes)
 
 
-@pytest.mark.slow
-def test_notes_of_a_smoothed_log_name_its_columns_and_missing_samples(tmp_path):
-    path, _ = written(tmp_path, quaternions=False)
-    log = np.genfromtxt(tmp_path / "log.csv", delimiter=",", names=True)
-    names = log.dtype.names
-
-    def notes(**changes):
-        columns = {name: changes.get(name, log[name]) for name in names}
-        Record(columns.pop("t"), columns, "log").save(tmp_path / "log.csv")
-        return hp.load_scene(path).motion.notes
-
-    assert not any("missing" in note or "radians" in note for note in notes())
-    few, many = log["psi"].copy(), log["x"].copy()
-    few[300], many[100:200] = np.nan, np.nan
-    said = notes(psi=few, x=many)
-    assert "psi: 1 of 600 samples missing and filled; the first at t = 3 s" in said
-    assert (
-        "position: 100 of 600 samples missing and not filled, in gaps that are too long; the first at t = 1 s" in said
-    )
-    said = notes(psi=np.degrees(log["psi"]), phi_x=20 * log["phi_x"])
-    assert any(re.match(r"psi spans \d+ rad, .* by unit = \"deg\" for psi in", note) for note in said)
-    assert any(re.match(r"phi_x spans \d+ rad, .* by unit = \"deg\" for phi_x in", note) for note in said)
-
-
 @pytest.mark.parametrize(
     ("text", "more", "words"),
     [
@@ -136,31 +110,3 @@ def test_absent_rows_of_a_slow_log_are_bridged_up_to_five_steps(tmp_path, missin
     error = np.abs(scene.evaluate(outputs=("a1",)).a1[:, 0] + np.cos(t))
     assert error[110:130].max() < 2 * error[40:200].max()
     assert error[110:130].max() < 0.05
-
-
-@pytest.mark.slow
-def test_a_note_names_the_places_where_smoothing_is_cut(tmp_path):
-    absent = [60, *range(120, 126), *range(130, 150)]
-    scene, _ = slow_log(tmp_path, absent)
-    (cut,) = (note for note in scene.motion.notes if "cut" in note)
-    assert cut.startswith(
-        "position, attitude, psi: smoothing is cut, with no samples from 5.95 to 6.3 s, 6.45 to 7.5 s;"
-    )
-    left_out = "position, attitude, psi: samples recorded but left out, in series of fewer than 8 between gaps: 4;"
-    assert any(note.startswith(left_out) for note in scene.motion.notes)
-    scene, _ = slow_log(tmp_path, absent, "gaps = 2\n")
-    assert not any("cut" in note for note in scene.motion.notes)
-    scene, _ = slow_log(tmp_path, absent, "gaps = 0.06\n")
-    assert any("from 2.95 to 3.05 s, 5.95 to 6.3 s, 6.45 to 7.5 s" in note for note in scene.motion.notes)
-
-
-@pytest.mark.parametrize("motion", ["gaps = 0\n", "gaps = 'a'\n"])
-def test_gaps_is_a_positive_time(tmp_path, motion):
-    with pytest.raises(hp.SceneError, match=r"motion\.gaps"):
-        slow_log(tmp_path, [], motion)
-
-
-def test_gaps_goes_with_smoothing_alone(tmp_path):
-    (tmp_path / "scene.toml").write_text(PAIR.replace("smooth = true", "gaps = 0.1"))
-    with pytest.raises(hp.SceneError, match=r"motion\.gaps: expected no such key without smooth"):
-        hp.load_scene(tmp_path / "scene.toml")
