@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import inspect
-import pydoc
 import re
 from pathlib import Path
 
@@ -94,29 +93,6 @@ def test_calls_in_the_text_fit_the_signatures(page):
         inspect.signature(function).bind(*own, *arguments, **{one.arg: None for one in call.keywords if one.arg})
 
 
-def test_every_block_of_the_pages_is_a_step():
-    for page in (*DOCS.glob("*.md"), *DOCS.glob("[!_ag]*/*.md")):
-        text = page.read_text(encoding="utf-8")
-        kinds = [step.kind for step in page_steps(page)]
-        assert kinds.count("python") == len(re.findall("^```python$", text, re.MULTILINE)), page
-        assert kinds.count("command") == len(re.findall(r"^\$ hingepair", text, re.MULTILINE)), page
-        assert kinds.count("file") == len(re.findall("Save this as", text)), page
-
-
-@pytest.mark.parametrize("folder", ["concepts", "howto", "reference"])
-def test_an_index_links_each_page_of_its_folder(folder):
-    """A table of contents is shown by the site alone, links also by what reads the file as plain Markdown."""
-    links = re.findall(
-        r"^- \[(.*)\]\((\w+\.md)\): ", (DOCS / folder / "index.md").read_text(encoding="utf-8"), re.MULTILINE
-    )
-    titles = [
-        (page.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# "), page.name)
-        for page in (DOCS / folder).glob("*.md")
-        if page.name != "index.md"
-    ]
-    assert sorted(links) == sorted(titles)
-
-
 def test_links_of_the_pages_lead_to_files_of_the_repository():
     for page in (*DOCS.glob("*.md"), *DOCS.glob("[!_ag]*/*.md")):
         for link in re.findall(r"\]\((?!https?:)([^)#\s]+)", page.read_text(encoding="utf-8")):
@@ -134,12 +110,3 @@ def test_the_page_of_commands_has_a_row_for_each():
     page = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
     for command in typer.main.get_command(app).commands:
         assert re.search(rf"^\| .*`hingepair {command}\b", page, re.MULTILINE), command
-
-
-def test_no_docstring_of_a_property_reads_as_a_type():
-    """A colon in the first line splits it: what stands before is shown as the type of the property."""
-    for page in REFERENCE:
-        for name in re.findall(r"^\.\. autoclass:: ([\w.]+)", page.read_text(encoding="utf-8"), re.MULTILINE):
-            for member, value in inspect.getmembers(pydoc.locate(name.rstrip("()"))):
-                if isinstance(value, property) and not member.startswith("_"):
-                    assert ": " not in (value.__doc__ or "").split("\n")[0], (name, member)

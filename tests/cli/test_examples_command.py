@@ -23,14 +23,6 @@ def copied(folder: Path) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_every_scene_and_sweep_is_listed_with_a_title() -> None:
-    lines = examples().splitlines()
-    rows = [line.split(maxsplit=1) for line in lines[1 : lines.index("")]]
-    assert [name for name, _ in rows] == NAMES
-    assert ["talos_lift", hp.load_scene(MODELS / "talos_lift.toml").title] in rows
-    assert all(len(title) > 10 for _, title in rows)
-
-
 @pytest.mark.parametrize(
     ("name", "files"),
     [
@@ -72,26 +64,3 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     assert message.endswith(f"got {log}")
     assert log.read_text() == "mine"
     assert copied(tmp_path) == {"logged_arm.csv"}
-
-
-@pytest.mark.parametrize(
-    ("words", "hint"),
-    [
-        (("run", "talos_elbow"), "hingepair examples talos_elbow copies"),
-        (("run", "here/logged_arm.toml"), "hingepair examples logged_arm copies"),
-        (("run", "my_own.toml"), "hingepair examples lists and copies worked examples"),
-        (("run", "truck.toml"), "hingepair examples lists and copies worked examples (nearest: truck_trailer)"),
-        (("sweep", "sweeps/landing_gear.toml"), "hingepair examples sweeps/landing_gear copies"),
-        (("check", "panda_reach"), "hingepair examples sweeps/panda_reach copies"),
-        (("urdf", "excavator.urdf", "boom"), "hingepair examples excavator copies"),
-        (("fit", "gyro_log.csv"), "hingepair examples gyro_log copies"),
-        (("robots", "excavator"), "hingepair examples excavator copies"),
-    ],
-)
-def test_a_file_that_is_not_there_leads_to_the_examples(
-    words: tuple[str, ...], hint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    message = refusal(*words)
-    assert "path_or_text" not in message
-    assert message.rpartition("; ")[2].startswith(hint)

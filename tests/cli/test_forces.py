@@ -45,16 +45,6 @@ def test_the_command_prints_and_writes_them(tmp_path):
     assert report["outputs"]["force1_x"]["first"] == pytest.approx(1171 * 1.6, rel=0.1)
 
 
-@pytest.fixture
-def light(tmp_path):
-    """The landing gear without the inertia of its leg."""
-    text = (MODELS / "landing_gear.toml").read_text()
-    bodies = re.sub(r"(?m)^inertia = .*$|(?s:^shapes = \[\n.*?^\]$)", "", text[text.index("[pair.body2]") :], count=2)
-    path = tmp_path / "light.toml"
-    path.write_text(text[: text.index("[pair.body2]")] + bodies)
-    return path
-
-
 def scene_file(folder, text, log=None):
     """A scene of the given tables, beside a log of the given columns."""
     if log is not None:
@@ -206,13 +196,3 @@ def test_the_motor_does_what_loads_beside_a_given_psi_do_not(tmp_path):
     assert "--gravity: expected None, since the table [dynamics]" in refusal("forces", path, "--gravity", "0,0,1")
     assert scene.arrays(("motor_torque",))["motor_torque"].shape == (101,)
     assert scene.cross_validate(20).ok
-
-
-@pytest.mark.parametrize(
-    "line", ["psi_0 = 1", "hinge_torque = 1", "base = 'fixed'", "stop_restitution = 0.5", "tol = 1"]
-)
-def test_what_is_simulated_stands_not_beside_a_given_psi(tmp_path, line):
-    path = scene_file(tmp_path, PENDULUM + MOVED.format("t") + LOADS + line + "\n")
-    name = line.split()[0]
-    assert f"dynamics.{name}: expected stiffness, rest, damping" in (said := refusal("forces", path))
-    assert "since [motion] gives psi: `hingepair forces` gives the torque of the motor" in said

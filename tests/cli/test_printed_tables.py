@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import hingepair as hp
 from hingepair.cli.summary import RunSummary
 from hingepair.scenes.scene import Scene
 
 MODELS = Path(__file__).parents[2] / "models"
-EAST, NORTH = 691607.25, 5334760.5  # m
 
 
 def summary(scene: Scene, names: tuple[str, ...] | None = None, units: str | None = None) -> RunSummary:
@@ -34,10 +32,3 @@ def test_numbers_and_units_of_the_table_are_those_asked_for() -> None:
         np.testing.assert_allclose(
             np.array(other[name][1:], float), wanted, rtol=2e-5, atol=1e-5 * np.abs(wanted).max()
         )
-
-
-def test_json_names_the_units_too() -> None:
-    scene = hp.load_scene(MODELS / "truck_trailer.toml")
-    ranges = summary(scene, ("psi",), "deg").ranges()
-    assert list(ranges) == ["psi [deg]"]
-    assert ranges["psi [deg]"]["largest"] == pytest.approx(np.degrees(scene.evaluate(("psi",)).psi.max()))

@@ -33,15 +33,6 @@ def test_axes_are_those_of_the_printed_robot_and_of_its_file() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:joint .* follows:UserWarning")
-def test_all_robots_are_listed() -> None:
-    rows = json.loads(robots("--json"))
-    assert {"robot": "talos_reduced", "dof": 32, "hinges": 32, "sliders": 0, "following": 0} in rows
-    assert sum(row["hinges"] for row in rows) >= 1200
-    assert [row["dof"] for row in rows] == [hp.load_robot(row["robot"]).dof for row in rows]
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "talos_full_v2", "romeo", "kinova"])
 def test_the_joints_of_a_robot_are_those_of_its_mechanism(name: str) -> None:
     robot, rows = hp.load_robot(name), joints_of(name)
@@ -70,19 +61,3 @@ def test_masses_are_those_of_what_a_joint_moves() -> None:
     assert rows["panda_joint1"]["mass_moved"] == pytest.approx(sum(bodies), rel=1e-15)
     assert rows["panda_finger_joint2"]["mass_moved"] == bodies[-1]
     assert rows["panda_joint7"]["mass_moved"] == pytest.approx(sum(bodies[6:]), rel=1e-15)
-
-
-def test_the_hinges_of_a_robot_are_its_pairs() -> None:
-    row, pair = joints_of("go1")["FL_calf_joint"], hp.load_robot_hinge("go1", "FL_calf_joint")
-    assert (row["n"], row["u1"], row["home"]) == (pair.n.tolist(), pair.u1.tolist(), pair.home.tolist())
-    assert (tuple(row["limits"]), row["effort_limit"], row["rate_limit"]) == (pair.limits, 35.55, 20.06)
-    assert (row["mass1"], row["mass2"]) == (pair.body1.mass, pair.body2.mass)
-    head, *lines = robots("go1").splitlines()
-    line = next(line for line in lines if " FL_calf_joint " in line)
-    cells = "2 FL_calf_joint hinge FL_thigh FL_calf 0 1 0 -2.818 to -0.888 35.55 20.06 0.1959 0.1959"
-    assert " ".join(line.split()) == cells
-    for heading in ("q", "limits [rad, m]", "effort [N m, N]", "rate [rad/s, m/s]", "body 2 [kg]", "moves [kg]"):
-        end = head.index(heading) + len(heading)
-        cells = {(line[end - 1].isspace(), line[end : end + 2].strip()) for line in lines[:12]}
-        assert cells == {(False, "")}, heading
-    assert {line.index("F") for line in lines[:6]} == {head.index("joint")}

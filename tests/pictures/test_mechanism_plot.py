@@ -2,62 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
 
 import hingepair as hp
 
-MODELS = Path(__file__).parents[2] / "models"
-
-
-@pytest.fixture(scope="module")
-def excavator():
-    return hp.load_scene(MODELS / "excavator.toml")
-
 
 def curve_and_limits(axes):
     curve, *others = axes.get_lines()
     return curve.get_ydata(), [line.get_ydata()[0] for line in others]
-
-
-@pytest.mark.slow
-def test_a_row_of_panels_shows_each_joint_and_its_limits(excavator):
-    figure = hp.plot(excavator)
-    assert figure.get_suptitle() == excavator.title
-    *panels, paths = figure.axes
-    q, qd, _ = excavator.coordinates()
-    tau = excavator.forces().tau
-    assert len(panels) == 3 * 4
-    for i, joint in enumerate(excavator.mechanism.names):
-        for axes, array, unit in zip(panels[3 * i :], (q, qd, tau), ("rad", "rad/s", "N m"), strict=False):
-            curve, _ = curve_and_limits(axes)
-            assert np.abs(curve - array[:, i]).max() <= 1e-13 * np.abs(array).max()
-            assert unit in axes.get_ylabel()
-        assert joint in panels[3 * i].get_ylabel()
-    swing, boom = panels[2], panels[3]
-    assert curve_and_limits(swing)[1] == [-60e3, 60e3]
-    assert curve_and_limits(boom)[1] == [pytest.approx(np.pi / 3, rel=1e-15)]  # the other is far
-    assert [text.get_text() for text in boom.texts] == ["limit -0.872665"]
-    assert [text.get_text() for text in panels[5].texts] == ["limits ±560000"]
-    (line, start) = paths.get_lines()
-    assert line.get_label() == "teeth"
-    R = excavator.evaluate(("R",)).R[:, 0]
-    np.testing.assert_array_equal(np.stack(line.get_data_3d(), axis=1), R)
-    np.testing.assert_array_equal(np.ravel(start.get_data_3d()), R[0])
-
-
-@pytest.mark.slow
-def test_a_log_without_rates_shows_positions_alone(tmp_path):
-    text = (MODELS / "excavator.toml").read_text()
-    table = "[motion]\nfile = 'log.csv'\n"
-    (tmp_path / "logged.toml").write_text(text[: text.index("[motion]")] + table)
-    (tmp_path / "log.csv").write_text("t,boom\n0,0.1\n1,0.3\n2,0.2\n")
-    scene = hp.load_scene(tmp_path / "logged.toml")
-    panel, _ = hp.plot(scene.evaluate()).axes
-    np.testing.assert_array_equal(panel.get_lines()[0].get_ydata(), (0.1, 0.3, 0.2))
 
 
 # ---------------------------------------------------------------- a robot and its coordinates

@@ -58,22 +58,6 @@ def test_paths_are_seen_whole_and_at_one_scale():
     np.testing.assert_allclose(axes._box_aspect / axes._box_aspect.max(), widths / widths.max(), rtol=1e-6)
 
 
-@pytest.mark.slow
-def test_axes_are_named_and_a_motion_in_the_plane_is_seen_from_above():
-    for name, letters in (("reference_2d", "xy"), ("thrown_flail", "xyz")):
-        figure = hp.plot(hp.load_scene(MODELS / f"{name}.toml"))
-        (paths,) = (axes for axes in figure.axes if "paths" in axes.get_title())
-        assert {axes.get_xlabel() for axes in figure.axes if axes is not paths} == {"t [s]"}
-        figure.draw_without_rendering()
-        inside = figure.get_window_extent()
-        for letter in letters:
-            label = getattr(paths, f"{letter}axis").label
-            assert label.get_text() == letter
-            assert inside.containsx(label.get_window_extent().x0)
-            assert inside.containsy(label.get_window_extent().y0)
-        assert (paths.name == "3d") == (letters == "xyz")
-
-
 def log_scene(folder, rows):
     """A scene of a log with the columns t, x and psi; body 1 does not turn."""
     lines = (f"{t},{x},0,0,0,0,0,{psi}\n" for t, x, psi in rows)
@@ -201,20 +185,6 @@ def test_the_command_writes_the_figure_of_the_scene_in_the_format_of_the_name(tm
     assert ".png, .svg, .pdf" in refusal("plot", scene, "--out", tmp_path / "a.doc")
 
 
-@pytest.mark.slow
-def test_the_command_draws_the_outputs_that_the_scene_names(tmp_path):
-    """Points too; --outputs goes before."""
-    pair = "[pair]\nu1 = [0, 0, 2]\nu2 = [0, 0, 1]\nn = [0, 1, 0]\npoints2.edge = [0, 0, -1]\n"
-    scene, out = tmp_path / "door.toml", tmp_path / "a.svg"
-    text = '[motion]\npsi = "t"\n[time]\nstart = 0\nstop = 1\nsamples = 3\n[outputs]\nnames = ["edge", "psid"]\n'
-    scene.write_text(pair + text)
-    run_command("plot", scene, "--out", out)
-    assert {"edge", "psid"} <= drawn_texts(out)
-    assert not {"position of body 2, R2", "hinge angle, psi"} & drawn_texts(out)
-    run_command("plot", scene, "--out", out, "--outputs", "psi")
-    assert "edge" not in drawn_texts(out)
-
-
 def test_a_file_that_nobody_named_is_not_overwritten(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for command, scene, ending in (("plot", "reference_2d", "png"), ("view", "landing_gear", "html")):
@@ -266,15 +236,6 @@ def test_torques_and_forces_of_a_pair_are_drawn():
     assert len(hp.plot(forces).axes) == len(forces.recorded())
     with pytest.raises(hp.HingePairError, match="outputs: expected one of hinge_torque"):
         hp.plot(forces, ("R2",))
-
-
-@pytest.mark.slow
-def test_a_simulated_pair_shows_its_hinge_torque():
-    body = hp.Body(mass=1, inertia=(1, 1, 1))
-    pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1), body1=body, body2=body)
-    start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0, 0, 0), omega=(0, 0, 0))
-    found = hp.simulate(pair, np.linspace(0, 1, 21), start, 0.1, 0.2, hinge_torque=0.5)
-    np.testing.assert_array_equal(drawn(hp.plot(found), "torque about the hinge axis")[1], np.full((21, 1), 0.5))
 
 
 def test_map_coordinates_and_stamps_are_drawn_with_an_offset(tmp_path):

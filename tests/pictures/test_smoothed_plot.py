@@ -21,20 +21,3 @@ def test_an_angle_is_drawn_with_the_band_of_its_standard_deviation():
         values, std = getattr(found, name), found.std[name]
         assert corners[:, 1].max() == pytest.approx((values + 2 * std).max())
         assert corners[:, 1].min() == pytest.approx((values - 2 * std).min())
-
-
-@pytest.mark.slow
-def test_a_motion_is_drawn_with_bands_and_outputs_are_checked():
-    rng = np.random.default_rng(1)
-    S = hp.rotation_exp(np.stack((np.sin(T), 0 * T, T), axis=-1)) @ hp.rotation_exp(
-        1e-3 * rng.standard_normal((300, 3))
-    )
-    found = hp.smooth(
-        T, hp.BodyMotion(R=np.stack((T, np.sin(T), np.cos(T)), -1) + 1e-3 * rng.standard_normal((300, 3)), S=S)
-    )
-    figure = hp.plot(found)
-    bands = {axes.get_title(): len(axes.collections) for axes in figure.axes}
-    assert bands == {"R": 3, "v": 3, "a": 3, "S": 0, "omega": 3, "alpha": 3}
-    assert [axes.get_title() for axes in hp.plot(found, outputs=("v",)).axes] == ["v"]
-    with pytest.raises(hp.ArgumentError, match="outputs"):
-        hp.plot(found, outputs=("psi",))

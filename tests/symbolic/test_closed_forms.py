@@ -213,15 +213,6 @@ def test_axes_are_recognised(n, expected):
     assert exact_axis(hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=n).n.tolist()) == expected
 
 
-def test_only_what_is_looked_at_is_derived_and_once():
-    forms = hp.derive(hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)))
-    assert isinstance(forms.S1, sympy.ImmutableMatrix)
-    assert {"S2", "omega1", "a2"}.isdisjoint(forms._working_forms)
-    first = forms._working_forms["S1"]
-    assert forms.S2.shape == (3, 3)
-    assert forms._working_forms["S1"] is first
-
-
 def test_constants_of_a_scene_stay_letters():
     found = hp.load_scene(MODELS / "talos_elbow.toml")
     cadence = sympy.Symbol("cadence", real=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import json
 import warnings
 from pathlib import Path
 
@@ -122,23 +121,6 @@ def closed_names():
 PLANE = hp.PlanarPair(u1=(0.5, 0.25), u2=(-0.25, 0.1))
 
 
-@pytest.mark.parametrize("name", ["reference_2d", "truck_trailer"])
-def test_abbreviations_are_told_before_they_are_used_and_mean_the_same(name):
-    forms = hp.derive(hp.load_scene(MODELS / f"{name}.toml"))
-    rows, definitions, _ = forms._equations(["v2"], short=True)
-    meanings = {letter: meaning for definition in definitions for letter, meaning in definition.items()}
-    known = {t}
-    whole = {}
-    for letter, meaning in meanings.items():
-        assert meaning.free_symbols <= known
-        known.add(sympy.Symbol(letter, real=True))
-        whole[sympy.Symbol(letter, real=True)] = meaning.xreplace(whole)
-    assert len(meanings) > 3
-    for (_, terms), expected in zip(rows, forms.v2, strict=True):
-        assert sum(len(str(term)) for term in terms) < 0.7 * len(str(expected)) or expected == 0
-        assert abs((sympy.Add(*terms).xreplace(whole) - expected).subs(t, sympy.Rational(3, 10)).evalf(30)) < 1e-25
-
-
 def test_powers_of_what_has_kinks_are_written():
     below = Where(t, y, 1) ** 2
     assert to_text(below) == "(y if t ≥ 0 else 1)²"
@@ -186,18 +168,6 @@ def test_python_has_no_integer_that_numpy_cannot_take():
 
 def derived(*arguments):
     return run_command("derive", *arguments).stdout
-
-
-@pytest.mark.slow
-def test_the_command_s_formats_are_the_same_forms():
-    forms = hp.derive(hp.load_scene(REFERENCE), ("u1",))
-    chosen = (REFERENCE, "--outputs", "R1,R2", "--symbolic", "u1")
-    texts = {form: derived(*chosen, *form.split()) for form in ("", "--unicode", "--latex", "--python", "--json")}
-    assert texts[""] == texts["--unicode"]
-    assert "\nR1_x = 3t\n" in texts[""]
-    assert texts["--latex"] == forms.to_latex(("R1", "R2"))
-    assert texts["--python"] == forms.to_python(("R1", "R2"), hp.load_scene(REFERENCE).title)
-    assert json.loads(texts["--json"])["R2_x"] == str(forms.R2[0])
 
 
 def test_the_outputs_of_the_scene_are_derived(tmp_path):

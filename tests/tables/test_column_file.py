@@ -190,16 +190,6 @@ def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("log.txt", ".csv, .npz, .parquet"), ("log", "no ending"), ("no.csv", "no such file")]
-)
-def test_no_such_file_or_format(tmp_path: Path, name: str, words: str) -> None:
-    if name != "no.csv":
-        write(tmp_path / name, "t\n1\n")
-    with pytest.raises(hp.ArgumentError, match=re.escape(words)):
-        read_columns(tmp_path / name, ALL)
-
-
-@pytest.mark.parametrize(
     ("text", "names"),
     [
         ("t;x, m;y, m\n0;1,5;2,5\n", ["t", "x, m", "y, m"]),

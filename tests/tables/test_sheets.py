@@ -11,24 +11,7 @@ from hingepair.tables.sheets import (
     finite_or_none,
     instant_text,
     json_text,
-    ruled_table,
 )
-
-
-def test_tables_wider_than_the_line_go_on_below() -> None:
-    lines = [("", "a", "bb", "ccc"), ("row", "1", "2", "3"), (), ("other", "10", "20", "300")]
-    whole = ruled_table(lines)
-    assert whole == ["        a  bb  ccc", "------------------", "row     1   2    3", "", "other  10  20  300"]
-    assert ruled_table(lines, width=18) == whole
-    parts = ruled_table(lines, width=17)
-    assert parts == [
-        *("        a  bb", "-------------", "row     1   2", "", "other  10  20"),
-        *("", "       ccc", "----------", "row      3", "", "other  300"),
-    ]
-    assert "300" in "".join(ruled_table(lines, width=1))  # no cell is cut
-    assert ruled_table([("k", "u", "a", "b"), ("x", "m", "1", "2")], key_column_count=2, width=8) == [
-        *("k  u  a", "-------", "x  m  1", "", "k  u  b", "-------", "x  m  2"),
-    ]
 
 
 def test_late_instants_keep_their_digits() -> None:

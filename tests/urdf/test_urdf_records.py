@@ -55,11 +55,6 @@ def test_what_is_near_a_quarter_turn_is_not_one(off):
     assert np.array_equal(turned(math.pi / 2 + off, 0, 0, snap=1e-6), quarter_turns(0, 1))
 
 
-def test_snap_reaches_no_further_than_it_says():
-    assert turned(0, 0, 1.1e-6, snap=1e-6)[1, 0] == math.sin(1.1e-6)
-    assert turned(0, 0, 0.9e-6, snap=1e-6)[1, 0] == 0
-
-
 def test_other_turns_are_those_of_fixed_axes():
     rng = np.random.default_rng(1)
     for rpy in (*rng.uniform(-4, 4, (20, 3)), (1e300, -1e22, 1e9)):
@@ -191,11 +186,6 @@ def test_a_rotation_that_readers_understand_differently_is_refused(version, orig
     text = WITH_QUATERNION.format(version=version, joint=origin, inertial="")
     with pytest.raises(URDFError, match=f"joint 'j', {message}"):
         _ = read_urdf(text).joints[0].pose
-
-
-def test_before_version_1_1_angles_alone_count():
-    text = WITH_QUATERNION.format(version="", joint='rpy="0 0 1" quat_xyzw="1 0 0 0"', inertial="")
-    assert np.array_equal(read_urdf(text).joints[0].pose.rotation, turned(0, 0, 1))
 
 
 def test_macros_are_refused_and_what_they_made_is_read():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
 import sys
 
 import numpy as np
@@ -168,10 +167,3 @@ def test_a_missing_pinocchio_is_said(monkeypatch, module):
         to_pinocchio(pair)
     with pytest.raises(ImportError, match="pip install 'pin"):
         cross_validate(pair, np.zeros(7))
-
-
-@pytest.mark.slow
-def test_pinocchio_is_imported_only_when_it_is_used():
-    module = "hingepair.validation.cross_validate"
-    code = f"import sys, {module} as m; assert m.to_pinocchio; assert 'pinocchio' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True)
