@@ -332,3 +332,38 @@ def test_derivatives_are_nan_where_nothing_resists(backend):
         assert np.isnan(d[name]).all()
     gradient = arm.prepare("forward_dynamics", backend=backend).vjp((q, q, q), {"qdd": np.ones(3)})[1]
     assert np.isnan(gradient["q"]).all()
+
+
+@pytest.mark.parametrize("name", ["inverse_dynamics_derivatives", "forward_dynamics_derivatives"])
+def test_prepared_calls_give_what_the_methods_of_derivatives_give(ur5, states, name):
+    found, expected = ur5.prepare(name)(*states), getattr(ur5, name)(*states)
+    assert type(found) is type(expected)
+    for one in expected.outputs:
+        np.testing.assert_array_max_ulp(found[one], expected[one], 0)
+
+
+def test_prepared_calls_give_rates_of_jacobians_on_a_base_that_turns(ur5, states):
+    """Of the base, S1 and omega1 are arguments; S1 is checked as in every prepared call."""
+    q, qd, _ = states
+    S1, omega1 = hp.rotation_exp(np.array([0.3, -1.1, 0.7])), np.array([0.2, 0.1, -0.4])
+    step = ur5.prepare(("q", "qd", "S1", "omega1"), outputs="jacobian_rate", frames="tool0")
+    base = hp.BodyMotion(R=np.zeros(3), S=S1, v=np.zeros(3), omega=omega1)
+    expected = ur5.jacobian_rate(q, qd, "tool0", base_motion=base)
+    np.testing.assert_allclose(step(q, qd, S1, omega1), expected, rtol=0, atol=64 * EPS * np.abs(expected).max())
+    with pytest.raises(hp.errors.RotationError, match="S1"):
+        step(q, qd, 2 * S1, omega1)
+    with pytest.raises(ArgumentError, match="jacobian"):
+        step.jacobian((q, qd, S1, omega1))
+
+
+@pytest.mark.parametrize("task", ["inverse_dynamics", "forward_dynamics"])
+def test_prepared_calls_take_wrenches(ur5, states, task):
+    force, torque, other = np.random.default_rng(5).normal(size=(3, 4, 3))
+    step = ur5.prepare(task, wrenches=("tool0", "forearm_link"))
+    assert step.given[3:] == ("force_0", "torque_0", "force_1", "torque_1")
+    wrenches = {"tool0": (force, torque), "forearm_link": (other, 0)}
+    found, expected = step(*states, force, torque, other, 0), getattr(ur5, task)(*states, wrenches=wrenches)
+    for one in expected.outputs:
+        np.testing.assert_array_max_ulp(found[one], expected[one], 0)
+    with pytest.raises(ArgumentError, match="wrenches"):
+        ur5.prepare(task, wrenches="no_link")

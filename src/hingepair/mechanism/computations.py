@@ -111,6 +111,12 @@ TASKS: Final[Mapping[str, Task]] = {
 }
 """All that can be asked of a robot."""
 
+DERIVATIVES: Final[Mapping[str, tuple[str, str]]] = {
+    **{f"{name}_rate": (name, "rate") for name in (*JACOBIANS, "centroidal_momentum_matrix")},
+    **{f"{name}_derivatives": (name, "matrices") for name in ("inverse_dynamics", "forward_dynamics")},
+}
+"""Derivatives that can be asked for: the row of TASKS, and the kind of `plans.derivatives.Derivative`."""
+
 # Class of the result, by output; None: a bare array.
 _RESULTS: Final = {
     **{name: task.result for task in TASKS.values() for name in task.outputs},
@@ -278,12 +284,15 @@ class RobotComputation(Computation):
 
 def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
     """Check the argument `given` of `prepare`, names or that of a task, and return the names of its arguments."""
-    if isinstance(given, str) and given in TASKS:
+    if isinstance(given, str) and given in DERIVATIVES:
+        task, kind = DERIVATIVES[given]
+        names = (*TASKS[task].given, "qd") if kind == "rate" else TASKS[task].given
+    elif isinstance(given, str) and given in TASKS:
         names = TASKS[given].given
     elif isinstance(given, Iterable) and not isinstance(given, str):
         names = tuple(given)
     else:
-        raise ArgumentError("given", f"{choices(tuple(TASKS))}, or a tuple of names", quoted(given))
+        raise ArgumentError("given", f"{choices((*TASKS, *DERIVATIVES))}, or a tuple of names", quoted(given))
     for name in names:
         if name not in _PREPARED_ARGUMENTS:
             raise ArgumentError("given", choices(_PREPARED_ARGUMENTS), quoted(name))

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import execution_of
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.outputs import Out
-from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism import conventions
@@ -22,6 +21,7 @@ from hingepair.mechanism.accuracy import error_bounds, slope_bounds
 from hingepair.mechanism.computations import (
     ALL_COORDINATES,
     ALL_OUTPUTS,
+    DERIVATIVES,
     FREE_BASE_OUTPUTS,
     MOTION_LEVELS,
     OF_BODIES,
@@ -206,9 +206,7 @@ class MechanismMethods(Frozen, Shown):
         True
         """
         check_choice("axes", axes, tuple(_JACOBIANS))
-        return self._ask(
-            _JACOBIANS[axes], (q, qd), base_motion, out, workers, backend, frames=frames, derivative="rate"
-        )
+        return self._ask(f"{_JACOBIANS[axes]}_rate", (q, qd), base_motion, out, workers, backend, frames=frames)
 
     def acceleration_bias(
         self,
@@ -623,8 +621,8 @@ class MechanismMethods(Frozen, Shown):
         ((6, 6), True)
         """
         return self._ask(
-            "inverse_dynamics", (q, qd, qdd), base_motion, out, workers, backend,
-            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads, derivative="matrices",
+            "inverse_dynamics_derivatives", (q, qd, qdd), base_motion, out, workers, backend,
+            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
         )  # fmt: skip
 
     def forward_dynamics_derivatives(
@@ -668,13 +666,12 @@ class MechanismMethods(Frozen, Shown):
         (6, 6)
         """
         found = self._ask(
-            "forward_dynamics", (q, qd, tau), base_motion, out, workers, backend,
+            "forward_dynamics_derivatives", (q, qd, tau), base_motion, out, workers, backend,
             gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
-            loads=self._base_loads(force1, torque1), derivative="matrices",
+            loads=self._base_loads(force1, torque1),
         )  # fmt: skip
-        if self._constants.may_be_singular:  # where one derivative is NaN, all are
-            first = found[found.outputs[0]][..., 0]
-            self._warn_where_singular(Results({"qdd": first}, found.shape), {"q": q})
+        if self._constants.may_be_singular:
+            self._warn_where_singular(found, {"q": q})
         return found
 
     def rollout(
@@ -992,7 +989,7 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").centroidal_momentum_matrix_rate(np.zeros(6), np.ones(6)).shape
         (6, 6)
         """
-        return self._ask("centroidal_momentum_matrix", (q, qd), base_motion, out, workers, backend, derivative="rate")
+        return self._ask("centroidal_momentum_matrix_rate", (q, qd), base_motion, out, workers, backend)
 
     def energy(
         self,
@@ -1183,6 +1180,7 @@ class MechanismMethods(Frozen, Shown):
         frames: str | Iterable[str] | None = None,
         outputs: Iterable[str] | None = None,
         gravity: ArrayLike = DEFAULT_GRAVITY,
+        wrenches: str | Iterable[str] = (),
         joint_loads: bool | None = None,
         workers: int = 1,
         backend: str = "auto",
@@ -1195,14 +1193,16 @@ class MechanismMethods(Frozen, Shown):
             given: names of the arguments in the order of a call, out of q, qd, qdd, tau; R1, S1, v1, omega1, a1,
                 alpha1, the motion of the base; force1 and torque1, loads on a free base. Or a word for them: "pose",
                 "velocity" or "acceleration" of frames, for q, qd and qdd as far as needed; "jacobian_in_frame"; or
-                the name of a method such as "jacobian", "inverse_dynamics" or "mass_matrix", for its first arguments;
-                or "rollout", for q0, qd0 and tau.
+                the name of a method such as "jacobian", "jacobian_rate", "inverse_dynamics", "mass_matrix" or
+                "inverse_dynamics_derivatives", for its first arguments; or "rollout", for q0, qd0 and tau.
 
                 What is not given of the base is zero, S1 the identity; but a1 and alpha1 of a free base are results
                 of forward dynamics.
             outputs: names of the outputs: those of the method; of a tuple of names those of any method for which they
-                suffice. By default all of the method; of a tuple those of `forward_dynamics` where it holds efforts,
-                else those of `forward_kinematics`.
+                suffice, or the name of one that returns derivatives. By default all of the method; of a tuple those
+                of `forward_dynamics` where it holds efforts, else those of `forward_kinematics`.
+            wrenches: names of links on which wrenches act in dynamics. Behind the other arguments, the call then
+                takes force_0 and torque_0 of the first link, and so on, as `inverse_dynamics` does.
             backend: "auto" and "compiled" compile during this call, "numpy" never does.
             **rollout: for "rollout", dt and the other options of the method `rollout`.
 
@@ -1234,22 +1234,42 @@ class MechanismMethods(Frozen, Shown):
         loads = [name for name in names if name in ("force1", "torque1")]
         if loads and self.base != "free":
             raise ArgumentError("given", "no forces on a fixed base (base='free' is moved by them)", ", ".join(loads))
-        output_names = self._prepared_outputs(given, names, outputs)
-        framed = not {*output_names}.isdisjoint(OF_FRAMES)
-        chosen = self._frames(frames, one=not {*output_names}.isdisjoint(ONE_FRAME)) if framed else ()
+        if not isinstance(outputs, str | None):
+            outputs = tuple(outputs)
+        derived = next((one for one in (given, outputs) if isinstance(one, str) and one in DERIVATIVES), None)
+        derivative: Derivative | None = None
+        if derived is not None:
+            output_names, _, _, derivative = self._wanted(derived, None if outputs == derived else outputs)
+        else:
+            output_names = self._prepared_outputs(given, names, outputs)
+        framed, links = not {*output_names}.isdisjoint(OF_FRAMES), self._links(wrenches)
+        if framed and links:
+            raise ArgumentError("wrenches", "() where an output is of frames", quoted(wrenches))
+        chosen = self._frames(frames, one=not {*output_names}.isdisjoint(ONE_FRAME)) if framed else links
         loaded = not {*output_names}.isdisjoint(("tau", *_SOLVED)) and self._loaded(joint_loads)
-        computation = self._computation(output_names, chosen, 0, loaded)
+        computation = self._computation(output_names, chosen, len(links), loaded)
         names = checked_given(names, computation.inputs)
         if computation.needs_masses:
             self._warn_of_masses()
+        if derivative is not None:
+            computation.check_differentiable(derivative, names)
         prepare: Callable[..., Prepared] = self.prepare
         remade = functools.partial(
-            prepare, names, frames=chosen or None, outputs=output_names, gravity=gravity,
-            joint_loads=computation.request.joint_loads, workers=workers, backend=backend,
+            prepare, given if isinstance(given, str) else names, frames=chosen if framed else None, outputs=outputs,
+            gravity=gravity, wrenches=links, joint_loads=computation.request.joint_loads, workers=workers,
+            backend=backend,
         )  # fmt: skip
+        names = (*names, *(f"{kind}_{k}" for k in range(len(links)) for kind in ("force", "torque")))
         solved = not {*output_names}.isdisjoint(_SOLVED)
         watch = self._warn_where_singular if solved and self._constants.may_be_singular else None
-        return Prepared(computation, names, execution_of(backend, workers), _checked_gravity(gravity), remade, watch)
+        execution, vector = execution_of(backend, workers), _checked_gravity(gravity)
+        return Prepared(computation, names, execution, vector, remade, watch, derivative)
+
+    def _links(self, wrenches: Iterable[str]) -> tuple[str, ...]:
+        """Return the names of links on which wrenches act in a prepared call."""
+        names = (wrenches,) if isinstance(wrenches, str) else tuple(wrenches)
+        read_wrenches(dict.fromkeys(names, (0, 0)), self._tree.links)
+        return names
 
     # ---- how methods compute
 
@@ -1268,44 +1288,29 @@ class MechanismMethods(Frozen, Shown):
         wrenches: Wrenches = None,
         joint_loads: bool | None = False,
         loads: Loads | None = None,
-        derivative: str = "",
     ) -> Any:
-        """Compute the outputs of the row `task` of TASKS, or derivatives of these.
+        """Compute the outputs of a row of TASKS or DERIVATIVES.
 
         Args:
             task: name of the row.
             given: the coordinates and efforts that the row names.
             loads: force1 and torque1 on a free base.
-            derivative: "matrices": of the first output, with those of a free base, by the row's arguments; "rate": in
-                time, for which `given` ends with qd.
         """
         key = None
         if base_motion is None and gravity is DEFAULT_GRAVITY and wrenches is None and not loads:
-            key = task, derivative, outputs, frames, backend, joint_loads
+            key = task, outputs, frames, backend, joint_loads
             found = self._again(key, given, out, workers)
             if found is not None:
                 return self._noted_where_open(found, given[0])
-        row = TASKS[task]
-        by_arguments = derivative == "matrices"
-        if by_arguments:
-            accepted = default = tuple(f"{row.outputs[0]}_{name}" for name in row.given)
-        else:
-            default = self._available(row.outputs)
-            accepted = FRAME_OUTPUTS if task in MOTION_LEVELS else default
-        names = requested_outputs(outputs, out, accepted, default)
-        computed = self._all_efforts(task) if by_arguments else names
+        computed, default, names, asked = self._wanted(task, outputs, out)
         acting, chosen = read_wrenches(wrenches, self._tree.links)
-        computation = self._computation(
-            computed, chosen or self._task_frames(task, frames), len(chosen), self._loaded(joint_loads)
-        )
-        labels = (*row.given, "qd") if derivative == "rate" else row.given
-        coordinates = {label: x for label, x in zip(labels, given, strict=True) if x is not None or derivative}
+        of_frames = self._task_frames(DERIVATIVES.get(task, (task,))[0], frames)
+        computation = self._computation(computed, chosen or of_frames, len(chosen), self._loaded(joint_loads))
+        labels = checked_given(task)
+        coordinates = {label: x for label, x in zip(labels, given, strict=True) if x is not None or asked}
         self._check_needed_inputs(computation, coordinates, computed)
-        all_loads, asked = {**acting, **(loads or {})}, None
-        if derivative:
-            size = (self._constants.form.dof + 6 * (self.base == "free"),)
-            by = tuple((name.partition("_")[2], size) for name in names) if by_arguments else ()
-            asked = Derivative(derivative, names, by)
+        all_loads = {**acting, **(loads or {})}
+        if asked is not None:
             computation.check_differentiable(asked, tuple(coordinates))
         # What lists and the arrays of `out` ask for can be something else the next time.
         lasts = isinstance(frames, str | tuple | None) and (
@@ -1316,6 +1321,25 @@ class MechanismMethods(Frozen, Shown):
             key if lasts else None,
         )  # fmt: skip
         return self._noted_where_open(result, given[0])
+
+    def _wanted(
+        self, task: str, outputs: Iterable[str] | None, out: Any = None
+    ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], Derivative | None]:
+        """Return what a row of TASKS or DERIVATIVES computes: the outputs of the tree, the names of all results by
+        default, those that are asked for, and the derivative that leads to them.
+        """
+        of, kind = DERIVATIVES.get(task, (task, ""))
+        row = TASKS[of]
+        if kind == "matrices":
+            default = tuple(f"{row.outputs[0]}_{name}" for name in row.given)
+            names = requested_outputs(outputs, out, default, default)
+            size = (self._constants.form.dof + 6 * (self.base == "free"),)
+            by = tuple((name.partition("_")[2], size) for name in names)
+            return self._all_efforts(of), default, names, Derivative(kind, names, by)
+        default = self._available(row.outputs)
+        accepted = FRAME_OUTPUTS if task in MOTION_LEVELS else default
+        names = requested_outputs(outputs, out, accepted, default)
+        return names, default, names, Derivative(kind, names, ()) if kind else None
 
     def _noted_where_open(self, result: Any, q: Coordinates) -> Any:
         """Return a result; of a closed mechanism, a DynamicsWarning counts the samples that cannot be closed."""
@@ -1522,7 +1546,9 @@ class MechanismMethods(Frozen, Shown):
     def _warn_where_singular(self, result: Any, arguments: Mapping[str, Any]) -> None:
         """Issue a DynamicsWarning that names what no inertia resists, where accelerations are NaN for that."""
         q, arrays = arguments["q"], result.arrays()
-        found = [arrays[name] for name in _SOLVED if isinstance(arrays.get(name), np.ndarray)]
+        found = [array for name, array in arrays.items() if name in _SOLVED and isinstance(array, np.ndarray)]
+        # Where one derivative is NaN, all are.
+        found += [array[..., 0] for name, array in arrays.items() if name.startswith("qdd_")][:1]
         bad = np.asarray(np.logical_or.reduce([np.isnan(array).any(axis=-1) for array in found] or [np.False_]))
         if not bad.any():
             return

@@ -241,10 +241,15 @@ class Computation:
         return call.run(values, shapes, out, execution.workers, dtype, labels)
 
     def count_operations(
-        self, values: Mapping[str, Any], gravity: tuple[float, ...] | None = None
+        self,
+        values: Mapping[str, Any],
+        gravity: tuple[float, ...] | None = None,
+        derivative: Derivative | None = None,
     ) -> OperationCounts:
         """Count the operations of a call in which numbers among these values are known, and where nothing is."""
         loop = self._loop(self.outputs, tuple(values))
+        if derivative is not None:
+            loop = derivative_loop(loop, derivative)
         arrays = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
         known = self.known if gravity is None else {**self.known, "gravity": gravity}
         return loop.count_operations({**arrays, **known, **values})

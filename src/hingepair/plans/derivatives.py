@@ -115,7 +115,7 @@ def derivative_loop(
         outputs |= {f"rate_{one}": changes[one] for one in derivative.outputs}
     else:
         inputs |= {"qd": inputs["q"], "omega1": (3,)}
-        outputs = {f"rate_{one}": tail for one, tail in plain.outputs}
+        outputs = {f"rate_{one}" if one in derivative.outputs else one: tail for one, tail in plain.outputs}
     rule = {"jacobian": _jacobian, "matrices": _matrices, "vjp": _gradients, "jvp": _rates, "rate": _time_rates}
     function = functools.partial(rule[derivative.kind], plain, derivative)
     if functions is not None:
@@ -216,8 +216,9 @@ def _time_rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -
     values, moves = _variables(plain, given, arguments)
     changes = [*zip(given["qd"], moves["q"], strict=True)]
     changes += zip(given["omega1"], moves.get("S1", ()), strict=False)
-    rates = _functions(plain, values).pushforward(derivative.outputs, _sum(changes))
-    return {f"rate_{output}": tuple(rate) for output, rate in rates.items()}
+    functions = _functions(plain, values)
+    rates = functions.pushforward(derivative.outputs, _sum(changes))
+    return {**functions.results, **{f"rate_{output}": tuple(rate) for output, rate in rates.items()}}
 
 
 def _variables(

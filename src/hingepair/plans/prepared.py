@@ -48,11 +48,13 @@ class Prepared:
         gravity: tuple[float, ...] | None,
         factory: Callable[[], Prepared],
         watch: Callable[[Any, Mapping[str, Any]], None] | None = None,
+        derivative: Derivative | None = None,
     ) -> None:
-        self.given, self.outputs = given, computation.outputs
         self._computation, self._gravity, self._execution = computation, gravity, execution
+        self._derivative = derivative  # that is computed in place of the outputs of the computation
         self._factory, self._watch = factory, watch  # how it is made anew; what looks at results
-        self._call: Call = computation.call(given, execution.backend, gravity, prepared=True)
+        self._call: Call = computation.call(given, execution.backend, gravity, prepared=True, derivative=derivative)
+        self.given, self.outputs = given, self._call.outputs
         self._plain = execution.workers == 1 and watch is None
         self._derivatives: dict[Any, _Derived] = {}
         self._functions: dict[str, Callable[..., Any]] = {}  # of arrays of other libraries
@@ -127,7 +129,8 @@ class Prepared:
     def _call_by_entries(self, kind: str, by: tuple[str, ...]) -> Call:
         """Return the call ("value") or a derivative by arguments, in which attitudes change by their entries."""
         if kind == "value":
-            return self._computation.call(self.given, "auto", self._gravity)
+            return self._computation.call(self.given, "auto", self._gravity, derivative=self._derivative)
+        self._check_plain(kind)
         arguments = tuple((name, self._call.argument_shapes[name]) for name in by)
         derivative = Derivative(kind, self.outputs, arguments, entries=True)
         self._computation.check_differentiable(derivative, self.given)
@@ -139,7 +142,7 @@ class Prepared:
     def operations(self) -> OperationCounts:
         """Numbers of operations for each sample, once for all samples, and where no constant is known."""
         samples = {name: np.empty((2, *self._call.argument_shapes[name])) for name in self.given}
-        return self._computation.count_operations(samples, self._gravity)
+        return self._computation.count_operations(samples, self._gravity, self._derivative)
 
     def __call__(self, *given: Any, out: Any = None) -> Any:
         """Compute the outputs for one state or many.
@@ -174,7 +177,12 @@ class Prepared:
         if any(map(is_dask, given)):
             return self._computation.over_chunks(self._call, self, named, out)
         result = self._computation.run(
-            self._read(self._call, named), self._execution, self._gravity, out, prepared=True
+            self._read(self._call, named),
+            self._execution,
+            self._gravity,
+            out,
+            prepared=True,
+            derivative=self._derivative,
         )
         if self._watch is not None:
             self._watch(result, named)
@@ -304,6 +312,7 @@ class Prepared:
             return self._derivatives[key]
         except (KeyError, TypeError):  # a new one, or what is no name
             pass
+        self._check_plain(kind)
         accepted = (*self.given, *self._computation.constant_shapes)
         outputs, prefix = self.outputs, ""
         further: tuple[str, ...] = ()
@@ -326,6 +335,11 @@ class Prepared:
         )
         derived = self._derivatives[key] = _Derived(names, further, derivative, computation, call)
         return derived
+
+    def _check_plain(self, kind: str) -> None:
+        """Refuse derivatives of derivatives."""
+        if self._derivative is not None:
+            raise ArgumentError(kind, "a call that computes no derivatives itself", ", ".join(self.outputs))
 
     def _derive(
         self, derived: _Derived, given: Sequence[Any], further: Sequence[Any], out: Mapping[str, Any] | None = None
