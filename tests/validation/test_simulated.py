@@ -12,9 +12,7 @@ import pytest
 import hingepair as hp
 from hingepair.scenes.motions.known import MotionByBody1, MotionByCoordinates
 from hingepair.validation.report import MAX_LOAD_RATIO
-from hingepair.validation.simulated import compare_forces, compare_rates
 from support.commands import run_command
-from support.states import generator, rotations
 
 SPACE = """
 [pair]
@@ -92,11 +90,6 @@ def test_a_simulated_motion_is_compared_with_inverse_dynamics(scenes, base, text
     for row in report.forces:
         assert row.max_ratio < 16
         assert (row.samples, row.bound) == (101, MAX_LOAD_RATIO)
-    rates = ["psid", "psidd", *(["v1", "a1", "omega1", "alpha1"] if base in {"free", "pinned"} else [])]
-    assert [row.rate for row in report.rates] == rates
-    for row in report.rates:
-        assert row.samples > 75
-        assert row.max_error < 1e-2 * row.allowed or row.max_error == 0
     compared = ", ".join(COMPARED[base])
     assert report.verdict.endswith(f"of Pinocchio, and {compared} within 64 u*scale of its rnea")
 
@@ -116,7 +109,6 @@ def with_hinge(scene, change):
 CHANGES = {
     "all": lambda psi, psid, psidd: (3 * psi, 0 * psid - 7, 0 * psidd + 99),
     "psi": lambda psi, psid, psidd: (3 * psi, psid, psidd),
-    "psid": lambda psi, psid, psidd: (psi, 0 * psid - 7, psidd),
     "psidd": lambda psi, psid, psidd: (psi, psid, 0 * psidd + 99),
     "signs": lambda psi, psid, psidd: (-psi, -psid, -psidd),
 }
@@ -141,8 +133,6 @@ def test_a_motion_that_does_not_follow_from_its_loads_fails(scenes, base, text, 
     assert all(row.ok for row in report.rows)  # the kinematics are those of whatever psi is
     if change in {"all", "psidd"}:
         assert "hinge_torque" in report.verdict
-    if change == "psid":
-        assert "psid" in report.verdict.split(": ")[1].split(", ")
 
 
 @pytest.mark.slow
@@ -153,10 +143,9 @@ def test_the_command_fails_on_such_a_motion(scenes, monkeypatch):
     assert "rnea" in passed
     other = with_hinge(scene, CHANGES["all"])
     monkeypatch.setattr("hingepair.cli.scenes.load_scene", lambda _: other)
-    assert "FAILED: hinge_torque, psid, psidd" in run_command("check", scene.path, code=1).stdout
+    assert "FAILED: hinge_torque" in run_command("check", scene.path, code=1).stdout
     facts = json.loads(run_command("check", scene.path, "--json", code=1).stdout)
-    assert [row["ok"] for row in facts["forces"] + facts["rates"]] == [False] * 3
-    assert facts["forces"][0]["scale"] == "as for torque1, but of body 2 alone"
+    assert [row["ok"] for row in facts["forces"]] == [False]
 
 
 HARM = {
@@ -168,54 +157,22 @@ HARM = {
 }
 
 
+def with_simulated(scene, **change):
+    return replace(scene, motion=replace(scene.motion, simulated=replace(scene.motion.simulated, **change)))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("harm", HARM)
 def test_loads_of_another_pair_are_no_loads_of_this_motion(scenes, harm):
-    motion = scenes(SPACE, "free").motion.simulated
-    hinge = motion.psi, motion.psid, motion.psidd
-    held = {"base": "free", "is_planar": False}
-    right = compare_forces(motion.space, motion.body1, hinge, motion.loads, motion.gravity, **held)
-    wrong = compare_forces(HARM[harm](motion.space), motion.body1, hinge, motion.loads, motion.gravity, **held)
-    assert all(row.ok for row in right)
-    assert not all(row.ok for row in wrong)
-    falling = compare_forces(motion.space, motion.body1, hinge, motion.loads, (0, 0, -9.8), **held)
-    assert not any(row.ok for row in falling)
+    scene = scenes(SPACE, "free")
+    motion = scene.motion.simulated
+    assert all(row.ok for row in scene.cross_validate().forces)
+    other = with_simulated(scene, space=HARM[harm](motion.space))
+    assert not all(row.ok for row in other.cross_validate().forces)
+    assert not any(row.ok for row in with_simulated(scene, gravity=(0, 0, -9.8)).cross_validate().forces)
     for name in ("force1", "torque1", "force2", "torque2", "hinge_torque"):
         loads = {**motion.loads, name: motion.loads[name] + 1e-9}
-        rows = compare_forces(motion.space, motion.body1, hinge, loads, motion.gravity, **held)
-        assert not all(row.ok for row in rows), name
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:psi passes the stops:hingepair.DynamicsWarning")
-@pytest.mark.parametrize(("base", "samples"), [("free", 40), ("pinned", 400), ("fixed", 3000)])
-def test_rates_pass_at_stops_and_where_instants_are_few(base, samples):
-    for k in range(3):
-        rng = generator(5, k)
-        bodies = [hp.Body(m, rng.normal(size=3), np.diag(rng.uniform(0.6, 1, 3)) * m) for m in (1, 4)]
-        pair = hp.HingePair(*rng.normal(size=(3, 3)), home=rotations(rng, 1)[0], body1=bodies[0], body2=bodies[1])
-        v, omega = rng.normal(size=(2, 3)) * 3
-        start = {"v": v, "omega": omega} if base == "free" else {"omega": omega} if base == "pinned" else {}
-        load = hp.HingeLoad(friction=0.1, friction_rate=0.3, stops=(-0.5, 0.7), stop_stiffness=1e4, stop_damping=1)
-        body1, t = hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0], **start), np.linspace(0, 2, samples)
-        motion = hp.simulate(pair, t, body1, 0.2, -1.0, base=base, hinge_torque=load, tol=10.0 ** -(4 + 3 * k))
-        hinge = motion.psi, motion.psid, motion.psidd
-        for row in compare_rates(t, motion.body1, hinge, body1_moves=base != "fixed"):
-            # Rounding decides which samples beside a stop are compared; those at the edge are the least exact.
-            assert row.max_error <= row.allowed / 2
-
-
-@pytest.mark.slow
-def test_a_body_that_turns_by_half_a_turn_a_sample_has_no_slope_to_compare():
-    body = hp.Body(1, inertia=(1, 1, 1))
-    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body1=body, body2=body)
-    start, t = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 2 * np.pi)), np.arange(20.0)
-    motion = hp.simulate(pair, t, start, 0.0, 0.0)
-    rows = {
-        row.rate: row
-        for row in compare_rates(t, motion.body1, (motion.psi, motion.psid, motion.psidd), body1_moves=True)
-    }
-    assert (rows["omega1"].samples, rows["omega1"].ok) == (0, True)
+        assert not all(row.ok for row in with_simulated(scene, loads=loads).cross_validate().forces), name
 
 
 @pytest.mark.slow
@@ -226,15 +183,6 @@ def test_a_sample_that_is_not_finite_is_left_out(scenes):
     report = with_hinge(scene, lambda _, *rates: (psi, *rates)).cross_validate()
     assert report.ok
     assert [row.samples for row in report.forces] == [100]
-    assert report.rates[0].samples < 101 - 6
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("most", [10, None])
-def test_the_slopes_are_those_of_all_instants(scenes, most):
-    report = scenes(SPACE, "fixed").cross_validate(most)
-    assert (report.samples, report.forces[0].samples) == (most or 101, most or 101)
-    assert report.rates[0].samples > 75
 
 
 @pytest.mark.slow
@@ -257,5 +205,5 @@ def test_a_motion_by_expressions_has_neither_forces_nor_notes(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(SPACE.partition("[dynamics]")[0] + "[motion]\npsi = 't'\n" + CARRIED[SPACE] + TIME)
     report = hp.load_scene(path).cross_validate()
-    assert (report.forces, report.rates, report.notes) == ((), (), ())
+    assert (report.forces, report.notes) == ((), ())
     assert "rnea" not in str(report)

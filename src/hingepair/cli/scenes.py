@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from hingepair.cli.output import (
@@ -26,12 +27,13 @@ from hingepair.cli.pairs import GravityOption, parse_gravity
 from hingepair.cli.sources import Source, load_named_scene
 from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError, printable
+from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.results import RESULT_FILE_SUFFIXES, check_ending, result_file
 from hingepair.scenes.load import load_scene
 from hingepair.scenes.scene import Scene
 from hingepair.tables.sheets import json_text
 from hingepair.validation.cross_validate import cross_validate
-from hingepair.validation.states import random_and_hard_states
 
 SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 ResultsOption = Annotated[Path | None, out_option(f"Write all instants to FILE ({', '.join(RESULT_FILE_SUFFIXES)}).")]
@@ -112,9 +114,8 @@ def check_command(
 
     For the scene of a pair, poses, velocities and accelerations of body 2 are computed by hingepair and by Pinocchio,
     at 10,001 evenly spread instants at most. If [dynamics] simulates the motion, its loads are compared with the
-    forces of Pinocchio's inverse dynamics (rnea), and its rates with numerical derivatives. For a mechanism, all
-    links, forces, the mass matrix and more are compared along the motion, at 501 instants at most. The exit code is 1
-    if a difference exceeds its bound.
+    forces of Pinocchio's inverse dynamics (rnea). For a mechanism, all links, forces, the mass matrix and more are
+    compared along the motion, at 501 instants at most. The exit code is 1 if a difference exceeds its bound.
 
     For a whole robot, the motion of its links, Jacobians, mass matrix, energies, momenta, forces and accelerations
     are compared at random states and at numerically difficult ones: angles that are tiny, huge or near pi, and rates
@@ -122,7 +123,7 @@ def check_command(
     """
     robot = Source(source).robot()
     if robot is not None:
-        compared = cross_validate(robot, *random_and_hard_states(robot))
+        compared = cross_validate(robot, *_random_and_hard_states(robot))
         print(compared.to_json() if as_json else compared)
         raise typer.Exit(0 if compared.ok else 1)
     scene = load_scene(Path(source))
@@ -139,6 +140,19 @@ def check_command(
         for note in notes:
             print(f"note: {note}")
     raise typer.Exit(0 if report.ok else 1)
+
+
+def _random_and_hard_states(robot: Mechanism) -> list[Float64Array]:
+    """Return q, q' and q'' of random states, and of states at which computations tend to fail; (N, dof) each."""
+    rng, size = np.random.default_rng(0), (200, robot.dof)  # a humanoid takes some seconds
+    turns = np.array([joint.unit == "rad" for joint in tree_of(robot).coordinates], dtype=bool)
+    random = [rng.uniform(-np.pi, np.pi, size) * np.where(turns, 1.0, 0.1)]  # rad, m
+    random += [rng.uniform(-most, most, size) for most in (2, 5)]
+    angles = (0.0, 1e-9, -1e-160, np.pi, np.pi - 1e-9, -np.pi / 2, 1e6, -1e15)  # of hinges; sliders have none
+    angle, rate = (one.reshape(-1, 1) for one in np.meshgrid(angles, (0.0, 1e3, 1e-9)))
+    signs = rng.choice((-1.0, 1.0), (3, len(angle), robot.dof))
+    hard = [signs[0] * np.where(turns, angle, 0.0), signs[1] * rate, signs[2] * rate**2]
+    return [np.concatenate(both) for both in zip(random, hard, strict=True)]
 
 
 def forces_command(

@@ -262,7 +262,8 @@ class Solver:
         """Return random starts, moved towards targets by joints that shift farther than starts are drawn."""
         if self._slide_call is None:
             return start
-        return np.clip(self._slide_call.rows(start, targets.poses)["q_new"], self.low, self.high)
+        slid: Float64Array = np.clip(self._slide_call.rows(start, targets.poses)["q_new"], self.low, self.high)
+        return slid
 
     def _centre(self, targets: Targets) -> Float64Array:
         """Return the coordinates to which solutions are to be near."""

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, QUANTITIES, Quantity, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.motion.run import stop_overrun
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.accuracy import error_ratios, output_scales
@@ -318,16 +319,23 @@ class PairScene(Scene):
         motion = self.motion.simulated
         if motion is None:
             return report
-        from hingepair.validation.simulated import compare_forces, compare_rates
+        from hingepair.validation.cross_validate import compare_loads
 
-        whole = self.motion.source.part(slice(None), ACCELERATION).in_space(self.pair)
-        part = whole.part(rows, ACCELERATION)
-        loads = {name: load[rows] for name, load in motion.loads.items()}
-        held: dict[str, Any] = {"base": motion.base, "is_planar": self.kind == PLANE}
-        forces = compare_forces(motion.space, part.body1, part.hinge, loads, motion.gravity, **held)
-        moves = motion.base in {"free", "pinned"}
-        rates = compare_rates(self.times(), whole.body1, whole.hinge, body1_moves=moves)
-        return replace(report, forces=forces, rates=rates)
+        part = self.motion.source.part(rows, ACCELERATION).in_space(self.pair)
+        robot = Mechanism(
+            [replace(motion.space, name="body2")], base="free" if motion.base in {"free", "pinned"} else "fixed"
+        )
+        given = {name: load[rows] for name, load in motion.loads.items()}
+        of_joint = {"hinge_torque": "tau", **{f"{part}_torque": part for part in TORQUE_PARTS}}
+        loads = {name: given[own][:, None] for own, name in of_joint.items() if own in given}
+        loads |= {"force1": given["force1"], "torque1": given["torque1"]}
+        loads |= {"force_body2": given["force2"], "torque_body2": given["torque2"]}
+        q, qd, qdd = (np.asarray(one)[:, None] for one in part.hinge)
+        torque, *on_body1 = compare_loads(
+            robot, q, qd, qdd, part.body1, motion.gravity, loads, motion.base, is_planar=self.kind == PLANE
+        )
+        forces = (*on_body1, replace(torque, output="hinge_torque", worst_part=""))
+        return replace(report, forces=forces)
 
     def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces:
         return pair_forces(self.pair, self.motion, t, gravity, record)

@@ -329,7 +329,7 @@ class RobotScene(Scene):
         return found
 
     def _compared(self, rows: Rows) -> CrossValidation:
-        from hingepair.validation.cross_validate import cross_validate
+        from hingepair.validation.cross_validate import compare_loads, cross_validate
 
         known, motion = self.known(rows, self.motion.level), self.motion.simulated
         report: CrossValidation = cross_validate(
@@ -337,15 +337,11 @@ class RobotScene(Scene):
         )
         if motion is None:
             return report
-        from hingepair.validation.robot_check import compare_loads
-        from hingepair.validation.simulated import compare_joint_rates
-
         forces = compare_loads(
             self.mechanism, known.array(0), known.array(1), known.array(2), known.base, self.gravity,
             {name: load[rows] for name, load in motion.loads.items()}, motion.base,
         )  # fmt: skip
-        rates = compare_joint_rates(self.times(), motion.q, motion.qd, motion.qdd)
-        return replace(report, forces=forces, rates=rates, notes=self.motion.error_notes(report.u))
+        return replace(report, forces=forces, notes=self.motion.error_notes(report.u))
 
     def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces:
         if gravity is not None and self.motion.simulated is not None:

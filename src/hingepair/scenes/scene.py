@@ -327,14 +327,12 @@ class Scene(Shown, abc.ABC):
     def cross_validate(self, max_instants: int | None = None) -> CrossValidation:
         """Compare the equations with Pinocchio along the motion, as far as it has derivatives.
 
-        For a motion that [dynamics] simulates, two more comparisons are made. Where loads alone determine the forces,
-        the loads are compared with the forces that Pinocchio's `rnea` computes from the motion. The rates are
-        compared with the slopes of the quantities that they are the rates of. A note says if the estimated error of
-        the motion itself exceeds the bound of the comparison.
+        For a motion that [dynamics] simulates, the loads are compared with the forces that Pinocchio's `rnea`
+        computes from the motion, where loads alone determine them. A note says if the estimated error of the motion
+        itself exceeds the bound of the comparison.
 
         Args:
-            max_instants: largest number of instants to compare, evenly spread; all instants by default. Slopes are
-                computed from all instants.
+            max_instants: largest number of instants to compare, evenly spread; all instants by default.
         """
         return self._compared(slice(len(self.times())) if max_instants is None else self.spread(max_instants))
 

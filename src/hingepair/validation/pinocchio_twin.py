@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError
 from hingepair.mechanism.joints import KINDS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.tree import Joint, MassProperties, hinge_of_pair
+from hingepair.mechanism.tree import Joint, MassProperties, Tree, hinge_of_pair
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
@@ -47,13 +47,6 @@ def import_pinocchio(caller_name: str) -> Any:
         got = f"another package named pinocchio at {pinocchio.__file__}"
         raise MissingDependencyError(caller_name, "Pinocchio (pip install 'pin>=4.1,<5')", got)
     return pinocchio
-
-
-def joins_wrongly(mass: float) -> bool:
-    """Return whether Pinocchio adds a body of this mass [kg] to another with a wrong centre of mass: it divides by
-    the sum of the masses, but by 2^-104 kg at least.
-    """
-    return mass != 0 and mass < 2.0**-104
 
 
 # ---- coordinates
@@ -149,7 +142,7 @@ class Twin:
             q: coordinates of the robot [rad or m]; shape (..., dof).
             base_motion: R and S of the base, of a model with a free-flyer; at rest at the origin unless given.
         """
-        positions = self.joint_positions(q)
+        positions = self._of_joints("q", q) + self.offsets
         continuous = [joint.nq == 2 for joint in list(self.model.joints)[1 + self.has_free_flyer :]]
         if any(continuous):  # Pinocchio's q has cosine and sine for these
             columns = (
@@ -158,10 +151,6 @@ class Twin:
             )
             positions = np.stack([one for group in columns for one in group], axis=-1)
         return _joined(self._base(0, base_motion), {"q": positions})
-
-    def joint_positions(self, q: ArrayLike) -> Float64Array:
-        """Return the positions of all joints of the model, mimic joints included; shape (..., joints)."""
-        return self._of_joints("q", q) + self.offsets
 
     def velocity(self, q: ArrayLike, qd: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
         """Return Pinocchio's v, shape (..., nv); of the base it takes S, v and omega."""
@@ -393,13 +382,18 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Twin:
     base = _inertia(pin, tree.base) if is_free else pin.Inertia.Zero()
     inertias = [base, *(_inertia(pin, joint.body) for joint in tree.joints)]
     model = _model(pin, tree.name, flyer if has_free_flyer else None, tree.joints, frames, inertias)
+    return Twin(model, model.createData(), has_free_flyer, *joint_rules(tree))
+
+
+def joint_rules(tree: Tree) -> tuple[Float64Array, Float64Array]:
+    """Return the ratios (joints, dof) and offsets (joints,) by which the positions of all joints follow from q."""
     columns = {joint.name: column for column, joint in enumerate(tree.coordinates)}
     ratios, offsets = np.zeros((len(tree.joints), len(columns))), np.zeros(len(tree.joints))
     for row, joint in enumerate(tree.joints):
         leader = joint if joint.mimic is None else tree.joints[joint.mimic.leader - 1]
         ratios[row, columns[leader.name]] = 1.0 if joint.mimic is None else joint.mimic.multiplier
         offsets[row] = 0.0 if joint.mimic is None else joint.mimic.offset
-    return Twin(model, model.createData(), has_free_flyer, ratios, offsets)
+    return ratios, offsets
 
 
 def _joint_model(pin: Any, joint: Joint, axis: Any) -> Any:

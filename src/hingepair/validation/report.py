@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hingepair.errors import printable
 from hingepair.numeric.arrays import Float64Array
@@ -17,6 +17,9 @@ from hingepair.tables.sheets import Sheet, Shown, align_columns, json_text, left
 
 # A load is compared with a sum of some thirty terms, and the accelerations in it are solutions of linear equations.
 MAX_LOAD_RATIO = 64  # u * scale by which a load may differ; the largest difference in 1,000 motions was 11
+
+
+_LOADS_TITLE = "the loads against the forces that the motion takes by Pinocchio's rnea"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +43,6 @@ class Comparison:
     worst_part: str = ""
     #: number of samples that were left out because the mass matrix is singular there
     singular: int = 0
-    #: which joint nothing resists at the first of these samples
-    unresisted: str = ""
 
     @property
     def ok(self) -> bool:
@@ -54,7 +55,7 @@ class Comparison:
         if not self.singular:
             return ""
         where = f"{self.singular} of {self.samples + self.singular} samples"
-        return f"{self.output} is not compared at {where}, where the mass matrix is singular: {self.unresisted}"
+        return f"{self.output} is not compared at {where}, where the mass matrix is singular"
 
     @classmethod
     def of(
@@ -124,55 +125,6 @@ class Comparison:
         return *found, str(self.samples), "ok" if self.ok else "FAILED"
 
 
-@dataclass(frozen=True, slots=True)
-class RateComparison:
-    """Comparison of a rate, such as v1, with the slope of a quantity, such as R1, by finite differences."""
-
-    rate: str
-    #: the quantity whose rate it is
-    of: str
-    #: largest difference of a component, in the rate's unit
-    max_error: float
-    #: largest difference that passes
-    allowed: float
-    #: sample with the largest difference; None where nothing was compared
-    worst_sample: int | None
-    #: number of compared samples
-    samples: int
-
-    @property
-    def ok(self) -> bool:
-        """Whether no difference is larger than allowed; a rate that was not compared passes."""
-        return self.max_error <= self.allowed
-
-    @classmethod
-    def worst_of(cls, rate: str, quantity: str, error: NDArray[np.float64], allowed: float) -> RateComparison:
-        """Return the comparison with the largest of the errors, shape (N,); NaN is not compared."""
-        compared = ~np.isnan(error)
-        if not compared.any():
-            return cls(rate, quantity, 0.0, allowed, None, 0)
-        worst = int(np.nanargmax(error))
-        return cls(rate, quantity, float(error[worst]), allowed, worst, int(compared.sum()))
-
-    def cells(self) -> tuple[str, ...]:
-        """Return the row of this comparison in a table."""
-        if self.worst_sample is None:
-            return self.rate, self.of, "-", f"{self.allowed:.2g}", "-", "0", "not compared"
-        found = self.rate, self.of, f"{self.max_error:.2e}", f"{self.allowed:.2g}", str(self.worst_sample)
-        return *found, str(self.samples), "ok" if self.ok else "FAILED"
-
-
-class _Section(NamedTuple):
-    """A table of the printed report."""
-
-    title: str
-    rows: Sequence[Sequence[str]]  # the first is the heading
-    right: Collection[int]  # columns that are aligned to the right
-
-    def lines(self) -> list[str]:
-        return [*([self.title] if self.title else []), *align_columns(self.rows, self.right)]
-
-
 @dataclass(frozen=True, slots=True, repr=False)
 class CrossValidation(Shown):
     """Report on the comparison of the outputs of a pair or a robot with Pinocchio's."""
@@ -196,12 +148,8 @@ class CrossValidation(Shown):
     frames: int = 0
     #: where Pinocchio's model comes from
     compared_with: str = ""
-    #: names, placements and inertias of a robot from a URDF, compared with Pinocchio's reading of it
-    description: tuple[Comparison, ...] = ()
     #: of a simulated motion, its loads and the forces that it requires according to Pinocchio's `rnea`
     forces: tuple[Comparison, ...] = ()
-    #: of a simulated motion, each rate and the slope of its quantity
-    rates: tuple[RateComparison, ...] = ()
     #: remarks on the comparison, as sentences
     notes: tuple[str, ...] = ()
 
@@ -218,8 +166,7 @@ class CrossValidation(Shown):
     @property
     def ok(self) -> bool:
         """Whether an output was compared, and all that was compared is within its bound."""
-        oks = [row.ok for row in (*self.description, *self.rows, *self.forces)] + [row.ok for row in self.rates]
-        return any(row.samples for row in self.rows) and all(oks)
+        return any(row.samples for row in self.rows) and all(row.ok for row in (*self.rows, *self.forces))
 
     @property
     def verdict(self) -> str:
@@ -229,34 +176,23 @@ class CrossValidation(Shown):
         beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
-        failed = [row.output for row in (*self.description, *self.rows, *self.forces) if not row.ok]
-        failed += [row.rate for row in self.rates if not row.ok]
+        failed = [row.output for row in (*self.rows, *self.forces) if not row.ok]
         if failed:
             return f"FAILED: {', '.join(dict.fromkeys(failed))}{beside}"
         left = [row.output for row in self.rows if not row.samples]
         outputs = f"{len(self.rows) - len(left)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
-        read = "the description and " if self.description else ""
         loads = ", ".join(row.output for row in self.forces)
         more = f", and {loads} within {MAX_LOAD_RATIO} u*scale of its rnea" if loads else ""
         without = f"; not compared: {', '.join(left)}" if left else ""
-        return f"PASSED: {read}{outputs} within {MAX_RATIO} u*scale of Pinocchio{more}{without}{beside}"
+        return f"PASSED: {outputs} within {MAX_RATIO} u*scale of Pinocchio{more}{without}{beside}"
 
-    def _sections(self) -> list[_Section]:
-        """Return the tables: of the outputs and, of a simulated motion, of its loads and rates."""
-        rows = (*self.description, *self.rows)
-        with_parts = any(row.worst_part for row in rows)
+    def _tables(self) -> list[list[tuple[str, ...]]]:
+        """Return the table of the outputs and, of a simulated motion, that of its loads, each with its heading."""
+        with_parts = any(row.worst_part for row in self.rows)
         parts = ("of",) * with_parts
         heading = ("output", "largest error", "in u*scale", "bound", "at sample", *parts, "compared", "")
-        right = {1, 2, 3, 4, 5 + with_parts}
-        sections = [_Section("", [heading, *(row.cells(with_parts) for row in rows)], right)]
-        if self.forces:
-            title = "the loads against the forces that the motion takes by Pinocchio's rnea"
-            sections.append(_Section(title, [heading, *(row.cells(with_parts) for row in self.forces)], right))
-        if self.rates:
-            title = "the rates against slopes by finite differences, where the instants are close enough for them"
-            heading = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
-            sections.append(_Section(title, [heading, *(row.cells() for row in self.rates)], {2, 3, 4, 5}))
-        return sections
+        groups = [self.rows, self.forces] if self.forces else [self.rows]
+        return [[heading, *(row.cells(with_parts) for row in group)] for group in groups]
 
     def _remarks(self) -> tuple[list[str], list[str]]:
         """Return the lines below the first table, and the last lines: notes and the verdict."""
@@ -267,9 +203,10 @@ class CrossValidation(Shown):
         return below, [*(f"note: {note}" for note in self.notes), self.verdict]
 
     def __str__(self) -> str:
-        (first, *others), (below, last) = self._sections(), self._remarks()
-        more = (line for section in others for line in section.lines())
-        return "\n".join((printable(self._title()), *first.lines(), *below, *more, *last))
+        (first, *others), (below, last) = self._tables(), self._remarks()
+        right = {*range(1, len(first[0]) - 1)} - {5 if "of" in first[0] else 0}
+        loads = [_LOADS_TITLE, *align_columns(others[0], right)] if others else []
+        return "\n".join((printable(self._title()), *align_columns(first, right), *below, *loads, *last))
 
     def __repr__(self) -> str:
         return f"CrossValidation({self.name!r}, {self.verdict})"
@@ -279,20 +216,14 @@ class CrossValidation(Shown):
 
     def _sheet(self) -> Sheet:
         """Return what notebooks show."""
-        (first, *others), (below, last) = self._sections(), self._remarks()
-        width = len(first.rows[0])
-        more = (row for section in others for row in section.rows)
-        rows = [tuple(row) + ("",) * (width - len(row)) for row in (*first.rows, *more)]
-        return Sheet(self._title(), rows, (*below, *last))
+        tables, (below, last) = self._tables(), self._remarks()
+        return Sheet(self._title(), [row for rows in tables for row in rows], (*below, *last))
 
     def to_json(self) -> str:
         """Return the report as JSON text; a number that is not finite becomes null."""
         names = ("name", "ok", "verdict", "samples", "compared", "skipped", "u", "notes")
         own = ("base", "frames", "compared_with") if self.base else ("sequence",)
         facts = {name: getattr(self, name) for name in (*names, *own)}
-        for group in ("description", "rows", "forces", "rates"):
-            facts[group] = [
-                {**asdict(row), "ok": row.ok} | ({"note": row.note} if isinstance(row, Comparison) else {})
-                for row in getattr(self, group)
-            ]
+        for group in ("rows", "forces"):
+            facts[group] = [{**asdict(row), "ok": row.ok, "note": row.note} for row in getattr(self, group)]
         return json_text(facts)
