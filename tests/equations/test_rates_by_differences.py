@@ -12,7 +12,6 @@ from mpmath import mpf
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from support.differences import (
-    SEQUENCE_NAMES,
     Body,
     at,
     column,
@@ -32,38 +31,6 @@ from support.differences import (
 def _sixty_digits():
     with mpmath.workdps(60):
         yield
-
-
-class Pair(Body):
-    """And a hinge with a second body."""
-
-    def __init__(self, kind="tait_bryan"):
-        super().__init__(11, kind)
-        self.u1, self.u2, self.n = vector(21), vector(22), unit(vector(23))
-        self.psi = [(mpf("0.7"),), (mpf("-1.3"),), (mpf("0.4"),)]
-        self.home = turn(unit(vector(24)), mpf(1))
-
-    def Sh(self, s=0, n=None):
-        return turn(self.n if n is None else unit(n), at(self.psi, s)[0])
-
-    def S2(self, s=0, n=None):
-        return self.S(s) * self.Sh(s, n) * self.home
-
-    def R2(self, s=0, n=None):
-        return self.R(s) + self.S(s) * column(self.u1) - self.S2(s, n) * column(self.u2)
-
-    def omega2(self, s=0, n=None):
-        return column(vee(rate(lambda h: self.S2(s + h, n)) * self.S2(s, n).T))
-
-
-@pytest.fixture(params=SEQUENCE_NAMES)
-def pair(request):
-    return Pair(request.param)
-
-
-def hinge(pair):
-    (psi,) = pair.psi[0]
-    return mpmath.sin(psi), 1 - mpmath.cos(psi)
 
 
 def test_a_turn_is_an_exponential():

@@ -422,16 +422,6 @@ def test_a_joint_comes_back_as_a_pair():
     assert pair_of(continuous, continuous.joints[0]).limits is None
 
 
-def test_a_slider_is_a_value():
-    assert "lift" in repr(LIFT)
-    assert LIFT.torque_limit == 9
-    assert pickle.loads(pickle.dumps(LIFT)).n.tolist() == [0.6, 0, 0.8]
-    with pytest.raises(ArgumentError, match="n: expected a non-zero axis"):
-        Slider((0, 0, 0), (0, 0, 0), (0, 0, 0))
-    with pytest.raises(ArgumentError, match="pair: expected one pair"):
-        Slider(np.zeros((2, 3)), (0, 0, 0), (0, 0, 1))
-
-
 # ---------------------------------------------------------------- payloads and frames
 
 
@@ -482,26 +472,6 @@ def test_a_link_stands_for_a_joint_of_its_name():
 # ---------------------------------------------------------------- what users hold
 
 
-def test_a_mechanism_is_what_it_was_made_of():
-    robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
-    assert (robot.dof, robot.names[3], robot.name, robot.base) == (7, "panda_joint4", "panda", "fixed")
-    assert robot.links[0] == "panda_link0"
-    assert robot.position_limits.shape == (7, 2)
-    assert (robot.effort_limits[0], robot.rate_limits[6]) == (87, 2.61)
-    assert not robot.position_limits.flags.writeable
-    assert hp.load_robot("kinova").position_limits[0].tolist() == [-np.inf, np.inf]
-    assert (hp.load_robot("quadrotor_base").dof, hp.load_robot("quadrotor_base").position_limits.shape) == (0, (0, 2))
-    with pytest.raises(AttributeError):
-        robot.base = "free"
-    for name in ("panda_joint9", 3):
-        with pytest.raises(ArgumentError, match="joint: expected one of panda_joint1"):
-            robot[name]
-    with pytest.raises(ArgumentError, match="joint: expected no joint, since none moves, got 'arm'"):
-        hp.load_robot("quadrotor_base")["arm"]
-    with pytest.raises(TypeError, match="names are their names"):
-        list(robot)
-
-
 @pytest.mark.parametrize("robot", [hp.Mechanism([BOOM, LIFT], base="free"), hp.load_robot("panda")], ids=repr)
 def test_a_mechanism_is_printed_copied_and_pickled(robot):
     for again in (pickle.loads(pickle.dumps(robot)), copy.deepcopy(robot), copy.copy(robot)):
@@ -511,22 +481,6 @@ def test_a_mechanism_is_printed_copied_and_pickled(robot):
     assert heading.startswith(f"{robot.name}: {robot.dof} degrees of freedom")
     assert [row.split()[0] for row in rows[1 : robot.dof + 1]] == list(robot.names)
     assert "<table>" in robot._repr_html_()
-
-
-@pytest.mark.slow
-def test_robots_are_made_of_robots():
-    robot = hp.load_robot("panda", base="free")
-    tool = robot.with_frame("tool", link="panda_hand", R=(0, 0, 0.1))
-    q = np.linspace(-1, 1, 8)
-    hand, tip = (tool.forward_kinematics(q, frames=("panda_hand", "tool"))[name] for name in ("panda_hand", "tool"))
-    assert np.abs(tip.R - hand.R - 0.1 * hand.S[:, 2]).max() <= 8 * U
-    laden = tool.with_payload("tool", hp.Body(mass=2, inertia=(1, 1, 1)))
-    more = laden.mass_matrix(q)[0, 0] - robot.mass_matrix(q)[0, 0]
-    assert abs(more - 2) <= 64 * U * 20
-    with pytest.raises(ArgumentError, match=r"link: expected one of panda_link0, .*nearest: panda_hand"):
-        robot.with_payload("panda_hnd", hp.Body())
-    with pytest.raises(ArgumentError, match="link: expected one of"):
-        robot.with_frame("tool", link=None)
 
 
 def test_a_robot_may_be_read_from_text_and_models(tmp_path):
@@ -592,11 +546,6 @@ def test_a_body_without_a_link_does_not_take_the_place_of_another():
     model.addFrame(pin.Frame("lower", 1, pin.SE3.Identity(), pin.FrameType.BODY))
     links = tree_of(hp.Mechanism.from_pinocchio(model)).links
     assert {name: frame.body for name, frame in links.items()} == {"universe": 0, "lower": 1, "lower_link": 2}
-
-
-def test_a_robot_is_made_again_rather_than_replaced():
-    with pytest.raises(hp.HingePairError, match=r"dataclasses.replace cannot change a Mechanism: .* base=\"free\""):
-        replace(hp.Mechanism.from_urdf(ARM), base="free")
 
 
 def test_a_pair_of_a_robot_leaves_out_masses_that_no_body_has():

@@ -10,7 +10,6 @@ import sys
 import warnings
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import hingepair as hp
@@ -90,26 +89,6 @@ def test_no_samples_and_no_joints(robot):
     assert still.inverse_dynamics(np.empty(0), np.empty(0), np.empty(0)).tau.shape == (0,)
     assert still.forward_dynamics(np.empty(0), np.empty(0), np.empty(0)).qdd.shape == (0,)
     assert still.mass_matrix(np.empty((3, 0))).shape == (3, 0, 0)
-
-
-def test_forces_and_accelerations_are_tables_by_joint(robot, motion):
-    q, qd, qdd = (array[0].copy() for array in motion)
-    forces = robot.inverse_dynamics(q, qd, qdd, backend="numpy")
-    frame = pickle.loads(pickle.dumps(forces)).to_dataframe()
-    assert list(frame.columns) == [
-        *robot.names,
-        *(f"{name}1_{axis}" for name in ("force", "torque") for axis in "xyz"),
-    ]
-    assert np.array_equal(frame[list(robot.names)].to_numpy(), forces.tau)
-    assert np.array_equal(frame[["torque1_x", "torque1_y", "torque1_z"]].to_numpy(), forces.torque1)
-    tau = robot.inverse_dynamics(q, qd, qdd, outputs=("tau",), backend="numpy").to_dataframe()
-    moves = robot.forward_dynamics(q, qd, tau, backend="numpy")
-    assert np.array_equal(moves.qdd, robot.forward_dynamics(q, qd, forces.tau, backend="numpy").qdd)
-    assert list(moves.to_dataframe().columns) == list(robot.names)
-    assert robot.inverse_dynamics(q[0], qd[0], qdd[0]).to_dataframe().shape == (1, 13)
-    assert robot.inverse_dynamics(q[:0], qd[:0], qdd[:0]).to_dataframe().shape == (0, 13)
-    with pytest.raises(hp.ArgumentError, match=r"to_dataframe: expected one sample, .*got shape \(4, 5\)"):
-        robot.inverse_dynamics(*motion).to_dataframe()
 
 
 def test_a_prepared_call_takes_tables_and_values_by_joint(robot, motion):
@@ -234,29 +213,6 @@ def test_a_joint_that_nothing_resists_is_named_and_its_samples_are_nan():
         "mechanism: no mass resists joint 'joint_2' here; accelerations are NaN there"
     ]
     assert np.isfinite(arm(1, 0, 1).forward_dynamics(q, q, q).qdd).all()
-
-
-FOLLOWED = r"\(panda_finger_joint2 follows panda_finger_joint1 and has no coordinate\)"
-
-
-@pytest.mark.parametrize(
-    "q",
-    [
-        np.zeros(9),
-        np.zeros((4, 9)),
-        (0.0,) * 9,
-        {"panda_finger_joint2": 0.0},
-        pd.DataFrame(np.zeros((2, 2)), columns=["panda_joint1", "panda_finger_joint2"]),
-    ],
-    ids=["array", "samples", "tuple", "dict", "table"],
-)
-def test_who_gives_a_coordinate_too_many_is_told_which_joint_follows(q):
-    panda = hp.load_robot("panda")
-    calls = [panda.forward_kinematics, panda.prepare("pose", backend="numpy"), panda.to_pinocchio_state]
-    calls.append(lambda q: panda.inverse_kinematics((0, 0, 0), frame="panda_hand", q0=q))
-    for call in calls:
-        with pytest.raises(hp.ArgumentError, match=FOLLOWED):
-            call(q)
 
 
 @pytest.mark.slow

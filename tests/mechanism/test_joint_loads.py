@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import mujoco
 import numpy as np
 import pytest
@@ -176,16 +174,6 @@ def test_derivatives_hold_dampers_and_springs():
     prepared = robot.prepare("forward_dynamics", joint_loads=True)
     assert prepared(q, qd, tau).qdd.tolist() == robot.forward_dynamics(q, qd, tau, joint_loads=True).qdd.tolist()
     assert np.allclose(prepared.jacobian((q, qd, tau))["qdd"]["qd"], d.qdd_qd, rtol=0, atol=1e-12)
-
-
-def test_what_is_left_out_is_said_once():
-    robot = hp.Mechanism.from_urdf(PENDULUM)
-    with pytest.warns(hp.DynamicsWarning, match="left out are damping and dry friction of 1 joint; joint_loads=True"):
-        first = robot.forward_dynamics([0.1], [0.2], [0])
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert robot.forward_dynamics([0.1], [0.2], [0]).qdd == first.qdd
-        hp.Mechanism.from_urdf(PENDULUM).inverse_dynamics([0.1], [0.2], [0], joint_loads=False)
 
 
 @pytest.mark.parametrize(

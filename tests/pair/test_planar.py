@@ -7,11 +7,9 @@ import pytest
 
 import hingepair as hp
 from hingepair.pair.accuracy import output_scales
-from hingepair.pair.planar_pair import motion_in_space
 from support.sparse import sparse
 from support.states import generator
 
-OUTPUTS = ("R2", "phi2", "d", "v2", "omega2", "a2", "alpha2")
 BACKENDS = sparse(["numpy", "compiled"], 2)
 ULPS = 8  # in units of u * scale, the promise of a planar pair against the spatial one
 SPATIAL_NAMES = ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "R1", "S1", "v1", "omega1", "a1", "alpha1")
@@ -24,13 +22,6 @@ def random_pair(rng, leading=()):
 def random_motion(rng, *shape):
     """q, qd, qdd of many sizes; shape (..., 4) each."""
     return [rng.normal(size=(*shape, 4)) * 10.0 ** rng.uniform(-3, 3, size=(*shape, 1)) for _ in range(3)]
-
-
-def in_space(four):
-    """The seven coordinates (x, y, z, phi_x, phi_y, phi_z, psi) of (x, y, phi, psi)."""
-    x, y, phi, psi = np.moveaxis(np.asarray(four), -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([x, y, zero, zero, zero, phi, psi], axis=-1)
 
 
 def scales(pair, q, qd, qdd):
@@ -46,28 +37,6 @@ def off(found, true, scale, dtype=np.float64):
     error = np.abs(np.asarray(found, float) - true)
     error = error.reshape(*np.shape(scale), -1).max(axis=-1)
     return float((error / (scale * np.finfo(dtype).eps / 2)).max())
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("leading", [(), (5, 1)], ids=["one_pair", "five_pairs"])
-def test_equal_to_the_pair_in_space(backend, leading):
-    rng = generator(900)
-    pair, motion = random_pair(rng, leading), random_motion(rng, 200)
-    flat = pair.forward_kinematics(*motion, backend=backend)
-    space = pair.to_spatial().forward_kinematics(*map(in_space, motion), backend="numpy")
-    scale = scales(pair, *motion)
-    assert flat.outputs == OUTPUTS
-    assert flat.shape == space.shape == (*leading[:1], 200)
-    for name in ("R2", "d", "v2", "a2"):
-        assert off(getattr(flat, name), getattr(space, name)[..., :2], scale[name]) <= ULPS, name
-        assert not getattr(space, name)[..., 2].any()
-    for name in ("omega2", "alpha2"):
-        assert off(getattr(flat, name), getattr(space, name)[..., 2], scale[name] + np.zeros(flat.shape)) <= ULPS, (
-            name
-        )
-    phi2 = np.arctan2(space.S2[..., 1, 0], space.S2[..., 0, 0])
-    apart = np.exp(1j * flat.phi2) - np.exp(1j * phi2)
-    assert np.abs(apart).max() <= ULPS * 2.0**-53 * np.abs(motion[0][..., 2:]).sum(axis=-1).max()
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -182,38 +151,3 @@ def test_a_hinge_that_is_not_upright_is_not_flat(n, home):
     unproven = pair.forward_kinematics((0.0, 0.0, 0.0, np.zeros(7), 0.0, 0.5, psi))
     np.testing.assert_allclose(proven.S2, unproven.S2, rtol=0, atol=8 * 2.0**-53)
     np.testing.assert_allclose(proven.d, unproven.d, rtol=0, atol=64 * 2.0**-53)
-
-
-ROD = hp.Body(mass=2, centre_of_mass=(0.1, 0.2, 0.3), inertia=(0.5, 0.7, 1))
-DYNAMIC = hp.PlanarPair((1, 0.2), (-0.7, 0.1), body1=ROD, body2=ROD)
-
-
-@pytest.mark.slow
-def test_dynamics_are_those_of_the_pair_in_space() -> None:
-    q, qd, qdd = np.random.default_rng(3).normal(size=(3, 6, 4))
-    body1, psi, psid, psidd = motion_in_space(q, qd, qdd)
-    space, fall = DYNAMIC.massive(), (0, -9.81, 0)
-    found = DYNAMIC.inverse_dynamics(q, qd, qdd)
-    expected = space.inverse_dynamics(body1, psi, psid, psidd, gravity=fall)
-    assert np.allclose(found.force1, expected.force1[:, :2], rtol=1e-13)
-    assert np.allclose(found.torque1, expected.torque1[:, 2], rtol=1e-13)
-    pushed = DYNAMIC.forward_dynamics(
-        q, qd, force1=found.force1, torque1=found.torque1, hinge_torque=found.hinge_torque
-    )
-    assert np.allclose(pushed, qdd, rtol=1e-12, atol=1e-12)
-    wrench = space.hinge_wrench(body1, psi, psid, psidd, gravity=fall)
-    assert np.allclose(DYNAMIC.hinge_wrench(q, qd, qdd).force, wrench.force[:, :2], rtol=1e-13)
-    energy, momentum = DYNAMIC.energy(q, qd), DYNAMIC.momentum(q, qd)
-    assert np.allclose(energy.potential, space.energy(body1, psi, psid, gravity=fall).potential, rtol=1e-13)
-    assert np.allclose(momentum.angular, space.momentum(body1, psi, psid).angular[:, 2], rtol=1e-13)
-
-
-def test_prepared_dynamics_and_their_derivatives() -> None:
-    q, qd, qdd = np.random.default_rng(4).normal(size=(3, 4))
-    f = DYNAMIC.prepare("inverse_dynamics")
-    assert f(q, qd, qdd)["force1"].tolist() == DYNAMIC.inverse_dynamics(q, qd, qdd).force1.tolist()
-    slopes = f.jacobian((q, qd, qdd), wrt="qdd")
-    rows = [slopes["force1"]["qdd"], slopes["torque1"]["qdd"][None], slopes["hinge_torque"]["qdd"][None]]
-    assert np.allclose(np.concatenate(rows), DYNAMIC.mass_matrix(q), rtol=1e-13)
-    with pytest.raises(hp.ArgumentError, match=r"given: expected names with qdd, .* got q, qd"):
-        DYNAMIC.prepare(("q", "qd"), outputs=("force1",))

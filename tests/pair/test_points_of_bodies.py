@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 from dataclasses import replace
 
 import mpmath
@@ -150,18 +148,6 @@ def test_points_may_differ_from_sample_to_sample():
     for i in range(4):
         one = replace(pair, points2={"arm": positions[i]}).forward_kinematics(q[i], outputs=("arm",))["arm"].R
         assert abs(found[i] - one).max() < 8 * 2.0**-53 * abs(one).max()
-
-
-@pytest.mark.parametrize("way", [copy.deepcopy, lambda pair: pickle.loads(pickle.dumps(pair)), replace])
-@pytest.mark.parametrize("pair", [pointed()[0], hp.PlanarPair((1, 0), (0, 1), points2={"tip": (0, 2)})])
-def test_copies_keep_their_points(pair, way):
-    copied = way(pair)
-    assert [*copied.points1] == [*pair.points1]
-    assert [*copied.points2] == [*pair.points2]
-    assert copied.constants.points == pair.constants.points
-    assert repr(copied) == repr(pair)
-    with pytest.raises(TypeError):
-        copied.points2["more"] = (0, 0, 0)
 
 
 @pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import pickle
 import re
@@ -126,14 +125,6 @@ def test_a_file_that_is_left_half_way_is_not_there(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_an_unknown_ending_lists_the_known_and_nothing_is_written(result, tmp_path):
-    with pytest.raises(hp.ArgumentError, match=r"ends in \.csv, \.parquet, \.npz, \.nc"):
-        result.save(tmp_path / "a.xlsx")
-    with pytest.raises(hp.ArgumentError, match="path: expected a file that can be written"):
-        result.save(tmp_path / "nowhere" / "a.nc")
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_missing_package_is_named(result, tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
     with pytest.raises(hp.errors.MissingDependencyError, match=r"hingepair\[data\]"):
@@ -178,56 +169,6 @@ def test_a_scene_names_the_units_of_its_tables_and_files(tmp_path):
 
 
 # ---- results of one call
-
-
-def test_states_have_the_columns_of_saved_results(result, tmp_path):
-    pair = dataclasses.replace(result.scene.pair, points2={"tip": (0.1, 0, 0)})
-    state = pair.forward_kinematics(result.q, result.qd, outputs=("R2", "S2", "v2", "tip", "tip_v"))
-    frame, saved = state.to_dataframe(), pandas.read_csv(result.save(tmp_path / "a.csv"))
-    names = [name for name in saved.columns if name.partition("_")[0] in {"R2", "S2", "v2"}]
-    assert [*frame.columns] == [*names, *(f"{name}_{axis}" for name in ("tip", "tip_v") for axis in "xyz")]
-    np.testing.assert_array_equal(frame["S2_zx"], state.S2[:, 2, 0])
-    assert frame.attrs["units"] == {"R2": "m", "S2": "1", "v2": "m/s", "tip": "m", "tip_v": "m/s"}
-    millimetres = state.to_dataframe("mm")
-    np.testing.assert_allclose(millimetres["tip_v_x [mm/s]"], 1e3 * state["tip_v"][:, 0], rtol=1e-15)
-    data = state.to_xarray("mm")
-    assert data.S2.dims == ("sample", "xyz", "body_xyz")
-    assert data.v2.attrs["units"] == "mm/s"
-    np.testing.assert_array_equal(data.R2, 1e3 * state.R2)
-
-
-def test_every_result_is_a_table():
-    body = hp.Body(mass=2, inertia=(1, 1, 1))
-    pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=body, body2=body)
-    flat = hp.PlanarPair((1, 0), (-1, 0), body1=body, body2=body)
-    body1 = hp.BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros((4, 3))))
-    rows, still = np.zeros((4, 4)), (body1, np.zeros(4), 0.0, 0.0)
-    body2 = pair.forward_kinematics_from_body1(body1, 0.0, 0.0, 0.0).body2
-    xyz = ["_x", "_y", "_z"]
-    expected = {
-        pair.inverse_dynamics(*still): [*(f"{n}{c}" for n in ("force1", "torque1") for c in xyz), "hinge_torque"],
-        pair.energy(*still[:3]): ["kinetic", "potential"],
-        pair.momentum(*still[:3]): [f"{n}{c}" for n in ("linear", "angular") for c in xyz],
-        pair.residuals(body1, body2, t=np.arange(4.0)): None,
-        flat.forward_kinematics(rows): ["R2_x", "R2_y", "phi2", "d_x", "d_y"],
-        flat.hinge_wrench(rows, rows, rows): [
-            *("hinge_force_x", "hinge_force_y", "hinge_moment", "hinge_torque", "bearing_torque")
-        ],
-    }
-    for found, columns in expected.items():
-        frame, data = found.to_dataframe(), found.to_xarray()
-        assert len(frame) == data.sizes["sample"] == 4
-        assert columns is None or [*frame.columns] == columns
-        assert {name.rpartition("_")[0] in data or name in data for name in frame.columns} >= {True}
-    residuals = pair.residuals(body1, body2, t=np.arange(4.0))
-    assert [*residuals.to_dataframe().columns[:4]] == ["t", "gap_x", "gap_y", "gap_z"]
-    J = pair.prepare("jacobian")(np.eye(3), 0.0).to_dataframe()
-    assert J.shape == (1, 42)
-    assert J.columns[-1] == "jacobian_5_6"
-    many = pair.forward_kinematics(np.zeros((2, 3, 7)))
-    assert many.to_xarray().R2.dims == ("sample_0", "sample_1", "xyz")
-    with pytest.raises(hp.ArgumentError, match=r"to_dataframe: expected one sample, .*got shape \(2, 3\)"):
-        many.to_dataframe()
 
 
 def test_results_of_dynamics_unpack_and_name_their_parts():

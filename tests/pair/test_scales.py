@@ -9,9 +9,7 @@ import pytest
 
 from hingepair.pair.accuracy import (
     PROMISED_BOUND_BY_OUTPUT,
-    angular_rate_sizes,
     error_ratios,
-    euler_rate_sizes,
     output_scales,
 )
 
@@ -37,20 +35,6 @@ def test_scales_are_those_of_the_contract():
     spatial = output_scales(**given, W1=2.0, A1=17.0, psid=-3.0, psidd=-19.0, pinocchio=True)
     assert spatial["a2"] == expected["a2"] + (2 + 5) * 3 + 2 * 5 * 5
     assert spatial["alpha2"] == A2 + 9
-
-
-def test_scales_need_what_they_are_made_of():
-    assert set(output_scales(u1=(1, 0, 0), u2=(0, 1, 0))) == {"S1", "S2", "d"}
-    without_v1 = output_scales(u1=(1, 0, 0), u2=(0, 1, 0), a1=(0, 0, 1), W1=1, A1=1, psid=1, psidd=1, pinocchio=True)
-    assert set(without_v1) == {"S1", "S2", "d", "omega1", "omega2", "alpha1", "alpha2"}
-
-
-def test_rate_sizes_of_angles_and_of_given_attitude():
-    W1, A1 = euler_rate_sizes([[1, -2, 2]], [[0, 0, -3]])
-    assert (W1.tolist(), A1.tolist()) == ([5.0], [28.0])
-    W1, A1 = angular_rate_sizes([[3, 0, -4]], [[0, 5, -12]])
-    assert (W1.tolist(), A1.tolist()) == ([5.0], [13.0])
-    assert euler_rate_sizes(None) == angular_rate_sizes(None) == (None, None)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import hingepair as hp
@@ -42,13 +41,3 @@ def test_coordinates_of_a_robot_are_drawn_with_limits_and_paths(arm):
     line, _ = paths.get_lines()
     expected = arm.forward_kinematics(Q, frames="reach", backend="numpy")["reach"].R + np.array((0, 0, 5))
     np.testing.assert_allclose(np.stack(line.get_data_3d(), axis=1), expected, rtol=1e-14)
-
-
-def test_a_table_of_coordinates_is_drawn_over_samples_and_in_units(arm):
-    moving = hp.BodyMotion(R=np.linspace((0, 0, 0), (0, 0, 6), 7), S=np.eye(3))
-    figure = hp.plot(arm, q=pd.DataFrame({"reach": Q[:, 1], "turn": Q[:, 0]}), base_motion=moving, units="deg, mm")
-    turn, reach, paths = figure.axes
-    assert reach.get_xlabel() == "sample"
-    np.testing.assert_allclose(turn.get_lines()[0].get_data(), (np.arange(7), np.degrees(Q[:, 0])), rtol=1e-14)
-    np.testing.assert_allclose(reach.get_lines()[0].get_ydata(), 1000 * Q[:, 1], rtol=1e-14)
-    assert paths.get_lines()[0].get_data_3d()[2][-1] == pytest.approx(1000 * (7 - 1.3 * np.sin(0.9)), rel=1e-12)

@@ -220,24 +220,6 @@ def test_a_figure_is_in_the_units_that_are_asked_for():
     np.testing.assert_allclose(degrees, np.degrees(radians), rtol=1e-14)
 
 
-@pytest.mark.slow
-def test_torques_and_forces_of_a_pair_are_drawn():
-    scene = hp.load_scene(MODELS / "landing_gear.toml")
-    forces = scene.forces()
-    whole = hp.plot(scene, units="N mm")
-    label, lines = drawn(whole, "torque about the hinge axis")
-    assert label == "N mm"
-    np.testing.assert_allclose(lines[:, 0], 1e3 * forces.hinge_torque, rtol=1e-14)
-    np.testing.assert_array_equal(drawn(whole, "force of the hinge on body 2")[1], forces.hinge_force)
-    named = hp.plot(scene, ("R2", "torque1"))
-    np.testing.assert_array_equal(drawn(named, "torque on body 1, torque1")[1], forces.torque1)
-    alone = hp.plot(forces, ("force1",))
-    np.testing.assert_array_equal(drawn(alone, "force on body 1, force1")[1], forces.force1)
-    assert len(hp.plot(forces).axes) == len(forces.recorded())
-    with pytest.raises(hp.HingePairError, match="outputs: expected one of hinge_torque"):
-        hp.plot(forces, ("R2",))
-
-
 def test_map_coordinates_and_stamps_are_drawn_with_an_offset(tmp_path):
     rows = [f"{1718000005.25 + 0.5 * i!r},{691607.25 + 4.0 * i!r},5334760.5,0,0" for i in range(41)]
     (tmp_path / "log.csv").write_text("\n".join(["t,x,y,phi_z,psi", *rows]) + "\n", encoding="utf-8")

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from support.commands import refusal
 
 mpl.use("Agg")
 
@@ -88,23 +87,6 @@ def test_planar_scenes_and_hinges_of_robots_have_points(tmp_path):
     )
     scene = hp.load_scene(arm)
     assert scene.evaluate(("tool",))["tool"].R[0] == pytest.approx(scene.pair.u1 - 0.3 * np.eye(3)[2], abs=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("handle = [0.55, 0.1]", "pair.points2.handle: expected 3 finite numbers, got [0.55, 0.1]"),
-        ("handle = [0, 0, 2,1]", "expected 3 finite numbers (decimals follow a point), got [0, 0, 2, 1]"),
-        ("handle = 3", "pair.points2.handle: expected 3 finite numbers, got 3"),
-        ('handle = ["a", 0, 0]', "pair.points2.handle: unknown name 'a'"),
-        ('"left edge" = [0, 0, 0]', "pair.points2: expected names of letters, digits and _"),
-        ("R2 = [0, 0, 0]", "pair.points2: expected names that no output and no part of a model has, got 'R2'"),
-        ("catch = [0, 0, 0]", "pair.points2: expected names that points1 does not have, got 'catch'"),
-    ],
-)
-def test_points_that_cannot_be_used_are_named(hatch, line, message):
-    hatch.write_text(HATCH.replace("handle = [0.55, 0.1, 0.05]", line))
-    assert message in refusal("run", hatch)
 
 
 def test_integrated_motions_have_points(hatch):

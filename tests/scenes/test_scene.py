@@ -47,19 +47,6 @@ def scene_of(tmp_path: Path, text: str | bytes) -> PairScene:
     return hp.load_scene(path)
 
 
-@pytest.mark.slow
-def test_reference_example_equals_the_library_by_hand() -> None:
-    scene = hp.load_scene(MODELS / "reference_3d.toml")
-    result = scene.evaluate()
-    t = np.linspace(0, 10, 10_001)
-    q = np.stack([3 * t, 3 * t, 3 * t, 3 * t, t, 5 * t, 10 * t], axis=-1)
-    qd = np.array([3.0, 3, 3, 3, 1, 5, 10])
-    state = hp.HingePair((0.5, 0.2, 0.1), (-0.25, 0.1, 0.3), (1, 0, 0)).forward_kinematics(q, qd, np.zeros(7))
-    np.testing.assert_array_equal(result.t, t)
-    for name, expected in state.arrays().items():
-        np.testing.assert_allclose(getattr(result, name), expected, rtol=0, atol=8 * U * np.abs(expected).max())
-
-
 def test_reference_example_meets_its_closed_form() -> None:
     result = hp.load_scene(MODELS / "reference_3d.toml").evaluate(("omega1",))
     t = result.t

@@ -89,22 +89,3 @@ class Body:
     @property
     def alpha(self):
         return column(vee(rate(self.S, 2) * self.S().T))  # of S'' S^T = [alpha]x + [omega]x^2
-
-
-class Cloud:
-    """A body of points with masses, in its own axes."""
-
-    def __init__(self, seed):
-        self.points = [column(vector(seed + i)) for i in range(5)]
-        self.masses = [mpf(i + 1) / 3 for i in range(5)]
-        self.mass = sum(self.masses)
-        self.centre = sum((m * p for m, p in self), mpmath.zeros(3, 1)) / self.mass
-        self.inertia = sum((m * hat(p - self.centre).T * hat(p - self.centre) for m, p in self), mpmath.zeros(3))
-
-    def __iter__(self):
-        return zip(self.masses, self.points, strict=True)
-
-    def total(self, f):
-        """The sum over the points: f of mass and place."""
-        first, *others = [f(m, p) for m, p in self]
-        return sum(others, first)
