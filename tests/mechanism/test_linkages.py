@@ -204,6 +204,22 @@ def test_a_five_bar_has_two_coordinates() -> None:
     assert np.abs(reached - state["a"].R).max() < 1e-9
 
 
+def test_a_path_is_followed_from_sample_to_sample() -> None:
+    q = np.linspace(0.3, 15, 200)[:, None]
+    assert np.abs(FOUR_BAR.follow(q) - FOUR_BAR.all_coordinates(q)).max() < 1e-13
+    lost = FOUR_BAR.follow([[0.3], [0.4], [np.nan], [0.5]])
+    assert np.isnan(lost).any(axis=1).tolist() == [False, False, True, True]
+
+
+def test_a_page_shows_all_joints_of_a_closed_mechanism() -> None:
+    page = hp.view(FOUR_BAR, q=TURN)
+    assert page.html == hp.view(FOUR_BAR.opened(), q=FOUR_BAR.all_coordinates(TURN)).html
+    assert FOUR_BAR.opened().names == OPEN.names
+    with pytest.raises(hp.ArgumentError) as caught:
+        hp.view(FOUR_BAR)
+    assert caught.value.name == "q"
+
+
 def excavator() -> tuple[hp.Mechanism, hp.Mechanism]:
     y = (0, 1, 0)
     joints = [bar("boom", (0, 0, 1), 4, y), bar("stick", (4, 0, 0), 2, y), bar("bucket", (2, 0, 0), 1, y)]

@@ -133,6 +133,32 @@ def _read_coordinates(tree: Tree, coordinates: str | Iterable[str]) -> tuple[str
     return wanted
 
 
+def follow_path(tree: Tree, q: Float64Array) -> Float64Array:
+    """Return all coordinates of a closed mechanism along a path, (samples, joints), each from the sample before; NaN
+    from where it cannot be followed on.
+
+    Args:
+        tree: the closed mechanism.
+        q: its coordinates; shape (samples, dof).
+    """
+    closure = tree.closure
+    if closure is None:
+        raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
+    opened = replace(tree, closure=None)
+    loops = [loop for loop in closure.loops if loop.name not in closure.names]
+    assembly = _Assembly(opened, loops, closure.names)
+    values = {column: closure.assembled[joint.name] for column, joint in enumerate(opened.coordinates)}
+    values = assembly.assembled(values, {})
+    found = np.full((len(q), len(opened.coordinates)), np.nan)
+    for place, row in enumerate(q):
+        following = assembly.followed(values, row) if np.isfinite(row).all() else None
+        if following is None:
+            break
+        values = following
+        found[place] = [values[column] for column in range(found.shape[1])]
+    return found
+
+
 class _Point(NamedTuple):
     """Where a chain is."""
 
@@ -341,6 +367,30 @@ class _Assembly:
                 expected = f"coordinates near which the loop {self.loops[place].name} can be closed"
                 raise ArgumentError("at", expected, f"{apart * 1e3:.3g} mm apart")
         return values
+
+    def followed(self, values: Mapping[int, float], q: Sequence[float]) -> dict[int, float] | None:
+        """Return the closed values with the coordinates q next to others; None where no short way leads there."""
+        everything = self._chain(range(len(self.loops)))
+        dependent = [*everything.dependent]
+        start, done, step = np.array([values[key] for key in self._keys]), 0.0, 1.0
+        here = dict(values)
+        while done < 1.0:
+            share = min(1.0, done + step)
+            ahead = here | dict(zip(self._keys, (start + share * (np.asarray(q) - start)).tolist(), strict=True))
+            for _ in range(8):
+                gaps, A = self.conditions(everything, ahead, dependent)
+                change = np.linalg.lstsq(A, gaps, rcond=None)[0]
+                ahead |= {c: ahead[c] - float(x) for c, x in zip(dependent, change, strict=True)}
+                if np.abs(change).max(initial=0.0) < 1e-13:
+                    break
+            moved = max((abs(ahead[c] - here[c]) for c in dependent), default=0.0)
+            if np.linalg.norm(gaps) < 1e-11 * self.size and moved < 0.2:
+                here, done, step = ahead, share, 2 * step
+            else:
+                step /= 2
+                if step < 1e-6:
+                    return None
+        return here
 
     # ---- starts
 

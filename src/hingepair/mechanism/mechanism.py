@@ -286,15 +286,15 @@ class Mechanism(MechanismMethods):
     def armature(self) -> Float64Array:
         """Inertias of the motors' rotors, times the square of the gear ratio, which are added to the diagonal of the
         mass matrix [kg m^2 or kg]; shape (dof,). A mimic joint adds its own, times the square of its multiplier, to
-        its leader's. Robots of URDF have none.
+        its leader's; of a closed mechanism those of its coordinates. Robots of URDF have none.
         """
-        sums = dict.fromkeys((joint.name for joint in self._tree.coordinates), 0.0)
+        sums = dict.fromkeys((joint.name for joint in self._tree.own_coordinates), 0.0)
         for joint in self._tree.joints:
             leader, ratio = joint.name, 1.0
             if joint.mimic is not None:
                 leader, ratio = self._tree.joints[joint.mimic.leader - 1].name, joint.mimic.multiplier
             sums[leader] += joint.armature * ratio * ratio
-        return read_only(np.array([*sums.values()], dtype=np.float64))
+        return read_only(np.array([sums.get(name, 0.0) for name in self.names], dtype=np.float64))
 
     @property
     def mass(self) -> Any:
@@ -525,6 +525,10 @@ class Mechanism(MechanismMethods):
         (1, [0.3, 0.4439, 1.644])
         """
         return self._with_tree(close_tree(self._tree, loops, coordinates, at))
+
+    def opened(self) -> Mechanism:
+        """Return the mechanism with its loops open, whose coordinates are those of `all_coordinates`."""
+        return self._with_tree(replace(self._tree, closure=None))
 
     @property
     def loops(self) -> tuple[Loop, ...]:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import execution_of
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.outputs import Out
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism import conventions
 from hingepair.mechanism.accuracy import error_bounds, slope_bounds
@@ -36,6 +36,7 @@ from hingepair.mechanism.computations import (
 )
 from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_query, read_solutions
+from hingepair.mechanism.linkages import follow_path
 from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, transmission
 from hingepair.mechanism.rollout import PreparedRollout, Rollout, rolled_out
 from hingepair.mechanism.states import (
@@ -770,6 +771,20 @@ class MechanismMethods(Frozen, Shown):
         outputs = ALL_COORDINATES[: len(given)]
         found = self._ask(outputs[-1], given, None, None, workers, backend)
         return found if len(given) == 1 else tuple(found[name] for name in outputs)
+
+    def follow(self, q: Coordinates) -> Float64Array:
+        """Compute all joints of a closed mechanism along a path, each sample from the one before, shape (samples,
+        joints). It starts where the mechanism was assembled, and reaches what a straight line from there does not.
+
+        Samples are NaN from where the path cannot be followed. Arguments: see `Mechanism`.
+
+        Args:
+            q: coordinates along the path; shape (samples, dof).
+        """
+        rows = self._tree.rows("q", q)
+        if rows.ndim != 2:
+            raise ShapeError("q", f"shape (samples, {rows.shape[-1]}), a path", str(rows.shape))
+        return follow_path(self._tree, rows)
 
     def loop_wrenches(
         self,

@@ -67,7 +67,8 @@ def view(
             shown, but the result of `integrate` for it cannot.
         path: file to write the page to, ending in .html; by default no file is written.
         q: coordinates of a robot at T instants [rad or m]; shape (T, dof), in the order of `robot.names`, or a table
-            with a column for each of these names. By default the page of a robot has no motion, only sliders.
+            with a column for each of these names. By default the page of a robot has no motion, only sliders; a
+            mechanism with closed loops needs q.
         t: instants of q [s]; shape (T,), not decreasing; by default 30 per second.
         base_motion: BodyMotion with the position R and the attitude S of a robot's base, at one instant or at the T
             instants of q. By default the base rests at the origin.
@@ -93,6 +94,11 @@ def view(
     >>> hp.view(hp.load_robot("panda"))  # a slider for each of 7 hinges, and one for both fingers
     Page(panda, joints=8)
     """
+    if isinstance(source, SimulatedRobotMotion) and source.robot.loops:
+        q, t = source.q, source.t
+        source = source.robot
+    if isinstance(source, Mechanism) and source.loops:
+        source, q, tau = _opened(source, q, tau)
     if isinstance(source, Mechanism):
         megabytes = number_not_below_0("meshes", meshes)
         motion = _shown_robot_motion(read_robot_motion(source, q, t, base_motion, tau=tau))
@@ -113,6 +119,16 @@ def view(
     if path is not None:
         page.save(path, source.files if isinstance(source, PairScene | RobotScene) else ())
     return page
+
+
+def _opened(robot: Mechanism, q: Any, tau: Any) -> tuple[Mechanism, Any, None]:
+    """Return the tree of a closed mechanism with the motion of all its joints."""
+    if q is None:
+        expected = "coordinates at instants, since the joints of a closed mechanism do not move one by one"
+        raise ArgumentError("q", expected, None)
+    if tau is not None:
+        raise ArgumentError("tau", "None for a closed mechanism, whose other joints have no motors", quoted(tau))
+    return robot.opened(), robot.all_coordinates(q), None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
