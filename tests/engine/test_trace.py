@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from hingepair.engine.interpreter import NUMPY, interpreter
+from hingepair.engine.interpreter import interpreter
 from hingepair.engine.trace import (
     Trace,
     arc_tangent,
@@ -105,7 +105,7 @@ STATES = [(0.3, -0.7, 1.9), (2.0, 3.0, -0.5), (-3.0, 0.1, 4.0), (1e-9, 2.0, 1e5)
 def interpreted(function, count):
     trace = Trace()
     given = [trace.input() for _ in range(count)]
-    return interpreter(given, function(*given), NUMPY)
+    return interpreter(given, function(*given))
 
 
 @pytest.mark.parametrize("state", STATES)

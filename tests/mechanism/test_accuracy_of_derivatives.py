@@ -26,20 +26,18 @@ def hard_states(rng, dof):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
-def test_derivatives_of_torques_are_within_their_bounds_of_60_digits(seed):
+def test_derivatives_of_torques_are_those_of_60_digits(seed):
     robot = Robot(record_of(random_model(seed, 4)))
     states = hard_states(np.random.default_rng(seed), robot.dof)
-    bounds = robot.error_bounds(*states, outputs=("tau_q", "tau", "tau_qd"))
-    assert [*bounds] == ["tau_q", "tau", "tau_qd"]
+    slides = [joint.axis.shifts != 0 for joint in tree_of(robot).coordinates]
+    states[0][1, slides] *= 1e-8  # large angles, not lengths
     exact = dict(zip(("tau_q", "tau_qd"), ExactRobot(tree_of(robot), *states).torque_slopes(), strict=True))
     for backend in ("numpy", "compiled"):
         found = robot.inverse_dynamics_derivatives(*states, outputs=("tau_q", "tau_qd"), backend=backend)
         for name, truth in exact.items():
             errors = np.abs(found[name] - truth).astype(float).max(axis=(-2, -1))
-            assert (errors <= bounds[name]).all(), (backend, name, errors / bounds[name])
-    # bounds that say something
-    sizes = np.abs(np.asarray(exact["tau_q"], float)).max(axis=(-2, -1))
-    assert (bounds["tau_q"][:1] < 1e4 * EPS * sizes[:1]).all()
+            sizes = np.abs(np.asarray(truth, float)).max(axis=(-2, -1))
+            assert (errors <= 256 * EPS * sizes).all(), (backend, name, errors / sizes / EPS)
 
 
 @pytest.mark.slow

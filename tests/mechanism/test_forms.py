@@ -328,7 +328,6 @@ def test_accelerations_of_a_base_that_nothing_resists_are_nan(case, backend):
             with pytest.warns(hp.DynamicsWarning, match=f"no mass resists .*{where}; accelerations are NaN there"):
                 found = call(given, given, given)
             assert np.isnan(np.concatenate((found.qdd, found.a1, found.alpha1), axis=-1)).all()
-    assert np.isinf(robot.error_bounds(q, q, tau=q, outputs=("a1",))["a1"]).all()
 
 
 @pytest.mark.filterwarnings("ignore:.*no rigid body has")

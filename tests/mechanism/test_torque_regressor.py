@@ -69,8 +69,8 @@ def test_bounds_of_the_regressor_stand_beside_others():
     robot = hp.load_robot("ur5_robot")
     states_of_it = states(robot.dof)
     alone = robot.error_bounds(*states_of_it, outputs=("torque_regressor",))
-    every = robot.error_bounds(*states_of_it, outputs=("R", "torque_regressor", "tau_q"), frames="tool0")
-    assert [*every] == ["R", "torque_regressor", "tau_q"]
+    every = robot.error_bounds(*states_of_it, outputs=("R", "torque_regressor", "tau"), frames="tool0")
+    assert [*every] == ["R", "torque_regressor", "tau"]
     np.testing.assert_array_equal(every["torque_regressor"], alone["torque_regressor"])
 
 

@@ -246,12 +246,8 @@ def test_what_is_exact_has_no_bound(kind):
 
 
 @pytest.mark.parametrize("kind", [BoundedDouble, BoundedSingle])
-def test_nothing_is_known_of_what_rounding_may_decide(kind):
-    """Which of two numbers is taken, and what is divided by a number that may be 0."""
+def test_nothing_is_known_of_what_is_divided_by_a_number_that_may_be_0(kind):
     x = kind(np.array([3.0, -3.0, 1.0, np.nan]), np.array([1.0, 1.0, 1.0, 0.0]))
-    chosen = x.where_above_0(0.0, 7.0)
-    assert chosen.value[:2].tolist() == [0.0, 7.0]
-    assert chosen.error.tolist() == [0.0, 0.0, np.inf, np.inf]
     with np.errstate(all="ignore"):
         assert np.isinf((1.0 / x).error).tolist() == [False, False, True, True]
 

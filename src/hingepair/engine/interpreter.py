@@ -1,4 +1,4 @@
-"""Traces that are run without a compiler: one operation after the other, on numbers or arrays of any kind."""
+"""Traces that are run without a compiler: one operation after the other, on numbers or arrays of NumPy."""
 
 from __future__ import annotations
 
@@ -8,21 +8,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from hingepair.engine.trace import Operand, TracedValue, needed_values, square_root
-from hingepair.numeric.blocks import cosine, sine, versines
+from hingepair.engine.trace import Operand, TracedValue, needed_values
+from hingepair.numeric.blocks import versines
 
-Functions = Mapping[str, Callable[..., Any]]
-
-_ARITHMETIC: Final[Functions] = {
+_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
     "/": operator.truediv,
     "negative": operator.neg,
     "<": operator.lt,
-}
-NUMPY: Final[Functions] = {
-    **_ARITHMETIC,
     "sin": np.sin,
     "cos": np.cos,
     "versine": versines,
@@ -31,15 +26,10 @@ NUMPY: Final[Functions] = {
     "hypot": np.hypot,
     "where": np.where,
 }
-"""Operations on numbers and arrays of NumPy."""
-BOUNDED: Final[Functions] = {**_ARITHMETIC, "sin": sine, "cos": cosine, "sqrt": square_root}
-"""Operations on numbers that carry a bound, for traces without choices."""
 
 
-def interpreter(
-    inputs: Sequence[TracedValue], results: Sequence[Operand], functions: Functions
-) -> Callable[..., list[Any]]:
-    """Return a function of the inputs that computes the results by these functions.
+def interpreter(inputs: Sequence[TracedValue], results: Sequence[Operand]) -> Callable[..., list[Any]]:
+    """Return a function of the inputs, numbers or arrays of NumPy, that computes the results.
 
     A register holds each value until its last use, and then another one: a block's arrays stay in the cache.
     """
@@ -68,7 +58,7 @@ def interpreter(
             registers.append(None)
             free.append(len(registers) - 1)
         places[id(value)] = free.pop()
-        program.append((functions[value.operation], places[id(value)], read))
+        program.append((_FUNCTIONS[value.operation], places[id(value)], read))
     ends, rest = [*map(place_of, results)], registers[len(inputs) :]
 
     def run(*given: Any) -> list[Any]:

@@ -29,7 +29,7 @@ from hingepair.engine.binding import (
     bind,
     component_views,
 )
-from hingepair.engine.interpreter import BOUNDED, NUMPY, Functions, interpreter
+from hingepair.engine.interpreter import interpreter
 from hingepair.engine.llvm import object_cache
 from hingepair.engine.llvm.ir import kernel_ir
 from hingepair.engine.llvm.scan import scan_ir
@@ -368,18 +368,9 @@ class Program:
     @lock_free_cached_property
     def on_arrays(self) -> Callable[..., Sequence[Any]]:
         """Function of the constants and then the inputs, numbers or arrays of NumPy."""
-        return self.interpreted(NUMPY)
-
-    @lock_free_cached_property
-    def on_bounded(self) -> Callable[..., Sequence[Any]]:
-        """Function of the constants and then the inputs, numbers that carry a bound; the program has no choices."""
-        return self.interpreted(BOUNDED)
-
-    def interpreted(self, functions: Functions) -> Callable[..., Sequence[Any]]:
-        """Return the function of the constants and then the inputs that computes by these functions."""
         traced = self._traced
         inputs = [*traced.constants, *itertools.chain(*traced.arrays)]
-        return interpreter(inputs, traced.output_components(self.loop.outputs), functions)
+        return interpreter(inputs, traced.output_components(self.loop.outputs))
 
     # ---- operations
 

@@ -15,7 +15,6 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from hingepair.numeric.blocks import cosine, sine
-from hingepair.numeric.bounded import Bounded
 
 Operand: TypeAlias = "TracedValue | float"
 
@@ -253,6 +252,4 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
             return operand.trace.record("where", operand.trace.record("<", a, b), then, otherwise)
         if isinstance(operand, Sampled):
             return Sampled(where_less(*map(sampled_value, (a, b, then, otherwise))))
-    if isinstance(a, Bounded) or isinstance(b, Bounded):
-        return (b - a).where_above_0(then, otherwise)
     return np.where(a < b, then, otherwise)

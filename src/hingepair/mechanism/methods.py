@@ -17,7 +17,7 @@ from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism import conventions
-from hingepair.mechanism.accuracy import error_bounds, slope_bounds
+from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.computations import (
     ALL_COORDINATES,
     ALL_OUTPUTS,
@@ -73,7 +73,6 @@ class StrutState(NamedTuple):
 
 _JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # tasks by the argument `axes`
 _SOLVED: Final = TASKS["forward_dynamics"].outputs  # NaN where nothing resists
-_TORQUE_SLOPES: Final = ("tau_q", "tau_qd")  # derivatives whose rounding errors are bounded
 
 
 class MechanismMethods(Frozen, Shown):
@@ -368,27 +367,21 @@ class MechanismMethods(Frozen, Shown):
         outputs: Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
         gravity: ArrayLike = DEFAULT_GRAVITY,
-        tau: Coordinates | None = None,
-        force1: ArrayLike = 0,
-        torque1: ArrayLike = 0,
     ) -> dict[str, Float64Array]:
         """Compute rigorous bounds on the rounding errors of results at every sample.
 
         The error is the difference from the exact result of the equations for the given arguments and the robot's
         numbers as they are stored; an attitude stands for the rotation next to it. The bounds hold for all backends
-        if sines are as accurate as the page on accuracy says. Those of qdd, a1 and alpha1 come from the results of
-        both backends. Arguments not listed: see `Mechanism` and `forward_dynamics`.
+        if sines are as accurate as the page on accuracy says. Arguments not listed: see `Mechanism`.
 
         Args:
-            outputs: names of results of the robot's methods, such as R, jacobian, tau, qdd, mass_matrix or kinetic;
-                of derivatives tau_q and tau_qd; of momentum angular_about_origin and angular_about_centre. By default
-                those of `forward_kinematics` for which the coordinates suffice.
+            outputs: names of results of the robot's methods but `forward_dynamics`, such as R, jacobian, tau,
+                mass_matrix or kinetic; of momentum angular_about_origin and angular_about_centre. By default those of
+                `forward_kinematics` for which the coordinates suffice.
 
         Returns:
             Bounds by output name on the largest error of a component, in its unit; shape (..., frames) for outputs of
-            `forward_kinematics`, else (...). Infinite where an argument is not finite, the computation overflows, or
-            rounding could make the mass matrix singular. They are NumPy arrays of float64, whatever the arguments
-            are.
+            `forward_kinematics`, else (...). Infinite where an argument is not finite or the computation overflows.
 
         Raises:
             ArgumentError: an output needs an argument that is not given.
@@ -399,30 +392,20 @@ class MechanismMethods(Frozen, Shown):
         True
         """
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
-        coordinates |= {} if tau is None else {"tau": tau}
-        labelled_loads = self._base_loads(force1, torque1)
-        accepted = tuple(name for name in self._available(ALL_OUTPUTS) if name not in TASKS["joint_wrenches"].outputs)
-        asked = requested_outputs(
-            outputs, None, (*accepted, *_TORQUE_SLOPES), TASKS[self._level(coordinates)].outputs
-        )
+        without = (*TASKS["joint_wrenches"].outputs, *_SOLVED)
+        accepted = tuple(name for name in self._available(ALL_OUTPUTS) if name not in without)
+        asked = requested_outputs(outputs, None, accepted, TASKS[self._level(coordinates)].outputs)
         bounds: dict[str, Float64Array] = {}
-        slopes_and_bodies = (*_TORQUE_SLOPES, *OF_BODIES)
-        for group in ({*asked} - {*slopes_and_bodies}, {*_TORQUE_SLOPES}, {*OF_BODIES}):
-            names, slopes = tuple(name for name in asked if name in group), group == {*_TORQUE_SLOPES}
+        for group in ({*asked} - {*OF_BODIES}, {*OF_BODIES}):
+            names = tuple(name for name in asked if name in group)
             if not names:
                 continue
-            wanted, chosen = (self._all_efforts("inverse_dynamics"), ()) if slopes else (names, self._frames(frames))
-            computation = self._computation(wanted, chosen)
-            self._check_needed_inputs(computation, coordinates, wanted)
+            computation = self._computation(names, self._frames(frames))
+            self._check_needed_inputs(computation, coordinates, names)
             if computation.needs_masses:
                 self._check_masses()
-            values = computation.read(coordinates, base_motion, labelled_loads)
-            vector = _checked_gravity(gravity)
-            if slopes:
-                computation.check_differentiable(Derivative("matrices", names, ()), tuple(coordinates))
-                bounds |= slope_bounds(computation, names, values, vector)
-            else:
-                bounds |= error_bounds(computation, values, vector)
+            values = computation.read(coordinates, base_motion, {})
+            bounds |= error_bounds(computation, values, _checked_gravity(gravity))
         return {name: bounds[name] for name in asked}
 
     # ---- dynamics

@@ -96,11 +96,6 @@ class Bounded:
         made: Self = self._as_bounded(other) / self
         return made
 
-    def where_above_0(self, then: float, otherwise: float) -> Self:
-        """Return `then` where this number is above 0, else `otherwise`; with an infinite bound where in doubt."""
-        unsure = ~(np.abs(self.value) > 2 * self.bound)
-        return type(self)(np.where(self.value > 0, then, otherwise), np.where(unsure, np.inf, 0.0))
-
     def sine(self) -> Self:
         """Return the sine of this angle, which adds 1.5 units in the last place; that of an exact 0 is exact."""
         s = np.sin(self.value)
