@@ -146,5 +146,34 @@ def test_small_changes_grow_as_those_of_a_simulated_motion(base):
         hp.simulate(pair, t, start, 0.3 + way * nudge, 0.0, hinge_torque=load, base=base, tol=1e-14).psid[-1]
         for way in (-1, 1)
     ]
-    grown = expm(h * small.A)[:, -2][-1]
+    grown = expm(h * small.A)[small.names.index("psid"), small.names.index("psi")]
     assert (psi[1] - psi[0]) / (2 * nudge) == pytest.approx(grown, rel=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("base", ["free", "pinned"])
+def test_forces_that_follow_the_motion_count_as_springs_do(base):
+    """Springs and dampers to the world as forces of the motion, against simulated motions."""
+    rng = generator(92)
+    bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), np.diag(rng.uniform(0.6, 1, 3))) for _ in range(2)]
+    pair = hp.HingePair(*rng.normal(size=(3, 3)), home=rotations(rng, 1)[0], body1=bodies[0], body2=bodies[1])
+    start = hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0])
+    loads = {
+        "force2": lambda _t, now: -30 * now.R1 - 2 * now.v1,
+        "torque1": lambda _t, now: np.cross(now.S1[:, :, 0], (5.0, 0, 0)) - 3 * now.omega1 * now.psid[:, None],
+        "base": base,
+    }
+    small = hp.linearize(pair, start, 0.3, 0.2, **loads)
+    h, nudge = 1e-3, 1e-4
+    row, turn = small.names.index("psid"), nudge * np.array((0.3, -1, 0.5))
+    psid = []
+    for way in (-1, 1):
+        moved = hp.BodyMotion(R=start.R, S=hp.rotation_exp(way * turn) @ start.S)
+        found = hp.simulate(pair, [0, h], moved, 0.3 + way * nudge, 0.2, tol=1e-14, **loads)
+        psid.append(found.psid[-1])
+    change = np.zeros(len(small.names))
+    for name, x in zip(("phi_x", "phi_y", "phi_z", "psi"), (*turn, nudge), strict=True):
+        change[small.names.index(name)] = x
+    # The response of psid' at the start and half of its own change, up to h^2.
+    expected = (expm(h * small.A) @ change)[row]
+    assert (psid[1] - psid[0]) / 2 == pytest.approx(expected, rel=2e-3)

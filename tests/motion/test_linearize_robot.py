@@ -90,3 +90,16 @@ def test_rates_of_a_free_robot_change_as_the_linearization_says():
     np.testing.assert_allclose(found.A @ x, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
     assert len(found.names) == len(found.rates) == 2 * (6 + n)
     np.testing.assert_array_equal(found.rates[:6], [*base.v, *base.omega])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moving", [False, True], ids=["at rest", "moving"])
+def test_default_torques_hold_the_joints_of_a_free_robot(moving):
+    """The base falls as it does with stiff joints."""
+    robot, rng = Robot(record_of(random_model(3, 4)), "free"), np.random.default_rng(6)
+    q, base = rng.uniform(-1, 1, robot.dof), base_motion(rng)
+    base = hp.BodyMotion(R=base.R, S=base.S, v=base.v, omega=base.omega) if moving else None
+    found = hp.linearize(robot, q, base_motion=base, force1=(1, 2, 3))
+    rates = dict(zip(found.names, found.rates, strict=True))
+    assert max(abs(rates[f"{name}_dot"]) for name in robot.names) < 1e-12 * np.abs(found.rates).max()
+    assert found.equilibrium is False

@@ -3,69 +3,107 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, cast
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.motion.events import JointEvents
-from hingepair.motion.linearize_robot import SmallMotion, linearize_robot
-from hingepair.motion.pair_loads import BaseArgument, LoadArgument, pair_loads
-from hingepair.motion.robot_motion import RobotMotion
-from hingepair.motion.simulate import initial_state, pair_motion, read_base, to_spatial_pair
+from hingepair.mechanism.methods import Wrenches
+from hingepair.motion.given_motions import GivenBase
+from hingepair.motion.loads import Loads, RobotMotionAtInstants, has_callable
+from hingepair.motion.pair_loads import BaseArgument, LoadArgument, hinge_load, pair_loads
+from hingepair.motion.robot_loads import loads_by_joint
+from hingepair.motion.robot_motion import REST
+from hingepair.motion.simulate import initial_state, read_base, robot_of_pair, to_spatial_pair
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import finite_number, read_only
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_load import HingeTorque, stop_range
+from hingepair.numeric.arrays import finite_number, read_only, vectors
+from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
+from hingepair.pair.hinge_load import HingeLoad, HingeTorque, stop_range
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.pair.requests import DEFAULT_GRAVITY
+from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import ruled_table
 
-_STEP: Final = 1e-5  # of differences of order 4, in sizes of the state's components
+_STEP: Final = 1e-4  # of differences of order 4 [rad, m, rad/s, m/s]
+_DRIFT: Final = 1e-6  # of the largest pole: double poles at 0 come out as the root of rounding errors
 _MAX_CHANGE = 0.3  # rad: of an angle in one iteration towards an equilibrium
-
-_OUT_OF_PLANE: Final = (2, 5, 6, 7, 9, 10)  # places in the state of z of R and P, x and y of L and phi
-# Components of the state of a free or pinned pair; a carried pair has the last two.
-_NAMES: Final = (
-    *(f"{vector}_{axis}" for vector in ("R", "P", "L", "phi") for axis in "xyz"),
-    "psi",
-    "psid",
-)
+_OUT_OF_PLANE: Final = ("R1_z", "phi_x", "phi_y", "v1_z", "omega1_x", "omega1_y")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Linearization(SmallMotion):
-    """Linearized motion of a pair, x' = rates + A x + B hinge_torque for small changes x of the state. `print` shows
-    the poles.
+class Linearization:
+    """Linearized motion of a pair or a robot, x' = rates + A x + B u for small changes x of the state and u of the
+    loads. `print` shows the poles.
     """
 
-    #: derivatives of the state's rates with respect to a torque at the hinge; shape (k,)
+    #: derivatives of the state's rates by the state; shape (..., k, k)
+    A: Array
+    #: derivatives of the state's rates by tau, with a free base by force1, torque1 and tau, (..., k, k/2); of a pair
+    #: by the torque at the hinge, (k,)
     B: Array
-    #: names of the components of the state: psi and psid; for a free or pinned base, before them the common centre of
-    #: mass R (for a pinned base R1), momentum P, angular momentum L about that point, and small rotations phi of body
-    #: 1, all along world axes
-    names: tuple[str, ...]
-    #: hinge angle [rad]
-    psi: float
-    #: motion of body 1 at this state; None for a base that moves as given
-    body1: BodyMotion | None
-    #: derivatives of the state; 0 at an equilibrium; shape (k,)
+    #: rates of the state; 0 at an equilibrium; shape (..., k)
     rates: Array
-    #: whether the state is an equilibrium; if not, the poles are those of this instant alone
-    equilibrium: bool
+    #: names of the components of the state: coordinates, psi of a pair, and their rates; with a free base its
+    #: displacement R1 and small rotations phi before the coordinates, v1 and omega1 before their rates, all along
+    #: world axes, with a pinned base phi and omega1; of a planar pair only those in the plane
+    names: tuple[str, ...]
+    #: coordinates [rad, m]; shape (..., dof)
+    q: Array
+    #: motion of body 1, or of the base; None for a base at rest at the origin and for one that moves as given
+    body1: BodyMotion | None
 
-    _drift: ClassVar[float] = 1e-5  # A holds errors of differences
+    @property
+    def psi(self) -> float:
+        """Hinge angle of a pair [rad]."""
+        return float(self.q[..., 0])
+
+    @property
+    def equilibrium(self) -> bool:
+        """Whether all states are equilibria; if not, the poles are those of this instant alone."""
+        return bool(np.abs(self.rates).max(initial=0.0) <= 1e-9 * max(1.0, np.abs(self.A).max(initial=0.0)))
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """Eigenvalues of A that are not 0 [1/s], sorted by magnitude, of each conjugate pair the one with a positive
+        imaginary part; of one state.
+
+        Raises:
+            ArgumentError: there are several states.
+        """
+        if self.A.ndim > 2:
+            raise ArgumentError("poles", "the linearization about one state", f"{self.A.shape[:-2]} of them")
+        found = np.linalg.eigvals(self.A).astype(np.complex128)
+        found = found[(np.abs(found) > _DRIFT * np.abs(found).max(initial=0.0)) & (found.imag >= 0)]
+        # Poles of equal magnitude are sorted by their real parts, whatever rounding says.
+        sizes = [float(f"{abs(pole):.9g}") for pole in found]
+        return np.asarray(found[np.lexsort((found.real, sizes))])
+
+    @property
+    def natural_frequencies(self) -> Array:
+        """Absolute values of the poles [rad/s]."""
+        return np.abs(self.poles)
+
+    @property
+    def damping_ratios(self) -> Array:
+        """Damping ratio of each pole; 0 without damping, 1 for real poles, below 0 if the motion grows."""
+        poles = self.poles
+        return np.asarray(-poles.real / np.abs(poles), np.float64)
 
     def __str__(self) -> str:
+        if self.A.ndim > 2:
+            return f"small motions about states of shape {self.A.shape[:-2]}: {', '.join(self.names)}"
         rows = [
             (f"{pole:.6g}", f"{size:.6g}", f"{size / (2 * np.pi):.6g}", f"{ratio:.4g}")
             for pole, size, ratio in zip(self.poles, self.natural_frequencies, self.damping_ratios, strict=True)
         ]
-        head = f"small motions about psi = {self.psi:.6g} rad"
+        coordinates = self.names[len(self.names) // 2 - len(self.q) :]
+        where = ", ".join(f"{name} = {x:.6g}" for name, x in zip(coordinates, self.q, strict=False))
+        head = f"small motions about {where} rad" if "psi" in self.names else f"small motions about {where}"
         if not self.equilibrium:
             fastest = int(np.argmax(np.abs(self.rates)))
             head += f", which is no equilibrium: {self.names[fastest]}' = {self.rates[fastest]:.3g}"
@@ -97,14 +135,15 @@ def linearize(
     `equilibrium` about the stable equilibrium near this state; or the motion of a robot about one state or many (T11)
     by `hp.linearize(robot, q, qd, tau)`, whose arguments are below.
 
-    Arguments that `simulate` has too mean the same here, at one instant. Derivatives are finite differences of order
-    4, those of robots exact up to rounding.
+    Arguments that `simulate` has too mean the same here, at one instant. A pair is a robot of one joint. Derivatives
+    are exact up to rounding; those of callable loads are finite differences of order 4.
 
     Of a robot, `t`, `gravity` and `backend` are as for pairs. The others are
 
     - `q`: coordinates, shape (..., dof) [rad for hinges, m for sliders].
     - `qd`: first time derivatives of q; 0 by default.
-    - `tau`: torques of hinges [N m] and forces of sliders [N]; by default those that make qdd = 0.
+    - `tau`: torques of hinges [N m] and forces of sliders [N]; by default those that make qdd = 0, of a free base
+      while it falls as force1 and torque1 let it.
     - `loads`: `HingeLoad`s by joint, which add to tau, as for `simulate`; `joint_loads` must then be None. Dry
       friction without `friction_rate` is no load of a joint at rest here, which it holds.
     - `joint_loads`: whether springs, dampers and dry friction of the joints act, as for `inverse_dynamics`.
@@ -136,10 +175,9 @@ def linearize(
 
     Returns:
         The Linearization x' = rates + A x + B u, where x is the deviation of the state and u that of the torque at
-        the hinge [N m]. `.poles` [1/s], `.natural_frequencies` [rad/s] and `.damping_ratios` describe the motion near
-        an equilibrium; `.equilibrium` says whether the state is one. The state has 2 components if the base is
-        "fixed" or a callable, and 14 if it is free or pinned; `.names` names them. Of a robot, a RobotLinearization,
-        whose u are changes of tau.
+        the hinge [N m], of a robot that of tau. `.poles` [1/s], `.natural_frequencies` [rad/s] and `.damping_ratios`
+        describe the motion near an equilibrium; `.equilibrium` says whether the state is one. `.names` names the
+        components of the state.
 
     Raises:
         ArgumentError: an argument cannot be used, a stop or friction holds the hinge, or no equilibrium is found; the
@@ -160,114 +198,328 @@ def linearize(
     is_planar = space is not pair
     if gravity is None:
         gravity = PLANAR_GRAVITY if is_planar else DEFAULT_GRAVITY
-    forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-    held = read_base(base)
+    held, instant = read_base(base), finite_number("t", t)
     start = initial_state(held, body1, is_planar, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
     if equilibrium and (start.v.any() or start.omega.any() or start.psid):
         raise ArgumentError("psid_0, body1", "a state at rest, from which an equilibrium is sought", quoted(body1))
-    loads = pair_loads(forces, hinge_torque, gravity, is_planar=is_planar)
-    motion = pair_motion(space, held, start, loads, backend)()
-    JointEvents(motion, 0.0, 0.0, None)  # sets the side of each kink
-    if motion.held.any() or (equilibrium and loads.joint_loads[0].sticking_friction):
-        expected = (
-            "a torque with a linearization: friction that sticks (without friction_rate) or a stop holds the hinge"
-        )
-        raise ArgumentError("hinge_torque", expected, quoted(hinge_torque))
-    instant, state = finite_number("t", t), motion.state
+    forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
+    loads = pair_loads(forces, HingeLoad(), gravity, is_planar=is_planar)
+    load = hinge_load(hinge_torque)
+    robot = robot_of_pair(space, held)
+    rest = {} if robot.base == "free" else {"a": np.zeros(3), "alpha": np.zeros(3)}
+    motion = motion_of_rotations(R=start.R, S=start.S, v=start.v, omega=start.omega, **rest)
+    if isinstance(held, GivenBase):
+        given = {name[:-1]: part[0] for name, part in held.at(np.array([instant])).items()}
+        motion = BodyMotion(**given)
+    q, qd, label = np.array([start.psi]), np.array([start.psid]), "hinge_torque"
+
+    def at(q: Array, motion: BodyMotion, *, search: bool = False) -> _SmallMotion:
+        efforts = _efforts(label, load, instant, q, qd, allow_stops=search)
+        return _pair_motion(robot, held, q, qd, motion, efforts, loads, instant, backend)
+
     if equilibrium:
-        state = _find_equilibrium(motion, instant, state, is_planar=is_planar)
-    A, rates = _state_derivatives(motion, instant, state, np.arange(len(state)), is_planar=is_planar)
-    B = np.zeros(len(state))
-    B[-1] = motion.joint_mobility(instant, state)[0, 0]
-    motion_now = motion.motion_at(np.full(1, instant), state[None])
-    body1_motion = (
-        None
-        if callable(base)
-        else BodyMotion(R=motion_now.R1[0], S=motion_now.S1[0], v=motion_now.v1[0], omega=motion_now.omega1[0])
-    )
-    return Linearization(
-        read_only(A),
-        read_only(B),
-        _NAMES[-len(state) :],
-        float(state[motion.q.start]),
-        body1_motion,
-        read_only(rates),
-        bool(np.abs(rates / motion.sizes).max() <= 1e-9 * max(1.0, np.abs(A).max())),
-    )
+        if load.sticking_friction:
+            raise ArgumentError(label, _NOT_SMOOTH, quoted(hinge_torque))
+        q, motion = _find_equilibrium(at, q, motion, load, is_planar=is_planar)
+    small = at(q, motion)
+    if is_planar:
+        small = small.select([name not in _OUT_OF_PLANE for name in small.names])
+    body1 = None if isinstance(held, GivenBase) else motion
+    return small.result(q, body1, B=small.B[:, -1])
 
 
-linearize.register(Mechanism, cast(Any, linearize_robot))
+def _linearize_robot(
+    robot: Mechanism,
+    q: ArrayLike,
+    qd: ArrayLike | None = None,
+    tau: ArrayLike | None = None,
+    *,
+    loads: Mapping[str, HingeTorque] | None = None,
+    t: float = 0.0,
+    gravity: ArrayLike = DEFAULT_GRAVITY,
+    wrenches: Wrenches = None,
+    joint_loads: bool | None = None,
+    force1: ArrayLike = 0,
+    torque1: ArrayLike = 0,
+    base_motion: BodyMotion | None = None,
+    workers: int = 1,
+    backend: str = "auto",
+) -> Linearization:
+    """Linearize the motion of a robot; `linearize` says what the arguments are."""
+    zeros = np.zeros(robot.dof)
+    q, qd = vectors("q", q, robot.dof), zeros if qd is None else vectors("qd", qd, robot.dof)
+    if loads is not None and joint_loads is not None:
+        raise ArgumentError("joint_loads", "None beside loads", quoted(joint_loads))
+    options: dict[str, Any] = {"gravity": gravity, "wrenches": wrenches, "workers": workers, "backend": backend}
+    options["joint_loads"] = joint_loads if loads is None else False
+    on_base: dict[str, Any] = {"force1": force1, "torque1": torque1}
+    q, qd = np.broadcast_arrays(np.asarray(q, np.float64), np.asarray(qd, np.float64))
+    efforts = _no_efforts(q)
+    instant = finite_number("t", t)
+    for k, (name, load) in enumerate(zip(robot.names, loads_by_joint(robot, loads), strict=True)):
+        if load != HingeLoad():
+            own = _efforts(f"loads[{name!r}]", load, instant, q[..., k], qd[..., k])
+            for whole, part in zip(efforts, own, strict=True):
+                whole[..., k] = part
+    if tau is None:
+        motion = _falling(robot, q, qd, base_motion, on_base, options) if robot.base == "free" else base_motion
+        total = robot.inverse_dynamics(q, qd, zeros, outputs=("tau",), base_motion=motion, **options).tau
+    else:
+        total = vectors("tau", tau, robot.dof) + efforts.values
+    options["base_motion"] = base_motion
+    small = _small_motion(robot, q, qd, total, on_base, options)
+    return small.add_efforts(efforts).result(q, base_motion)
 
 
-def _state_derivatives(
-    motion: RobotMotion, t: float, state: Array, components: NDArray[np.intp], *, is_planar: bool
-) -> tuple[Array, Array]:
-    """Return the derivatives of the state's rates by these components of the state, (k, m), and the rates, (k,).
-    Those out of the plane of a planar pair are 0.
-    """
-    steps = (_STEP * motion.sizes)[components]
-    increments = np.zeros((len(components), len(state)))
-    increments[np.arange(len(components)), components] = steps
-    states = np.concatenate([state + share * increments for share in (-2, -1, 1, 2)] + [state[None]])
-    rates = motion.rates(np.full(len(states), t), states)
-    before2, before, after, after2 = rates[:-1].reshape(4, len(components), -1)
-    derivatives = (8 * (after - before) - (after2 - before2)) / (12 * steps)[:, None]
-    if is_planar and motion.has_momenta:
-        derivatives[:, _OUT_OF_PLANE] = 0.0
-        derivatives[np.isin(components, _OUT_OF_PLANE)] = 0.0
-    return derivatives.T, rates[-1]
+linearize.register(Mechanism, cast(Any, _linearize_robot))
 
 
-def _find_equilibrium(motion: RobotMotion, t: float, state: Array, *, is_planar: bool) -> Array:
-    """Return the state of the stable equilibrium near a state at rest, by Newton's method. The motion is left on the
-    branch of the hinge torque there.
-    """
-    rotations = {1: [], 13: [11] if is_planar else [9, 10, 11]}[len(state) - 1]
-    coordinates = np.array([*rotations, motion.q.start])
-    rate_indices = np.flatnonzero(motion.rate_mask)
-    scales = motion.sizes[rate_indices]
-    start = float(state[motion.q.start])
+class _Efforts(NamedTuple):
+    """Efforts of HingeLoads, and their derivatives by the coordinate and by the rate of each joint; (..., dof)."""
+
+    values: Array
+    by_q: Array
+    by_qd: Array
+
+
+class _SmallMotion(NamedTuple):
+    """Linearized motion: names and rates of the state, and their derivatives, as in `Linearization`."""
+
+    A: Array
+    B: Array
+    rates: Array
+    names: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of velocities."""
+        return len(self.names) // 2
+
+    def select(self, kept: list[bool]) -> _SmallMotion:
+        """Return the motion of some components of the state; the others do not move."""
+        index = np.flatnonzero(kept)
+        names = tuple(self.names[k] for k in index)
+        return _SmallMotion(self.A[..., index[:, None], index], self.B[..., index, :], self.rates[..., index], names)
+
+    def add_efforts(self, efforts: _Efforts) -> _SmallMotion:
+        """Return the motion where efforts at the joints change with the state."""
+        n, dof, A = self.size, efforts.values.shape[-1], self.A.copy()
+        by_tau = self.B[..., self.B.shape[-1] - dof :]
+        A[..., n - dof : n] += by_tau * efforts.by_q[..., None, :]
+        A[..., 2 * n - dof :] += by_tau * efforts.by_qd[..., None, :]
+        return self._replace(A=A)
+
+    def result(self, q: Array, body1: BodyMotion | None, B: Array | None = None) -> Linearization:
+        """Return what users see."""
+        by_loads = self.B if B is None else B
+        return Linearization(read_only(self.A), read_only(by_loads), read_only(self.rates), self.names, q, body1)
+
+
+def _small_motion(
+    robot: Mechanism, q: Array, qd: Array, tau: Array, on_base: Mapping[str, Any], options: Mapping[str, Any]
+) -> _SmallMotion:
+    """Return the linearized motion of a robot under constant loads, by its exact derivatives (T11)."""
+    free, base_motion = robot.base == "free", options["base_motion"]
+    a = robot.forward_dynamics(q, qd, tau, **on_base, **options)
+    d = robot.forward_dynamics_derivatives(q, qd, tau, **on_base, **options)
+    n, lead = d.qdd_q.shape[-1], a.qdd.shape[:-1]
+    A = np.zeros((*lead, 2 * n, 2 * n))
+    A[..., :n, n:], A[..., n:, :n], A[..., n:, n:] = np.eye(n), d.qdd_q, d.qdd_qd
+    B = np.concatenate((np.zeros_like(d.qdd_tau), d.qdd_tau), axis=-2)
+    parts: list[Any] = [qd, a.qdd]
+    if free:
+        given = (None, None) if base_motion is None else (base_motion.v, base_motion.omega)
+        v1, omega1 = (np.zeros(3) if one is None else np.asarray(one) for one in given)
+        x, y, z = np.moveaxis(omega1, -1, 0)
+        for (i, j), part in {(0, 1): -z, (0, 2): y, (1, 0): z, (1, 2): -x, (2, 0): -y, (2, 1): x}.items():
+            A[..., 3 + i, 3 + j] = part  # phi' = omega1 x phi + change of omega1
+        parts = [v1, omega1, qd, a.a1, a.alpha1, a.qdd]
+    rates = np.concatenate([np.broadcast_to(part, (*lead, np.shape(part)[-1])) for part in parts], axis=-1)
+    base = [f"{letter}_{axis}" for letter in ("R1", "phi") for axis in "xyz"] if free else []
+    base_rates = [f"{letter}_{axis}" for letter in ("v1", "omega1") for axis in "xyz"] if free else []
+    return _SmallMotion(A, B, rates, (*base, *robot.names, *base_rates, *(f"{name}_dot" for name in robot.names)))
+
+
+def _falling(
+    robot: Mechanism, q: Array, qd: Array, base_motion: BodyMotion | None, on_base: Mapping[str, Any], options: Any
+) -> BodyMotion:
+    """Return the motion of a free base whose robot is held stiff: M a = f - h, of the rows of the base (T4)."""
+    motion = REST if base_motion is None else base_motion
+    zero = np.zeros(3)
+    known = {
+        letter: zero if getattr(motion, letter) is None else getattr(motion, letter) for letter in ("v", "omega")
+    }
+    still = _with_rates(motion, **known, a=zero, alpha=zero)
+    h = robot.inverse_dynamics(q, qd, np.zeros(robot.dof), base_motion=still, **options)
+    run = {name: options[name] for name in ("workers", "backend")}
+    M = robot.mass_matrix(q, base_motion=still, **run)[..., :6, :6]
+    force, torque = (np.asarray(on_base[name], np.float64) + zero for name in ("force1", "torque1"))
+    rest = np.concatenate(np.broadcast_arrays(force - h.force1, torque - h.torque1), axis=-1)
+    a = np.linalg.solve(M, rest[..., None])[..., 0]
+    return _with_rates(motion, **known, a=a[..., :3], alpha=a[..., 3:])
+
+
+def _with_rates(motion: BodyMotion, **rates: Any) -> BodyMotion:
+    """Return the pose of a motion with other rates."""
+    return motion_of_rotations(R=motion.R, S=motion.S, **rates)
+
+
+def _no_efforts(q: Array) -> _Efforts:
+    return _Efforts(*(np.zeros(q.shape) for _ in range(3)))
+
+
+_NOT_SMOOTH: Final = "a load with a linearization: friction that sticks (without friction_rate) or a stop holds it"
+
+
+def _efforts(label: str, load: HingeLoad, t: float, q: Array, qd: Array, *, allow_stops: bool = False) -> _Efforts:
+    """Return the effort of a HingeLoad at one joint in any number of states, and its derivatives."""
+    x, rate = q.ravel(), qd.ravel()
+    lower, upper = stop_range(load, rigid=True)
+    at_stop = not allow_stops and bool(((x <= lower) | (x >= upper)).any())
+    if at_stop or (load.sticking_friction and not rate.all()):
+        raise ArgumentError(label, _NOT_SMOOTH, quoted(load))
+    times = np.full(x.shape, t)
+
+    def at(change: Any, change_of_rate: Any) -> Any:
+        """Return the load beside the states, on the branch of these."""
+        return load.smooth((x, rate), times, x + change, rate + change_of_rate) + 0 * x
+
+    def slope(by_q: int, by_qd: int) -> Any:
+        if not has_callable(load):
+            return np.imag(at(1e-30j * by_q, 1e-30j * by_qd)) / 1e-30
+        near = {k: at(k * _STEP * by_q, k * _STEP * by_qd) for k in (-2, -1, 1, 2)}  # it may take no complex numbers
+        return (8 * (near[1] - near[-1]) - (near[2] - near[-2])) / (12 * _STEP)
+
+    return _Efforts(*(np.asarray(part, np.float64).reshape(q.shape) for part in (at(0, 0), slope(1, 0), slope(0, 1))))
+
+
+def _pair_motion(
+    robot: Mechanism,
+    held: str | GivenBase,
+    q: Array,
+    qd: Array,
+    motion: BodyMotion,
+    efforts: _Efforts,
+    loads: Loads,
+    t: float,
+    backend: str,
+) -> _SmallMotion:
+    """Return the linearized motion of a pair as a robot of one joint, by its names for pairs."""
+    moves = held in ("free", "pinned")
+    base, links = loads.on_bodies(np.array([t]), _now(q, qd, motion, np.zeros((1, 14))))
+    wrenches = {link: (one[:3], one[3:]) for link, one in zip(loads.wrenches, links[0], strict=True)}
+    options: dict[str, Any] = {"gravity": loads.gravity, "wrenches": wrenches, "base_motion": motion}
+    options |= {"joint_loads": False, "backend": backend}
+    on_base: dict[str, Any] = {"force1": base[0, :3], "torque1": base[0, 3:]} if moves else {}
+    small = _small_motion(robot, q, qd, efforts.values, on_base, options)
+    pinned = held == "pinned"
+    if pinned:  # the force that keeps R1 where it is
+        n = small.size
+        reaction = -np.linalg.solve(small.B[n : n + 3, :3], small.rates[n : n + 3])
+        on_base["force1"] = on_base["force1"] + reaction
+        small = _small_motion(robot, q, qd, efforts.values, on_base, options)
+    if loads.callable_names:
+        small = _with_callables(small, robot, q, qd, motion, loads, t)
+    small = small.add_efforts(efforts)
+    names = dict.fromkeys(small.names)
+    names |= {robot.names[0]: "psi", f"{robot.names[0]}_dot": "psid"}
+    small = small._replace(names=tuple(new or name for name, new in names.items()))
+    return _pinned(small) if pinned else small
+
+
+def _pinned(small: _SmallMotion) -> _SmallMotion:
+    """Return the motion of a robot whose R1 is kept in place by a force that changes with the state."""
+    n = small.size
+    rows = slice(n, n + 3)  # of a1
+    # A change of the state changes a1, and the force changes it back.
+    share = small.B[:, :3] @ np.linalg.inv(small.B[rows, :3])
+    held = small._replace(A=small.A - share @ small.A[rows], B=small.B - share @ small.B[rows])
+    return held.select([not name.startswith(("R1_", "v1_")) for name in small.names])
+
+
+def _with_callables(
+    small: _SmallMotion, robot: Mechanism, q: Array, qd: Array, motion: BodyMotion, loads: Loads, t: float
+) -> _SmallMotion:
+    """Return the motion where forces on bodies are functions of the motion, by differences of these forces."""
+    free = robot.base == "free"
+    columns = np.arange(14) if free else np.array([6, 13])  # of R1, phi, psi, v1, omega1 and psid
+    changes = np.concatenate([k * _STEP * np.eye(14)[columns] for k in (-2, -1, 1, 2)])
+    now = _now(q, qd, motion, changes)
+    base, links = loads.on_bodies(np.full(len(changes), t), now)
+    forces = np.concatenate([base, links.reshape(len(changes), -1)], axis=1)
+    two_before, before, after, two_after = forces.reshape(4, len(columns), -1)
+    slopes = ((8 * (after - before) - (two_after - two_before)) / (12 * _STEP)).T
+    # What forces on bodies are at the joints and the base.
+    along = [np.eye(7)[:6] if free else np.zeros((6, 1))]
+    along += [robot.jacobian(q, link, base_motion=motion) for link in loads.wrenches]
+    return small._replace(A=small.A + small.B @ (np.concatenate(along).T @ slopes))
+
+
+def _now(q: Array, qd: Array, motion: BodyMotion, changes: Array) -> RobotMotionAtInstants:
+    """Return the motion of a pair beside a state; `changes` (n, 14) of R1, phi, psi, v1, omega1 and psid."""
+    R, turn, psi, v, omega, psid = np.split(changes, (3, 6, 7, 10, 13), axis=1)
+    S = rotation_exp(turn) @ np.asarray(motion.S)
+    return RobotMotionAtInstants(q + psi, qd + psid, motion.R + R, S, motion.v + v, motion.omega + omega)
+
+
+def _find_equilibrium(
+    at: Callable[..., _SmallMotion], q: Array, motion: BodyMotion, load: HingeLoad, *, is_planar: bool
+) -> tuple[Array, BodyMotion]:
+    """Return psi and the motion of body 1 at the stable equilibrium near a state at rest, by Newton's method."""
+    start, (lower, upper) = float(q[0]), stop_range(load, rigid=True)
     for _ in range(200):
-        # Between the rigid stops.
-        lower, upper = stop_range(motion.joint_loads[0], rigid=True)
-        psi = float(np.clip(state[motion.q.start], lower, upper))
-        at_rigid_stop = psi in (lower, upper)
-        state = state.copy()
-        state[motion.q.start] = psi
-        motion.side = (np.array([psi]), np.zeros(1))  # a stop acts if psi is beyond it, and only there
-        # Newton's step, by least squares where the whole pair may drift.
-        derivatives, rates = _state_derivatives(motion, t, state, coordinates, is_planar=is_planar)
-        residual = rates[rate_indices] / scales
-        torques = rates[[*(column - 3 for column in rotations), motion.q.start + 1]]  # about each coordinate
-        if at_rigid_stop and torques[-1] * (1 if psi == upper else -1) > 0:
+        q = np.clip(q, lower, upper)
+        small = at(q, motion, search=True)
+        if is_planar:
+            small = small.select([name not in _OUT_OF_PLANE for name in small.names])
+        n, coordinates = small.size, [k for k, name in enumerate(small.names) if name.startswith(("phi", "psi"))]
+        coordinates = [k for k in coordinates if k < n]
+        accelerations, matrix = small.rates[n:], small.A[n:, coordinates]
+        # Forces along the coordinates, of which those of a drift of the whole pair vanish.
+        kept = small.B[n:, small.B.shape[1] - 7 :] if small.B.shape[1] > 1 else small.B[n:]
+        forces = np.linalg.lstsq(kept, accelerations, rcond=1e-12)[0]
+        forces = forces[[_FORCE_COLUMNS[small.names[k]] for k in coordinates]]
+        if q[0] in (lower, upper) and forces[-1] * (1 if q[0] == upper else -1) > 0:
             raise ArgumentError("hinge_torque", "a torque with an equilibrium between the stops", "a stop that holds")
-        matrix = derivatives[rate_indices] / scales[:, None]
-        change = np.linalg.lstsq(matrix, -residual, rcond=1e-9)[0]
+        # Newton's step, by least squares where the whole pair may drift.
+        change = np.linalg.lstsq(matrix, -accelerations, rcond=1e-9)[0]
         size = float(np.abs(change).max())
         # At rest, and stable?
-        if size <= 1e-13 and np.abs(residual).max() <= 1e-9 * max(1.0, float(np.abs(matrix).max())):
-            growth = _growing_direction(motion, t, state, is_planar=is_planar)
+        if size <= 1e-12 and np.abs(accelerations).max() <= 1e-9 * max(1.0, float(np.abs(matrix).max())):
+            growth = _growing_direction(small.A)
             if growth is None:
-                return state
+                return q, motion
             change, size = growth[coordinates], 0.0  # off the unstable equilibrium
-        elif torques @ change <= 0:  # towards an unstable equilibrium, or nowhere
-            change = torques
+        elif forces @ change <= 0:  # towards an unstable equilibrium, or nowhere
+            change = forces
         else:
-            state[coordinates] += change * min(1.0, _MAX_CHANGE / size)
-            state = motion.restart_attitude(state)
+            q, motion = _moved(q, motion, small.names, coordinates, change * min(1.0, _MAX_CHANGE / size))
             continue
         # Away by twice the distance of the unstable equilibrium, and by a hundredth of a radian at least.
-        state[coordinates] += change * (min(max(2 * size, 0.01), _MAX_CHANGE) / np.abs(change).max())
-        state = motion.restart_attitude(state)
+        far = min(max(2 * size, 0.01), _MAX_CHANGE) / np.abs(change).max()
+        q, motion = _moved(q, motion, small.names, coordinates, change * far)
     raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near psi_0 = {start:g}")
 
 
-def _growing_direction(motion: RobotMotion, t: float, state: Array, *, is_planar: bool) -> Array | None:
+# Columns of the derivatives by (force1, torque1, hinge_torque), by the coordinate along which a load acts.
+_FORCE_COLUMNS: Final = {"phi_x": 3, "phi_y": 4, "phi_z": 5, "psi": -1}
+
+
+def _moved(
+    q: Array, motion: BodyMotion, names: tuple[str, ...], coordinates: list[int], change: Array
+) -> tuple[Array, BodyMotion]:
+    """Return psi and the motion of body 1 after changes of coordinates."""
+    by_name = {names[k]: float(x) for k, x in zip(coordinates, change, strict=True)}
+    turn = np.array([by_name.get(f"phi_{axis}", 0.0) for axis in "xyz"])
+    S = rotation_exp(turn) @ np.asarray(motion.S)
+    rates = {letter: getattr(motion, letter) for letter in ("v", "omega", "a", "alpha")}
+    return q + by_name["psi"], motion_of_rotations(R=motion.R, S=S, **rates)
+
+
+def _growing_direction(A: Array) -> Array | None:
     """Return the direction of the state in which small motions grow fastest, or None if none grow."""
-    A, _ = _state_derivatives(motion, t, state, np.arange(len(state)), is_planar=is_planar)
     poles, directions = np.linalg.eig(A)
     fastest = int(np.argmax(poles.real))
-    # Double zeros, drifts of the whole pair, come out as roots of the rounding error of the differences.
-    if poles[fastest].real <= 1e-4 * np.abs(poles).max(initial=0.0):
+    if poles[fastest].real <= 1e-4 * np.abs(poles).max(initial=0.0):  # double zeros are drifts of the whole pair
         return None
     return np.asarray(directions[:, fastest].real, np.float64)

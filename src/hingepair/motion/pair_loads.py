@@ -67,6 +67,21 @@ def pair_loads(
     )
 
 
+def hinge_load(torque: HingeTorque) -> HingeLoad:
+    """Return a torque at the hinge as a HingeLoad.
+
+    Raises:
+        ArgumentError: it is no number, no HingeLoad and no callable of (t, psi, psid).
+    """
+    if is_plain_hinge_load(torque):
+        check_rigid_stops("hinge_torque", torque, "hinge")
+        return torque
+    if callable(torque):
+        check_callable("hinge_torque", torque, "t", "psi", "psid")
+        return HingeLoad(motor=torque)
+    return HingeLoad(motor=finite_number("hinge_torque", torque))
+
+
 def loads_of_pair(loads: Mapping[str, Array]) -> dict[str, Array]:
     """Return acting loads of a robot of one joint by the names that they have for a pair: hinge_torque and its parts,
     such as motor_torque, (n,), and the forces and torques on both bodies.

@@ -377,14 +377,23 @@ def pair_motion(
     Raises:
         ArgumentError: a body that moves lacks mass properties, or nothing resists its motion.
     """
-    moves_body1 = base in ("free", "pinned")
-    _check_masses(pair, moves_body1=moves_body1)
-    robot = Mechanism([replace(pair, name=BODY2)], base="free" if moves_body1 else "fixed")
+    robot = robot_of_pair(pair, base)
     at_start = motion_of_rotations(R=start.R, S=start.S, v=start.v, omega=start.omega)
     kind, base_motion = ("moving", base) if isinstance(base, GivenBase) else (base, at_start)
     programs = RobotPrograms(robot, kind, tuple(loads.wrenches), loads.gravity, backend)
     q, qd = np.array([start.psi]), np.array([start.psid])
     return functools.partial(RobotMotion, robot, kind, base_motion, q, qd, loads, programs, driven)
+
+
+def robot_of_pair(pair: HingePair, base: str | GivenBase) -> Mechanism:
+    """Return a pair as a robot of one joint, whose base is free if `base` is "free" or "pinned".
+
+    Raises:
+        ArgumentError: a body that moves lacks mass properties, or nothing resists its motion.
+    """
+    moves_body1 = base in ("free", "pinned")
+    _check_masses(pair, moves_body1=moves_body1)
+    return Mechanism([replace(pair, name=BODY2)], base="free" if moves_body1 else "fixed")
 
 
 def to_spatial_pair(pair: object) -> HingePair:
