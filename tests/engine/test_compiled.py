@@ -155,6 +155,7 @@ def test_a_kernel_serves_all_pairs_of_the_same_build():
     rng = generator(72)
     motion = coordinates(rng, 30)
     one, other = pair_of(rng), pair_of(rng)
+    other = hp.HingePair(u1=other.u1, u2=other.u2, n=one.n, home=other.home)
     loop = pair_loop(PairRequest(SPACE.default_outputs(2), ("q", "qd", "qdd"), sequence="XYZ"))
     loop.program.cache_clear()
     both(one, *motion)
