@@ -263,7 +263,10 @@ class Call:
         if kernel is None:
             return None
         if out is None and alike and workers == 1 and math.prod(shape) < kernel.most:
-            return kernel.rows(*(np.array(one, dtype, order="C", copy=None) for one in arrays))
+            return kernel.rows(*[
+                one if one.dtype is dtype and one.flags.c_contiguous else np.array(one, dtype, order="C")
+                for one in arrays
+            ])  # fmt: skip
         outputs = self._output_arrays(shape, dtype, out, dict(zip(self.argument_shapes, arrays, strict=True)))
         self._run_kernel(kernel.ufunc, arrays, outputs, shape, workers)
         self._check_limits(outputs, arguments, out)

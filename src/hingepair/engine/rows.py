@@ -62,8 +62,9 @@ def rows_function(
     matrices = [k for k, tail in numbered if len(tail) > 1]
     takes_floats = dtype.char == "d" and any(tail == () for _, tail in numbered)
     limits = [(k, one.limit) for k, one in enumerate(outputs) if one.limit is not None]
-    split, finish, take = _splitter(layout), _finisher(outputs, result), _target_function(outputs, dtype)
+    split, finish = _splitter(layout), _finisher(outputs, result)
     lead_of = _lead_function([tail for _, tail in numbered], dtype, most)
+    write = _write_function(outputs, dtype, kernel, finish, refuse)
     compute, compute_packed = kernel.call, packed.call
     freezes = result is not None and bool(layout.packed.outputs[0].sample_shape)
     array, ndarray, freeze = np.array, np.ndarray, np.ndarray.setflags
@@ -87,29 +88,22 @@ def rows_function(
                     if parts[k] > limit:
                         refuse(given, False)
                 return finish(parts, ())
-        made = compute_rows(arrays, lead, out) if lead is not None and workers == 1 else None
+        made = None
+        if lead is not None and workers == 1:
+            made = compute_few(arrays, lead) if out is None else write(arrays, lead, out)
         return general(*given, out=out, workers=workers) if made is None else made
 
-    def compute_rows(arrays: Sequence[Any], lead: tuple[int, ...], out: Any) -> Any:
-        """Return the result for arrays that fit, in new arrays or those of `out`; None where these do not fit."""
-        if out is None:
-            found = compute(*arrays)
-        else:
-            written = take(out, lead, arrays)
-            try:
-                found = None if written is None else compute(*arrays, *written)
-            except (ValueError, TypeError):  # an array that cannot be written: the general function says which
-                found = None
-            if found is None:
-                return None
+    def compute_few(arrays: Sequence[Any], lead: tuple[int, ...]) -> Any:
+        """Return the result for arrays that fit, in new arrays."""
+        found = compute(*arrays)
         parts = found if type(found) is tuple else (found,)
         for k, limit in limits:
             if (parts[k] > limit).any():
-                refuse(arrays, out is not None)
-        if out is None and lead and result is not None:
+                refuse(arrays, False)
+        if lead and result is not None:
             for one in parts:
                 freeze(one, False)
-        return finish(parts, lead, out is None)
+        return finish(parts, lead)
 
     return rows
 
@@ -184,55 +178,65 @@ def _finisher(outputs: Sequence[Output], result: type[Results] | None) -> Callab
     return finish
 
 
-def _target_function(outputs: Sequence[Output], dtype: np.dtype[Any]) -> Callable[..., list[Any] | None]:
-    """Return a function of `out`, the leading shape and the arguments. It returns the arrays to write to in the order
-    of the outputs, None for what is only checked; None if one is missing, does not fit, or might share memory with
-    another or with an argument. The arrays of the last call need no second look, since their memory stays theirs.
+def _write_function(
+    outputs: Sequence[Output],
+    dtype: np.dtype[Any],
+    kernel: Ufunc,
+    finish: Callable[..., Any],
+    refuse: Callable[[Sequence[Any], bool], None],
+) -> Callable[[Sequence[NDArray[Any]], tuple[int, ...], Any], Any]:
+    """Return a function of arguments that fit, their leading shape and `out`, which computes into the arrays of `out`
+    and returns the result; None if an array is missing, does not fit, or might share memory with another or with an
+    argument. The arrays of the last call need no second look, since their memory stays theirs.
     """
     shown = [one for one in outputs if one.limit is None]
-    count = len(shown)
-    checked = [k for k, one in enumerate(outputs) if one.limit is not None]
-    ndarray = np.ndarray
+    limits = [(k, one.limit) for k, one in enumerate(outputs) if one.limit is not None]
+    count, compute, ndarray = len(shown), kernel.call, np.ndarray
     # Of the last call: leading shape, weak references by name, identities of those who own the memory.
     known: list[tuple[Any, list[tuple[str, Any]], set[int]]] = [(None, [], set())]
 
-    def look(out: dict[str, Any], lead: tuple[int, ...]) -> tuple[list[Any], set[int]] | None:
-        """Return arrays that fit, and the owners of their memory."""
-        arrays, owners = [], set()
+    def look(out: dict[str, Any], lead: tuple[int, ...]) -> bool:
+        """Return whether these arrays fit, and keep what is known of them."""
+        owners = set()
         for output in shown:
             one = out.get(output.name)
             if type(one) is not ndarray or one.dtype is not dtype or one.shape != lead + output.shape:
-                return None
+                return False
             owner = _owner(one)
             if owner is None or not (one.base is None or one.flags.c_contiguous):
-                return None
-            arrays.append(one)
+                return False
             owners.add(id(owner))
-        if len(owners) < len(shown):
-            return None
-        names = (one.name for one in shown)
-        known[0] = lead, [(name, weakref.ref(one)) for name, one in zip(names, arrays, strict=True)], owners
-        return arrays, owners
+        known[0] = lead, [(one.name, weakref.ref(out[one.name])) for one in shown], owners
+        return len(owners) == count
 
-    def take(out: Any, lead: tuple[int, ...], given: Sequence[NDArray[Any]]) -> list[Any] | None:
+    def write(arrays: Sequence[NDArray[Any]], lead: tuple[int, ...], out: Any) -> Any:
         if type(out) is not dict or len(out) != count:
             return None
         samples, references, owners = known[0]
-        arrays = [one for name, reference in references if (one := reference()) is not None and out.get(name) is one]
-        if samples != lead or len(arrays) != count:
-            found = look(out, lead)
-            if found is None:
+        written: list[Any] = [one for name, get in references if (one := get()) is not None and out.get(name) is one]
+        if samples != lead or len(written) != count:
+            if not look(out, lead):
+                known[0] = None, [], set()
                 return None
-            arrays, owners = found
-        for x in given:
+            _, _, owners = known[0]
+            written = [out[one.name] for one in shown]
+        for x in arrays:
             owner = x if x.base is None else _owner(x)
             if owner is None or id(owner) in owners:
                 return None
-        for k in checked:
-            arrays.insert(k, None)
-        return arrays
+        for k, _ in limits:
+            written.insert(k, None)  # a new array
+        try:
+            found = compute(*arrays, *written)
+        except (ValueError, TypeError):  # an array that cannot be written: the general function says which
+            return None
+        parts = found if type(found) is tuple else (found,)
+        for k, limit in limits:
+            if (parts[k] > limit).any():
+                refuse(arrays, True)
+        return finish(parts, lead, False)
 
-    return take
+    return write
 
 
 def _owner(array: NDArray[Any]) -> Any:

@@ -54,7 +54,7 @@ class Prepared:
         self._derivative = derivative  # that is computed in place of the outputs of the computation
         self._factory, self._watch = factory, watch  # how it is made anew; what looks at results
         self._call: Call = computation.call(given, execution.backend, gravity, prepared=True, derivative=derivative)
-        self.given, self.outputs = given, self._call.outputs
+        self.given, self.outputs, self._count = given, self._call.outputs, len(given)
         self._plain = execution.workers == 1 and watch is None
         self._derivatives: dict[Any, _Derived] = {}
         self._functions: dict[str, Callable[..., Any]] = {}  # of arrays of other libraries
@@ -154,8 +154,8 @@ class Prepared:
             out: arrays by output name, into which the results are written; where there is one output, also one
                 array. A call that is refused for an unusable argument does not change them.
         """
-        if len(given) != len(self.given):
-            raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
+        if len(given) != self._count:
+            raise ArgumentError("*given", f"{self._count} arguments: {', '.join(self.given)}", f"{len(given)}")
         if out is None and self._plain:
             result = self._call.rows(*given)
         elif self._plain and type(out) is dict:
