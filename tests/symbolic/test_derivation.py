@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import ast
+import ctypes
+import re
+import shutil
+import subprocess
 import warnings
 from pathlib import Path
 
@@ -13,6 +17,7 @@ import sympy
 import hingepair as hp
 from hingepair.symbolic.kinks import Where
 from hingepair.symbolic.printers import to_latex, to_numpy_source, to_sympy_source, to_text
+from hingepair.symbolic.written_forms import abbreviated
 from support.commands import run_command
 from support.sparse import sparse
 
@@ -119,6 +124,23 @@ def closed_names():
 
 
 PLANE = hp.PlanarPair(u1=(0.5, 0.25), u2=(-0.25, 0.1))
+
+
+@pytest.mark.parametrize("name", ["reference_2d", "truck_trailer"])
+def test_abbreviations_are_told_before_they_are_used_and_mean_the_same(name):
+    forms = hp.derive(hp.load_scene(MODELS / f"{name}.toml"))
+    rows, definitions, _ = abbreviated(forms._equations(["v2"], short=True))
+    meanings = {letter: meaning for definition in definitions for letter, meaning in definition.items()}
+    known = {t}
+    whole = {}
+    for letter, meaning in meanings.items():
+        assert meaning.free_symbols <= known
+        known.add(sympy.Symbol(letter, real=True))
+        whole[sympy.Symbol(letter, real=True)] = meaning.xreplace(whole)
+    assert len(meanings) > 3
+    for (_, expr), expected in zip(rows, forms.v2, strict=True):
+        assert len(str(expr)) < 0.7 * len(str(expected)) or expected == 0
+        assert abs((expr.xreplace(whole) - expected).subs(t, sympy.Rational(3, 10)).evalf(30)) < 1e-25
 
 
 def test_powers_of_what_has_kinks_are_written():
@@ -230,3 +252,33 @@ def test_a_pair_without_expressions_of_t_is_as_exact_as_it_is_written(motion, tm
     lines = derived(path, "--outputs", "d,S2").splitlines()
     assert "d_x = 1/2 √3 k_1 k_2" in lines
     assert {"k_1 = cos φ_z", "k_2 = cos φ_y"} <= {*lines}
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.parametrize("which", ["pair", "kinks", "robot"])
+def test_c_computes_what_python_computes(which, tmp_path):
+    """One state, compiled as C99 without a warning."""
+    if which == "robot":
+        forms, names, arguments = hp.derive(hp.load_scene(MODELS / "excavator.toml")), ("R", "v"), ()
+    else:
+        text = REFERENCE.read_text()
+        if which == "kinks":
+            kinks = "abs(t - 1) + max(sin(t), 0.5) - min(t, 0.2) + mod(t, 0.3) + where(t < 0.4, 1, t)"
+            text = re.sub(r"(?m)^psi = .*$", f'psi = "{kinks}"', text)
+        (tmp_path / "scene.toml").write_text(text)
+        forms, names, arguments = hp.derive(hp.load_scene(tmp_path / "scene.toml")), ("R2", "v2"), (0.7,)
+    (tmp_path / "forms.c").write_text(forms.to_c(names, "a */ title"))
+    library = tmp_path / "forms.so"
+    options = ("-std=c99", "-Wall", "-Werror", "-shared", "-fPIC")
+    subprocess.run(["cc", *options, "-o", library, tmp_path / "forms.c", "-lm"], check=True)
+    compiled, module = ctypes.CDLL(str(library)), run(forms.to_python(names))
+    for name in names:
+        out = (ctypes.c_double * 3)()
+        if which == "robot":
+            rows = [np.linspace(0.1, 0.9, len(forms.q)) + k for k in range(1 + (name == "v"))]
+            getattr(compiled, name)(*(row.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for row in rows), out)
+            expected = module[name](*rows)
+        else:
+            getattr(compiled, name)(*map(ctypes.c_double, arguments), out)
+            expected = module[name](*arguments)
+        np.testing.assert_allclose(out, expected, rtol=0, atol=64 * U * np.abs(expected).max())

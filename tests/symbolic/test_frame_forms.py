@@ -176,7 +176,7 @@ def test_points_stay_letters_where_asked():
         "p_y",
     ]
     assert "u_1z = 0.089159; u_2y = 0.13585; u_3y = -0.1197;" in forms.to_text(["R"])
-    assert "R_z = u_1z - s_2 u_3z - s_23 u_4z - c_234 u_6z - p_y s_234 s_5\n" in forms.to_text(["R"])
+    assert "R_z = u_1z - k_2 s_234 - s_2 u_3z - s_23 u_4z - c_234 u_6z\n" in forms.to_text(["R"])
     module = functions(forms)
     q, qd = states(robot)
     longer = robot.with_frame("longer", "tool0", R=(0, 0, 0.1))

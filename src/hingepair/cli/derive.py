@@ -54,6 +54,7 @@ def derive_command(
     ] = False,
     latex: Annotated[bool, typer.Option("--latex", help="Print LaTeX: an align* environment (amsmath).")] = False,
     python: Annotated[bool, typer.Option("--python", help="Print a Python module that needs only NumPy.")] = False,
+    c: Annotated[bool, typer.Option("--c", help="Print C functions (C99), one for each output.")] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print JSON: each component as text for sympy.sympify.")
     ] = False,
@@ -85,10 +86,10 @@ def derive_command(
     or with a simulated one, and a hinge of a robot, give the formulas of an arbitrary motion. A whole robot gives R,
     S, jacobian, v and omega of a frame, in terms of the joint coordinates q_1, q_2 and so on.
     """
-    if unicode + latex + python + as_json > 1:
-        raise HingePairError("--unicode, --latex, --python and --json exclude each other; give one of them")
+    if unicode + latex + python + c + as_json > 1:
+        raise HingePairError("--unicode, --latex, --python, --c and --json exclude each other; give one of them")
     check_output("--out", out, [source])
-    output_format = "latex" if latex else "python" if python else "json" if as_json else "text"
+    output_format = "latex" if latex else "python" if python else "c" if c else "json" if as_json else "text"
     symbols, output_names = split_names("--symbolic", symbolic) or (), split_names("--outputs", outputs)
     named = Source(source, joint, body1_frame, body2_frame)
     named.print_suspicions()
@@ -148,12 +149,14 @@ def _write_pair(derived: _PairForms, outputs: Sequence[str] | None, output_forma
 def _write(
     forms: WrittenForms, names: Sequence[str] | None, output_format: str, short: bool | None, title: str = ""
 ) -> str:
-    """Return formulas in a format: "text", "latex", "python" or "json"."""
+    """Return formulas in a format: "text", "latex", "python", "c" or "json"."""
     match output_format:
         case "latex":
             return forms.to_latex(names, short=short)
         case "python":
             return forms.to_python(names, title)
+        case "c":
+            return forms.to_c(names, title)
         case "json":
             return json.dumps(forms.to_sympy(names), indent=2) + "\n"
     return forms.to_text(names, short=short)

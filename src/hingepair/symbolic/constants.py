@@ -109,6 +109,10 @@ def check_power(base: Constant | None, exponent: Constant) -> None:
 
 def evaluate(function: str, parts: Sequence[Constant]) -> Constant:
     """Return the value of a function, such as sin; raise a ValueError where it is not real."""
+    if function == "mod" and not all(part.exact for part in parts):
+        periods = parts[0].value / parts[1].value
+        if abs(periods - round(periods)) <= _CANCELLED * (1 + abs(periods)):  # mod(3*pi, pi)
+            return Constant(Fraction())
     if function in _DIRECT:
         return _limited(_DIRECT[function](*(part.value for part in parts)), all(part.exact for part in parts))
     if function in ("sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh", "sqrt") and not parts[0].value:

@@ -8,6 +8,7 @@ product, since a product of products is more readable than a product of sums.
 from __future__ import annotations
 
 import itertools
+import keyword
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, Final, TypeAlias
 
@@ -32,7 +33,6 @@ from hingepair.symbolic.printers import (
     latex_name,
     sorted_terms,
     to_latex,
-    to_numpy_source,
     to_text,
     with_short_constants,
     with_symbols,
@@ -41,14 +41,20 @@ from hingepair.symbolic.trig_sums import trig_sum
 from hingepair.symbolic.written_forms import (
     Equation,
     Equations,
+    Function,
     WrittenForms,
-    abbreviated,
-    function_source,
+    common_parts,
     shape_text,
-    title_suffix,
 )
 
-_PYTHON_NAMES = ("t", "numpy", "float", "parts", "part", "shape", "__debug__")  # in use in generated functions
+# Names that are in use in generated functions, and words of Python and C.
+_TAKEN_NAMES: Final = (
+    *("t", "numpy", "float", "parts", "part", "shape", "__debug__", "out", "double", "const", "void", "NAN"),
+    *keyword.kwlist,
+    *("auto", "case", "char", "default", "do", "enum", "extern", "goto", "inline", "int", "long", "register"),
+    *("restrict", "short", "signed", "sizeof", "static", "struct", "switch", "typedef", "union", "unsigned"),
+    *("volatile", "main", "j0", "j1", "jn", "y0", "y1", "yn", "gamma"),
+)
 
 SumTerms: TypeAlias = tuple[Expr, ...]
 """Terms of a sum, or components of a constant."""
@@ -210,52 +216,30 @@ class Derivation(WrittenForms):
             for label, terms in zip(self.labels(name), self.terms(name), strict=True):
                 yield label, sympy.Add(*terms)
 
-    def _equations(self, names: Iterable[str] | None, short: bool) -> Equations:
-        """Return an equation for each component, with abbreviations if `short`."""
-        rows = [
-            Equation((label,), tuple(with_symbols(sorted_terms(with_short_constants(expr)), "'")))
-            for label, expr in self._components(names)
-        ]
-        return abbreviated(rows) if short else Equations(rows)
+    def _equations(self, names: Iterable[str] | None, short: bool) -> Equations:  # noqa: ARG002
+        """Return an equation for each component."""
+        labels, exprs = zip(*self._components(names), strict=True)
+        shown = with_symbols(map(with_short_constants, exprs), "'")
+        return Equations([Equation((label,), expr) for label, expr in zip(labels, shown, strict=True)])
 
-    def _module(self, names: Iterable[str] | None, title: str) -> list[str]:
-        head = f'"""Closed forms{title_suffix(title)}."""\n\nimport numpy\n'
-        chosen = self.names if names is None else names
-        return [head, *(self._function_source(name) for name in chosen)]
-
-    def _function_source(self, name: str) -> str:
-        unit = unit_among(self.names, name)
-        return _function_source(name, f" [{unit}]" if unit != "1" else "", [e for _, e in self._components((name,))])
+    def _functions(self, names: Iterable[str] | None) -> Iterator[Function]:
+        for name in self.names if names is None else names:
+            unit = unit_among(self.names, name)
+            yield _function(name, f" [{unit}]" if unit != "1" else "", [e for _, e in self._components((name,))])
 
 
-def _function_source(name: str, unit: str, component_exprs: list[Expr]) -> str:
-    """Return the source of a NumPy function that computes an output, with a unit, from t and the symbols of its
-    components.
-    """
+def _function(name: str, unit: str, component_exprs: list[Expr]) -> Function:
+    """Return the function that computes an output, with a unit, from t and the symbols of its components."""
     t = time_symbol()
     expressions = with_symbols([*map(with_short_constants, component_exprs), t], "d")[:-1]
     symbols = set().union(*(part.free_symbols for part in expressions)) - {t}
-    names = Names(_PYTHON_NAMES).take_all(sorted(symbol.name for symbol in symbols))
+    names = Names(_TAKEN_NAMES).take_all(sorted(symbol.name for symbol in symbols))
     expressions = [part.xreplace({s: real_symbol(names[s.name]) for s in symbols}) for part in expressions]
     symbol_names = sorted(names.values())
-    arguments = (
-        ["t", *symbol_names]
-        if any(t in part.free_symbols for part in expressions) or not symbol_names
-        else symbol_names
-    )
-    reserved = [sympy.Symbol(name_of_symbol, real=True) for name_of_symbol in symbol_names]
-    temporary = sympy.numbered_symbols("w", exclude=reserved, real=True)
-    steps, results = sympy.cse(expressions, symbols=temporary, order="none", list=True)
+    has_time = any(t in part.free_symbols for part in expressions) or not symbol_names
     tail = {1: (), 9: (3, 3)}.get(len(component_exprs), (len(component_exprs),))
-    return function_source(
-        name,
-        f"{unit}; the arguments broadcast, shape (...) gives {shape_text(tail)}.",
-        arguments=arguments,
-        steps=[f"{symbol} = {to_numpy_source(step)}" for symbol, step in steps],
-        results=[to_numpy_source(result) for result in results],
-        shape=f"numpy.broadcast({', '.join(arguments)}).shape",
-        tail=tail,
-    )
+    shapes = f"the arguments broadcast, shape (...) gives {shape_text(tail)}"
+    return Function(name, unit, shapes, ["t"] * has_time + symbol_names, *common_parts(expressions), tail)
 
 
 def _unknown_function(name: str) -> tuple[Expr, Expr, Expr]:

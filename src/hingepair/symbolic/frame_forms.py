@@ -1,11 +1,10 @@
-"""Output of the closed form of a robot's frame: text with named intermediate quantities, LaTeX, NumPy source."""
+"""Output of the closed form of a robot's frame as text, LaTeX, Python and C."""
 
 from __future__ import annotations
 
 import itertools
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import sympy
 
@@ -15,18 +14,17 @@ from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.frame_program import POINTS, FrameProgram
 from hingepair.symbolic.kinks import Expr, constant_value
 from hingepair.symbolic.printers import (
-    sorted_terms,
     to_decimal_latex,
     to_decimal_text,
-    to_numpy_source,
     with_short_constants,
 )
 from hingepair.symbolic.written_forms import (
     Equation,
     Equations,
+    Function,
     WrittenForms,
+    common_parts,
     docstring_text,
-    function_source,
     shape_text,
     title_suffix,
     wrap_equation,
@@ -42,13 +40,6 @@ _DESCRIPTIONS: Final = {
     "v": "velocity of the frame's origin, world axes [m/s]",
     "omega": "angular velocity of the frame, world axes [rad/s]",
 }
-
-
-class _EquationLine(NamedTuple):
-    """Equal components and their expression, which may contain labels of earlier lines."""
-
-    labels: tuple[str, ...]
-    expr: Expr
 
 
 class FrameForms(WrittenForms):
@@ -77,6 +68,7 @@ class FrameForms(WrittenForms):
     names: Final = FRAME_OUTPUTS
     _writers = to_decimal_text, lambda label: to_decimal_text(sympy.Symbol(label)), to_decimal_latex
     _abbreviated = True
+    _by_symbols = True
 
     def __init__(
         self,
@@ -139,15 +131,27 @@ class FrameForms(WrittenForms):
         return f"{type(self).__name__} of {self._title}: {', '.join(self.names)}"
 
     def _equations(self, names: Iterable[str] | None, short: bool) -> Equations:
-        """Return the equations of the outputs, with named parts if `short`, below the symbols that they use."""
-        lines = self._display_lines(self._checked_names(names), short)
+        """Return the equations of the outputs without columns of joints that do not move the frame, below the points
+        and, if they will be shortened, the sines and cosines that they use. Equal components share a line, and those
+        that are 0 are in the last one.
+        """
+        hidden = {number for number, q in enumerate(self.q, 1) if q not in self._program.joints}
+        columns = tuple(f"_{axis}{number}" for axis in "xyz" for number in hidden)
+        labels_by_expr: dict[tuple[bool, Expr], list[str]] = {}
+        for label, expr in self._labelled_components(self._checked_names(names)):
+            if not label.endswith(columns):
+                shown = expr if short else self._in_coordinates(expr)
+                labels_by_expr.setdefault((shown != 0 and label.startswith("J"), shown), []).append(label)
+        zeros = labels_by_expr.pop((False, sympy.S.Zero), None)
         rows = [
-            Equation(line.labels, sorted_terms(with_short_constants(self._with_primes(line.expr)), by_symbols=True))
-            for line in lines
+            Equation(tuple(labels), self._with_primes(with_short_constants(expr)))
+            for (_, expr), labels in labels_by_expr.items()
         ]
+        rows += [Equation(tuple(zeros), sympy.S.Zero)] if zeros else []
+        exprs = [row.expr for row in rows]
         definitions = [
             {symbol.name: meaning for symbol, meaning in group.items()}
-            for group in (self._point_values(lines), self._used_trig(lines))
+            for group in (self._point_values(exprs), self._used_trig(exprs))
         ]
         return Equations(rows, definitions, (docstring_text(f"{self._title}: {self._legend()}"), *self._notes))
 
@@ -155,14 +159,9 @@ class FrameForms(WrittenForms):
         for label, expr in self._labelled_components(self._checked_names(names)):
             yield label, self._in_coordinates(expr)
 
-    def _module(self, names: Iterable[str] | None, title: str) -> list[str]:
-        """Return the head of a NumPy module, and the sources of its functions."""
+    def _heading(self, title: str) -> Sequence[str]:
         lines = [wrap_equation(docstring_text(note), 100) for note in (f"{self._legend()}.", *self._notes)]
-        head = f'"""Closed forms{title_suffix(title or self._title)}.'
-        return [
-            "\n".join((head, "", *lines, '"""\n\nimport numpy\n')),
-            *map(self._function_source, self._checked_names(names)),
-        ]
+        return [f"Closed forms{title_suffix(title or self._title)}.", *lines]
 
     # ---- lines
 
@@ -195,35 +194,14 @@ class FrameForms(WrittenForms):
                 labels = [f"{name}_{''.join(axes)}" for axes in itertools.product("xyz", repeat=1 + (name == "S"))]
             yield from zip(labels, self._program.results[name], strict=True)
 
-    def _display_lines(self, names: Iterable[str], short: bool) -> list[_EquationLine]:
-        """Return the equations of the named outputs, without columns of joints that do not move the frame."""
-        hidden = {number for number, q in enumerate(self.q, 1) if q not in self._program.joints}
-        columns = tuple(f"_{axis}{number}" for axis in "xyz" for number in hidden)
-        return self._ordered_lines(
-            [component for component in self._labelled_components(names) if not component[0].endswith(columns)], short
-        )
-
-    def _ordered_lines(self, labelled_components: Iterable[tuple[str, Expr]], short: bool) -> list[_EquationLine]:
-        """Return the lines of components: equal ones share a line, and those that are 0 are in the last one. If
-        `short`, each line follows the lines that it uses.
-        """
-        labels_by_expr: dict[tuple[bool, Expr], list[str]] = {}
-        for label, expr in labelled_components:
-            shown = expr if short else self._in_coordinates(expr)
-            labels_by_expr.setdefault((label.startswith("J"), shown), []).append(label)
-        zeros = [label for (_, expr), labels in labels_by_expr.items() if expr == 0 for label in labels]
-        rows = [_EquationLine(tuple(labels), expr) for (_, expr), labels in labels_by_expr.items() if expr != 0]
-        rows = _LineNamer(self._program.definitions, rows).ordered() if short else rows
-        return [*rows, _EquationLine(tuple(zeros), sympy.S.Zero)] if zeros else rows
-
-    def _point_values(self, rows: Iterable[_EquationLine]) -> dict[Expr, Expr]:
-        """Return the values [m] of the symbols of points in the lines."""
-        symbols = set().union(*(row.expr.free_symbols for row in rows))
+    def _point_values(self, exprs: Iterable[Expr]) -> dict[Expr, Expr]:
+        """Return the values [m] of the symbols of points in expressions."""
+        symbols = set().union(*(expr.free_symbols for expr in exprs))
         return {symbol: exact(value) for symbol, value in self._program.numbers.items() if symbol in symbols}
 
-    def _used_trig(self, lines: Iterable[_EquationLine]) -> dict[Expr, Expr]:
-        """Return the sines and cosines that the lines use, by their symbols, in the order of display."""
-        symbols = set().union(*(row.expr.free_symbols for row in lines))
+    def _used_trig(self, exprs: Iterable[Expr]) -> dict[Expr, Expr]:
+        """Return the sines and cosines that expressions use, by their symbols, in the order of display."""
+        symbols = set().union(*(expr.free_symbols for expr in exprs))
         used_items = [item for item in self._program.waves.items() if item[0] in symbols]
         return dict(
             sorted(used_items, key=lambda item: (item[0].name.count(","), len(item[0].name), item[0].name[2:]))
@@ -231,8 +209,6 @@ class FrameForms(WrittenForms):
 
     def _in_coordinates(self, expr: Expr) -> Expr:
         """Return an expression in q and qd alone."""
-        while defined := expr.free_symbols & self._program.definitions.keys():
-            expr = expr.xreplace({symbol: self._program.definitions[symbol] for symbol in defined})
         return expr.xreplace(self._program.waves)
 
     def _with_primes(self, expr: Expr) -> Expr:
@@ -241,105 +217,28 @@ class FrameForms(WrittenForms):
             {rate: sympy.Symbol(f"{q.name}'", real=True) for rate, q in zip(self.qd, self.q, strict=True)}
         )
 
-    def _function_source(self, name: str) -> str:
-        """Return the source of a NumPy function of q, or of q and qd."""
-        rows = self._ordered_lines(self._labelled_components((name,)), short=True)
-        waves = self._used_trig(rows)
-        symbols = set().union(*(expr.free_symbols for expr in [*waves.values(), *(row.expr for row in rows)]))
-        moves = name in {"v", "omega"}
-        arguments = ["q", *["qd"] * moves]
-        tail = {"S": (3, 3), "jacobian": (6, self._program.dof)}.get(name, (3,))
-        takes = f"{' and '.join(arguments)} of shape {shape_text((self._program.dof,))}"
-        gives = f"give{'s' * (not moves)} {shape_text(tail)}"
-        return function_source(
-            name,
-            f": {_DESCRIPTIONS[name]}; {takes} {gives}.",
-            arguments=arguments,
-            numbers=[f"{symbol}={value!r}" for symbol, value in self._program.numbers.items() if symbol in symbols],
-            steps=[
-                *(
-                    f"{coordinate} = {argument}[..., {i}]"
-                    for argument, coordinates in (("q", self.q), ("qd", self.qd))
-                    for i, coordinate in enumerate(coordinates)
-                    if coordinate in symbols
-                ),
-                *(f"{symbol} = {to_numpy_source(_with_decimals(wave))}" for symbol, wave in waves.items()),
-                *(f"{' = '.join(row.labels)} = {to_numpy_source(_with_decimals(row.expr))}" for row in rows),
-            ],
-            results=[label for label, _ in self._labelled_components((name,))],
-            shape="numpy.broadcast_shapes(q.shape, qd.shape)[:-1]" if moves else "q.shape[:-1]",
-            tail=tail,
-        )
-
-
-class _LineNamer:
-    """Sorter of equation lines so that each uses only earlier ones; it names repeated expressions k_1, k_2, ..."""
-
-    def __init__(self, definitions: Mapping[Expr, Expr], rows: Iterable[_EquationLine]) -> None:
-        self._definitions = definitions
-        self._lines: list[_EquationLine] = []
-        self._names: dict[Expr, Expr] = {}  # by symbol: the label or name that replaces it in later lines
-        self._defining_lines: dict[Expr, _EquationLine] = {}  # lines whose labels define a symbol
-        self._components: list[_EquationLine] = []
-        for row in rows:
-            symbol = _defined_symbol(row, definitions)
-            if symbol is not None:
-                self._defining_lines.setdefault(symbol, row)
-            self._components.append(row)
-        self._uses = self._count_uses()
-        self._name_count = 0
-
-    def ordered(self) -> list[_EquationLine]:
-        """Return the lines, those of the names included."""
-        for row in self._components:
-            self._add_line(row)
-        return self._lines
-
-    def _count_uses(self) -> Counter[Expr]:
-        """Return how often each symbol is used in the lines and in the definitions that they need."""
-        uses: Counter[Expr] = Counter()
-        waiting = [row.expr for row in self._components]
-        while waiting:
-            for part in sympy.preorder_traversal(waiting.pop()):
-                if part in self._definitions:
-                    uses[part] += 1
-                    if uses[part] == 1:
-                        waiting.append(self._definitions[part])
-        return uses
-
-    def _add_line(self, line: _EquationLine) -> None:
-        """Append the line of a component, after those that it uses; if it defines a symbol, its label replaces the
-        symbol in later lines.
-        """
-        symbol = _defined_symbol(line, self._definitions)
-        if symbol is None or symbol in self._names or self._defining_lines[symbol] is not line:
-            self._lines.append(_EquationLine(line.labels, self._replace_symbols(line.expr)))
-            return
-        sign = 1 if symbol == line.expr else -1
-        self._lines.append(_EquationLine(line.labels, sign * self._replace_symbols(self._definitions[symbol])))
-        self._names[symbol] = sign * sympy.Symbol(line.labels[0], real=True)
-
-    def _replace_symbols(self, expr: Expr) -> Expr:
-        """Return an expression in the labels and names of lines; lines that are missing are appended."""
-        defined = sorted(expr.free_symbols & self._definitions.keys(), key=lambda symbol: int(symbol.name[1:]))
-        return expr.xreplace({symbol: self._resolved_symbol(symbol) for symbol in defined})
-
-    def _resolved_symbol(self, symbol: Expr) -> Expr:
-        """Return what replaces a symbol: the label or name of its line, or its definition if it is used once."""
-        if symbol not in self._names:
-            meaning = self._replace_symbols(self._definitions[symbol])
-            if self._uses[symbol] == 1:
-                return meaning
-            self._name_count += 1
-            name = f"k_{self._name_count}"
-            self._lines.append(_EquationLine((name,), meaning))
-            self._names[symbol] = sympy.Symbol(name, real=True)
-        return self._names[symbol]
-
-
-def _defined_symbol(line: _EquationLine, definitions: Mapping[Expr, Expr]) -> Expr | None:
-    """Return the symbol that is, perhaps with a minus sign, the whole line."""
-    return next((symbol for symbol in (line.expr, -line.expr) if symbol in definitions), None)
+    def _functions(self, names: Iterable[str] | None) -> Iterator[Function]:
+        """Yield functions of q, or of q and qd."""
+        for name in self._checked_names(names):
+            exprs = [_with_decimals(expr) for _, expr in self._labelled_components((name,))]
+            waves = {symbol: _with_decimals(wave) for symbol, wave in self._used_trig(exprs).items()}
+            symbols = set().union(*(expr.free_symbols for expr in [*waves.values(), *exprs]))
+            moves = name in {"v", "omega"}
+            vectors = {"q": self.q, "qd": self.qd} if moves else {"q": self.q}
+            tail = {"S": (3, 3), "jacobian": (6, self._program.dof)}.get(name, (3,))
+            takes = f"{' and '.join(vectors)} of shape {shape_text((self._program.dof,))}"
+            steps, results = common_parts(exprs)
+            yield Function(
+                name,
+                f": {_DESCRIPTIONS[name]}",
+                f"{takes} give{'s' * (not moves)} {shape_text(tail)}",
+                tuple(vectors),
+                [*((symbol.name, wave) for symbol, wave in waves.items()), *steps],
+                results,
+                tail,
+                {v: [part.name if part in symbols else "" for part in parts] for v, parts in vectors.items()},
+                {symbol.name: value for symbol, value in self._program.numbers.items() if symbol in symbols},
+            )
 
 
 def _with_decimals(expr: Expr) -> Expr:

@@ -1,4 +1,4 @@
-"""Closed form of the motion of one frame of a robot: E2, E5 and E7 from joint to joint, with named parts.
+"""Closed form of the motion of one frame of a robot: E2, E5 and E7 from joint to joint.
 
 Consecutive joints whose axes are parallel make one group: within it attitudes are rotations about one axis by sums of
 angles, Sh(m, q_2 + q_3) and so on, so that no product of their sines and cosines arises. Of each group, P is the
@@ -7,9 +7,6 @@ attitude of the axes that it starts from and m its axis in these; l_i leads from
     inward   l_i = Sh(m, q_i + ...) C u + l_{i+1} in the axes of the group, Q l in those of the group before     (E7)
     outward  P <- P Sh(m, sum of q) C                                                                            (E5)
     columns  (P (m x l_i), P m) of a hinge, (P m, 0) of a slider: the Jacobian, and so v and omega           (E2, E8)
-
-A component that is a sum gets a name, by which later components refer to it; the output puts names that are used once
-back into their place.
 """
 
 from __future__ import annotations
@@ -117,7 +114,7 @@ class _ParallelJoints:
 
 class FrameProgram:
     """Program of expressions for the position, attitude, Jacobian and velocity of one frame of a robot: `results`
-    maps each output's name to a tuple of components. Repeated sums, sines and cosines are symbols with definitions.
+    maps each output's name to a tuple of components. Sines and cosines are symbols.
 
     Args:
         tree: the robot, whose base rests at the origin.
@@ -127,7 +124,6 @@ class FrameProgram:
 
     Attributes:
         results: components by output: R (3), S (9, row by row), jacobian (6 dof, row by row), v (3), omega (3).
-        definitions: definitions of further symbols, in an order in which each needs earlier ones only.
         waves: sines and cosines, by their symbols.
         numbers: values of the symbols of points [m].
         joints: joints that the frame depends on, by the symbols of their coordinates.
@@ -139,7 +135,6 @@ class FrameProgram:
         self.dof = len(coordinates)
         self.q = tuple(real_symbol(f"q_{number}") for number in range(1, self.dof + 1))
         self.qd = tuple(real_symbol(f"qd_{number}") for number in range(1, self.dof + 1))
-        self.definitions: dict[Expr, Expr] = {}
         self.waves: dict[Expr, Expr] = {}
         self.numbers: dict[Expr, float] = {}
         self.largest_rounded = 0.0
@@ -211,7 +206,7 @@ class FrameProgram:
             parts.append(number)
         return _vector(parts)
 
-    # ---- sines, cosines and named sums
+    # ---- sines and cosines
 
     def _rotation(self, axis: VectorExpr, angle: Expr) -> MatrixExpr:
         """Return the rotation about a group's axis (E6), in symbols of the angle's sine and cosine."""
@@ -235,21 +230,6 @@ class FrameProgram:
             self._trig_symbols[angle] = s, c
         return self._trig_symbols[angle]
 
-    def _name_sums(self, components: Sequence[Expr]) -> tuple[Expr, ...]:
-        return tuple(self._name_sum(sympy.sympify(expr)) for expr in components)
-
-    def _name_sum(self, expr: Expr) -> Expr:
-        """Return a symbol, perhaps with a minus sign, in place of a sum."""
-        if not expr.is_Add:
-            return expr
-        if expr.could_extract_minus_sign():
-            return -self._name_sum(-expr)
-        symbol = next((name for name, sum_ in self.definitions.items() if sum_ == expr), None)
-        if symbol is None:
-            symbol = sympy.Dummy(f"k{len(self.definitions)}", real=True)
-            self.definitions[symbol] = expr
-        return symbol
-
     # ---- attitudes outward, levers inward
 
     def _attitudes(self, groups: Sequence[_ParallelJoints]) -> tuple[list[MatrixExpr], list[MatrixExpr]]:
@@ -257,8 +237,8 @@ class FrameProgram:
         attitudes: list[MatrixExpr] = [_IDENTITY]
         rotated: list[MatrixExpr] = []
         for group in groups:
-            rotated.append(self._name_sums(eq.compose(attitudes[-1], self._rotation(group.axis, group.angle))))
-            attitudes.append(self._name_sums(eq.compose(rotated[-1], group.fixed_rotation())))
+            rotated.append(_entries(eq.compose(attitudes[-1], self._rotation(group.axis, group.angle))))
+            attitudes.append(_entries(eq.compose(rotated[-1], group.fixed_rotation())))
         return attitudes, rotated
 
     def _motion(
@@ -278,20 +258,20 @@ class FrameProgram:
             if (
                 isinstance(last, _GroupLever) and last.angle == group.angle
             ):  # both rotate together, so that constants add up
-                lever, parts = self._named_vector(eq.add(last.vector, lever)), parts[:-1]
+                lever, parts = _vector(eq.add(last.vector, lever)), parts[:-1]
             unrotated_lever = lever
-            lever = self._named_vector(eq.rotate(self._rotation(group.axis, group.angle), lever))
+            lever = _vector(eq.rotate(self._rotation(group.axis, group.angle), lever))
             drift: VectorExpr = _ORIGIN  # velocity of the frame in the axes of the group
             spin: Expr = sympy.S.Zero  # rate about the group's axis
             for part in reversed(parts):
                 match part:
                     case _GroupLever():
                         rotated_lever = eq.rotate(self._rotation(group.axis, part.angle), part.vector)
-                        lever = self._named_vector(eq.add(rotated_lever, lever))
+                        lever = _vector(eq.add(rotated_lever, lever))
                         continue
                     case _GroupSlider():
                         direction = _vector(eq.rotate(self._rotation(group.axis, part.angle), part.direction))
-                        lever = self._named_vector(eq.add(eq.scale(direction, part.shift), lever))
+                        lever = _vector(eq.add(eq.scale(direction, part.shift), lever))
                         linear, angular = direction, _ORIGIN
                     case _GroupHinge():
                         linear, angular = _vector(eq.cross(group.axis, lever)), group.axis
@@ -312,17 +292,14 @@ class FrameProgram:
                     _vector(eq.add(columns_so_far[0], eq.scale(moves, part.ratio))),
                     _vector(eq.add(columns_so_far[1], eq.scale(eq.rotate(P, angular), part.ratio))),
                 )
-            v = _vector(eq.add(eq.rotate(P, self._named_vector(drift)), v))
+            v = _vector(eq.add(eq.rotate(P, _vector(drift)), v))
             omega = _vector(eq.add(eq.scale(eq.rotate(P, group.axis), spin), omega))
         zero_column = (_ORIGIN, _ORIGIN)
         jacobian = [
             columns.get(column, zero_column)[row // 3][row % 3] for row in range(6) for column in range(self.dof)
         ]
-        named = {"R": lever, "jacobian": jacobian, "v": v, "omega": omega}
-        return {name: self._name_sums(parts) for name, parts in named.items()}
-
-    def _named_vector(self, components: Sequence[Expr]) -> VectorExpr:
-        return _vector(self._name_sums(components))
+        found = {"R": lever, "jacobian": jacobian, "v": v, "omega": omega}
+        return {name: _entries(parts) for name, parts in found.items()}
 
 
 def _joint_path(tree: Tree, body: int) -> list[int]:
@@ -337,6 +314,10 @@ def _joint_path(tree: Tree, body: int) -> list[int]:
 def _vector(components: Sequence[Expr]) -> VectorExpr:
     x, y, z = map(sympy.sympify, components)
     return x, y, z
+
+
+def _entries(components: Sequence[Expr]) -> tuple[Expr, ...]:
+    return tuple(map(sympy.sympify, components))
 
 
 def _count_all_symbols(components: VectorExpr) -> int:

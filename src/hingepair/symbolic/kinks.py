@@ -52,15 +52,18 @@ sinh, cosh, tanh = map(_without_proofs, (sympy.sinh, sympy.cosh, sympy.tanh))
 
 
 class Kinked(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
-    """Base class of SymPy functions with kinks or jumps. Its attributes `numpy`, `text` and `latex` are format
+    """Base class of SymPy functions with kinks or jumps. Its attributes `numpy`, `c`, `text` and `latex` are format
     strings of a call, in which {0}, {1} and so on stand for the arguments.
     """
 
     is_real = True
-    numpy = text = latex = ""
+    numpy = c = text = latex = ""
 
     def _numpycode(self, printer: Any) -> str:
         return self.numpy.format(*map(printer.doprint, self.args))
+
+    def _ccode(self, printer: Any) -> str:
+        return self.c.format(*(f"({printer.doprint(part)})" for part in self.args))
 
     def _latex(self, printer: Any, exp: str | None = None) -> str:
         text = self.latex.format(*map(printer.doprint, self.args))
@@ -89,6 +92,7 @@ class Where(Choice):
     nargs = 3
     guard = property(lambda self: self.args[0])
     numpy = "numpy.select([{0} >= 0, {0} < 0], [{1}, {2}], numpy.nan)"
+    c = "({0} >= 0 ? {1} : {0} < 0 ? {2} : NAN)"
     text = "({1} if {0} ≥ 0 else {2})"
     latex = r"\begin{{cases}} {1} & {0} \ge 0 \\ {2} & \text{{else}} \end{{cases}}"
 
@@ -128,6 +132,7 @@ class Larger(Extreme):
     """SymPy function `Larger(x, y)`: the larger of two arguments."""
 
     sense = 1
+    c = "({0} > {1} || {0} != {0} ? {0} : {1})"  # fmax would lose NaN
     numpy, text, latex = "numpy.maximum({0}, {1})", "max({0}, {1})", r"\max\left({0}, {1}\right)"
 
 
@@ -135,6 +140,7 @@ class Smaller(Extreme):
     """SymPy function `Smaller(x, y)`: the smaller of two arguments."""
 
     sense = -1
+    c = "({0} < {1} || {0} != {0} ? {0} : {1})"
     numpy, text, latex = "numpy.minimum({0}, {1})", "min({0}, {1})", r"\min\left({0}, {1}\right)"
 
 
@@ -144,6 +150,7 @@ class Remainder(Kinked):
     """
 
     nargs = 2
+    c = "fmod(fmod({0}, {1}) + {1}, {1})"
     numpy, text, latex = "numpy.mod({0}, {1})", "mod({0}, {1})", r"\left({0} \bmod {1}\right)"
 
     @classmethod
@@ -168,6 +175,10 @@ class SideOfZero(Kinked):
     numpy = (
         "numpy.where({0} != 0, numpy.sign({0}), "
         "numpy.where({1} != 0, numpy.sign({1}), numpy.where({2} < 0, -1.0, 1.0)))"
+    )
+    c = (
+        "({0} != 0 ? ({0} > 0 ? 1.0 : {0} < 0 ? -1.0 : NAN) : "
+        "{1} != 0 ? ({1} > 0 ? 1.0 : -1.0) : {2} < 0 ? -1.0 : 1.0)"
     )
     text = latex = "{0}"
 

@@ -12,6 +12,7 @@ from typing import Any, Final, TypeAlias
 
 import sympy
 from sympy.core.function import AppliedUndef
+from sympy.printing.c import C99CodePrinter
 from sympy.printing.latex import LatexPrinter
 from sympy.printing.numpy import NumPyPrinter
 from sympy.printing.precedence import PRECEDENCE
@@ -133,6 +134,17 @@ class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries n
                 return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
             value = constant_value(expr)
             return f"numpy.float64({value!r})" if math.isfinite(value) else f"numpy.float64('{value!r}')"
+        return str(super()._print(expr, **settings))
+
+
+class _CSourcePrinter(C99CodePrinter):  # type: ignore[misc]
+    """Printer of SymPy expressions as C source."""
+
+    def _print(self, expr: Expr, **settings: Any) -> str:
+        """Print a part without symbols as one double."""
+        if isinstance(expr, sympy.Expr) and not expr.free_symbols:
+            value = constant_value(expr)
+            return repr(value) if math.isfinite(value) else "NAN" if math.isnan(value) else "INFINITY"
         return str(super()._print(expr, **settings))
 
 
@@ -385,4 +397,5 @@ to_latex: Writer = _LatexPrinter({"order": "none"}).doprint
 to_decimal_text: Writer = _DecimalText().doprint
 to_decimal_latex: Writer = _DecimalLatex({"order": "none"}).doprint
 to_numpy_source: Writer = NumPySourcePrinter().doprint
+to_c_source: Writer = _CSourcePrinter({"allow_unknown_functions": False}).doprint
 to_sympy_source: Writer = _SymPySourcePrinter().doprint

@@ -6,6 +6,7 @@ import itertools
 import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import sympy
@@ -18,6 +19,9 @@ from hingepair.symbolic.printers import (
     join_terms,
     latex_name,
     signed_terms,
+    sorted_terms,
+    to_c_source,
+    to_numpy_source,
     to_sympy_source,
     to_text,
 )
@@ -27,19 +31,39 @@ _MAX_LATEX = 90  # characters of the terms, as plain text, in a line of LaTeX
 
 
 class Equation(NamedTuple):
-    """Equal components and the terms of their sum, in the order of display."""
+    """Equal components and their expression."""
 
     labels: tuple[str, ...]
-    terms: tuple[Expr, ...]
+    expr: Expr
 
 
 class Equations(NamedTuple):
     """Equations with what stands above them."""
 
     rows: Sequence[Equation]
-    #: meanings of abbreviations, by their names; groups that share a line
+    #: meanings of symbols, by their names; groups that share a line
     definitions: Sequence[Mapping[str, Expr]] = ()
     notes: Sequence[str] = ()
+
+
+class Function(NamedTuple):
+    """A function of floats, in Python or C, that computes the components of one output."""
+
+    name: str
+    #: text behind the name
+    description: str
+    #: clause on the shapes of arrays
+    shapes: str
+    arguments: Sequence[str]
+    #: values by name, each of which may use earlier ones
+    steps: Sequence[tuple[str, Expr]]
+    results: Sequence[Expr]
+    #: axes of the output
+    shape: tuple[int, ...]
+    #: arguments that are vectors, with their components
+    vectors: Mapping[str, Sequence[str]] = MappingProxyType({})
+    #: further arguments, with their values
+    numbers: Mapping[str, float] = MappingProxyType({})
 
 
 class WrittenForms(ABC):
@@ -50,18 +74,31 @@ class WrittenForms(ABC):
     _writers: tuple[Writer, Callable[[str], str], Writer]
     #: whether repeated terms are abbreviated unless `short` says otherwise
     _abbreviated: bool
+    #: whether the names of symbols order the terms of a sum
+    _by_symbols = False
 
     @abstractmethod
     def _equations(self, names: Iterable[str] | None, short: bool) -> Equations:
-        """Return the equations of the named outputs, of all for None."""
+        """Return the equations of the named outputs, of all for None; if they will be shortened, in symbols that
+        shorten them.
+        """
 
     @abstractmethod
     def _components(self, names: Iterable[str] | None) -> Iterable[tuple[str, Expr]]:
         """Yield label and expression of every component of the named outputs, of all for None."""
 
     @abstractmethod
-    def _module(self, names: Iterable[str] | None, title: str) -> list[str]:
-        """Return the head of a NumPy module, and the sources of its functions."""
+    def _functions(self, names: Iterable[str] | None) -> Iterable[Function]:
+        """Yield a function for each of the named outputs, of all for None."""
+
+    def _heading(self, title: str) -> Sequence[str]:
+        """Return the title and notes that stand above functions."""
+        return [f"Closed forms{title_suffix(title)}."]
+
+    def _sheet(self, names: Iterable[str] | None, short: bool | None) -> Equations:
+        shortened = self._abbreviated if short is None else short
+        sheet = self._equations(names, shortened)
+        return abbreviated(sheet) if shortened else sheet
 
     def to_text(self, names: Iterable[str] | None = None, *, short: bool | None = None, width: int = 100) -> str:
         """Return the equations as text, one for each component: `omega1_x = 3 + 5 sin t`; derivatives by t are x',
@@ -76,21 +113,23 @@ class WrittenForms(ABC):
             ArgumentError: an unknown output, or one whose closed form is too long.
         """
         write, write_name, _ = self._writers
-        sheet = self._equations(names, self._abbreviated if short is None else short)
+        sheet = self._sheet(names, short)
         lines = [*sheet.notes]
         lines += ["; ".join(f"{name} = {write(expr)}" for name, expr in group.items()) for group in sheet.definitions]
-        for labels, terms in sheet.rows:
-            lines.append(f"{' = '.join(map(write_name, labels))} = {join_terms(terms, write)}")
+        for labels, expr in sheet.rows:
+            lines.append(
+                f"{' = '.join(map(write_name, labels))} = {join_terms(sorted_terms(expr, self._by_symbols), write)}"
+            )
         return "".join(f"{wrap_equation(line, width)}\n" for line in lines if line)
 
     def to_latex(self, names: Iterable[str] | None = None, *, short: bool | None = None) -> str:
         r"""Return the equations as a LaTeX align* environment (amsmath); the arguments are those of `to_text`."""
         write = self._writers[2]
-        sheet = self._equations(names, self._abbreviated if short is None else short)
+        sheet = self._sheet(names, short)
         meanings = [item for group in sheet.definitions for item in group.items()]
         lines = [f"{latex_name(name)} &= {write(expr)}" for name, expr in meanings]
-        for labels, terms in sheet.rows:
-            lines += _latex_lines(labels, terms, write)
+        for labels, expr in sheet.rows:
+            lines += _latex_lines(labels, sorted_terms(expr, self._by_symbols), write)
         notes = "".join(f"% {docstring_text(note)}\n" for note in sheet.notes)
         return (
             f"{notes}\\begin{{align*}}  % \\usepackage{{amsmath}}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
@@ -110,7 +149,24 @@ class WrittenForms(ABC):
         Raises:
             ArgumentError: an unknown output, or one whose closed form is too long.
         """
-        return "\n\n".join(self._module(names, title))
+        first, *notes = self._heading(title)
+        text = "\n".join((first, "", *notes)) + "\n" if notes else first
+        return "\n\n".join([f'"""{text}"""\n\nimport numpy\n', *map(_python_source, self._functions(names))])
+
+    def to_c(self, names: Iterable[str] | None = None, title: str = "") -> str:
+        """Return C source (C99) with a function `void NAME(arguments, double out[])` for each output. It takes one
+        state, with the arguments of `to_python`, and writes the components of the output to `out`, row by row.
+
+        Args:
+            names: names of outputs, out of `names`; None for all.
+            title: stands in the comment at the top.
+
+        Raises:
+            ArgumentError: an unknown output, or one whose closed form is too long.
+        """
+        lines = [line for text in self._heading(title) for line in text.replace("*/", "* /").splitlines()]
+        comment = "\n * ".join(lines)
+        return "\n".join([f"/* {comment} */\n\n#include <math.h>\n", *map(_c_source, self._functions(names))])
 
     def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
         """Return the components as text that `sympy.sympify` reads, by their labels, such as omega1_x or S2_xy.
@@ -126,14 +182,14 @@ class WrittenForms(ABC):
         return {label: to_sympy_source(expr) for label, expr in self._components(names)}
 
 
-def abbreviated(rows: Sequence[Equation]) -> Equations:
+def abbreviated(sheet: Equations) -> Equations:
     """Return the equations with symbols k_1, k_2 and so on in place of repeated terms, and what they mean."""
-    terms = [term for row in rows for term in row.terms]
-    names = Names((symbol.name for term in terms for symbol in term.free_symbols), latex_name)
+    exprs = [row.expr for row in sheet.rows]
+    names = Names((symbol.name for expr in exprs for symbol in expr.free_symbols), latex_name)
     letters = (name for name in (f"k_{i}" for i in itertools.count(1)) if names.free(name))
-    repeated, short_terms = sympy.cse(terms, symbols=(sympy.Dummy(real=True) for _ in itertools.count()))
+    repeated, short_exprs = sympy.cse(exprs, symbols=(sympy.Dummy(real=True) for _ in itertools.count()))
     shown: dict[Expr, Expr] = {}
-    definitions = []
+    definitions = [*sheet.definitions]
     for symbol, expr in repeated:
         meaning = expr.xreplace(shown)
         if _is_short(meaning):
@@ -142,10 +198,8 @@ def abbreviated(rows: Sequence[Equation]) -> Equations:
             letter = next(letters)
             shown[symbol] = real_symbol(letter)
             definitions.append({letter: meaning})
-    remaining = iter(term.xreplace(shown) for term in short_terms)
-    return Equations(
-        [row._replace(terms=tuple(itertools.islice(remaining, len(row.terms)))) for row in rows], definitions
-    )
+    rows = [Equation(row.labels, expr.xreplace(shown)) for row, expr in zip(sheet.rows, short_exprs, strict=True)]
+    return Equations(rows, definitions, sheet.notes)
 
 
 def _is_short(expr: Expr) -> bool:
@@ -155,41 +209,58 @@ def _is_short(expr: Expr) -> bool:
     return bool(not expr.free_symbols or factor.is_Symbol or (is_wave and is_simple(factor.args[0])))
 
 
-def function_source(
-    name: str,
-    description: str,
-    arguments: Sequence[str],
-    steps: Sequence[str],
-    results: Sequence[str],
-    shape: str,
-    tail: tuple[int, ...],
-    numbers: Sequence[str] = (),
-) -> str:
-    """Return the source of a NumPy function that computes the components of an output.
+def common_parts(exprs: Sequence[Expr]) -> tuple[list[tuple[str, Expr]], list[Expr]]:
+    """Return values w0, w1 and so on, each of which may use earlier ones, and the expressions in terms of these."""
+    used = set().union(*(expr.free_symbols for expr in exprs))
+    names = sympy.numbered_symbols("w", exclude=used, real=True)
+    steps, results = sympy.cse(exprs, symbols=names, order="none", list=True)
+    return [(symbol.name, step) for symbol, step in steps], results
 
-    Args:
-        name: of the function.
-        description: stands in its docstring after the name.
-        arguments: names of those that broadcast.
-        steps: `name = expression`, in the order of computation.
-        results: expressions of the components, row by row.
-        shape: expression of the leading axes of the result.
-        tail: its other axes.
-        numbers: further arguments, `name=value`.
-    """
+
+def _python_source(function: Function) -> str:
+    """Return the source of a NumPy function."""
+    name, description, shapes, arguments, steps, results, tail, vectors, numbers = function
     width = max(len(results) // tail[0], 1) if tail else 1
+    texts = [*map(to_numpy_source, results)]
+    places = [
+        f"{part} = {vector}[..., {i}]" for vector, parts in vectors.items() for i, part in enumerate(parts) if part
+    ]
+    if vectors:
+        shape = f"numpy.broadcast_shapes({', '.join(f'{v}.shape' for v in vectors)})[:-1]"
+    else:
+        shape = f"numpy.broadcast({', '.join(arguments)}).shape"
     lines = [
-        f'"""{name}{description}"""',
+        f'"""{name}{description}; {shapes}."""',
         *(f"{argument} = numpy.asarray({argument}, dtype=float)" for argument in arguments),
-        *steps,
+        *places,
+        *(f"{symbol} = {to_numpy_source(step)}" for symbol, step in steps),
         "parts = (",
-        *(f"    {', '.join(results[i : i + width])}," for i in range(0, len(results), width)),
+        *(f"    {', '.join(texts[i : i + width])}," for i in range(0, len(texts), width)),
         ")",
         f"shape = {shape}",
         "parts = [numpy.broadcast_to(part, shape) for part in parts]",
         f"return numpy.stack(parts, axis=-1).reshape(shape + {tail})",
     ]
-    return f"def {name}({', '.join((*arguments, *numbers))}):\n" + "".join(f"    {line}\n" for line in lines)
+    defaults = [f"{symbol}={value!r}" for symbol, value in numbers.items()]
+    return f"def {name}({', '.join((*arguments, *defaults))}):\n" + "".join(f"    {line}\n" for line in lines)
+
+
+def _c_source(function: Function) -> str:
+    """Return the source of a C function, which computes one state."""
+    name, description, _, arguments, steps, results, _, vectors, numbers = function
+    taken = [
+        f"const double {argument}[{len(vectors[argument])}]" if argument in vectors else f"double {argument}"
+        for argument in arguments
+    ]
+    lines = [f"const double {symbol} = {value!r};" for symbol, value in numbers.items()]
+    lines += [
+        f"const double {part} = {v}[{i}];" for v, parts in vectors.items() for i, part in enumerate(parts) if part
+    ]
+    lines += [f"const double {symbol} = {to_c_source(step)};" for symbol, step in steps]
+    lines += [f"out[{i}] = {to_c_source(result)};" for i, result in enumerate(results)]
+    body = "".join(f"    {line}\n" for line in lines)
+    taken.append(f"double out[{len(results)}]")
+    return f"/* {name}{description} */\nvoid {name}({', '.join(taken)})\n{{\n{body}}}\n"
 
 
 def wrap_equation(line: str, width: int) -> str:
