@@ -7,7 +7,7 @@ in exact arithmetic (T9), and rounded once.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, Final, TypeAlias
@@ -19,14 +19,19 @@ from hingepair.engine.binding import FOLDED
 from hingepair.mechanism.samples import turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
-from hingepair.numeric.balls import Ball, axes_balls, error_bound, rotation_balls
+from hingepair.numeric.bounded import UNIT_ROUNDOFF, BoundedDouble
 from hingepair.pair.geometry import PIVOT_ROUNDING
 from hingepair.plans.computation import Cache
 from hingepair.plans.struts import StrutForm
 from hingepair.plans.trees import Form, constant_place
 
 Exact: TypeAlias = list[Any]
-"""Fractions, or `Ball`s around fractions."""
+"""Fractions; or for bounds `BoundedDouble`s."""
+
+_ROTATION_ROUNDING: Final = 4 * UNIT_ROUNDOFF  # of an entry made of products of three sines, or of a quaternion
+_AXIS_ROUNDING: Final = (
+    2 * UNIT_ROUNDOFF
+)  # of a component of a normalised vector, and what it turns the other axes by
 
 # A program's axes x, y, z in the body's axes, by the absolute components of a joint axis along x, y or z.
 _AXES_ALONG: Final = {
@@ -154,27 +159,65 @@ def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[fl
     Exact are the lengths and masses of the robot's record, the rotation next to each matrix S, and a unit axis along
     each n. S and n may be off by what their rounding to double precision does.
     """
-    tree, axes = constants.tree, [axes_balls(P) for P in constants.axes]
-    backs = [_transposed(P) for P in axes]
-    poses = [
-        (
-            _matrix_times_matrix(_matrix_times_matrix(backs[joint.parent], rotation_balls(joint.S)), P),
-            _matrix_times_vector(backs[joint.parent], _exact(joint.u)),
-        )
-        for joint, P in zip(tree.joints, axes[1:], strict=True)
-    ]
-    masses = _mass_moments(tree, constants.free, axes, poses, constants.whole)
-    stored, exact = program_numbers(constants), _ten_numbers(masses[0])
-    for (S, u), moments in zip(poses, masses[1:], strict=True):
-        given = stored[len(exact) + 22 : len(exact) + 26]  # armature, multiplier, offset, threshold
-        exact += [*S, *u, *_ten_numbers(moments), *given]
-    exact += stored[len(exact) :]  # the smallest pivots of the base
-    for frame in frames:
-        stored += frame_numbers(constants, frame)
-        back = backs[frame.body]
-        exact += _matrix_times_vector(back, _exact(frame.R))
-        exact += _matrix_times_matrix(back, rotation_balls(frame.S))
-    return [error_bound(*pair) for pair in zip(stored, exact, strict=True)]
+    tree, axes = constants.tree, [_axes_with_bounds(P) for P in constants.axes]
+    with np.errstate(all="ignore"):
+        backs = [_transposed(P) for P in axes]
+        poses = [
+            (
+                _matrix_times_matrix(_matrix_times_matrix(backs[joint.parent], _rotation_with_bounds(joint.S)), P),
+                _matrix_times_vector(backs[joint.parent], [*map(BoundedDouble, joint.u.tolist())]),
+            )
+            for joint, P in zip(tree.joints, axes[1:], strict=True)
+        ]
+        masses = _mass_moments(tree, constants.free, axes, poses, constants.whole, BoundedDouble)
+        stored, exact = program_numbers(constants), _ten_numbers(masses[0])
+        for (S, u), moments in zip(poses, masses[1:], strict=True):
+            given = stored[len(exact) + 22 : len(exact) + 26]  # armature, multiplier, offset, threshold
+            exact += [*S, *u, *_ten_numbers(moments), *given]
+        exact += stored[len(exact) :]  # the smallest pivots of the base
+        for frame in frames:
+            stored += frame_numbers(constants, frame)
+            back = backs[frame.body]
+            exact += _matrix_times_vector(back, [*map(BoundedDouble, frame.R.tolist())])
+            exact += _matrix_times_matrix(back, _rotation_with_bounds(frame.S))
+        bounds = [
+            abs(number - one.value) + one.error if isinstance(one, BoundedDouble) else 0.0
+            for number, one in zip(stored, exact, strict=True)
+        ]
+    return [math.inf if math.isnan(bound) else float(bound) * (1 + UNIT_ROUNDOFF) for bound in bounds]
+
+
+def _rotation_with_bounds(S: NDArray[np.float64]) -> Exact:
+    """Return the entries of S (3, 3) with bounds on their distances from those of the rotation next to S and of any
+    rotation that rounds to S. Entries 0 and 1 of a turn about x, y or z are exact.
+    """
+    unit = np.abs(S) == 1
+    unit &= (np.count_nonzero(S, axis=0) == 1) & (np.count_nonzero(S, axis=1) == 1)[:, None]
+    exact = unit.any(axis=0) | unit.any(axis=1)[:, None]
+    errors = np.where(exact, 0.0, _distance_from_rotation(S, 0.5) + _ROTATION_ROUNDING)
+    return [*map(BoundedDouble, S.ravel().tolist(), errors.ravel().tolist())]
+
+
+def _axes_with_bounds(P: NDArray[np.float64]) -> Exact:
+    """Return the entries of P (3, 3) with bounds on their distances from those of rotations with the last column
+    along that of P, and along any vector that rounds to it. A matrix of entries 0, 1 and -1 is exact.
+    """
+    exact = np.isin(P, (-1.0, 0.0, 1.0)).all()
+    errors = np.zeros((3, 3)) if exact else _distance_from_rotation(P, 1.0) + _AXIS_ROUNDING
+    return [*map(BoundedDouble, P.ravel().tolist(), errors.ravel().tolist())]
+
+
+def _distance_from_rotation(S: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """Return bounds on the distances of the entries of S from those of a rotation: of the next one (share 1/2), or of
+    one that keeps the direction of the last column (share 1).
+
+    With S^T S = I + E, S = Q (I + E/2 + ...) where Q is the next rotation. Where Q keeps a direction, S = Q (I + U)
+    with a triangular U, and U + U^T = E up to squares.
+    """
+    columns = [[Fraction(x) for x in column] for column in S.T.tolist()]
+    off = [[sum(x * y for x, y in zip(a, b, strict=True)) - (a is b) for b in columns] for a in columns]
+    E = np.abs(np.array([[float(entry) for entry in row] for row in off]))  # exact until it is rounded here
+    return np.asarray((share * (np.abs(S) @ E) + 8 * (E**2).sum()) * (1 + 2.0**-40))
 
 
 def frame_numbers(constants: RobotConstants, frame: Frame) -> list[float]:
@@ -261,12 +304,12 @@ def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[n
 
 
 class _MassMoments:
-    """The exact mass `m`, first moment `h` and second moment `N` of bodies about a point."""
+    """The exact mass `m`, first moment `h` and second moment `N` of bodies about a point, or with bounds."""
 
-    def __init__(self, m: Fraction, h: Exact, N: Exact) -> None:
+    def __init__(self, m: Any, h: Exact, N: Exact) -> None:
         self.m, self.h, self.N = m, h, N
 
-    def add(self, m: Fraction, h: Exact, N: Exact) -> None:
+    def add(self, m: Any, h: Exact, N: Exact) -> None:
         """Add the moments of a further body."""
         self.m += m
         self.h = [x + y for x, y in zip(self.h, h, strict=True)]
@@ -278,19 +321,19 @@ class _MassMoments:
 
 
 def _shortened(number: Any) -> Any:
-    """Return a fraction, or a ball around one, rounded to 512 bits if its denominator has more than 2,000."""
-    if isinstance(number, Ball):
-        return Ball(_shortened(number.value), number.radius)
+    """Return a fraction rounded to 512 bits if its denominator has more than 2,000; a bounded number as it is."""
+    if isinstance(number, BoundedDouble):
+        return number
     if number.denominator.bit_length() <= 2000:
         return number
     shift = 512 + number.denominator.bit_length() - number.numerator.bit_length()
     return Fraction((number.numerator << shift) // number.denominator, 1 << shift)
 
 
-def _moments_of_body(body: MassProperties, axes: Exact) -> _MassMoments:
-    """Return the exact moments of a body in the program's axes."""
-    c, inertia = _exact(body.centre_of_mass), _exact(body.inertia)
-    m = Fraction(body.mass)
+def _moments_of_body(body: MassProperties, axes: Exact, kind: Callable[[float], Any]) -> _MassMoments:
+    """Return the moments of a body in the program's axes, in numbers of a kind."""
+    c, inertia = ([*map(kind, array.ravel().tolist())] for array in (body.centre_of_mass, body.inertia))
+    m = kind(body.mass)
     half = (inertia[0] + inertia[4] + inertia[8]) / 2
     N = [(half if i == j else 0) - (inertia[3 * i + j] + inertia[3 * j + i]) / 2 for i in range(3) for j in range(3)]
     N = [N[3 * i + j] + m * c[i] * c[j] for i in range(3) for j in range(3)]
@@ -299,12 +342,17 @@ def _moments_of_body(body: MassProperties, axes: Exact) -> _MassMoments:
 
 
 def _mass_moments(
-    tree: Tree, free: bool, axes: Sequence[Exact], poses: Sequence[tuple[Exact, Exact]], whole: bool = False
+    tree: Tree,
+    free: bool,
+    axes: Sequence[Exact],
+    poses: Sequence[tuple[Exact, Exact]],
+    whole: bool,
+    kind: Callable[[float], Any] = Fraction,
 ) -> list[_MassMoments]:
     """Return the moments of every body, the base first (0 if held), shifted to the parents (T9) unless `whole`."""
     zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
     bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
-    moments = [_moments_of_body(body, P) for body, P in zip(bodies, axes, strict=True)]
+    moments = [_moments_of_body(body, P, kind) for body, P in zip(bodies, axes, strict=True)]
     return moments if whole else _shift_to_parents(tree, poses, moments)
 
 
@@ -321,8 +369,8 @@ def _shift_to_parents(
         if tree.samples is not None and k in tree.samples.points:
             continue  # what moves with both bodies differs from sample to sample
         if joint.axis.shifts:
-            parent.add(Fraction(0), [Fraction(0)] * 3, _congruence(S, body_moments.N))
-            body_moments.N = [Fraction(0)] * 9
+            parent.add(0, [0] * 3, _congruence(S, body_moments.N))
+            body_moments.N = [0] * 9
             continue
         w = [S[2], S[5], S[8]]
         m, along, spread = body_moments.m, body_moments.h[2], body_moments.N[8]
@@ -335,7 +383,7 @@ def _shift_to_parents(
                 for j in range(3)
             ],
         )
-        body_moments.m, body_moments.h[2], body_moments.N[8] = Fraction(0), Fraction(0), Fraction(0)
+        body_moments.m = body_moments.h[2] = body_moments.N[8] = 0
     return moments
 
 
@@ -381,9 +429,14 @@ def _congruence(A: Exact, N: Exact) -> Exact:
     return [_sum_of_products((T[3 * i + k], A[3 * j + k]) for k in range(3)) for i in range(3) for j in range(3)]
 
 
-def _sum_of_products(pairs: Iterable[tuple[Fraction, Fraction]]) -> Fraction:
+def _sum_of_products(pairs: Iterable[tuple[Any, Any]]) -> Any:
     """Return the sum of the products of pairs; pairs with 0, which are most, are skipped."""
-    return sum((a * b for a, b in pairs if a and b), Fraction(0))
+    return sum(a * b for a, b in pairs if not (_is_zero(a) or _is_zero(b)))
+
+
+def _is_zero(x: Any) -> bool:
+    """Return whether a number is exactly 0."""
+    return bool(x.value == 0 and x.bound == 0) if isinstance(x, BoundedDouble) else not x
 
 
 def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[list[float], tuple[float, float]]:
