@@ -7,12 +7,6 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.formats.model_writers import (
-    BODY1_LINK_NAME,
-    BODY2_AT_HINGE_LINK_NAME,
-    BODY2_LINK_NAME,
-    HINGE_JOINT_NAME,
-)
 from hingepair.rotations.matrices import rotation_exp
 from support import states
 from support.exported import WRITERS, corner_pair
@@ -58,7 +52,7 @@ def test_mujoco_reads_the_mass_properties(k, write):
     eigen = 2.0**-38 if int(mujoco.__version__.partition(".")[0]) >= 4 else 2.0**-20
     pair = laden_pair(k)
     model = mujoco.MjModel.from_xml_string(write(pair))
-    for name, body, origin in ((BODY1_LINK_NAME, pair.body1, 0), (BODY2_AT_HINGE_LINK_NAME, pair.body2, pair.u2)):
+    for name, body, origin in (("body1", pair.body1, 0), ("body2_at_hinge", pair.body2, pair.u2)):
         read = model.body(name)
         turn = np.empty(9)
         mujoco.mju_quat2Mat(turn, read.iquat)
@@ -93,7 +87,7 @@ def test_the_rounded_moments_of_a_flat_body_are_written_as_a_body_has_them(write
 def test_masses_and_limits_are_read_back():
     for k in range(20):
         pair = laden_pair(k)
-        back = hp.from_urdf(hp.to_urdf(pair), HINGE_JOINT_NAME, body2_frame=BODY2_LINK_NAME)
+        back = hp.from_urdf(hp.to_urdf(pair), "hinge", body2_frame="body2")
         for one, two, origin in ((pair.body1, back.body1, 0), (pair.body2, back.body2, pair.u2)):
             assert two.mass == one.mass
             lengths = np.linalg.norm(one.centre_of_mass) + np.linalg.norm(origin)
@@ -137,7 +131,7 @@ def test_shapes_are_read_back(k):
         hp.Cylinder(0.1, 0.4, (-1, 0, 2), turns[1, 2]),
     )
     pair = corner_pair(k, body1=hp.Body(shapes=shapes), body2=hp.Body(shapes=shapes[::-1]))
-    back = hp.from_urdf(hp.to_urdf(pair), HINGE_JOINT_NAME, body2_frame=BODY2_LINK_NAME)
+    back = hp.from_urdf(hp.to_urdf(pair), "hinge", body2_frame="body2")
     for body, expected in ((back.body1, shapes), (back.body2, shapes[::-1])):
         assert len(body.shapes) == len(expected)
         for one, two in zip(body.shapes, expected, strict=True):

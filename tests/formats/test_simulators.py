@@ -9,7 +9,6 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.formats.model_writers import BODY1_LINK_NAME, BODY2_LINK_NAME, HINGE_JOINT_NAME
 from hingepair.pair.accuracy import angular_rate_sizes, error_ratios, output_scales
 from support import states
 from support.exported import WRITERS, corner_pair, pinocchio_of_urdf
@@ -46,7 +45,7 @@ def in_mujoco(text, body1, hinge):
 
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.gravity[:] = 0
-    data, body = mujoco.MjData(model), model.body(BODY2_LINK_NAME).id
+    data, body = mujoco.MjData(model), model.body("body2").id
     frame = mujoco.mjtObj.mjOBJ_XBODY
     found = {name: [] for name in OUTPUTS}
     for i, (psi, psid, psidd) in enumerate(hinge.T):
@@ -137,9 +136,9 @@ def test_a_fixed_base_stands_at_the_origin(write):
     mujoco.mj_kinematics(model, data)
     state = pair.forward_kinematics((0, 0, 0, 0, 0, 0, 0.8))
     size = np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
-    assert np.abs(data.body(BODY2_LINK_NAME).xpos - state.R2).max() <= 16 * U * size
-    assert np.abs(data.body(BODY2_LINK_NAME).xmat.reshape(3, 3) - state.S2).max() <= 16 * U
-    assert np.array_equal(data.body(BODY1_LINK_NAME).xpos, (0, 0, 0))
+    assert np.abs(data.body("body2").xpos - state.R2).max() <= 16 * U * size
+    assert np.abs(data.body("body2").xmat.reshape(3, 3) - state.S2).max() <= 16 * U
+    assert np.array_equal(data.body("body1").xpos, (0, 0, 0))
 
 
 @pytest.mark.parametrize("limits", [(-1, 2), None], ids=["revolute", "continuous"])
@@ -150,7 +149,7 @@ def test_limits_of_torque_and_rate_reach_the_simulators_and_come_back(limits, to
     import mujoco
 
     pair = corner_pair(1, limits=limits, torque_limit=torque, rate_limit=rate)
-    back = hp.from_urdf(hp.to_urdf(pair), HINGE_JOINT_NAME)
+    back = hp.from_urdf(hp.to_urdf(pair), "hinge")
     none = limits is None and torque is None and rate is None
     expected = [invented if own is None else own for own, invented in ((torque, 1000.0), (rate, 100.0))]
     assert [back.torque_limit, back.rate_limit] == ([None, None] if none else expected)

@@ -71,11 +71,11 @@ def test_what_was_written_is_read_back():
 
 def test_the_joint_is_continuous_and_the_inertias_are_valid():
     root = ET.fromstring(to_urdf(random_pair(1)))
-    assert [joint.get("type") for joint in root.findall("joint")] == ["continuous", "fixed"]
+    assert [joint.get("type") for joint in root.findall("joint")] == ["fixed", "continuous"]
     assert {link.get("name") for link in root.findall("link")} == {"body1", "body2_at_hinge", "body2"}
     inertials = root.findall("link/inertial")
     centres = [inertial.find("origin").get("xyz") for inertial in inertials]
-    assert centres == ["0.0 0.0 0.0", root.findall("joint")[1].find("origin").get("xyz")]
+    assert centres == ["0.0 0.0 0.0", root.findall("joint")[0].find("origin").get("xyz")]
     for inertial in inertials:
         moments = {key: float(value) for key, value in inertial.find("inertia").attrib.items()}
         assert set(moments) == {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"}

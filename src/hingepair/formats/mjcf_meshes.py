@@ -78,7 +78,7 @@ class MjcfMeshes:
         drawing = drawing_of_body(self._tree, number)
         visuals = [one for shape in drawing.visuals if (one := self._geom(shape))]
         for visual in visuals:
-            colour = visual.pop("rgba", _GREY)
+            colour = visual.pop("rgba", drawing.colour or _GREY)
             add_element(body, "geom", **visual, **DRAWN_ONLY, rgba=colour)
         shown: dict[str, Any] = {} if visuals else {"group": DRAWN_ONLY["group"]}
         for shape in drawing.collisions:

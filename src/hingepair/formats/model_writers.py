@@ -1,6 +1,6 @@
 """Pairs and robots written as URDF or as MJCF (MuJoCo).
 
-Of a pair, both formats hang body 2 up at the hinge point:
+A pair is written as a robot of one joint, which hangs body 2 up at the hinge point:
 
     body1 --hinge--> body2_at_hinge --fixed--> body2
 
@@ -12,43 +12,28 @@ from __future__ import annotations
 
 import math
 import warnings
-import xml.etree.ElementTree as ET
 from dataclasses import fields, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.formats.robot_mjcf import MJCF_COMPILER, insert_mjcf_joint, robot_to_mjcf
-from hingepair.formats.robot_writer import add_moving_joint, robot_to_urdf
-from hingepair.formats.shape_writers import add_geom, add_shape
-from hingepair.formats.xml_text import (
-    NO_TURN,
-    add_element,
-    add_inertial,
-    add_urdf_joint,
-    check_xml_text,
-    document,
-    limits_sentences,
-)
-from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.tree import hinge_of_pair
-from hingepair.numeric.arrays import Float64Array, check_choice, one_constant
+from hingepair.formats.robot_mjcf import robot_to_mjcf
+from hingepair.formats.robot_writer import robot_to_urdf
+from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.shapes import BodyDrawing
+from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, MassProperties, Tree, hinge_of_pair
+from hingepair.numeric.arrays import Float64Array, check_choice
 from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.geometry import check_pair, check_single_pair
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.requests import DEFAULT_GRAVITY
-from hingepair.rotations.euler import matrix_to_euler
-from hingepair.rotations.matrices import matrix_to_quaternion
+from hingepair.urdf.rigid import FramePose
 
-# Names of the links and of the joints that are written.
-WORLD_LINK_NAME, BODY1_LINK_NAME, BODY2_LINK_NAME = "world", "body1", "body2"
-BODY2_AT_HINGE_LINK_NAME = "body2_at_hinge"  # its origin is the hinge point
-BASE_JOINT_NAME, HINGE_JOINT_NAME = "base", "hinge"
-
+_BLUE, _ORANGE = (0.30, 0.50, 0.75, 1.0), (0.85, 0.60, 0.30, 1.0)  # RGBA of the bodies, as in README's figure
 _DRAWABLE = (1e-9, 1e9)  # m; beyond, viewers show nothing, and shapes have the size of one metre
 _INERTIA_MARGIN = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
@@ -74,7 +59,7 @@ def to_urdf(
       connects `body2_at_hinge` with `body1`. This joint is revolute if the pair has limits, else continuous.
     - `body2` has the frame (R2, S2); it is fixed to `body2_at_hinge` at -u2.
 
-    Points of the pair are links without mass, fixed to `body1` and `body2`.
+    Points of the pair are links without mass, fixed to `body1` and `body2_at_hinge`.
 
     A URDF joint with any limit must state effort and velocity. For a missing torque_limit, effort="1000.0" [N m or N]
     is written, and for a missing rate_limit velocity="100.0" [rad/s or m/s]. For a body of a pair without mass
@@ -119,38 +104,14 @@ def to_urdf(
     check_choice("base", base, ("free", "floating", "fixed"))
     if isinstance(pair, Mechanism):
         _refuse_for_robots(hinge_torque=hinge_torque, body1=body1)
-        return robot_to_urdf(pair, base, meshes=meshes)
+        return robot_to_urdf(tree_of(pair).plain(), base, meshes=meshes)
     if body1 is not None and base != "fixed":
         raise ArgumentError(
             "body1", f'None, since a model with base="{base}" does not hold the pose of body 1', quoted(body1)
         )
     hinge_load = _checked_load("URDF", hinge_torque, ("damping", "friction", "stops"))
-    parts = _pair_parts(pair, base)
-    robot = ET.Element("robot", {"name": pair.name})
-    # MuJoCo reads URDF too, and this element of it: body2 stays a body of its own, and the shapes are kept.
-    add_element(add_element(robot, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
-    for part in parts:
-        add_element(add_element(robot, "material", name=f"{part.link}_paint"), "color", rgba=part.colour)
-    if base != "free":
-        add_element(robot, "link", name=WORLD_LINK_NAME)
-    for part in parts:
-        _add_urdf_link(robot, part)
-    add_element(robot, "link", name=BODY2_LINK_NAME)
-    if base != "free":
-        to_body1 = add_urdf_joint(robot, BASE_JOINT_NAME, base, WORLD_LINK_NAME, BODY1_LINK_NAME)
-        if body1 is not None:
-            R, S = _checked_pose(body1)
-            add_element(to_body1, "origin", xyz=R, rpy=matrix_to_euler(S, "xyz"))
-    hinge = hinge_of_pair(pair, hinge_load)
-    _, made_up = add_moving_joint(robot, hinge, BODY1_LINK_NAME, BODY2_AT_HINGE_LINK_NAME)
-    to_body2 = add_urdf_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE_LINK_NAME, BODY2_LINK_NAME)
-    add_element(to_body2, "origin", xyz=-pair.u2, rpy=NO_TURN)
-    for link, points in ((BODY1_LINK_NAME, pair.points1), (BODY2_LINK_NAME, pair.points2)):
-        for name, position in points.items():
-            add_element(robot, "link", name=name)
-            to_point = add_urdf_joint(robot, f"{name}_point", "fixed", link, name)
-            add_element(to_point, "origin", xyz=position, rpy=NO_TURN)
-    return document(robot, [*_assumptions(parts), *limits_sentences([(HINGE_JOINT_NAME, made_up)])])
+    tree, sentences = _tree_of_pair(pair, hinge_load, is_fixed=base == "fixed")
+    return robot_to_urdf(tree, base, pose=None if body1 is None else _checked_pose(body1), sentences=sentences)
 
 
 def to_mjcf(
@@ -219,33 +180,13 @@ def to_mjcf(
         _refuse_for_robots(hinge_torque=hinge_torque, body1=body1)
         chosen = pair.base if base is None else base
         check_choice("base", chosen, ("free", "fixed"))
-        return robot_to_mjcf(pair, chosen, gravity, meshes=meshes)
+        return robot_to_mjcf(tree_of(pair).plain(), chosen, gravity, meshes=meshes)
     base = "free" if base is None else base
     check_choice("base", base, ("free", "pinned", "fixed"))
     hinge_load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
-    part1, part2 = _pair_parts(pair, base)
-    root = ET.Element("mujoco", {"model": pair.name})
-    add_element(root, "compiler", **MJCF_COMPILER)
-    add_element(root, "option", gravity=one_constant("gravity", gravity, 3))
-    pose: dict[str, Any] = {}
-    if body1 is not None:
-        R, S = _checked_pose(body1)
-        pose = {"pos": R, "quat": matrix_to_quaternion(S)}
-    carrier = add_element(add_element(root, "worldbody"), "body", name=BODY1_LINK_NAME, **pose)
-    if base == "free":
-        add_element(carrier, "freejoint", name=BASE_JOINT_NAME)
-    elif base == "pinned":
-        add_element(carrier, "joint", name=BASE_JOINT_NAME, type="ball")
-    _add_mjcf_body(carrier, part1)
-    quat_wxyz = matrix_to_quaternion(pair.home)
-    at_hinge = add_element(carrier, "body", name=BODY2_AT_HINGE_LINK_NAME, pos=pair.u1, quat=quat_wxyz)
-    insert_mjcf_joint(at_hinge, hinge_of_pair(pair, hinge_load), "the hinge")
-    _add_mjcf_body(at_hinge, part2)
-    body2 = add_element(at_hinge, "body", name=BODY2_LINK_NAME, pos=-pair.u2)
-    for body, points in ((carrier, pair.points1), (body2, pair.points2)):
-        for name, position in points.items():
-            add_element(body, "site", name=name, pos=position)
-    return document(root, _assumptions((part1, part2)))
+    tree, sentences = _tree_of_pair(pair, hinge_load, is_fixed=base == "fixed")
+    pose = None if body1 is None else _checked_pose(body1)
+    return robot_to_mjcf(tree, base, gravity, pose=pose, base_joint="base", sentences=sentences)
 
 
 def _refuse_for_robots(**values: Any) -> None:
@@ -254,32 +195,24 @@ def _refuse_for_robots(**values: Any) -> None:
             raise ArgumentError(name, "None, since a robot has no single hinge", quoted(value))
 
 
-def _assumptions(parts: tuple[_ModelPart, _ModelPart]) -> list[str]:
-    """Return the sentences on assumed mass properties."""
-    return [f"{part.link}: {sentence}" for part in parts for sentence in part.assumed]
-
-
 def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fields: tuple[str, ...]) -> HingeLoad:
     """Return the load, one without effect for None, and warn of its fields that are not written."""
     if hinge_torque is None:
         return HingeLoad()
     if not isinstance(hinge_torque, HingeLoad):
         raise ArgumentError("hinge_torque", "a HingeLoad", quoted(hinge_torque))
-    without = [
-        one.name
-        for one in fields(HingeLoad)
-        if one.name not in written_fields and getattr(hinge_torque, one.name) != one.default
-    ]
-    if without:
+    written = {name: getattr(hinge_torque, name) for name in written_fields}
+    changed = [one.name for one in fields(HingeLoad) if getattr(hinge_torque, one.name) != one.default]
+    if without := [name for name in changed if name not in written]:
         warnings.warn(f"{format_name} has no {', '.join(without)}: left out", DynamicsWarning, stacklevel=3)
-    return hinge_torque
+    return HingeLoad(**written)
 
 
-def _checked_pose(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
-    """Return position and rotation of the argument `body1`, a single pose."""
+def _checked_pose(body1: BodyMotion) -> FramePose:
+    """Return the argument `body1`, a single pose."""
     if not isinstance(body1, BodyMotion) or body1.shape != () or body1.S is None:
         raise ArgumentError("body1", "one pose, such as BodyMotion(R=(0, 0, 0), S=np.eye(3))", quoted(body1))
-    return np.asarray(body1.R, np.float64), np.asarray(body1.S, np.float64)
+    return FramePose(np.asarray(body1.S, np.float64), np.asarray(body1.R, np.float64))
 
 
 def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
@@ -301,38 +234,36 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
     return one or (*_arm_shapes(pair.u1, size), pin), two or (*_arm_shapes(pair.u2, size), sleeve)
 
 
-class _ModelPart(NamedTuple):
-    """A body of the pair as a link of a file."""
-
-    link: str  # its name
-    colour: str  # four numbers (RGBA)
-    body: Body | None  # mass properties; None of a fixed base that has none
-    origin: Float64Array  # of the link, in the axes of the body [m]
-    shapes: tuple[Shape, ...]  # in the frame of the link
-    assumed: tuple[str, ...]  # sentences on mass properties that were not given
-
-
-def _pair_parts(pair: HingePair, base: str) -> tuple[_ModelPart, _ModelPart]:
-    """Return body 1 in the frame (R1, S1), and body 2 with its origin at the hinge point."""
+def _tree_of_pair(pair: HingePair, load: HingeLoad, *, is_fixed: bool) -> tuple[Tree, list[str]]:
+    """Return a pair as the record of a robot of one joint, and sentences on assumed masses. A body that moves gets
+    1 kg if it has none.
+    """
     one, two = drawn_shapes(pair)
-    check_xml_text("name", pair.name)
-    blue, orange = "0.30 0.50 0.75 1", "0.85 0.60 0.30 1"  # of the README's figure
-    return (
-        _make_model_part(BODY1_LINK_NAME, blue, pair.body1, one, np.zeros(3), needs_mass=base != "fixed"),
-        _make_model_part(BODY2_AT_HINGE_LINK_NAME, orange, pair.body2, two, pair.u2, needs_mass=True),
-    )
+    sentences: list[str] = []
+    masses: list[MassProperties] = []
+    for link, body, origin in (("body1", pair.body1, np.zeros(3)), ("body2_at_hinge", pair.body2, pair.u2)):
+        moves = link != "body1" or not is_fixed
+        if body is None and moves:
+            sentences.append(
+                f"{link}: no mass properties are given: 1 kg with a radius of gyration of 0.1 m is written"
+            )
+            masses.append(_mass_properties(Body(), origin))
+            continue
+        sentences += [f"{link}: {sentence}" for sentence in (body.assumed if body and moves else ())]
+        masses.append(ZERO_MASS_PROPERTIES if body is None else _mass_properties(body, origin))
+    hung = tuple(replace(shape, center=shape.center - pair.u2) for shape in two)
+    frames = {name: Frame(0, position, np.eye(3)) for name, position in pair.points1.items()}
+    frames |= {name: Frame(1, position - pair.u2, np.eye(3)) for name, position in pair.points2.items()}
+    links = {"body1": Frame(0, np.zeros(3), np.eye(3)), "body2_at_hinge": Frame(1, np.zeros(3), np.eye(3))}
+    links["body2"] = Frame(1, 0.0 - pair.u2, np.eye(3))
+    drawings = (BodyDrawing(visuals=one, colour=_BLUE), BodyDrawing(visuals=hung, colour=_ORANGE))
+    hinge = replace(hinge_of_pair(pair, load), body=masses[1])
+    return Tree(pair.name, (hinge,), masses[0], links, frames, ("body2",), drawings=drawings), sentences
 
 
-def _make_model_part(
-    link: str, colour: str, body: Body | None, drawn: tuple[Shape, ...], origin: Float64Array, *, needs_mass: bool
-) -> _ModelPart:
-    """Return a body that is drawn by shapes, both in its axes; one that needs a mass and has none gets 1 kg."""
-    assumed = () if body is None else body.assumed
-    if body is None and needs_mass:
-        body = Body()
-        assumed = ("no mass properties are given: 1 kg with a radius of gyration of 0.1 m is written",)
-    shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn)
-    return _ModelPart(link, colour, body, origin, shapes, assumed if needs_mass else ())
+def _mass_properties(body: Body, origin: Float64Array) -> MassProperties:
+    """Return the mass properties of a body from another origin in it, so that simulators accept them."""
+    return MassProperties(body.mass, body.centre_of_mass - origin, _raise_flat_inertia(body.inertia))
 
 
 def _axis_in_body2(pair: HingePair) -> Float64Array:
@@ -360,24 +291,3 @@ def _arm_shapes(u: Float64Array, size: float) -> tuple[Shape, ...]:
 
 def _round_for_drawing(length: float) -> float:
     return float(f"{length:.2g}")
-
-
-def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
-    """Add a body as a link, with its mass properties and shapes."""
-    link = add_element(robot, "link", name=part.link)
-    if part.body is not None:
-        place = part.body.centre_of_mass - part.origin
-        add_inertial(link, part.body.mass, place, _raise_flat_inertia(part.body.inertia))
-    for shape in part.shapes:
-        add_element(add_shape(link, shape), "material", name=f"{part.link}_paint")
-
-
-def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
-    """Add the mass properties and shapes of a body to its element <body>."""
-    if part.body is not None:
-        place = part.body.centre_of_mass - part.origin
-        J = _raise_flat_inertia(part.body.inertia)
-        moments = [*J.diagonal(), J[0, 1], J[0, 2], J[1, 2]]
-        add_element(body, "inertial", pos=place, mass=part.body.mass, fullinertia=moments)
-    for shape in part.shapes:
-        add_geom(body, shape, part.colour)

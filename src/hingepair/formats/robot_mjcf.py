@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +14,6 @@ from hingepair.formats.mjcf_meshes import MjcfMeshes
 from hingepair.formats.robot_writer import is_here
 from hingepair.formats.shape_writers import unread_sentences
 from hingepair.formats.xml_text import add_element, check_xml_text, document, first_few
-from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.numeric.arrays import one_constant
 from hingepair.pair.body import warn_of_dynamics
@@ -35,9 +35,27 @@ _LEAST_MASS, _LEAST_MOMENT = 1e-15, 1e-14  # kg and kg m^2; less is 0 to MuJoCo
 _FARTHEST = 1e9  # rad or m; written for a missing limit beside a given one
 
 
-def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike, *, meshes: bool) -> str:
-    """Return a Mechanism as MJCF text, with its meshes or without; `base` is "free" or "fixed"."""
-    tree = tree_of(robot).plain()
+def robot_to_mjcf(
+    tree: Tree,
+    base: str,
+    gravity: ArrayLike,
+    *,
+    meshes: bool = True,
+    pose: FramePose | None = None,
+    base_joint: str = "",
+    sentences: Sequence[str] = (),
+) -> str:
+    """Return a robot as MJCF text, with its meshes or without.
+
+    Args:
+        tree: the robot.
+        base: "free", "pinned" or "fixed".
+        gravity: acceleration of free fall [m/s^2]; shape (3,).
+        meshes: whether they are written.
+        pose: of the base at the start; by default at the origin.
+        base_joint: name of the joint of a base that moves.
+        sentences: what the comment begins with.
+    """
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
     root = ET.Element("mujoco", {"model": tree.name})
@@ -46,9 +64,11 @@ def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike, *, meshes: bo
     drawn = MjcfMeshes(tree, wanted=meshes)
     drawn.add_assets(root)
     world = add_element(root, "worldbody")
-    bodies = [_add_body(world, tree, 0, tree.base if base == "free" else None, drawn, is_world=base == "fixed")]
-    if base == "free":
-        bodies[0].insert(0, ET.Element("freejoint"))
+    moves = base != "fixed"
+    bodies = [_add_body(world, tree, 0, tree.base if moves else None, drawn, pose, is_world=not moves)]
+    if moves:
+        tag, kind = ("freejoint", {}) if base == "free" else ("joint", {"type": "ball"})
+        bodies[0].insert(0, ET.Element(tag, {"name": base_joint, **kind} if base_joint else kind))
     chains: dict[int, list[Joint]] = {}  # joints whose bodies are left to the next one
     for number, joint in enumerate(tree.joints, 1):
         chain = [*chains.get(joint.parent, ()), joint]
@@ -66,7 +86,8 @@ def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike, *, meshes: bo
         if (rule := joint.mimic) is not None:
             leader, curve = tree.joints[rule.leader - 1].name, (rule.offset, rule.multiplier, 0, 0, 0)
             add_element(equality, "joint", joint1=joint.name, joint2=leader, polycoef=curve)
-    return document(root, [*_mass_sentences(tree, bodies, base), *drawn.sentences, *unread_sentences(tree)])
+    masses = _mass_sentences(tree, bodies, moves=moves)
+    return document(root, [*sentences, *masses, *drawn.sentences, *unread_sentences(tree)])
 
 
 def _is_between_joints(tree: Tree, number: int) -> bool:
@@ -89,11 +110,11 @@ def _poses_in_last_body(chain: list[Joint]) -> list[FramePose]:
     return [last, *(IDENTITY_POSE if seat is last else last.seen(seat) for seat in seats[1:])]
 
 
-def _mass_sentences(tree: Tree, bodies: list[ET.Element], base: str) -> list[str]:
+def _mass_sentences(tree: Tree, bodies: list[ET.Element], *, moves: bool) -> list[str]:
     """Return a sentence, if any, on the moving bodies that MuJoCo refuses for their masses."""
     masses = [tree.base, *(joint.body for joint in tree.joints)]
     moving = [
-        (bodies[k], masses[k]) for k in range(base != "free", len(bodies)) if not (k and _is_between_joints(tree, k))
+        (bodies[k], masses[k]) for k in range(not moves, len(bodies)) if not (k and _is_between_joints(tree, k))
     ]
     refused = [body.get("name", "") for body, one in moving if not _has_mass(one)]
     if not refused:

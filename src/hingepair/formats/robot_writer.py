@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -25,16 +26,24 @@ from hingepair.formats.xml_text import (
     urdf_limits,
 )
 from hingepair.mechanism.joints import KINDS
-from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.shapes import Mesh
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.pair.body import DynamicsWarning
 from hingepair.rotations.euler import matrix_to_euler
+from hingepair.urdf.rigid import FramePose
 
 
-def robot_to_urdf(robot: Mechanism, base: str = "free", *, meshes: bool = True) -> str:
-    """Return a robot as URDF text, with its meshes or without; see `to_urdf`."""
-    tree = tree_of(robot).plain()
+def robot_to_urdf(
+    tree: Tree,
+    base: str = "free",
+    *,
+    meshes: bool = True,
+    pose: FramePose | None = None,
+    sentences: Sequence[str] = (),
+) -> str:
+    """Return a robot as URDF text, with its meshes or without; see `to_urdf`. `pose` is that of a fixed base, and
+    `sentences` begin the comment.
+    """
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
     geared = [joint.name for joint in tree.joints if joint.armature]
@@ -44,8 +53,8 @@ def robot_to_urdf(robot: Mechanism, base: str = "free", *, meshes: bool = True) 
             message = f"{tree.name}: URDF has no {part}; not written are the {written} of {', '.join(joints)}"
             warnings.warn(message, DynamicsWarning, stacklevel=3)
     writer = _UrdfWriter(tree, meshes)
-    root = writer.build(base)
-    return document(root, [*limits_sentences(writer.made_up_limits), *unread_sentences(tree)])
+    root = writer.build(base, pose)
+    return document(root, [*sentences, *limits_sentences(writer.made_up_limits), *unread_sentences(tree)])
 
 
 class _UrdfWriter:
@@ -59,7 +68,7 @@ class _UrdfWriter:
         self._joints = {*tree.frames, *(joint.name for joint in tree.joints)}
         self.made_up_limits: list[tuple[str, str]] = []  # names of joints, and what URDF demands of them
 
-    def build(self, base: str) -> ET.Element:
+    def build(self, base: str, pose: FramePose | None) -> ET.Element:
         """Return the element <robot>; a joint of the type `base`, unless "free", holds the root to a link `world`."""
         tree = self._tree
         root = ET.Element("robot", {"name": tree.name})
@@ -75,7 +84,9 @@ class _UrdfWriter:
         if base != "free":
             world = _unused_name(self._links, "world")
             add_element(root, "link", name=world)
-            add_urdf_joint(root, _unused_name(self._joints, "base"), base, world, seats[0])
+            to_base = add_urdf_joint(root, _unused_name(self._joints, "base"), base, world, seats[0])
+            if pose is not None:
+                add_element(to_base, "origin", xyz=pose.origin, rpy=matrix_to_euler(pose.rotation, "xyz"))
         return root
 
     def _add_body(self, root: ET.Element, body_number: int, masses: MassProperties) -> str:
@@ -95,7 +106,7 @@ class _UrdfWriter:
         for tag, shapes in (("visual", drawing.visuals), ("collision", drawing.collisions)):
             for shape in shapes:
                 if self._meshes or not isinstance(shape, Mesh):
-                    add_shape(link, shape, tag)
+                    add_shape(link, shape, tag, drawing.colour)
         for name, frame in links.items():
             if name == seat:
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -18,23 +19,18 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 DRAWN_ONLY: Final = {"contype": "0", "conaffinity": "0", "group": "1"}  # attributes of a geom that does not collide
 
 
-def add_shape(link: ET.Element, shape: Drawn, tag: str = "visual") -> ET.Element:
+def add_shape(link: ET.Element, shape: Drawn, tag: str, colour: Sequence[float] | None) -> None:
     """Add a shape or a mesh, which stands in the axes of a link, to the link of a URDF as an element "visual" or
-    "collision"; return the element.
+    "collision". A shape to be seen has the colour, a mesh its own.
     """
     kind, sizes, rpy = _urdf_geometry(shape)
     element = add_element(link, tag)
     add_element(element, "origin", xyz=_place(shape), rpy=rpy)
     add_element(add_element(element, "geometry"), kind, **sizes)
-    if isinstance(shape, Mesh) and shape.colour is not None and tag == "visual":
-        name = "colour_" + "".join(f"{round(255 * part):02x}" for part in shape.colour)
-        add_element(add_element(element, "material", name=name), "color", rgba=shape.colour)
-    return element
-
-
-def add_geom(body: ET.Element, shape: Shape, colour: str) -> None:
-    """Add a shape, which stands in the axes of a body and does not collide, to the body of an MJCF."""
-    add_element(body, "geom", **mjcf_geometry(shape), pos=shape.center, **DRAWN_ONLY, rgba=colour)
+    colour = shape.colour if isinstance(shape, Mesh) else colour
+    if colour is not None and tag == "visual":
+        name = "colour_" + "".join(f"{round(255 * part):02x}" for part in colour)
+        add_element(add_element(element, "material", name=name), "color", rgba=colour)
 
 
 def drawing_of_body(tree: Tree, number: int) -> BodyDrawing:

@@ -79,6 +79,7 @@ class BodyDrawing(NamedTuple):
     visuals: tuple[Drawn, ...] = ()
     collisions: tuple[Drawn, ...] = ()
     unread: tuple[str, ...] = ()
+    colour: tuple[float, ...] | None = None  # RGBA of shapes, in files that are written
 
     def with_shapes(self, added: Iterable[Shape]) -> BodyDrawing:
         """Return the drawing of the body with further shapes."""

@@ -70,7 +70,8 @@ class _Reader:
             self._root = 0
         self._joint_names = _names(model.joint, model.njnt, "joint", set())
         self._body_names = _names(model.body, model.nbody, "body", set())
-        frames = {*self._joint_names, *self._body_names}
+        named = [name for k, name in enumerate(self._joint_names) if model.jnt_type[k] != _FREE]
+        frames = {*named, *self._body_names}
         self._site_names = _names(model.site, model.nsite, "site", frames)
         self._rules, self._unread_rules = self._mimic_rules()
 
