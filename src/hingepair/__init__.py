@@ -43,9 +43,7 @@ if TYPE_CHECKING:
     from hingepair.identification.mass_fit import fit_masses
     from hingepair.measured.clusters import fit_cluster
     from hingepair.measured.hinge_fit import HingeFit, fit
-    from hingepair.measured.inertial.angle import fit_angle
-    from hingepair.measured.inertial.axis_and_point import fit_anchor, fit_axis
-    from hingepair.measured.inertial.imus import ImuRecording, fit_imus
+    from hingepair.measured.imus import ImuRecording, fit_imus
     from hingepair.measured.smoothing.resample import resample
     from hingepair.measured.smoothing.smooth import smooth
     from hingepair.mechanism.joints import Screw, Slider
@@ -112,9 +110,6 @@ __all__ = [
     "euler_rates",
     "euler_to_matrix",
     "fit",
-    "fit_anchor",
-    "fit_angle",
-    "fit_axis",
     "fit_cluster",
     "fit_imus",
     "fit_masses",
@@ -159,9 +154,7 @@ _LAZY_MODULE_BY_NAME = {
         "motion.trajectory": "Trajectory",
         "measured.clusters": "fit_cluster",
         "measured.hinge_fit": "HingeFit fit",
-        "measured.inertial.imus": "ImuRecording fit_imus",
-        "measured.inertial.axis_and_point": "fit_anchor fit_axis",
-        "measured.inertial.angle": "fit_angle",
+        "measured.imus": "ImuRecording fit_imus",
         "measured.smoothing.resample": "resample",
         "measured.smoothing.smooth": "smooth",
         "tables.instants": "MeasurementWarning",

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError, quoted
 from hingepair.identification.consistency import body_units, consistent_parameters, nearest_parameters
-from hingepair.measured.findings import RANDOM_CORRELATION, Check, Finding, exceeded, verdict
+from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable, notes
 from hingepair.measured.least_squares import neighbour_correlation, sandwich
 from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, inertia_matrices
 from hingepair.mechanism.mechanism import Mechanism, tree_of
@@ -77,10 +77,8 @@ class MassFit(Frozen, Shown):
         rms_test: the same in the samples kept for the test; shape (dof,), NaN if there are none.
         rms_described: the same by the robot as described, in all samples; shape (dof,).
         samples: number of samples fitted to.
-        ok: whether the motion determines all parameters, the parameters explain the torques, and rigid bodies can
-            have them.
-        findings: sentences that say what is not determined, what the torques have that the parameters have not, and
-            what else is notable.
+        findings: sentences on what is not determined, what the torques have that the parameters have not, and what
+            else is notable, as those of a HingeFit.
         joint_terms: terms of each joint that were fitted.
     """
 
@@ -96,10 +94,14 @@ class MassFit(Frozen, Shown):
     rms_test: Float64Array
     rms_described: Float64Array
     samples: int
-    ok: bool
-    findings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     joint_terms: tuple[str, ...]
     gravity: tuple[float, ...] = field(repr=False)
+
+    @property
+    def ok(self) -> bool:
+        """Whether no finding says that a number may be wrong by more than its standard deviations."""
+        return is_reliable(self.findings)
 
     @property
     def intervals(self) -> Float64Array:
@@ -317,14 +319,15 @@ def fit_masses(
             "has. Of all masses with these base parameters, they are nearest to those described: physical=True finds "
             "some of rigid bodies."
         )
-        more.append(Finding(text, harmless=True))
+        more.append(Finding("bodies", len(tree.notes), 0, text, harmless=True))
     left = recording.left(estimate)
     rms, rms_test = _rms(left[:count]), _rms(left[count:])
     findings += [*more, *_misfits(recording, left[:count], rms_test, found)]
-    ok, sentences = verdict(sorted(findings, key=lambda finding: finding.harmless))
-    texts = [*sentences, *suspicions("angle", "q", np.abs(recording.values["q"]).max(axis=1))]
+    findings.sort(key=lambda finding: finding.is_note)
+    doubts = suspicions("angle", "q", np.abs(recording.values["q"]).max(axis=1))
+    findings += [Finding("unit", 1, 0, text) for text in doubts]
     if not known.all():
-        texts.append(f"{int((~known).sum())} of {known.size} samples are missing.")
+        findings += notes("missing samples", [f"{int((~known).sum())} of {known.size} samples are missing."])
     return MassFit(
         robot=fitted,
         base=base,
@@ -338,8 +341,7 @@ def fit_masses(
         rms_test=read_only(rms_test),
         rms_described=read_only(_rms(recording.left(described))),
         samples=count,
-        ok=ok,
-        findings=tuple(texts),
+        findings=tuple(dict.fromkeys(findings)),
         joint_terms=terms,
         gravity=recording.gravity,
     )
@@ -493,7 +495,8 @@ def _doubts(recording: _Recording, found: _Found, estimate: Float64Array, count:
             harmless = bool((doubt[of_body] <= _UNKNOWN).all())
             how = f"{'are' if of_body.size > 1 else 'is'} {'hardly' if harmless else 'not'} determined"
             advice = f"let {tree_of(robot).joints[number].name} and the joints that carry it turn further and faster"
-            findings.append(Finding(f"{which} of {name} {how} by this motion: {advice}.", harmless))
+            text = f"{which} of {name} {how} by this motion: {advice}."
+            findings.append(Finding("undetermined", doubt[of_body].max(), _HARDLY_KNOWN, text, harmless=harmless))
     values, std = (recording.parts(array)[1] for array in (estimate, found.std))
     for k, joint in enumerate(robot.names):
         lost = [term for term in terms if np.isinf(std[term][k])]
@@ -502,14 +505,16 @@ def _doubts(recording: _Recording, found: _Found, estimate: Float64Array, count:
                 f"{' and '.join(lost)} {'terms are' if len(lost) > 1 else 'term is'} not determined by this motion"
             )
             still = not rates[:, k].any()
-            findings.append(Finding(f"{joint} does not move: its {which}." if still else f"Of {joint}, the {which}."))
+            text = f"{joint} does not move: its {which}." if still else f"Of {joint}, the {which}."
+            findings.append(Finding("undetermined", np.inf, 0, text))
     unsigned = [term for term in terms if not _TERMS[term].signed]
     below = np.logical_or.reduce(
         [values[term] + 4 * std[term] < 0 for term in unsigned] or [np.zeros(robot.dof, np.bool_)]
     )
     if below.any():
         joints = ", ".join(np.array(robot.names)[below])
-        findings.append(Finding(f"Friction or a rotor of {joints} is below 0: do tau and qd have the same sign?"))
+        text = f"Friction or a rotor of {joints} is below 0: do tau and qd have the same sign?"
+        findings.append(Finding("sign", below.sum(), 0, text))
     return findings
 
 
@@ -551,7 +556,7 @@ def _standard_parameters(
             f"left grow by {squares:.3g} times the variance of the noise, with {len(estimate)} parameters."
         )
         changed = np.concatenate((base.matrix @ parameters, further))
-        return parameters, changed, exceeded(Check(squares, _GROWTH * len(estimate), text))
+        return parameters, changed, exceeded(Finding("bodies", squares, _GROWTH * len(estimate), text))
     parameters = nearest_parameters(base.matrix, recording.parts(estimate)[0], start, _units(robot))
     return parameters, estimate, []
 
@@ -581,7 +586,7 @@ def _mass_matrix_findings(recording: _Recording, found: _Found, estimate: Float6
         f"same sign{', and are the rotors as light as `armature` says' if known_rotors else ''}?"
     )
     # The squares of what is left grow by at least below**2 where other parameters bring the eigenvalue to 0.
-    return exceeded(Check(below[worst] ** 2, _GROWTH * len(estimate), text))
+    return exceeded(Finding("mass matrix", below[worst] ** 2, _GROWTH * len(estimate), text))
 
 
 def _not_random(recording: _Recording, left: Float64Array) -> NDArray[np.bool_]:
@@ -615,14 +620,14 @@ def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, 
             "Neighbouring samples are of unrelated positions, so that their order does not tell noise from what the "
             "parameters lack: compare `noise` with that of the sensors."
         )
-        findings.append(Finding(text, harmless=True))
+        findings += notes("order", [text])
     if correlated.any():
         share = float((rms / size)[correlated].max())
         text = (
             f"What is left of the torques of {', '.join(joints[correlated])}, up to {percent(share)} of them, is not "
             "random: filtered noise, or what the parameters lack, such as other friction and elastic gears."
         )
-        findings.append(Finding(text, harmless=share < _POOR))
+        findings.append(Finding("not random", share, 0, text, harmless=share < _POOR))
     worse = rms_test > np.maximum(_WORSE * rms, 1e-6 * size)
     if worse.any():
         k = int(np.argmax(np.where(worse, rms_test / np.maximum(rms, 1e-300), 0.0)))
@@ -631,13 +636,13 @@ def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, 
             f"those fitted to, that of {joints[k]} by {rms_test[k]:.3g} instead of {rms[k]:.3g} N m rms: the "
             "parameters do not hold for other motions."
         )
-        findings.append(Finding(text))
+        findings.append(Finding("test", rms_test[k] / max(rms[k], 1e-300), _WORSE, text))
     lag = found.unresolved_lag if correlated.any() else 0
     text = (
         f"What is left of the torques is correlated over {lag} samples and more, too long relative to the whole "
-        "recording: the standard deviations are too small."
+        "recording: the standard deviations are rough."
     )
-    return findings + exceeded(Check(lag, 0, text, harmless=True))
+    return findings + exceeded(Finding("memory", lag, 0, text, harmless=True))
 
 
 def _fitted_robot(recording: _Recording, parameters: Float64Array, estimate: Float64Array) -> Mechanism:

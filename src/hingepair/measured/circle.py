@@ -19,7 +19,6 @@ from hingepair.measured.findings import (
     RANDOM_CORRELATION,
     RELIABLE_AXIS,
     RELIABLE_POINT,
-    Check,
     Finding,
     exceeded,
     outlier_finding,
@@ -233,8 +232,8 @@ def fit_circle(
 
     findings = outlier_finding(is_outlier, weights)
     findings += _circle_findings(circle, residuals, weights, covariance, gauge)
-    findings += [] if come_to_rest else [Finding("The steps of the fit did not come to rest.")]
-    findings.sort(key=lambda finding: finding.harmless)
+    findings += [] if come_to_rest else [Finding("steps", 1, 0, "The steps of the fit did not come to rest.")]
+    findings.sort(key=lambda finding: finding.is_note)
     if max(neighbour_correlation(part) for part in residuals.T) <= RANDOM_CORRELATION:
         good = some.p.T[(weights > 0) & ~is_outlier]
         findings = _arc_findings(good, float(np.sqrt(circle_covariance[5, 5])) / circle.radius) or findings
@@ -405,7 +404,7 @@ def _arc_findings(p: Float64Array, relative_radius_std: float) -> list[Finding]:
     widths = np.linalg.svd(p - p.mean(axis=0), compute_uv=False) / np.sqrt(p.shape[0])
     what = "straight within" if relative_radius_std > 1 / 3 else "hardly an arc beside"
     text = f"The path of the point is {what} its noise, {widths[2]:.2g} m: let the point turn further."
-    return [Finding(text)] if widths[1] < 3.0 * widths[2] else []
+    return [Finding("arc", widths[2], widths[1] / 3, text)] if widths[1] < 3.0 * widths[2] else []
 
 
 def _circle_findings(
@@ -427,20 +426,23 @@ def _circle_findings(
             continue
         rms = f"by {size * circle.radius:.2g} m rms"
         if size >= MAX_PLAY:
-            findings.append(Finding(f"The point {off} {rms}, and not at random: {why}."))
+            findings.append(Finding("play", size, MAX_PLAY, f"The point {off} {rms}, and not at random: {why}."))
         else:
             share = f"{percent(size)} of the radius, and not at random"
-            findings.append(Finding(f"{play} {rms}, {share}: the hinge is that of the mean circle.", harmless=True))
+            text = f"{play} {rms}, {share}: the hinge is that of the mean circle."
+            findings.append(Finding("play", size, 0.25 * MAX_PLAY, text, harmless=True))
     std = np.sqrt(np.diagonal(covariance))
     axis_std, point_std = float(np.sqrt((std[6:9] ** 2).sum() / 2)), float(std[:6].max())
     reach = max(float(np.linalg.norm(lever)) for lever in circle.levers(gauge))
     return findings + exceeded(
-        Check(
+        Finding(
+            "axis",
             axis_std,
             RELIABLE_AXIS,
             f"The axis is known to {np.degrees(axis_std):.2g} deg only: let the point turn further.",
         ),
-        Check(
+        Finding(
+            "point",
             point_std,
             RELIABLE_POINT * reach,
             f"The hinge point is known to {point_std:.2g} m only: let the point turn further.",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.findings import RANDOM_CORRELATION
+from hingepair.measured.findings import RANDOM_CORRELATION, Finding, is_reliable
 from hingepair.measured.least_squares import neighbour_correlation
 from hingepair.measured.robust import OUTLIER
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
@@ -40,9 +40,8 @@ class ClusterFit:
         rms: root mean square of each marker's residuals [m]; shape (M,); 0 for a marker that is never seen.
         noise: standard deviation of the noise in each coordinate of a marker's position [m], without samples that are
             far off.
-        ok: whether the cluster is rigid, and the markers are what they are taken for: not exchanged, not hidden at
-            (0, 0, 0), and at the places of `reference`.
-        findings: sentences that say which marker moved, or what else is wrong. If `ok` is True, there are none.
+        findings: sentences on which marker moved, was exchanged with another or hidden at (0, 0, 0), and what else is
+            wrong, as those of a HingeFit.
     """
 
     body: BodyMotion
@@ -50,8 +49,12 @@ class ClusterFit:
     residuals: Float64Array
     rms: Float64Array
     noise: float
-    ok: bool
-    findings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether no finding says that a number may be wrong by more than its standard deviations."""
+        return is_reliable(self.findings)
 
 
 def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> ClusterFit:
@@ -122,8 +125,7 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
         residuals=read_only(residuals),
         rms=read_only(rms),
         noise=float(np.sqrt((distances[good] ** 2).sum() / max(free, 1.0))),
-        ok=not findings,
-        findings=tuple(findings),
+        findings=tuple(Finding("markers", 1, 0, text) for text in findings),
     )
 
 

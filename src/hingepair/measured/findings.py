@@ -32,31 +32,49 @@ _JUDGED_SAMPLES = 65536  # that are judged, at most
 _MISTAKE_SAMPLES = 400  # on which mistakes are tried, at most
 
 
-class Finding(NamedTuple):
-    """A sentence of a report on a fit."""
+class Finding(str):
+    """A sentence of a report on a fit, with what it was judged by.
 
-    text: str
-    harmless: bool = False  # whether the fit can be relied on in spite of it: it says how large something is
+    Attributes:
+        name: what was judged, such as "axis".
+        value: what was found of it.
+        limit: the value above which it is a finding.
+        severity: "serious" if a number of the fit may be wrong by more than its standard deviations, or "note".
+    """
 
-
-class Check(NamedTuple):
-    """A condition that becomes a Finding where its value is above the limit, or NaN."""
-
+    name: str
     value: float
     limit: float
-    text: str
-    harmless: bool = False
+    severity: str
+
+    def __new__(
+        cls, name: str, value: float = np.nan, limit: float = 0.0, text: str = "", *, harmless: bool = False
+    ) -> Finding:
+        """Make a finding of its sentence `text`; a `harmless` one is a note."""
+        made = super().__new__(cls, text or name)
+        made.name, made.value, made.limit = name, float(value), float(limit)
+        made.severity = "note" if harmless else "serious"
+        return made
+
+    @property
+    def is_note(self) -> bool:
+        """Whether the fit can be relied on in spite of it."""
+        return self.severity == "note"
 
 
-def exceeded(*checks: Check) -> list[Finding]:
-    """Return the findings of the checks whose values are above their limits, or NaN."""
-    return [Finding(check.text, check.harmless) for check in checks if not check.value <= check.limit]
+def notes(name: str, sentences: Iterable[str]) -> list[Finding]:
+    """Return sentences that leave a fit reliable as findings."""
+    return [Finding(name, 1, 0, sentence, harmless=True) for sentence in sentences]
 
 
-def verdict(findings: Iterable[Finding]) -> tuple[bool, tuple[str, ...]]:
-    """Return whether a fit with these findings is reliable, and the sentences, each once."""
-    listed = list(findings)
-    return all(finding.harmless for finding in listed), tuple(dict.fromkeys(finding.text for finding in listed))
+def exceeded(*findings: Finding) -> list[Finding]:
+    """Return the findings whose values are above their limits, or NaN."""
+    return [finding for finding in findings if not finding.value <= finding.limit]
+
+
+def is_reliable(findings: Iterable[Finding]) -> bool:
+    """Return whether no finding says that a number may be wrong by more than its standard deviations."""
+    return all(finding.is_note for finding in findings)
 
 
 def check_turning(poses: RelativePoses) -> None:
@@ -106,10 +124,10 @@ def judge_hinge(
     reach = max(float(np.linalg.norm(hinge.u1)), float(np.linalg.norm(hinge.u2)), _rms_distance(poses.p))
     # Serious outliers, or a serious tilt, explain whatever else is seen.
     findings = outlier_finding(is_outlier, residuals.weights, residuals.whitened_squares)
-    if not all(finding.harmless for finding in findings):
+    if not is_reliable(findings):
         return findings
     findings += _axis_findings(poses, residuals, turning)
-    if not all(finding.harmless for finding in findings):
+    if not is_reliable(findings):
         return findings
     axis_std, point_std = float(np.sqrt((std["n"] ** 2).sum() / 2)), max(std["u1"].max(), std["u2"].max())
     lag = 0 if _residuals_are_rounding(residuals, poses, np.ones_like(is_outlier)) else residuals.unresolved_lag
@@ -117,28 +135,33 @@ def judge_hinge(
     if float(residuals.tilt.max()) < 1e-12 < np.abs(residuals.gap).max() / poses.size:
         text = (
             "The bodies turn about the axis alone, as in recordings in the plane: the attitudes do not tell their "
-            "noise, and the standard deviation of psi is too small."
+            "noise, nor the standard deviation of psi."
         )
-        findings.append(Finding(text, harmless=True))
+        findings.append(Finding("plane", 1, 0, text, harmless=True))
     findings += exceeded(
-        Check(
+        Finding(
+            "axis",
             axis_std,
             RELIABLE_AXIS,
             f"The axis is known to {np.degrees(axis_std):.2g} deg only: let the bodies turn further, or longer.",
         ),
-        Check(
-            point_std, RELIABLE_POINT * reach, f"The hinge point is known to {point_std:.2g} m only, across the axis."
+        Finding(
+            "point",
+            point_std,
+            RELIABLE_POINT * reach,
+            f"The hinge point is known to {point_std:.2g} m only, across the axis.",
         ),
-        Check(not has_converged, 0, "The steps of the fit did not come to rest."),
-        Check(
+        Finding("steps", not has_converged, 0, "The steps of the fit did not come to rest."),
+        Finding(
+            "memory",
             lag,
             0,
             f"What is left of the samples is correlated over {lag} samples and more, too long "
-            "relative to the whole recording: the standard deviations are too small.",
+            "relative to the whole recording: the standard deviations are rough.",
             harmless=True,
         ),
     )
-    return sorted(findings, key=lambda finding: finding.harmless)
+    return sorted(findings, key=lambda finding: finding.is_note)
 
 
 def split_findings(random: Float64Array, whole: Float64Array, how: str) -> list[Finding]:
@@ -149,7 +172,7 @@ def split_findings(random: Float64Array, whole: Float64Array, how: str) -> list[
     if not (added > np.maximum(0.5 * np.sqrt(np.diagonal(random))[:6], 1e-12)).any():
         return []
     text = f"u1 and u2 depend by {added.max():.2g} m on how the noise of the attitudes {how}."
-    return [Finding(text, harmless=True)]
+    return [Finding("split", added.max(), 0, text, harmless=True)]
 
 
 def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np.bool_]:
@@ -183,9 +206,10 @@ def outlier_finding(
         return []
     share = f"{percent(is_outlier.mean())} of the samples are outliers"
     if weights[is_outlier].mean() < 0.5 * weights.mean():
-        return [Finding(f"{share}; they count little.", harmless=True)]
+        return [Finding("outliers", is_outlier.mean(), 0, f"{share}; they count little.", harmless=True)]
     harmless = squares is not None and bool(squares[is_outlier].sum() < squares[~is_outlier].sum())
-    return [Finding(f'{share}, and count like the others: loss="cauchy" makes them count little.', harmless)]
+    text = f'{share}, and count like the others: loss="cauchy" makes them count little.'
+    return [Finding("outliers", is_outlier.mean(), 0, text, harmless=harmless)]
 
 
 def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: float) -> list[Finding]:
@@ -200,11 +224,12 @@ def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: flo
         if tilt < 0.2 * turning:
             return []
         text = f"They turn by {np.degrees(turning):.2g} deg rms, little relative to attitude errors of {degrees}."
-        return [Finding(text)]
+        return [Finding("tilt", tilt, 0.2 * turning, text)]
     if tilt < 0.1 * turning:
         share = f"{percent(tilt / turning)} of the turning, and not at random"
-        return [Finding(f"The axes tilt against each other by {degrees}, {share}: n is their mean.", harmless=True)]
-    return [Finding(_other_joint_sentence(poses, tilt, degrees))]
+        text = f"The axes tilt against each other by {degrees}, {share}: n is their mean."
+        return [Finding("tilt", tilt, 0.03 * turning, text, harmless=True)]
+    return [Finding("tilt", tilt, 0.1 * turning, _other_joint_sentence(poses, tilt, degrees))]
 
 
 def _other_joint_sentence(poses: RelativePoses, tilt: float, tilt_text: str) -> str:
@@ -262,11 +287,12 @@ def _point_findings(poses: RelativePoses, noise: Noise, residuals: HingeResidual
         play = "The hinge point moves"
     else:
         text = f"The hinge point is off by {size:.2g} m rms at random: noise that is large relative to the levers."
-        return [Finding(text)]
+        return [Finding("play", size, 0.1 * reach, text)]
     if size >= MAX_PLAY * reach:
-        return [Finding(no_hinge)]
+        return [Finding("play", size, MAX_PLAY * reach, no_hinge)]
     share = f"{percent(float(rms) / reach)} of the levers, and not at random"
-    return [Finding(f"{play} by {rms:.2g} m rms, {share}: u1 and u2 name its mean place.", harmless=True)]
+    text = f"{play} by {rms:.2g} m rms, {share}: u1 and u2 name its mean place."
+    return [Finding("play", size, 0.005 * reach, text, harmless=True)]
 
 
 def _angle_scatter(psi: Float64Array, weights: Float64Array) -> float:

@@ -19,10 +19,11 @@ from hingepair.measured.findings import (
     Finding,
     check_turning,
     find_outliers,
+    is_reliable,
     judge_hinge,
+    notes,
     probable_mistakes,
     split_findings,
-    verdict,
 )
 from hingepair.measured.hinge import (
     GAUGES,
@@ -92,8 +93,8 @@ class HingeFit(OverInstants, Shown):
             about the axis. Of a point, home is exactly the identity, and the rank is 6.
         std: standard deviations of the estimates: "u1" [m], "u2" [m], "n" and "home" [rad], of shape (3,), are the
             roots of the diagonal of `covariance`. "psi" [rad], of shape (N,), is that of each angle: of the noise of
-            its own sample, and of the hinge; outliers excepted. "noise_position" [m] and "noise_angle" [rad] are
-            absent of a point, "clock_offset" [s] without `t`.
+            its own sample, and of the hinge; outliers excepted; inf in the plane. "noise_position" [m] and
+            "noise_angle" [rad] are absent of a point, "clock_offset" [s] without `t`.
         rms_position: root mean square of `gap`, weighted with `weights` [m].
         rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN of a point.
         noise_position: standard deviation of the noise in each coordinate of R2 - R1, that of both bodies [m]. It is
@@ -105,9 +106,8 @@ class HingeFit(OverInstants, Shown):
         clock_offset: time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the time
             stamp s was taken at the instant s + clock_offset of body 1's clock. It is None without `t`, and 0 with
             the standard deviation inf if the motion does not determine it.
-        ok: whether the recorded motion agrees with a hinge and determines this hinge.
-        findings: sentences that say what the motion does not determine, why the motion does not agree with a hinge,
-            and what else is notable.
+        findings: sentences on what the motion does not determine, why it does not agree with a hinge, and what else
+            is notable. Each has `name`, `value`, `limit`, and `severity`: "serious" or "note".
         gauge: name of the rule for the position of the hinge point along the axis.
         loss: name of the loss function.
         n_along: direction that decided the sign of n, body-1 axes; None if the rule of `fit` did.
@@ -132,8 +132,7 @@ class HingeFit(OverInstants, Shown):
     noise_position: float
     noise_angle: float
     clock_offset: float | None
-    ok: bool
-    findings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     gauge: str
     loss: str
     n_along: tuple[float, ...] | None
@@ -144,6 +143,11 @@ class HingeFit(OverInstants, Shown):
     samples: int
     body2: BodyMotion
     _body1: BodyMotion = field(repr=False)
+
+    @property
+    def ok(self) -> bool:
+        """Whether no finding says that a number may be wrong by more than its standard deviations."""
+        return is_reliable(self.findings)
 
     @property
     def residuals(self) -> Residuals:
@@ -184,7 +188,8 @@ class HingeFit(OverInstants, Shown):
         names = ("psi", "gap") if np.isnan(self.rms_angle) else ("psi", "gap", "tilt")
         instants = np.arange(float(self.psi.size)) if self.t is None else shown.converted("t", self.t)
         places = figure.subplots(len(names), sharex=True)
-        band = shown.converted("psi", self.psi + np.outer((-2, 2), self.std["psi"]))
+        known = np.where(np.isfinite(self.std["psi"]), self.std["psi"], np.nan)
+        band = shown.converted("psi", self.psi + np.outer((-2, 2), known))
         x, ends = break_at_gaps(instants, band.T)
         places[0].fill_between(x, *ends.T, alpha=0.3, linewidth=0)
         for axes, name in zip(places, names, strict=True):
@@ -427,23 +432,25 @@ def _hinge_fit(
     std |= {"psi": _scatter_used(found.psi_std, used)} | found.noise_std
     if samples.t is not None:
         std["clock_offset"] = np.float64(found.offset_std)
-    ok, sentences = verdict(found.findings)
-    texts = list(sentences)
+    findings = list(found.findings)
     if clock is not None and abs(found.offset) > 4.0 * found.offset_std > 0:
-        texts += clock.clock_offset_sentences(found.offset)
-    if not ok and not samples.is_point:
+        findings += notes("clock", clock.clock_offset_sentences(found.offset))
+    if not is_reliable(findings) and not samples.is_point:
         recorded = (samples.R1, samples.S1, samples.R2, samples.S2)
-        texts += probable_mistakes(BodyPoses(*(array[used] for array in recorded)))
-        if LOSSES[loss] is None and 'loss="cauchy"' not in " ".join(texts):
-            texts.append('Where some samples may be outliers, loss="cauchy" tells.')
-    texts += _missing_sample_sentences(used, clock)
+        findings += notes("mistake", probable_mistakes(BodyPoses(*(array[used] for array in recorded))))
+        if LOSSES[loss] is None and 'loss="cauchy"' not in " ".join(findings):
+            findings += notes("outliers", ['Where some samples may be outliers, loss="cauchy" tells.'])
+    findings += notes("missing samples", _missing_sample_sentences(used, clock))
     if found.poses.samples < 10:
-        texts.append(f"Of {found.poses.samples} samples, the standard deviations are no more than a hint.")
+        text = f"Of {found.poses.samples} samples, the standard deviations are no more than a hint."
+        findings += notes("samples", [text])
+    distances = np.linalg.norm(found.poses.p, axis=0)
+    doubts = suspicions("distance", "R2 - R1", distances)
     if samples.t is not None:
-        texts += suspicions("instants", "t", samples.t)
-        texts += [f"{text}." for text in gap_sentences("t", samples.t)]
-    texts += suspicions("distance", "R2 - R1", np.linalg.norm(found.poses.p, axis=0))
-    texts += samples.noise_suspicions(found.noise)
+        doubts += suspicions("instants", "t", samples.t)
+        findings += notes("gaps", [f"{text}." for text in gap_sentences("t", samples.t)])
+    findings += [Finding("unit", 1, 0, text) for text in doubts]
+    findings += notes("noise", samples.noise_suspicions(found.noise))
     counted = found.psi[found.good] if found.good.any() else found.psi
     moved = body2 if clock is None else clock.body2(found.offset)
     return HingeFit(
@@ -457,8 +464,7 @@ def _hinge_fit(
         noise_position=float(np.sqrt(found.noise.place)),
         noise_angle=float(np.sqrt(found.noise.attitude)),
         clock_offset=None if samples.t is None else found.offset,
-        ok=ok,
-        findings=tuple(texts),
+        findings=tuple(dict.fromkeys(findings)),
         gauge=gauge,
         loss=loss,
         n_along=None if n_along is None else tuple(n_along.tolist()),
@@ -504,6 +510,10 @@ def _find_hinge(
     is_outlier, home = find_outliers(residuals, poses), home_of(hinge)
     good = ~is_outlier & (residuals.weights >= _INLIER)
     psi = _unwrap_angles(residuals.psi - home_angle(hinge, home), good)
+    findings = judge_hinge(poses, hinge, noise, residuals, is_outlier, estimate.has_converged, std)
+    psi_std = _angle_std(poses, hinge, noise, residuals.covariance)
+    if any(finding.name == "plane" for finding in findings):
+        psi_std = np.full_like(psi_std, np.inf)
     return _Found(
         pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home),
         poses=poses,
@@ -512,7 +522,7 @@ def _find_hinge(
         offset=estimate.offset,
         offset_std=_clock_offset_std(poses, residuals, clock_offset),
         psi=psi,
-        psi_std=_angle_std(poses, hinge, noise, residuals.covariance),
+        psi_std=psi_std,
         good=good,
         gap=np.linalg.norm(residuals.gap, axis=0),
         tilt=residuals.tilt,
@@ -521,7 +531,7 @@ def _find_hinge(
         noise=noise,
         noise_std=noise_standard_deviations(poses, hinge, noise, loss),
         findings=[
-            *judge_hinge(poses, hinge, noise, residuals, is_outlier, estimate.has_converged, std),
+            *findings,
             *split_findings(random_covariance, covariance, "divides between the bodies: noise1 and noise2 tell"),
         ],
     )

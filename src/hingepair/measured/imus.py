@@ -1,0 +1,771 @@
+"""A hinge from two inertial sensors, one on each body: clocks, axis, point and angle, without positions or attitudes.
+
+Across the axis both sensors see the same two vectors, turned by psi: the angular velocity, and the specific force at
+the hinge point, F = f + omega x (omega x u) + alpha x u. What does not depend on psi is 0 but for noise: the
+differences of the lengths of both vectors across the axis, and of the forces along it (Seel, Schauer and Raisch, IEEE
+International Conference on Control Applications, 2012, 45-49; Sensors 14 (2014), 6891-6909). The axis, the point, the
+biases of the sensors, the clock offset and the clock drift make them least, in one problem of least squares. What the
+motion does not show of these (Olsson, Kok, Seel and Halvorsen, Sensors 20 (2020), 3534) stays as uncertain as before.
+
+Then psi: both vectors show it at each instant, noisy; the rate psi' = omega2 . m - omega1 . n connects the instants,
+smooth but with a bias. The most likely angle is that of a fixed-interval smoother, one tridiagonal system.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.errors import ArgumentError, FitError, ShapeError
+from hingepair.measured.findings import RANDOM_CORRELATION, RELIABLE_POINT, Finding, exceeded, is_reliable
+from hingepair.measured.hinge import Hinge, frame, home_angle, home_of, result_derivatives, sign_of, tilt_axis
+from hingepair.measured.least_squares import neighbour_correlation, score_scatter, solve_semidefinite
+from hingepair.measured.robust import cauchy, loss_weights
+from hingepair.measured.smoothing.spline import MIN_PIECE, inverse_bands, smooth_columns
+from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.rotations.matrices import skew
+from hingepair.tables.instants import checked_gaps, elapsed_seconds, increasing_seconds, split_at_gaps
+from hingepair.tables.sheets import percent
+from hingepair.tables.suspicions import suspicions
+
+# Unknowns: steps of the hinge (`Hinge.moved`), biases of both gyroscopes and of both accelerometers, clock.
+_HINGE, _GYROSCOPES, _ACCELEROMETERS, _CLOCK = slice(0, 9), slice(9, 15), slice(15, 21), slice(21, 23)
+_PRIOR = np.repeat((1.0, 10.0, 1.0, 1.0, 1.0, 2e-4), (4, 5, 6, 6, 1, 1))  # rad, m, biases, s; crystals in s/s
+_STEPS = np.repeat((1e-5, 1e-5, 1e-5, 1e-5, 1e-6, 1e-8), (4, 5, 6, 6, 1, 1))  # of derivatives
+_FEW, _SOME, _MANY = 400, 2000, 20_000  # samples of starts, of the first steps, and of the last one, at most
+_MAX_SHIFT = 0.75  # time steps by which a reading of sensor 2 may be moved along its slope
+_UNMEASURED = 1e6  # rad: standard deviation of an angle, or a change over a gap, that nothing measures
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuRecording:
+    """The record of an inertial sensor on a body: angular velocity and specific force in the body's axes.
+
+    Attributes:
+        t: instants, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers); shape (N,).
+        omega: angular velocity in the body's axes [rad/s]; shape (N, 3), NaN where a sample is missing.
+        force: specific force, S^T (a - g), in the body's axes [m/s^2]; shape (N, 3), NaN where a sample is missing.
+
+    Raises:
+        ArgumentError: an argument cannot be used; the error names it.
+    """
+
+    t: NDArray[Any]
+    omega: Float64Array
+    force: Float64Array
+
+    def __post_init__(self) -> None:
+        count = increasing_seconds("t", self.t)[0].size
+        object.__setattr__(self, "t", read_only(np.array(self.t)))
+        for name in ("omega", "force"):
+            array = vectors(name, getattr(self, name), 3).astype(np.float64)
+            if array.shape != (count, 3):
+                raise ShapeError(name, f"shape {(count, 3)}, as t", f"shape {array.shape}")
+            object.__setattr__(self, name, read_only(array))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ImuFit:
+    """The result of `fit_imus`: the hinge, and its angle at the instants of sensor 1.
+
+    Attributes:
+        pair: the hinge, a HingePair of sensor 1 and sensor 2; the hinge point is the one closest to sensor 1.
+        psi: hinge angle [rad]; shape (N,), NaN at instants that are not used. The first finite angle is in [-pi, pi],
+            and there are no jumps of 2 pi between samples.
+        psid: rate of psi [rad/s]; shape (N,), NaN where psi is. A constant bias of the gyroscopes is subtracted.
+        covariance: covariance matrix of u1, u2, n and the rotation vector of home, as of a HingeFit; shape (12, 12).
+        std: standard deviations of the estimates: "u1" [m], "u2" [m], "n", "home" [rad], of shape (3,); "psi" [rad],
+            of shape (N,); "gyroscope_bias" [rad/s] and "accelerometer_bias" [m/s^2], of shape (2, 3); "clock_offset"
+            [s] and "clock_drift".
+        gyroscope_bias: bias of both gyroscopes [rad/s]; shape (2, 3). What the motion does not show stays near 0.
+        accelerometer_bias: bias of both accelerometers [m/s^2]; shape (2, 3).
+        clock_offset: time by which the clock of sensor 1 is ahead of that of sensor 2 in the middle of the recording
+            [s]: a sample of sensor 2 with the time stamp s was taken at the instant s + clock_offset of sensor 1.
+        clock_drift: seconds by which the clock offset grows in a second.
+        rms_rate: root mean square of the difference of the rates across the axis, without biases [rad/s].
+        rms_force: root mean square of the difference of the forces at the hinge point, across the axis [m/s^2].
+        imu2: the record of sensor 2 at the instants of sensor 1, an ImuRecording; NaN at instants that are not used.
+        samples: number of instants that are used.
+        findings: sentences on what is wrong with the data, or what the motion does not determine.
+    """
+
+    pair: HingePair
+    psi: Float64Array
+    psid: Float64Array
+    covariance: Float64Array
+    std: Mapping[str, Float64Array | np.float64]
+    gyroscope_bias: Float64Array
+    accelerometer_bias: Float64Array
+    clock_offset: float
+    clock_drift: float
+    rms_rate: float
+    rms_force: float
+    imu2: ImuRecording
+    samples: int
+    findings: tuple[Finding, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether no finding says that a number may be wrong by more than its standard deviations."""
+        return is_reliable(self.findings)
+
+    def __str__(self) -> str:
+        lines = [f"hinge of two inertial sensors at {self.samples} of {self.psi.size} instants"]
+        for name, unit in (("n", ""), ("u1", " m"), ("u2", " m")):
+            numbers = zip(getattr(self.pair, name), np.asarray(self.std[name]), strict=True)
+            lines.append(f"{name} = ({', '.join(f'{x:.6g} +- {s:.2g}' for x, s in numbers)}){unit}")
+        psi, std = np.degrees(self.psi), np.degrees(self.std["psi"])
+        lines.append(
+            f"psi from {np.nanmin(psi):.4g} to {np.nanmax(psi):.4g} deg, known to {np.nanmedian(std):.2g} deg, "
+            f"{np.nanmax(std):.2g} deg at worst"
+        )
+        offset, drift = (f"{1e3 * self.std[key]:.2g}" for key in ("clock_offset", "clock_drift"))
+        lines.append(f"clock offset: {1e3 * self.clock_offset:.4g} +- {offset} ms")
+        lines.append(f"clock drift: {1e3 * self.clock_drift:.3g} +- {drift} ms in a second")
+        lines.append(f"left: {self.rms_rate:.3g} rad/s and {self.rms_force:.3g} m/s^2 rms")
+        return "\n".join((*lines, *self.findings, "ok" if self.ok else "NOT RELIABLE"))
+
+
+def fit_imus(
+    imu1: ImuRecording,
+    imu2: ImuRecording,
+    gaps: float = 0.05,
+    gyroscope_bias: float = 0.05,
+    accelerometer_bias: float = 0.2,
+) -> ImuFit:
+    """Fit a hinge and its angle to the records of two inertial sensors, one on each body.
+
+    An instant of sensor 1 is used if it and the nearest sample of sensor 2 are finite and belong to series of at
+    least 8 such samples without a gap. Samples of sensor 2 are moved along their smoothed motion to these instants.
+
+    Args:
+        imu1: ImuRecording of the sensor on body 1, whose axes are those of the body.
+        imu2: ImuRecording of the sensor on body 2, at instants of its own.
+        gaps: longest time without a sample over which readings are smoothed and rates integrated [s].
+        gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
+            0 if the biases were subtracted from the data.
+        accelerometer_bias: expected size of the accelerometers' biases, likewise [m/s^2].
+
+    Returns:
+        The ImuFit, with the signs, the hinge point and the zero of psi as `fit` chooses them. Check `.ok` and
+        `.findings` before you use its numbers.
+
+    Raises:
+        FitError: there are too few samples, or neither body turns.
+        ArgumentError: the recordings do not overlap in time.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> t = np.arange(1000) / 100
+    >>> S1 = hp.rodrigues((1, 0, 0), np.sin(2 * t)) @ hp.rodrigues((0, 0, 1), np.cos(3 * t))
+    >>> S2 = S1 @ hp.rodrigues((0, 1, 0), np.sin(4 * t))
+    >>> omega1, omega2 = (
+    ...     np.einsum("nji,nj->ni", turn, hp.angular_velocity_from_samples(t, turn)) for turn in (S1, S2)
+    ... )  # both sensors are at the hinge point, which is at rest
+    >>> fit = hp.fit_imus(hp.ImuRecording(t, omega1, 9.81 * S1[:, 2]), hp.ImuRecording(t, omega2, 9.81 * S2[:, 2]))
+    >>> fit.ok, fit.pair.n.round(2) + 0.0, fit.pair.u1.round(2) + 0.0
+    (True, array([0., 1., 0.]), array([0., 0., 0.]))
+    """
+    biases = (
+        number_not_below_0("gyroscope_bias", gyroscope_bias),
+        number_not_below_0("accelerometer_bias", accelerometer_bias),
+    )
+    longest = checked_gaps(gaps)
+    t1, origin = increasing_seconds("imu1.t", imu1.t)
+    t2, _ = elapsed_seconds("imu2.t", imu2.t, origin)
+    if t2[-1] < t1[0] or t2[0] > t1[-1]:
+        expected = f"instants that overlap those of imu1, from {t1[0]:.6g} to {t1[-1]:.6g} s"
+        raise ArgumentError("imu2.t", expected, f"{t2[0]:.6g} to {t2[-1]:.6g} s")
+    sensors = _Sensor.of("imu1", t1, imu1, longest), _Sensor.of("imu2", t2, imu2, longest)
+    prior = _PRIOR.copy()
+    prior[_GYROSCOPES], prior[_ACCELEROMETERS] = (max(size, 1e-9) for size in biases)
+    problem = _Problem.started(sensors, prior)
+    # Each round with the samples of sensor 2 nearest at the last clock.
+    x = np.zeros(_PRIOR.size)
+    for _ in range(5):
+        problem, x, moved = problem.solved(x)
+        if moved < 0.01 * sensors[1].step:
+            break
+    covariance, seen = problem.covariance(x), problem.seen(x)
+    estimate = _most_likely_angle(problem, seen, x, covariance, longest, np.sqrt(2) * biases[0])
+    hinge, std = problem.hinge, np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    change = result_derivatives(hinge, "closest_to_R1")
+    of_hinge = change @ covariance[_HINGE, _HINGE] @ change.T
+    deviations = np.sqrt(np.maximum(np.diagonal(of_hinge), 0.0)).reshape(4, 3)
+    rows, count, instants = problem.rows[0], t1.size, problem.instants
+    findings = [
+        *_hinge_findings(problem, seen, deviations, float(std[2:4].max())),
+        *_angle_findings(estimate),
+        *_record_findings(imu1, imu2),
+    ]
+    if (np.diff(instants) > max(longest, 1.5 * sensors[0].step)).any():
+        text = "Whole turns during a gap are not seen: the angle after it is taken as less than half a turn away."
+        findings.append(Finding("turns in a gap", 1, 0, text, harmless=True))
+    rms = np.sqrt(np.mean(seen.differences() ** 2, axis=1))
+    moved2 = np.full((2, count, 3), np.nan)
+    moved2[:, rows] = problem.moved_sensor2(x)[0]
+    return ImuFit(
+        pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home_of(hinge)),
+        psi=_scattered(estimate.psi - 2 * np.pi * np.rint(estimate.psi[0] / (2 * np.pi)), rows, count),
+        psid=_scattered(seen.rate - estimate.drift, rows, count),
+        covariance=read_only(of_hinge),
+        std=dict(zip(("u1", "u2", "n", "home"), map(read_only, deviations), strict=True))
+        | {"psi": _scattered(np.minimum(estimate.std, np.pi), rows, count)}
+        | {
+            "gyroscope_bias": read_only(std[_GYROSCOPES].reshape(2, 3)),
+            "accelerometer_bias": read_only(std[_ACCELEROMETERS].reshape(2, 3)),
+            "clock_offset": std[_CLOCK][0],
+            "clock_drift": std[_CLOCK][1],
+        },
+        gyroscope_bias=read_only(x[_GYROSCOPES].reshape(2, 3)),
+        accelerometer_bias=read_only(x[_ACCELEROMETERS].reshape(2, 3)),
+        clock_offset=problem.clock[0],
+        clock_drift=problem.clock[1],
+        rms_rate=float(rms[0]),
+        rms_force=float(rms[1]),
+        imu2=ImuRecording(imu1.t, *moved2),
+        samples=rows.size,
+        findings=tuple(dict.fromkeys(findings)),
+    )
+
+
+class _Sensor(NamedTuple):
+    """Readings of one sensor, which are finite where `is_used`, and their smooth course."""
+
+    t: Float64Array  # [s]; (N,)
+    readings: Float64Array  # angular velocity [rad/s] and specific force [m/s^2]; (2, N, 3)
+    smooth: Float64Array  # of both, values and two derivatives; (2, 3, N, 3)
+    alpha_std: Float64Array  # standard deviation of the angular acceleration [rad/s^2]; (N,)
+    is_used: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, name: str, t: Float64Array, record: ImuRecording, gaps: float) -> _Sensor:
+        """Smooth a record in series without gaps."""
+        readings = np.stack((record.omega, record.force))
+        pieces = split_at_gaps(t, np.asarray(np.isfinite(readings).all(axis=(0, 2))), gaps, MIN_PIECE)
+        if not pieces:
+            raise FitError(name, f"at least {MIN_PIECE} finite samples without a gap", "none")
+        smoothed = [smooth_columns(t, columns, pieces, None) for columns in readings]
+        is_used = np.zeros(t.size, dtype=bool)
+        is_used[np.concatenate(pieces)] = True
+        return cls(t, readings, np.stack([each.values for each in smoothed]), smoothed[0].deviations[1], is_used)
+
+    @property
+    def step(self) -> float:
+        """Median time step [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    def gathered(self, rows: NDArray[np.intp]) -> Float64Array:
+        """Return the readings, and of both the smooth values and two derivatives, at some rows; (4, 2, M, 3)."""
+        return np.concatenate((self.readings[None, :, rows], np.moveaxis(self.smooth[:, :, rows], 1, 0)))
+
+
+def _moved(gathered: Float64Array, shift: Float64Array | float) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return readings (2, M, 3), each moved along its smooth course by `shift` (M, 1) [s], and the smooth angular
+    velocity and acceleration there.
+    """
+    readings, smooth, slopes, bends = gathered
+    by_shift = (slopes + bends * (shift / 2)) * shift
+    return readings + by_shift, smooth[0] + by_shift[0], slopes[0] + bends[0] * shift
+
+
+class _Seen(NamedTuple):
+    """The two vectors that both sensors see, in axes of which the third is the hinge axis, and the hinge rate."""
+
+    turning: tuple[Float64Array, Float64Array]  # angular velocities [rad/s]; (M, 3) each
+    pulling: tuple[Float64Array, Float64Array]  # specific forces at the hinge point [m/s^2]; (M, 3) each
+    rate: Float64Array  # as measured, without the biases of the gyroscopes [rad/s]; (M,)
+    home: float  # angle between these axes at psi = 0 [rad]
+
+    def differences(self) -> Float64Array:
+        """Return what does not depend on psi: the differences of the lengths of both vectors across the axis, and of
+        the forces along it; (3, M).
+        """
+        lengths = [np.hypot(a[:, 0], a[:, 1]) - np.hypot(b[:, 0], b[:, 1]) for a, b in (self.turning, self.pulling)]
+        return np.stack((*lengths, self.pulling[0][:, 2] - self.pulling[1][:, 2]))
+
+    def angles(self) -> Float64Array:
+        """Return the angles psi that both vectors tell, with jumps by 2 pi, and the hinge rate; (3, M)."""
+        a, b = ([vector[:, 0] + 1j * vector[:, 1] for vector in both] for both in (self.turning, self.pulling))
+        return np.stack((*(np.angle(x * np.conj(y)) - self.home for x, y in (a, b)), self.rate))
+
+
+class _Problem(NamedTuple):
+    """Least squares for the unknowns x: steps from `hinge`, biases, and changes of the clock. M samples are used."""
+
+    sensors: tuple[_Sensor, _Sensor]
+    prior: Float64Array  # standard deviations of the unknowns; (23,)
+    hinge: Hinge
+    clock: tuple[float, float]  # offset in the middle [s] and drift, by which samples were matched
+    rows: tuple[NDArray[np.intp], NDArray[np.intp]]  # the samples of both sensors that belong together; (M,) each
+    gathered: tuple[Float64Array, Float64Array]  # their readings and smooth courses; (4, 2, M, 3) each
+
+    @classmethod
+    def started(cls, sensors: tuple[_Sensor, _Sensor], prior: Float64Array) -> _Problem:
+        """Return the problem with a first estimate of clock, axes and levers."""
+        z, none = np.array((0.0, 0.0, 1.0)), np.zeros(3)
+        nowhere = np.zeros((4, 2, 0, 3))
+        problem = cls(sensors, prior, Hinge(z, z, none, none), (0.0, 0.0), (), (nowhere, nowhere))  # type: ignore[arg-type]
+        problem, n, m = _with_start_axes(problem.at_clock(0.0, 0.0))
+        omega1, omega2 = (each[0, 0] for each in problem.gathered)
+        flipped = [_sign_correlation(problem.instants, omega1, omega2, n, sign * m) for sign in (1, -1)]
+        m = -m if flipped[1] > flipped[0] else m
+        tried = []
+        for levers in (np.zeros((2, 3)), *np.random.default_rng(0).normal(scale=0.3, size=(3, 2, 3))):
+            start = Hinge(sign_of(n) * n, sign_of(n) * m, *levers).in_gauge("closest_to_R1")
+            some = problem._replace(hinge=start).thinned(_FEW)
+            there, x, _ = some.solved(np.zeros(prior.size))
+            left = there.seen(x).differences() if there.rows[0].size else np.full((3, 1), np.inf)
+            tried.append((float((left[1:] ** 2).mean()), there.hinge))
+        return problem._replace(hinge=min(tried, key=lambda each: each[0])[1])
+
+    @property
+    def instants(self) -> Float64Array:
+        """Instants of sensor 1 that are used [s]; (M,)."""
+        return self.sensors[0].t[self.rows[0]]
+
+    def thinned(self, most: int) -> _Problem:
+        """Return the problem of every k-th sample, with the smallest k that leaves at most so many."""
+        every = slice(None, None, -(-self.rows[0].size // most))
+        rows, gathered = (
+            (self.rows[0][every], self.rows[1][every]),
+            tuple(each[:, :, every] for each in self.gathered),
+        )
+        return self._replace(rows=rows, gathered=(gathered[0], gathered[1]))
+
+    def at_clock(self, offset: float, drift: float) -> _Problem:
+        """Return the problem with the samples matched by a clock."""
+        rows = _matched(self.sensors, offset, drift)
+        gathered = [sensor.gathered(own) for sensor, own in zip(self.sensors, rows, strict=True)]
+        return self._replace(clock=(offset, drift), rows=rows, gathered=(gathered[0], gathered[1]))
+
+    def moved_sensor2(self, x: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Return what sensor 2 reads at the instants of sensor 1, as `_moved`."""
+        since = self.instants - _middle(self.sensors[0])
+        late = self.clock[0] + x[_CLOCK][0] + (self.clock[1] + x[_CLOCK][1]) * since
+        return _moved(self.gathered[1], (self.instants - late - self.sensors[1].t[self.rows[1]])[:, None])
+
+    def seen(self, x: Float64Array) -> _Seen:
+        """Return what both sensors see if the unknowns are x."""
+        hinge = self.hinge.moved(x[_HINGE])
+        both = []
+        for i, (readings, smooth, alpha) in enumerate((_moved(self.gathered[0], 0.0), self.moved_sensor2(x))):
+            axes, lever = frame(hinge[i]), hinge[2 + i]
+            turning = smooth - x[_GYROSCOPES][3 * i :][:3]
+            spin = turning * (turning @ lever)[:, None] - (turning**2).sum(axis=1)[:, None] * lever
+            felt = readings[1] - x[_ACCELEROMETERS][3 * i :][:3] + spin + alpha @ np.asarray(skew(lever))
+            both.append(((readings[0] - x[_GYROSCOPES][3 * i :][:3]) @ axes, felt @ axes))
+        (turning1, pulling1), (turning2, pulling2) = both
+        rate, home = turning2[:, 2] - turning1[:, 2], home_angle(hinge, home_of(hinge))
+        return _Seen((turning1, turning2), (pulling1, pulling2), rate, home)
+
+    def solved(self, x: Float64Array) -> tuple[_Problem, Float64Array, float]:
+        """Return the problem at its solution, the biases there as unknowns, and by how much the clock moved [s]."""
+        from scipy.optimize import least_squares
+
+        some, weights = self.thinned(_SOME), np.ones((3, 1))
+
+        def residuals(y: Float64Array) -> Float64Array:
+            return np.concatenate(((weights * some.seen(y).differences()).ravel(), y / self.prior))
+
+        for _ in range(2):  # each with the noise that the last one left
+            weights = some.weights(x)
+            x = least_squares(residuals, x, method="lm", x_scale="jac", ftol=1e-7, max_nfev=1000).x
+        if self.rows[0].size > some.rows[0].size:  # a last step of Gauss and Newton with all samples
+            some = self.thinned(_MANY)
+            left = some.seen(x).differences()
+            J, weights = some.derivatives(x, "differences"), some.weights(x)
+            normal = np.einsum("aki,bki->ab", J * weights**2, J) + np.diag(self.prior**-2.0)
+            gradient = np.einsum("aki,ki->a", J, left * weights**2) + x / self.prior**2
+            x = x - solve_semidefinite(normal, gradient)
+        hinge = self.hinge.moved(x[_HINGE]).signed(None).in_gauge("closest_to_R1")
+        offset, drift = x[_CLOCK]
+        moved = abs(offset) + abs(drift) * float(np.ptp(self.instants)) / 2
+        clock, x = (self.clock[0] + float(offset), self.clock[1] + float(drift)), x.copy()
+        x[_HINGE], x[_CLOCK] = 0.0, 0.0
+        return self._replace(hinge=hinge).at_clock(*clock), x, float(moved)
+
+    def weights(self, x: Float64Array) -> Float64Array:
+        """Return the weights (3, M) of the differences; those that are alike for long tell less, and so do forces
+        where the angular acceleration is known less well than usual, as near ends.
+        """
+        left = self.seen(x).differences()
+        hinge = self.hinge.moved(x[_HINGE])
+        reach = [float(np.linalg.norm(lever)) for lever in (hinge.u1, hinge.u2)]
+        noise = sum(
+            (size * sensor.alpha_std[own]) ** 2
+            for size, sensor, own in zip(reach, self.sensors, self.rows, strict=True)
+        )
+        scales = np.maximum(np.sqrt(np.mean(left**2, axis=1)), 1e-9)
+        memory = [max(float(score_scatter(row[None])[0][0, 0] / max(row @ row, 1e-300)), 1.0) for row in left]
+        more = np.maximum(np.asarray(noise) - np.median(noise), 0.0)
+        variances = (scales**2)[:, None] + np.outer((0.0, 1.0, 1.0), more)
+        return np.asarray(1 / np.sqrt(variances * np.array(memory)[:, None]))
+
+    def derivatives(self, x: Float64Array, what: str) -> Float64Array:
+        """Return the derivatives of `differences` or `angles` by the unknowns, by central differences; (23, 3, M)."""
+        ends = [[getattr(self.seen(x + sign * step), what)() for sign in (1, -1)] for step in np.diag(_STEPS)]
+        change = np.stack([high - low for high, low in ends])
+        if what == "angles":
+            change[:, :2] -= 2 * np.pi * np.rint(change[:, :2] / (2 * np.pi))
+        return np.asarray(change / (2 * _STEPS[:, None, None]))
+
+    def covariance(self, x: Float64Array) -> Float64Array:
+        """Return the covariance (23, 23) of the unknowns.
+
+        Noise of the angular accelerations makes levers look as if they were seen, and come out too short. The normal
+        matrix without that noise tells how well they are; by how much they are too short counts as a further error.
+        """
+        some = self.thinned(_MANY)
+        seen, J = some.seen(x), some.derivatives(x, "differences")
+        left = seen.differences()
+        weights = some.weights(x) ** 2
+        normal = np.einsum("aki,bki->ab", J * weights, J)
+        scatter, _ = score_scatter(np.einsum("aki,ki->ai", J, left * weights))
+        noise = np.zeros_like(normal)
+        for i, columns in enumerate((slice(4, 7), slice(7, 9))):  # levers, in axes of which the third is the hinge
+            power = self.sensors[i].alpha_std[some.rows[i]] ** 2
+            across = seen.pulling[i] * (1.0, 1.0, 0.0)
+            across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+            of_lengths, along = weights[1] * power, (weights[2] * power).sum()
+            whole = of_lengths.sum() * np.eye(3) - (across * of_lengths[:, None]).T @ across
+            size = columns.stop - columns.start
+            noise[columns, columns] = (whole + along * np.diag((1.0, 1.0, 0.0)))[:size, :size]
+        # In units of the priors; what noise alone could make look seen stays as uncertain as before.
+        scale = np.outer(self.prior, self.prior)
+        values, vectors = np.linalg.eigh((normal - 2 * noise) * scale)
+        shown = vectors[:, values > 1e-10 * values.max()]
+        inverse = (
+            shown @ np.linalg.inv(shown.T @ ((normal - noise) * scale) @ shown + np.eye(shown.shape[1])) @ shown.T
+        )
+        covariance = inverse @ (scatter * scale + np.eye(self.prior.size)) @ inverse
+        covariance += np.eye(self.prior.size) - shown @ shown.T
+        first, second = frame(self.hinge.n), frame(self.hinge.m)
+        levers = np.zeros(self.prior.size)
+        levers[4:9] = np.concatenate((first.T @ self.hinge.u1, second[:, :2].T @ self.hinge.u2))
+        shrinking = inverse @ (noise @ levers * self.prior)
+        return np.asarray((covariance + np.outer(shrinking, shrinking)) * scale)
+
+
+def _middle(sensor: _Sensor) -> float:
+    """Return the instant in the middle of a record [s]."""
+    return float(sensor.t[0] + sensor.t[-1]) / 2
+
+
+def _matched(
+    sensors: tuple[_Sensor, _Sensor], offset: float, drift: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the samples of sensor 1 that have one of sensor 2 near enough by a clock, and those of sensor 2."""
+    first, second = sensors
+    wanted = first.t - offset - drift * (first.t - _middle(first))
+    after = np.clip(np.searchsorted(second.t, wanted), 1, second.t.size - 1)
+    near = after - (wanted - second.t[after - 1] < second.t[after] - wanted)
+    is_near = np.abs(wanted - second.t[near]) <= _MAX_SHIFT * second.step
+    rows = np.flatnonzero(is_near & first.is_used & second.is_used[near])
+    if rows.size < MIN_PIECE:
+        raise FitError("imu1, imu2", f"at least {MIN_PIECE} instants at which both sensors have samples", rows.size)
+    return rows, near[rows]
+
+
+def _with_start_axes(problem: _Problem) -> tuple[_Problem, Float64Array, Float64Array]:
+    """Return the problem at the clock offset at which one axis fits both gyroscopes best, which is 0 unless rates
+    differ there and not at random; and the axis in either body, but for its signs.
+    """
+
+    def axes_at(problem: _Problem, starts: int) -> tuple[float, Float64Array, Float64Array]:
+        few = problem.thinned(_FEW)
+        omegas = [each[0, 0] for each in few.gathered]
+        if not max(np.abs(omega).max() for omega in omegas) > 0:
+            raise FitError("imu1, imu2", "bodies that turn", "none that does")
+        return _start_axes(omegas[0], omegas[1], starts)
+
+    first, second = problem.sensors
+    _, n, m = axes_at(problem, 12)
+    left = np.subtract(
+        *(
+            np.linalg.norm(np.cross(each[0, 0], axis), axis=1)
+            for each, axis in zip(problem.gathered, (n, m), strict=True)
+        )
+    )
+    size = np.sqrt(np.mean([np.mean((each[0, 0] ** 2).sum(axis=1)) for each in problem.gathered]))
+    if np.sqrt(np.mean(left**2)) < 0.05 * size or neighbour_correlation(left) < RANDOM_CORRELATION:
+        return problem, n, m
+    speed, pace = (float(np.sqrt(np.nanmedian((rate**2).sum(axis=1)))) for rate in second.smooth[0, :2])
+    apart = max(first.step, second.step, 0.3 * speed / max(pace, 1e-300))
+    far = min(float(np.ptp(first.t)) / 4, 40 * apart)
+    offsets = np.arange(1, max(far / apart, 1)) * apart
+    found = []
+    for offset in (0.0, *offsets, *-offsets):
+        try:
+            there = problem.at_clock(float(offset), 0.0)
+        except FitError:  # the records hardly overlap there
+            continue
+        found.append((*axes_at(there, 2), there))
+    _, n, m, problem = min(found, key=lambda each: each[0])
+    return problem, n, m
+
+
+def _squares_of_axes(omega1: Float64Array, omega2: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Return the differences of the squared rates (M,), and their derivatives (M, 18) by n n^T and m m^T."""
+    rows = [np.einsum("ni,nj->nij", omega, omega).reshape(-1, 9) for omega in (omega1, omega2)]
+    return (omega1**2).sum(axis=1) - (omega2**2).sum(axis=1), np.concatenate((rows[0], -rows[1]), axis=1)
+
+
+def _start_axes(omega1: Float64Array, omega2: Float64Array, starts: int) -> tuple[float, Float64Array, Float64Array]:
+    """Return the axes n and m across which two angular velocities (M, 3) are equally long, but for their signs, after
+    the mean squared difference of these lengths.
+    """
+    from scipy.optimize import least_squares
+
+    # The squares of the rates tell n n^T and m m^T by linear least squares.
+    rows = [np.einsum("ni,nj->nij", omega, omega).reshape(-1, 9) for omega in (omega1, omega2)]
+    squares = (omega1**2).sum(axis=1) - (omega2**2).sum(axis=1)
+    products = np.linalg.lstsq(np.concatenate((rows[0], -rows[1]), axis=1), squares)[0].reshape(2, 3, 3)
+    tried = [
+        np.linalg.eigh((products + np.swapaxes(products, -1, -2)) / 2)[1][..., -1],
+        np.linalg.eigh(np.stack((omega1.T @ omega1, omega2.T @ omega2)))[1][..., -1],
+        *np.random.default_rng(0).normal(size=(10, 2, 3)),
+    ]
+    found = []
+    for start in tried[:starts]:
+        n, m = start / np.linalg.norm(start, axis=1, keepdims=True)
+
+        def lengths(x: Float64Array, n: Float64Array = n, m: Float64Array = m) -> Float64Array:
+            across = [
+                omega @ frame(tilt_axis(*each))[:, :2] for omega, each in ((omega1, (n, x[:2])), (omega2, (m, x[2:])))
+            ]
+            return np.asarray(np.subtract(*(np.hypot(each[:, 0], each[:, 1]) for each in across)))
+
+        solution = least_squares(lengths, np.zeros(4), method="lm", ftol=1e-6, max_nfev=100)
+        found.append((2 * solution.cost / squares.size, tilt_axis(n, solution.x[:2]), tilt_axis(m, solution.x[2:])))
+    return min(found, key=lambda each: float(each[0]))
+
+
+def _sign_correlation(
+    t: Float64Array, omega1: Float64Array, omega2: Float64Array, n: Float64Array, m: Float64Array
+) -> float:
+    """Return the correlation between changes of the hinge angle from the angular velocities (M, 3) across the axis,
+    and from those about it: positive if n and m point in the same direction along the axis.
+    """
+    a, b = omega1 @ frame(n), omega2 @ frame(m)
+    across = (a[:, 0] + 1j * a[:, 1]) * (b[:, 0] - 1j * b[:, 1])
+    turned = np.concatenate(([0.0], np.cumsum((b[1:, 2] - a[1:, 2]) * np.diff(t))))
+    # The largest counts: over few steps noise exceeds the change, over many the angle turns around.
+    best, lag, usual = -1.0, 1, float(np.median(np.diff(t)))
+    while lag <= min(256, t.size // 4):
+        known = t[lag:] - t[:-lag] < 1.5 * lag * usual  # no gap in between
+        step, middle = (across[lag:] * np.conj(across[:-lag]))[known], (turned[lag:] - turned[:-lag])[known]
+        weight, turn = np.abs(step), np.angle(step)
+        power = (weight @ (turn * turn)) * (weight @ (middle * middle))
+        best = max(best, float(weight @ (turn * middle) / np.sqrt(power)) if power > 0 else 0.0)
+        lag *= 4
+    return best
+
+
+class _Angle(NamedTuple):
+    """The hinge angle over time."""
+
+    psi: Float64Array  # [rad]; (M,)
+    std: Float64Array  # [rad]; (M,)
+    drift: float  # bias of the hinge rate [rad/s]
+    excess: float  # scatter of the directions, in parts of what their noise explains
+    contradicted: float  # share of directions that are far from the angle
+    unresolved_lag: int  # samples over which directions err alike at least; 0 where they do not
+
+
+def _directions(one: Float64Array, other: Float64Array) -> tuple[Float64Array, float]:
+    """Return the variances of the angle between two vectors (M, 3) about the third axis [rad^2], inf where they are
+    too short across it, and the rms difference of their lengths.
+    """
+    sizes = np.hypot(one[:, 0], one[:, 1]), np.hypot(other[:, 0], other[:, 1])
+    noise = max(float(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2))), 1e-9)
+    least = max(0.05 * float(max(sizes[0].max(), sizes[1].max())), 3 * noise)
+    seen = np.minimum(*sizes) > least
+    variances = np.full(sizes[0].size, np.inf)
+    variances[seen] = noise**2 / 2 * (1 / sizes[0][seen] ** 2 + 1 / sizes[1][seen] ** 2)
+    return np.maximum(variances, 1e-18), noise
+
+
+def _most_likely_angle(
+    problem: _Problem, seen: _Seen, x: Float64Array, covariance: Float64Array, gaps: float, rate_bias: float
+) -> _Angle:
+    """Return the angle that integrated rates, which have a constant bias of the size `rate_bias` [rad/s], and
+    directions tell together. `covariance` is that of the unknowns x.
+    """
+    (by_turning, rate_noise), (by_pulling, _) = (_directions(*both) for both in (seen.turning, seen.pulling))
+    angles, variances = seen.angles()[:2], np.stack((by_turning, by_pulling))
+    dt = np.diff(problem.instants)
+    after_gap = dt > max(gaps, 1.5 * problem.sensors[0].step)
+
+    def integrated(rate: Float64Array) -> Float64Array:
+        return np.where(after_gap, 0.0, (rate[1:] + rate[:-1]) / 2 * dt)  # nothing is known of a gap
+
+    steps = integrated(seen.rate)
+    # Errors of the trapezoidal rule beside the noise.
+    bends = np.pad(np.abs(np.diff(seen.rate, 2)), 1, mode="edge")
+    rule = np.maximum(bends[1:], bends[:-1]) / 12
+    step_weights = np.where(after_gap, 1 / _UNMEASURED**2, 1 / ((rate_noise**2 + rule**2) * dt**2))
+    precision = 1 / variances
+    psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(steps))), angles, precision)
+    weights = precision
+    # Each round with the directions nearest to the last angle; those far off count little.
+    for _ in range(8):
+        near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
+        weights = precision * loss_weights(cauchy, (psi - near) ** 2 * precision, 1, np.inf)[0]
+        psi = _Smoother(dt, step_weights, weights, rate_bias).solve(steps, near)[0]
+    near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
+    # How far directions are off, and over how many samples alike.
+    excess, memory, lag = 0.0, 1.0, 0
+    for one, weight in zip(near, weights, strict=True):
+        row = ((psi - one) * np.sqrt(weight))[weight > 0]
+        if row.size > MIN_PIECE:
+            excess = max(excess, float(np.sqrt(np.mean(row * row))))
+            scatter, unresolved_lag = score_scatter(row[None])
+            memory, lag = max(memory, float(scatter[0, 0] / max(row @ row, 1e-300))), max(lag, unresolved_lag)
+    smoother = _Smoother(dt, step_weights, weights / (max(excess, 1.0) ** 2 * memory), rate_bias)
+    psi, drift = smoother.solve(steps, near)
+    # What the unknowns change goes through the same smoother.
+    changes = np.stack(
+        [smoother.solve(integrated(change[2]), change[:2])[0] for change in problem.derivatives(x, "angles")]
+    )
+    sizes, axes = np.linalg.eigh(covariance)
+    spread = (axes * np.sqrt(np.maximum(sizes, 0.0))).T @ changes
+    std = np.sqrt(smoother.variances() + (spread**2).sum(axis=0))
+    shown = np.isfinite(variances)
+    off = np.abs(psi - angles - 2 * np.pi * np.rint((psi - angles) / (2 * np.pi)))[shown]
+    # Off by five deviations, and by more than half of what chance would leave.
+    far = (off > 5.0 * np.sqrt(variances[shown])) & (off > 0.2)
+    return _Angle(psi, std, drift, excess, float(far.mean()) if far.size else 0.0, lag)
+
+
+def _unwrapped_start(integrated_rates: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:
+    """Return a first estimate of the hinge angle without jumps by 2 pi: the integrated rates (M,), of which measured
+    angles (2, M) correct the slow drift.
+    """
+    off = (precision * np.exp(1j * (angles - integrated_rates))).sum(axis=0)
+    if not precision.any():
+        return integrated_rates
+    total = np.concatenate(([0.0], np.cumsum(off)))
+    count = integrated_rates.size
+    half, place = max(1, count // 100), np.arange(count)
+    mean = total[np.minimum(place + half, count)] - total[np.maximum(place - half, 0)]
+    return np.asarray(integrated_rates + np.unwrap(np.angle(mean)))
+
+
+class _Smoother:
+    """Weighted least squares of M angles and of the bias of their rate, factorised once. The weights are the inverse
+    variances of measured steps (M - 1,) over times `dt` and of measured angles (2, M); `bias_std` is a prior.
+    """
+
+    def __init__(
+        self, dt: Float64Array, step_weights: Float64Array, angle_weights: Float64Array, bias_std: float
+    ) -> None:
+        from scipy.linalg import cholesky_banded
+
+        count = dt.size + 1
+        self._dt, self._step_weights, self._angle_weights = dt, step_weights, angle_weights
+        border, matrix = np.zeros(count), np.zeros((2, count))
+        border[1:] += step_weights * dt
+        border[:-1] -= step_weights * dt
+        matrix[0, 1:] = -step_weights
+        matrix[1, 1:] += step_weights
+        matrix[1, :-1] += step_weights
+        matrix[1] += angle_weights.sum(axis=0) + 1 / _UNMEASURED**2
+        matrix[1] += 1e-13 * matrix[1].max()  # rounding must not make it indefinite
+        self._matrix, self._factor, self._border = matrix, cholesky_banded(matrix), border
+        self._y = self._solved(border)
+        least = 1 / max(bias_std, 1e-9) ** 2
+        self._precision = max(float((step_weights * dt) @ dt - border @ self._y), 0.0) + least
+
+    def _solved(self, right: Float64Array) -> Float64Array:
+        from scipy.linalg import cho_solve_banded
+
+        return np.asarray(cho_solve_banded((self._factor, False), right))
+
+    def solve(self, steps: Float64Array, angles: Float64Array) -> tuple[Float64Array, float]:
+        """Return the angles (M,) and the bias of the rate, from measured `steps` (M - 1,) and `angles` (2, M)."""
+        weighted = self._step_weights * steps
+        right = (self._angle_weights * np.where(self._angle_weights > 0, angles, 0.0)).sum(axis=0)
+        right[1:] += weighted
+        right[:-1] -= weighted
+        x = self._solved(right)
+        drift = float((weighted @ self._dt - self._border @ x) / self._precision)
+        return x - drift * self._y, drift
+
+    def variances(self) -> Float64Array:
+        """Return the variances of the angles (M,)."""
+        variances = inverse_bands(self._matrix, 1)[0, : self._y.size] + self._y * self._y / self._precision
+        return np.asarray(np.maximum(variances, 0.0))
+
+
+def _hinge_findings(problem: _Problem, seen: _Seen, std: Float64Array, m_std: float) -> list[Finding]:
+    """Return findings on axis and point. `std` are the standard deviations of u1, u2, n and home (4, 3), `m_std` that
+    of the axis in body 2 [rad].
+    """
+    rates, lengths, along = seen.differences()
+    rms_rate, rms_force, rms_along = (float(np.sqrt(np.mean(part**2))) for part in (rates, lengths, along))
+    usual_rate, force = (
+        float(np.sqrt(np.mean([(part**2).sum(axis=1).mean() for part in both])))
+        for both in (seen.turning, seen.pulling)
+    )
+    # Levers shorter than a decimetre are judged as if they had this length.
+    reach = max(float(np.linalg.norm(problem.hinge.u1)), float(np.linalg.norm(problem.hinge.u2)), 0.1)
+    recorded = [np.linalg.norm(each[0, 1], axis=1) for each in problem.gathered]
+    apart = float(np.sqrt(np.mean((recorded[0] - recorded[1]) ** 2)))
+    axis, point = float(max(std[2].max(), m_std)), float(std[:2].max())
+    turns, pulls = (neighbour_correlation(part) <= RANDOM_CORRELATION for part in (rates, lengths))
+    axis_text = f"The axis is known to {np.degrees(axis):.2g} deg only: let both bodies turn across it."
+    rate_text = f"They do not turn about one axis: the rates across it differ by {rms_rate:.2g} rad/s rms"
+    rate_text += "." if turns else ", and not at random; or the clocks of the sensors differ by more than was tried."
+    point_text = f"The hinge point is known to {point:.2g} m only: let both bodies turn faster, about several axes."
+    force_text = f"The forces at the hinge point differ by {rms_force:.2g} m/s^2 rms, and not at random: no point is "
+    force_text += "in both bodies, or units or axes of the sensors differ."
+    along_text = f"The forces along the axis differ by {rms_along:.2g} m/s^2 rms: axis, point or units may be wrong."
+    return exceeded(
+        Finding("axis", axis, np.radians(5.0), axis_text),
+        Finding("rates", rms_rate, (0.3 if turns else 0.05) * usual_rate, rate_text),
+        Finding("point", point, RELIABLE_POINT * reach, point_text),
+        Finding("forces", 0.0 if pulls else rms_force, 0.07 * apart, force_text),
+        Finding("forces along the axis", rms_along, 0.2 * force, along_text),
+    )
+
+
+def _angle_findings(angle: _Angle) -> list[Finding]:
+    """Return findings on the hinge angle."""
+    worst, lag = min(float(angle.std.max()), np.pi), angle.unresolved_lag
+    known = f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
+    known += "velocity shows a direction across the axis for long enough."
+    excess = f"Directions are {angle.excess:.2g} times as far from the integrated angle as their noise explains: the "
+    excess += "axis or the point may be wrong."
+    contradicted = f"{percent(angle.contradicted)} of the directions contradict the integrated rate: units, axes or "
+    contradicted += "the point may be wrong."
+    memory = f"What is left of the directions is correlated over {lag} samples and more, too long relative to the "
+    memory += "whole recording: the standard deviations of the angle are rough."
+    return exceeded(
+        Finding("angle", worst, 0.2, known),
+        Finding("directions", angle.excess, 3.0, excess),
+        Finding("contradictions", angle.contradicted, 0.2, contradicted),
+        Finding("memory", lag, 0, memory, harmless=True),
+    )
+
+
+def _record_findings(imu1: ImuRecording, imu2: ImuRecording) -> list[Finding]:
+    """Return findings on readings or instants that are probably in another unit than expected."""
+    texts = []
+    for name, record in (("imu1", imu1), ("imu2", imu2)):
+        texts += suspicions("instants", f"{name}.t", increasing_seconds("t", record.t)[0])
+        texts += suspicions("gyroscope", f"{name}.omega", record.omega)
+        texts += suspicions("accelerometer", f"{name}.force", record.force)
+    return [Finding("unit", 1, 0, text) for text in texts]
+
+
+def _scattered(values: Float64Array, rows: NDArray[np.intp], count: int) -> Float64Array:
+    """Return a read-only array of NaN that has `values` at some rows."""
+    whole = np.full(count, np.nan)
+    whole[rows] = values
+    return read_only(whole)
