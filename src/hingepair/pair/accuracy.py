@@ -10,7 +10,6 @@ are `W1 = sum abs(phi_i')` and `A1 = sum abs(phi_i'') + W1^2`; if the attitude i
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -18,13 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from hingepair.engine.binding import FOLDED
-from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
-from hingepair.numeric.blocks import Named, components_of, numbers, tabulate
-from hingepair.numeric.bounded import Bounded, bounded_class, conversion_error
+from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.blocks import numbers
 from hingepair.pair.geometry import Constants, axis_errors, tree_errors, tree_numbers
 from hingepair.pair.requests import COORDINATES, INPUT_LABELS, check_inputs, computation_of
 from hingepair.plans.arguments import Outputs, read_arguments, requested_outputs
+from hingepair.plans.bounds import Known, output_bounds
 from hingepair.plans.pairs import PairRequest
 
 
@@ -224,57 +222,10 @@ def error_bounds(
     names = requested_outputs(outputs, None, pair.levels, pair.kind.default_outputs(level))
     check_inputs(computation_of(pair, names, sequence), given)
     arguments = read_arguments(given, pair.shapes, COORDINATES[pair.kind], INPUT_LABELS)
-    values = arguments.values
-    number_type = bounded_class(
-        result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
+    request = PairRequest(names, tuple(arguments.values), pair.kind.planar, sequence, pair.points)
+    known: dict[str, Any] = {"constants": Known(tree_numbers(pair).components, tree_errors(pair))}
+    if not pair.kind.planar:
+        known |= {"n": Known(numbers(pair.arrays["n"]), axis_errors(pair)), "home": numbers(pair.arrays["home"], 2)}
+    return output_bounds(
+        request.compute, arguments, request.inputs(), known, dict.fromkeys(names, 0), shape=pair.shape
     )
-    request = PairRequest(names, tuple(values), pair.kind.planar, sequence, pair.points)
-    needed = request.inputs()
-    groups = {name: _as_components(values[name], tail) for name, tail in needed.items() if name in values}
-    errors = {
-        name: tuple(map(conversion_error, group)) if isinstance(group, tuple) else conversion_error(group)
-        for name, group in groups.items()
-    }
-    if "constants" in needed:
-        groups["constants"], errors["constants"] = tree_numbers(pair).components, tree_errors(pair)
-    for name in ("n", "home"):
-        if name in needed:
-            groups[name] = numbers(pair.arrays[name], len(needed[name]))
-            errors[name] = axis_errors(pair) if name == "n" else (0.0,) * 9
-
-    def bounds(block: Named) -> Mapping[str, Any]:
-        """Run the program on inputs and their errors, and return by output the largest bound of its components."""
-        bounded = {name: _bounded(block[name], block[f"{name} error"], number_type) for name in groups}
-        return {name: _largest(found) for name, found in request.compute(bounded).items()}
-
-    inputs = groups | {f"{name} error": error for name, error in errors.items()}
-    shape = broadcast_shape({**arguments.shapes, "pair": pair.shape})
-    return tabulate(bounds, inputs, dict.fromkeys(names, ()), shape, np.dtype(np.float64))
-
-
-def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
-    """Return vectors and matrices as flat tuples of components, and all else as it is."""
-    if not isinstance(quantity, np.ndarray) or sample_shape == ():
-        return quantity
-    if quantity.ndim == len(sample_shape) and quantity.dtype.char == "d":
-        return tuple(quantity.ravel().tolist())
-    return components_of(quantity, len(sample_shape))
-
-
-def _bounded(quantity: Any, error: Any, number_type: type[Bounded]) -> Any:
-    """Return a number, or the components of a vector, with bounds on their errors; 0, 1 and -1 as they are, if they
-    are exact, since programs fold them.
-    """
-    if isinstance(quantity, tuple):
-        return tuple(_bounded(*one, number_type) for one in zip(quantity, error, strict=True))
-    if type(quantity) is float and type(error) is float and error == 0 and quantity in FOLDED:
-        return quantity + 0.0
-    return number_type.rounded(quantity, error)
-
-
-def _largest(quantity: Any) -> Any:
-    """Return the largest bound of a number or a tuple of numbers; plain numbers are exact."""
-    errors = [
-        c.error if isinstance(c, Bounded) else 0.0 for c in (quantity if isinstance(quantity, tuple) else (quantity,))
-    ]
-    return functools.reduce(np.maximum, errors)
