@@ -55,26 +55,6 @@ def test_the_hinge_of_a_file_is_told_written_and_drawn(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_german_file_has_names_and_units_of_its_own(tmp_path):
-    made = recording(100, 1e-3, 2e-3)
-    result = Record(made.t, {"R1": made.R1, "S1": made.S1, "R2": made.R2, "S2": made.S2})
-    frame = result.to_dataframe()
-    frame["R1_x"] *= 1e3
-    frame = frame.rename(columns={"R1_x": "Ost", "t": "Zeit"}).assign(Wetter="fein")
-    frame.to_csv(tmp_path / "a.csv", sep=";", decimal=",", index=False, encoding="cp1252")
-    found = fit(tmp_path / "a.csv", "--json", "--column", "R1_x=Ost:mm", "--column", "t=Zeit")
-    expected = fit(result.save(tmp_path / "b.npz"), "--json")
-    assert np.allclose(json.loads(found)["u1"], json.loads(expected)["u1"], rtol=0, atol=1e-9)
-    typed = "--column 't=time_ms:ms', or --ignore 'time_ms'"
-    frame.rename(columns={"Zeit": "time_ms"}).to_csv(tmp_path / "c.csv", index=False)
-    assert typed in refused(tmp_path / "c.csv", "--ignore", "Ost", "--ignore", "Wetter")
-    assert "--column: expected such as t=Zeit" in refused(tmp_path / "a.csv", "--column", "Zeit")
-    assert "columns.R1_x.unit: expected one of m, mm" in refused(tmp_path / "a.csv", "--column", "R1_x=Ost:deg")
-    assert "columns.R1_x: expected one of Zeit, Ost" in refused(tmp_path / "a.csv", "--column", "R1_x=Osten")
-    assert "columns.R3: expected one of 76 names: t, R1_x" in refused(tmp_path / "a.csv", "--column", "R3=Ost")
-
-
-@pytest.mark.slow
 def test_lengths_and_angles_are_in_the_units_that_are_asked_for(tmp_path):
     made = recording(300, 1e-3, 2e-3)
     file, out, report = saved(tmp_path / "a.npz", made), tmp_path / "psi.csv", tmp_path / "fit.md"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from support.commands import refusal, run_command
+from support.commands import run_command
 
 LOAD = hp.HingeLoad(damping=0.3, friction=0.2)
 
@@ -65,39 +65,3 @@ def test_a_recording_that_does_not_determine_masses_fails(files: tuple[Path, Pat
     (tmp_path / "short.csv").write_text("\n".join(text[:40]))
     printed = run_command("masses", files[0], tmp_path / "short.csv", code=1).stdout
     assert "NOT RELIABLE" in printed
-
-
-@pytest.mark.slow
-def test_a_recording_in_other_units_has_the_same_masses(files: tuple[Path, Path], tmp_path: Path) -> None:
-    urdf, log = files
-    _, *rows = log.read_text().splitlines()
-    values = np.array([row.split(",") for row in rows], float) * (1e3, *[180 / np.pi] * 2, *[1e3] * 2)
-    german = tmp_path / "german.csv"
-    heading = "Zeit;q_post [deg];Winkel;tau_post [N mm];Moment;Wetter"
-    lines = [";".join([*(f"{v!r}".replace(".", ",") for v in row), "1"]) for row in values.tolist()]
-    german.write_text("\n".join([heading, *lines]) + "\n")
-    columns = ("t=Zeit:ms", "q_elbow=Winkel:deg", "tau_elbow=Moment:N mm")
-    named = [part for column in columns for part in ("--column", column)]
-    expected = json.loads(run_command("masses", urdf, log, "--json").stdout)
-    found = json.loads(run_command("masses", urdf, german, *named, "--json").stdout)
-    for name, own in expected["parameters"].items():
-        assert found["parameters"][name]["value"] == pytest.approx(own["value"], rel=1e-6, abs=1e-9)
-    message = refusal("masses", urdf, german, *named[:2])
-    assert message.startswith(f"{german}: expected a column q_elbow")
-    assert "columns.q_elbow.unit: expected one of rad, mrad, deg" in refusal(
-        "masses", urdf, log, "--column", "q_elbow=q:mm"
-    )
-    lines = run_command("masses", urdf, log, "--units", "N mm, deg, mm").stdout.splitlines()
-    shown = {line.split("  ")[0]: line.split("  ") for line in lines}
-    for name, unit, factor in (
-        ("elbow hx", "kg mm", 1e3),
-        ("elbow Jyy", "kg mm^2", 1e6),
-        ("post viscous", "N mm s/deg", 1e3 * np.pi / 180),
-        ("post coulomb", "N mm", 1e3),
-    ):
-        _, its, value, *_ = filter(None, shown[name])
-        assert its.strip() == unit
-        assert float(value) == pytest.approx(factor * expected["parameters"][name]["value"], rel=1e-5)
-    *_, noise = (float(line.split()[3]) for line in lines if line.startswith(("elbow  N mm ", "post   N mm ")))
-    assert noise == pytest.approx(1e3 * expected["joints"]["elbow"]["noise"], rel=5e-3)
-    assert refusal("masses", urdf, log, "--units", "furlong").startswith("--units: ")

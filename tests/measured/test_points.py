@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from support.recorded import HOME, N1, U1, U2, recording, turns
+from support.recorded import HOME, N1, U1, U2, recording
 
 
 def bodies(made) -> tuple[hp.BodyMotion, hp.BodyMotion]:
@@ -243,11 +243,6 @@ def test_poses_of_markers_give_the_hinge() -> None:
     n = np.sign(found.pair.n @ N1) * N1
     assert (np.abs(found.pair.n - n) < 4 * found.std["n"]).all()
     assert found.std["n"].max() < 1e-3
-
-
-def test_turns_are_written_out_here() -> None:
-    """The oracle of this file is the one of the other recordings."""
-    assert np.abs(turns(np.pi / 2 * np.array((0.0, 0.0, 1.0))) @ (1, 0, 0) - (0, 1, 0)).max() < 1e-15
 
 
 def marked(markers: int, count: int = 300, noise: float = 1e-3, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

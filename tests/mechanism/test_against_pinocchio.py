@@ -75,38 +75,6 @@ def test_joints_transmit_what_pinocchio_says(model, mode):
             check(found.torque[k, j], S @ exact.angular, scale[k])
 
 
-@pytest.mark.parametrize("mode", ["fixed", "free"])
-def test_wrenches_of_joints_in_every_form(mode):
-    """Against the forces of inverse dynamics; prepared, in batches, loaded, with mimic joints."""
-    tree = with_mimics(record_of(random_model(3, 8)), {"joint_3": ("joint_6", -0.5, 0.25)})
-    robot, rng = Robot(tree, mode), np.random.default_rng(6)
-    q, qd, qdd = rng.uniform(-1, 1, (3, 2, SAMPLES, len(robot.names)))
-    link = tree_of(robot).tips[0]
-    loads = {link: tuple(rng.normal(size=(2, 3)))}
-    found = robot.joint_wrenches(q, qd, qdd, wrenches=loads)
-    assert found.force.shape == (2, SAMPLES, 8, 3)
-    forces = robot.inverse_dynamics(q, qd, qdd, wrenches=loads)
-    poses = robot.forward_kinematics(q, frames=found.names)
-    first = [k for k, joint in enumerate(tree.joints) if joint.parent == 0]
-    if mode == "fixed":
-        near = 1e-13 * np.abs(forces.torque1).max()
-        np.testing.assert_allclose(found.force[..., first, :].sum(axis=-2), forces.force1, rtol=0, atol=near)
-        about = (found.torque + np.cross(poses.d, found.force))[..., first, :].sum(axis=-2)
-        np.testing.assert_allclose(about, forces.torque1, rtol=0, atol=near)
-    last = found.names[-1]
-    axis = poses[last].S @ tree.joints[-1].n
-    along = (axis * (found[last].torque if tree.joints[-1].kind == "hinge" else found[last].force)).sum(axis=-1)
-    np.testing.assert_allclose(along, forces.tau[..., -1], rtol=0, atol=1e-13 * np.abs(forces.tau).max())
-    prepared = robot.prepare("joint_wrenches")
-    plain = robot.joint_wrenches(q, qd, qdd)
-    np.testing.assert_allclose(prepared(q, qd, qdd).torque, plain.torque, rtol=0, atol=1e-13)
-    one = prepared(q[0, 0], qd[0, 0], qdd[0, 0])
-    np.testing.assert_allclose(one[last].force, plain[last].force[0, 0], rtol=0, atol=1e-13)
-    assert robot.joint_wrenches(q[0], qd[0], qdd[0]).to_dataframe().shape == (SAMPLES, 48)
-    with pytest.raises(hp.ArgumentError, match=r"^joint: expected .* \(nearest: joint_3\)"):
-        found["joint3"]
-
-
 def test_a_free_base_moves_as_the_forces_make_it(model):
     rng, q, qd, qdd, _ = samples(model)
     robot, base = Robot(record_of(model), "free"), base_motion(rng, (SAMPLES,))

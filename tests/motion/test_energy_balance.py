@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 
@@ -54,21 +51,6 @@ def test_the_energies_grow_by_the_work_of_the_loads(base, rigid):
     for loss in ("damper", "friction", "impacts" if rigid else "stop"):
         assert balance.work[loss][-1] < -1e-3
     assert np.diff(balance.work["friction"]).max() <= 1e-12
-
-
-def test_a_balance_is_printed_and_kept():
-    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
-    found = hp.simulate(
-        pair, np.linspace(0, 4, 9), STILL, 0.0, 1.0, base="fixed", hinge_torque=hp.HingeLoad(friction=0.5)
-    )
-    with pytest.raises(hp.ArgumentError, match="computed before the motion was pickled"):
-        pickle.loads(pickle.dumps(found)).energy_balance()
-    found.energy_balance()
-    for kept in (copy.deepcopy(found), pickle.loads(pickle.dumps(found))):
-        lines = [line.split() for line in str(kept.energy_balance()).splitlines()]
-        assert ["friction", "-0.5"] in lines
-        assert ["kinetic", "energy,", "change", "-0.5"] in lines
-        assert float(lines[-1][-1]) < 1e-12
 
 
 def test_an_impact_at_the_first_instant_counts():

@@ -8,7 +8,6 @@ import pytest
 
 import hingepair as hp
 from hingepair.pair.planar_pair import motion_in_space
-from support.sparse import sparse
 from support.states import generator, rotations
 from support.states import pair as random_pair
 
@@ -176,29 +175,6 @@ def test_trees_are_newton_and_euler(case):
     for found, expected in zip(ours, newton_euler(pair, body1, *rates), strict=True):
         for part, exact in zip(found, expected, strict=True):
             np.testing.assert_allclose(part, exact, rtol=0, atol=near)
-
-
-@pytest.mark.parametrize("seed", sparse(range(20), 10))
-def test_mujoco_agrees_both_ways(seed):
-    """On the exported model; it keeps inertias by their principal axes."""
-    pair, body1, (psi, psid, psidd), twin = case_of(seed)
-    import mujoco
-
-    model = mujoco.MjModel.from_xml_string(hp.to_mjcf(pair))
-    model.opt.gravity[:] = GRAVITY
-    data, back = mujoco.MjData(model), body1.S.T
-    data.qpos[:] = twin.q[[0, 1, 2, 6, 3, 4, 5, 7]]
-    data.qvel[:] = [*body1.v, *(back @ body1.omega), psid]
-    acceleration = data.qacc[:] = [*body1.a, *(back @ body1.alpha), psidd]
-    forces = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
-    ours = np.array([*forces.force1, *(back @ forces.torque1), forces.hinge_torque])
-    mujoco.mj_inverse(model, data)
-    mass, push = size_of(pair, body1, psid, psidd)
-    assert np.abs(data.qfrc_inverse - ours).max() <= 16 * U * mass * push
-    data.qfrc_applied[:] = ours
-    mujoco.mj_forward(model, data)
-    weakest = np.linalg.eigvalsh(pair.mass_matrix(body1, psi)).min()
-    assert np.abs(data.qacc - acceleration).max() <= 16 * U * mass * push * mass / weakest
 
 
 def test_what_acts_and_what_moves_are_each_others_inverse(case):

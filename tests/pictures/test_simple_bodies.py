@@ -36,22 +36,6 @@ def test_rods_reach_from_joint_to_joint():
     assert rods_of(last) == []
 
 
-def test_hinges_are_drums_along_their_axes_and_sliders_are_prisms():
-    base, first, second, last = simple(BASE, ELBOW, RAM)
-    (drum,) = first.joints
-    np.testing.assert_array_equal((drum.axis, drum.center), [(0, 0, 1), (0, 0, 0)])
-    drum, rail = second.joints
-    np.testing.assert_array_equal(drum.axis, (0, 1, 0))
-    (block,) = last.links
-    np.testing.assert_allclose(rail.axes[:, 2], (1, 0, 0), atol=1e-15)
-    np.testing.assert_allclose(block.axes[:, 2], (1, 0, 0), atol=1e-15)
-    along = rail.axes[:, 2] @ rail.center + np.array([-0.5, 0.5]) * rail.size[2]
-    assert along[0] < 1  # the range of the slider, from where it is at 0
-    assert along[1] > 1.5
-    assert base.joints == []
-    assert (rail.size[:2] < block.size[:2]).all()
-
-
 def test_a_body_without_a_joint_ends_at_its_last_links_or_beyond_its_centre_of_mass():
     heavy = hp.Body(mass=1, centre_of_mass=(0.2, 0, 0), inertia=(1, 1, 1))
     *_, last = simple(BASE, hp.HingePair(u1=(2, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="arm", body2=heavy))

@@ -60,23 +60,6 @@ def test_angles_come_back(sequences):
                 assert abs(again - S).max() <= 32 * U, (lock, off)
 
 
-@pytest.mark.slow
-def test_rates_of_a_sequence(sequences):
-    """omega1 of the pair is J phi', and euler_rates takes it back to phi'."""
-    for sequence in sequences:
-        proper = sequence[0] == sequence[2]
-        rng = generator(55)
-        phi, phid = rng.uniform(-np.pi, np.pi, (50, 3)), rng.normal(size=(50, 3))
-        phi[:, 1] = rng.uniform(0.3, 1.2, 50) + (0.2 if proper else 0.0)
-        one = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
-        q, qd = (np.concatenate([np.zeros((50, 3)), x, np.zeros((50, 1))], axis=-1) for x in (phi, phid))
-        omega1 = one.forward_kinematics(q, qd, sequence=sequence, outputs=("omega1",)).omega1
-        J = hp.euler_rate_matrix(phi, sequence)
-        W1 = abs(phid).sum(axis=-1)
-        assert np.all(abs((J @ phid[..., None])[..., 0] - omega1).max(axis=-1) <= 8 * U * W1)
-        assert np.all(abs(hp.euler_rates(phi, omega1, sequence) - phid).max(axis=-1) <= 64 * U * W1)
-
-
 def test_a_projection_does_not_raise_what_numpy_is_told_to_raise():
     M = np.array([[1, 1e-320, 0], [0, 1, 0], [0, 0, 1]])
     with np.errstate(all="raise"):

@@ -132,24 +132,3 @@ def test_points_have_bands_and_shares(scene_path):
 def test_large_tolerances_are_seen_by_the_samples_only(scene_path):
     study = study_tolerances(hp.load_scene(scene_path), SAMPLES, u1_std=0.0, axis_std=1.0)
     assert np.abs(study.sampled_std[1:] / study.std[1:] - 1).max() > 0.1  # psi is 0 at first
-
-
-def test_the_figure_has_a_band_for_each_component(scene_path):
-    figure = study_tolerances(hp.load_scene(scene_path), 10).plot()
-    labels = [axes.get_ylabel() for axes in figure.axes]
-    assert labels[:3] == ["R2_x [mm]", "R2_y [mm]", "R2_z [mm]"]
-    assert labels[6] == "part of the variance [%]"
-    assert all(len(axes.lines) == 2 and len(axes.collections) == 1 for axes in figure.axes[:6])
-
-
-@pytest.mark.slow
-def test_bands_are_in_the_units_that_are_asked_for(scene_path):
-    study = study_tolerances(hp.load_scene(scene_path), 10)
-    for si, other in zip(study.bands(), study.bands("deg, mm, ms"), strict=True):
-        factor, unit = (1e3, "mm") if si.unit == "m" else (180 / np.pi, "deg")
-        assert other.unit == unit
-        np.testing.assert_allclose(other[2:], [*factor * np.array(si[2:6]), 1e3 * si.t], rtol=1e-14)
-    assert study.tables("ms")[0][0][-1] == "at t [ms]"
-    assert json.loads(study.to_json("deg"))["bands"][5]["unit"] == "deg"
-    labels = [axes.get_ylabel() for axes in study.plot("deg").axes]
-    assert labels[2:4] == ["R2_z [mm]", "attitude_x [deg]"]

@@ -80,42 +80,6 @@ def test_any_motion_of_a_pair_evaluates_to_the_numeric_results(planar, symbolic)
         assert abs(got - expected).max() <= EXACT_ENOUGH * U * abs(expected).max(), output
 
 
-@pytest.mark.parametrize("planar", [pytest.param(False, marks=pytest.mark.slow), True], ids=["space", "plane"])
-def test_points_of_any_motion_evaluate_to_the_numeric_results(planar, tmp_path):
-    """The scene writes its numbers as expressions, of which a constant stays a letter."""
-    rng = np.random.default_rng(8)
-    zero, names = ("", ("x", "y", "phi", "psi")) if planar else (", 0", closed_names())
-    path = tmp_path / "points.toml"
-    path.write_text(
-        f"planar = {str(planar).lower()}\n[constants]\nL = 0.9\n[pair]\nu1 = [0.5, 0.2{zero}]\n"
-        f"u2 = ['-L/2', 0{zero}]\n"
-        + ("" if planar else "n = [0, 0, 1]\n")
-        + f"[pair.points1]\nsensor = [0.25, 1{zero}]\n[pair.points2]\nhandle = ['L/3', 0.1{zero}]\n"
-    )
-    module = tmp_path / "forms.py"
-    run_command("derive", path, "--outputs", ",".join(POINT_OUTPUTS), "--symbolic", "L", "--python", "--out", module)
-    functions = run(module.read_text())
-    if planar:
-        pair = hp.PlanarPair((0.5, 0.2), (-0.45, 0), points1={"sensor": (0.25, 1)}, points2={"handle": (0.3, 0.1)})
-    else:
-        places = {"points1": {"sensor": (0.25, 1, 0)}, "points2": {"handle": (0.3, 0.1, 0)}}
-        pair = hp.HingePair((0.5, 0.2, 0), (-0.45, 0, 0), (0, 0, 1), **places)
-    motion = rng.uniform(-2, 2, (3, 20, len(names)))
-    known = {f"{name}{'d' * i}": part[:, j] for i, part in enumerate(motion) for j, name in enumerate(names)}
-    state = pair.forward_kinematics(*motion, outputs=POINT_OUTPUTS).arrays()
-    assert functions.keys() >= {*POINT_OUTPUTS}
-    for output, expected in state.items():
-        function = functions[output]
-        arguments = function.__code__.co_varnames[: function.__code__.co_argcount]
-        got = function(*((known | {"L": 0.9})[key] for key in arguments))
-        assert abs(got - expected).max() <= EXACT_ENOUGH * U * abs(expected).max(), output
-    if planar:
-        shown = derived(path)
-        assert "handle_x = " in shown
-        assert "handle_a_y = " in shown
-
-
-POINT_OUTPUTS = ("sensor", "handle", "handle_v", "sensor_a")
 HOME_MATRIX = ((0, 0.6, -0.8), (0, 0.8, 0.6), (1, 0, 0))
 
 
