@@ -67,7 +67,8 @@ def rows_function(
     write = _write_function(outputs, dtype, kernel, finish, refuse)
     compute, compute_packed = kernel.call, packed.call
     freezes = result is not None and bool(layout.packed.outputs[0].sample_shape)
-    array, ndarray, freeze = np.array, np.ndarray, np.ndarray.setflags
+    array, ndarray = np.array, np.ndarray
+    freeze: Callable[..., None] = np.ndarray.setflags
 
     def rows(*given: Any, out: Any = None, workers: int = 1, _kept: object = (kernel, packed)) -> Any:
         """Compute what needs no conversion, and hand on all else; `_kept` owns the machine code."""
@@ -121,7 +122,7 @@ def _lead_function(
         first = arrays[0]
         if type(first) is not ndarray or first.size >= size or first.ndim > MAX_AXES:
             return None
-        lead = first.shape[: first.ndim - rank]
+        lead: tuple[int, ...] = first.shape[: first.ndim - rank]
         for k, tail in numbered:
             x = arrays[k]
             if type(x) is not ndarray or x.dtype is not dtype or not x.flags.c_contiguous:

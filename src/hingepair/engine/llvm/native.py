@@ -173,10 +173,10 @@ def _import_address(shared: Mapping[str, int], name: str) -> int:
     """Return the address of a shared function, or of a function of the C library."""
     if name in shared:
         return shared[name]
-    address = ctypes.cast(getattr(_c_library(), name, None), ctypes.c_void_p).value
-    if address is None:
+    function = getattr(_c_library(), name, None)
+    if function is None:
         raise ValueError(f"a call of {name}, which the C library does not have")
-    return address
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
 
 
 @functools.cache

@@ -151,9 +151,9 @@ class Schedule:
         stores = [any(node.stores for node in step.lines) for step in steps]
         latest = stores.index(True) if any(stores) else len(steps) - 1  # step that may load
         for g in sorted(self.register_inputs):
-            for c, node in enumerate(self.input_nodes[g]):
-                if node is not None:
-                    s = min(first.get(node, latest), latest)
+            for c, part in enumerate(self.input_nodes[g]):
+                if part is not None:
+                    s = min(first.get(part, latest), latest)
                     while steps[s].angles:
                         s -= 1
                     steps[s].loads[g].append(c)
