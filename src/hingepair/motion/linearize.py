@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.methods import Wrenches
+from hingepair.motion.given_loads import LoadArgument, hinge_load, loads_by_joint, pair_loads
 from hingepair.motion.given_motions import GivenBase
-from hingepair.motion.loads import Loads, RobotMotionAtInstants, has_callable
-from hingepair.motion.pair_loads import BaseArgument, LoadArgument, hinge_load, pair_loads
-from hingepair.motion.robot_loads import loads_by_joint
+from hingepair.motion.loads import Loads, MotionAtInstants, has_callable
 from hingepair.motion.robot_motion import REST
-from hingepair.motion.simulate import initial_state, read_base, robot_of_pair, to_spatial_pair
+from hingepair.motion.simulate import BaseArgument, initial_state, read_base, robot_of_pair, to_spatial_pair
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only, vectors
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
@@ -455,11 +454,11 @@ def _with_callables(
     return small._replace(A=small.A + small.B @ (np.concatenate(along).T @ slopes))
 
 
-def _now(q: Array, qd: Array, motion: BodyMotion, changes: Array) -> RobotMotionAtInstants:
+def _now(q: Array, qd: Array, motion: BodyMotion, changes: Array) -> MotionAtInstants:
     """Return the motion of a pair beside a state; `changes` (n, 14) of R1, phi, psi, v1, omega1 and psid."""
     R, turn, psi, v, omega, psid = np.split(changes, (3, 6, 7, 10, 13), axis=1)
     S = rotation_exp(turn) @ np.asarray(motion.S)
-    return RobotMotionAtInstants(q + psi, qd + psid, motion.R + R, S, motion.v + v, motion.omega + omega)
+    return MotionAtInstants(q + psi, qd + psid, motion.R + R, S, motion.v + v, motion.omega + omega)
 
 
 def _find_equilibrium(

@@ -20,40 +20,16 @@ ON_BASE = ("force1", "torque1")
 
 
 class MotionAtInstants(NamedTuple):
-    """Pose R1, S1 and velocities v1, omega1 of body 1, and hinge angle psi and rate psid, arrays at n instants. Loads
-    and events that are callables get an object of this class as their argument `now`.
-
-    Attributes:
-        R1: reference point of body 1, world axes [m]; shape (n, 3).
-        S1: rotation of body 1, body to world; shape (n, 3, 3).
-        v1: velocity of R1, world axes [m/s]; shape (n, 3).
-        omega1: angular velocity of body 1, world axes [rad/s]; shape (n, 3).
-        psi: hinge angle [rad]; shape (n,).
-        psid: hinge rate [rad/s]; shape (n,).
-    """
-
-    R1: Array
-    S1: Array
-    v1: Array
-    omega1: Array
-    psi: Array
-    psid: Array
-
-    def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"now has no {name!r}; known: {', '.join(self._fields)}")
-
-
-class RobotMotionAtInstants(NamedTuple):
-    """Motion of a robot at n instants. Loads and events that are callables get an object of this class as their
-    argument `now`.
+    """Motion of a pair or a robot at n instants. Loads and events that are callables get an object of this class as
+    their argument `now`.
 
     Attributes:
         q: coordinates [rad, m]; shape (n, dof).
         qd: their rates; shape (n, dof).
-        R1: reference point of the base, world axes [m]; shape (n, 3).
-        S1: rotation of the base, base to world; shape (n, 3, 3).
+        R1: reference point of body 1, or of the base, world axes [m]; shape (n, 3).
+        S1: rotation of body 1, or of the base, body to world; shape (n, 3, 3).
         v1: velocity of R1, world axes [m/s]; shape (n, 3).
-        omega1: angular velocity of the base, world axes [rad/s]; shape (n, 3).
+        omega1: angular velocity of body 1, or of the base, world axes [rad/s]; shape (n, 3).
     """
 
     q: Array
@@ -69,7 +45,16 @@ class RobotMotionAtInstants(NamedTuple):
         return motion_of_rotations(R=self.R1, S=self.S1, v=self.v1, omega=self.omega1)
 
     def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"now has no {name!r}; known: {', '.join(self._fields)}, base_motion")
+        """Return psi or psid of a pair, (n,)."""
+        known = (*self._fields, "base_motion")
+        if self.q.shape[-1] == 1:
+            if name in _OF_PAIR:
+                return self[_OF_PAIR.index(name)][..., 0]
+            known = (*_OF_PAIR, *known)
+        raise AttributeError(f"now has no {name!r}; known: {', '.join(known)}")
+
+
+_OF_PAIR = ("psi", "psid")  # names of the columns of q and qd where there is one joint
 
 
 class GivenLoad(NamedTuple):
@@ -111,10 +96,6 @@ class Loads:
     wrenches: Mapping[str, tuple[str, str]]
     #: whether callables are given the motion of the base
     need_motion: bool
-    #: turns the motion into what callables of users see
-    now: Callable[[RobotMotionAtInstants], Any] = lambda motion: motion
-    #: name of the efforts that no spring, damper, friction or stop exerts, in results
-    motor: str = "motor"
 
     @functools.cached_property
     def acts_on_bodies(self) -> bool:
@@ -139,9 +120,9 @@ class Loads:
         """Joints with a HingeLoad that exerts something."""
         return tuple(k for k, load in enumerate(self.joint_loads) if load != HingeLoad())
 
-    def efforts_at(self, t: Array, motion: RobotMotionAtInstants, side: Side) -> Array:
+    def efforts_at(self, t: Array, motion: MotionAtInstants, side: Side) -> Array:
         """Return the efforts at the joints, (n, dof); `side` selects the branches of HingeLoads."""
-        efforts = self.efforts.at(t, self.now(motion))
+        efforts = self.efforts.at(t, motion)
         if self._loaded:
             efforts = efforts.copy()
         angles, rates = side
@@ -151,28 +132,28 @@ class Loads:
             efforts[:, k] += broadcast_load(self.joint_labels[k], value, t.shape)
         return efforts
 
-    def on_bodies(self, t: Array, motion: RobotMotionAtInstants) -> tuple[Array, Array]:
+    def on_bodies(self, t: Array, motion: MotionAtInstants) -> tuple[Array, Array]:
         """Return force1 and torque1 as (n, 6), and the wrenches on links as (n, links, 6)."""
         values = self._vectors_at(t, motion)
         base = np.concatenate([values[name] for name in ON_BASE], axis=1)
         parts = [values[name] for names in self.wrenches.values() for name in names]
         return base, np.stack(parts, axis=1).reshape(len(t), -1, 6) if parts else np.zeros((len(t), 0, 6))
 
-    def callables_at(self, t: Array, motion: RobotMotionAtInstants, side: Side) -> dict[str, Array]:
+    def callables_at(self, t: Array, motion: MotionAtInstants, side: Side) -> dict[str, Array]:
         """Return the loads that are callables, by their names in messages."""
-        now, efforts = self.now(motion), self.efforts_at(t, motion, side)
-        given = {load.label: load.at(t, now) for load in self._callables}
+        efforts = self.efforts_at(t, motion, side)
+        given = {load.label: load.at(t, motion) for load in self._callables}
         return given | {self.joint_labels[k]: efforts[:, k] for k in self._callable_motors}
 
     def all_at(
-        self, t: Array, motion: RobotMotionAtInstants, side: Side, holding: Array, driven: tuple[int, ...]
+        self, t: Array, motion: MotionAtInstants, side: Side, holding: Array, driven: tuple[int, ...]
     ) -> dict[str, Array]:
         """Return all loads but gravity by name: "tau", the sum at each joint, and its parts, such as "spring", (n,
         dof); forces and torques, (n, 3). `holding` are the efforts that hold joints or drive those in `driven`, (n,
         dof).
         """
         angles, rates = side
-        motor = self.efforts.at(t, self.now(motion)).copy()
+        motor = self.efforts.at(t, motion).copy()
         parts = {"motor": motor}
         for k in self._loaded:
             branch = angles[..., k], rates[..., k]
@@ -188,20 +169,19 @@ class Loads:
         for part, value in (("friction", sticking), ("stop", held - sticking)):
             if part in parts:
                 parts[part] = parts[part] + value
-        named = {self.motor if name == "motor" else name: parts[name] for name in TORQUE_PARTS if name in parts}
+        named = {name: parts[name] for name in TORQUE_PARTS if name in parts}
         return {"tau": sum(parts.values(), np.zeros(motor.shape)), **named, **self._vectors_at(t, motion)}
 
     def parts_of(self, loads: Mapping[str, Array]) -> dict[str, Array]:
         """Return the parts of the efforts out of the result of `all_at`, (n, dof) each."""
-        return {name: loads[name] for name in (self.motor, *TORQUE_PARTS) if name in loads}
+        return {name: loads[name] for name in TORQUE_PARTS if name in loads}
 
     def wrenches_of(self, loads: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
         """Return the wrenches by link out of the result of `all_at`."""
         return {link: (loads[force], loads[torque]) for link, (force, torque) in self.wrenches.items()}
 
-    def _vectors_at(self, t: Array, motion: RobotMotionAtInstants) -> dict[str, Array]:
-        now = self.now(motion)
-        return {name: load.at(t, now) for name, load in self.vectors.items()}
+    def _vectors_at(self, t: Array, motion: MotionAtInstants) -> dict[str, Array]:
+        return {name: load.at(t, motion) for name, load in self.vectors.items()}
 
 
 def called_load(name: str, function: Callable[..., Any], t: Array, now: Any, tail: tuple[int, ...]) -> Array:
@@ -216,7 +196,7 @@ def called_load(name: str, function: Callable[..., Any], t: Array, now: Any, tai
         return values
     ends = [-1, 0]  # now.q[0] is the first instant, not the first coordinate: in this order, it is the last
     try:
-        again = np.broadcast_to(np.asarray(function(t[ends], type(now)(*(x[ends] for x in now)))), (2, *tail))
+        again = np.broadcast_to(np.asarray(function(t[ends], MotionAtInstants(*(x[ends] for x in now)))), (2, *tail))
         is_constant = np.array_equal(again, values[:2], equal_nan=True)
     except (IndexError, ValueError):
         is_constant = False

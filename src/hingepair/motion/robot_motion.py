@@ -24,7 +24,7 @@ from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.motion.collocation import StepPolynomial
 from hingepair.motion.events import Side
 from hingepair.motion.given_motions import GivenBase, GivenJoint
-from hingepair.motion.loads import Loads, RobotMotionAtInstants
+from hingepair.motion.loads import Loads, MotionAtInstants
 from hingepair.motion.methods import quaternion_product
 from hingepair.motion.robot_programs import RobotPrograms
 from hingepair.motion.trajectory import quaternions_to_matrices
@@ -44,7 +44,7 @@ class RobotSamples(NamedTuple):
 
     t: Array  # instants [s]; (n,)
     quats: Array  # attitudes of the base, scalar first; (n, 4)
-    motion: RobotMotionAtInstants
+    motion: MotionAtInstants
     qdd: Array  # (n, dof)
     a1: Array  # (n, 3) [m/s^2]
     alpha1: Array  # (n, 3) [rad/s^2]
@@ -72,7 +72,7 @@ class StepRecord(NamedTuple):
 class _Terms(NamedTuple):
     """Terms of the equations of motion in n states."""
 
-    now: RobotMotionAtInstants
+    now: MotionAtInstants
     a1: Array  # of a base that moves as given
     alpha1: Array
     qdd: Array  # of joints that move as given; 0 of others; (n, dof)
@@ -257,7 +257,7 @@ class RobotMotion:
 
     def motion_at(self, t: Array, states: Array) -> Any:
         """Return the motion in states of the present step, as callables of users see it."""
-        return self.loads.now(self._now(t, states, with_base=True))
+        return self._now(t, states, with_base=True)
 
     def restart_attitude(self, state: Array) -> Array:
         """Turn the stored attitude by g of a state at the end of a step; return the state with g = 0."""
@@ -334,25 +334,25 @@ class RobotMotion:
                 states[:, self.q], states[:, self._qd] = q, qd
             S0 = np.broadcast_to(self._S0 if S0 is None else S0, (len(t), 3, 3))
             found, jacobians = self._programs.terms(state=states, S0=S0)
-            now = RobotMotionAtInstants(q, qd, *(found[name] for name in MOTION))
+            now = MotionAtInstants(q, qd, *(found[name] for name in MOTION))
             a1 = alpha1 = np.zeros_like(now.v1)
             centre = found["centre"]
         else:
             base = self._base_inputs(t)
             found, jacobians = self._programs.terms(q=q, qd=qd, **base)
-            now = RobotMotionAtInstants(q, qd, *(base[name] for name in MOTION))
+            now = MotionAtInstants(q, qd, *(base[name] for name in MOTION))
             a1, alpha1, centre = base["a1"], base["alpha1"], np.zeros((len(t), 3))
         return _Terms(now, a1, alpha1, qdd, found["mass_matrix"], found["bias_forces"], jacobians, centre)
 
-    def _now(self, t: Array, states: Array, *, with_base: bool = False) -> RobotMotionAtInstants:
+    def _now(self, t: Array, states: Array, *, with_base: bool = False) -> MotionAtInstants:
         """Return the motion in states of the present step; of the base only if loads or `with_base` ask for it."""
         q, qd, _ = self._joints(t, states)
         if not (with_base or self.loads.need_motion):
-            return RobotMotionAtInstants(q, qd, *(_ZERO,) * 4)
+            return MotionAtInstants(q, qd, *(_ZERO,) * 4)
         if not self.has_momenta:
-            return RobotMotionAtInstants(q, qd, *(self._base_inputs(t)[name] for name in MOTION))
+            return MotionAtInstants(q, qd, *(self._base_inputs(t)[name] for name in MOTION))
         found = self._programs.motion(states, np.broadcast_to(self._S0, (len(t), 3, 3)))
-        return RobotMotionAtInstants(q, qd, *(found[name] for name in MOTION))
+        return MotionAtInstants(q, qd, *(found[name] for name in MOTION))
 
     def _joints(self, t: Array, states: Array) -> tuple[Array, Array, Array]:
         """Return q and q', and q'' of joints that move as given; (n, dof) each."""

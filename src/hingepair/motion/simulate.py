@@ -6,7 +6,7 @@ import functools
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +15,9 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
 from hingepair.motion.events import UserEvent
+from hingepair.motion.given_loads import BODY2, LoadArgument, loads_of_pair, pair_loads
 from hingepair.motion.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
 from hingepair.motion.loads import Loads, check_start
-from hingepair.motion.pair_loads import BODY2, BaseArgument, LoadArgument, loads_of_pair, pair_loads
 from hingepair.motion.robot_motion import RobotMotion, RobotSamples
 from hingepair.motion.robot_programs import RobotPrograms
 from hingepair.motion.run import Impact, Simulation, joint_impacts, joint_range, read_options
@@ -37,6 +37,8 @@ from hingepair.plans.arguments import Outputs
 from hingepair.tables.instants import instants_of
 from hingepair.tables.suspicions import suspicions
 
+BaseArgument: TypeAlias = str | Callable[[Array], BodyMotion]
+"""What holds body 1, as users give it: the name of a base, or a callable of t that returns the motion of body 1."""
 BASES: Final = ("free", "pinned", "fixed")  # what may hold body 1, beside a callable
 _PLANAR_START = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # in messages
 
@@ -120,9 +122,9 @@ class SimulatedMotion(_SimulatedMotionBase, Trajectory):
         body1: motion of body 1 at the instants, with all its derivatives; shape (N,).
         psid: hinge rate [rad/s]; shape (N,).
         psidd: second derivative of psi [rad/s^2]; shape (N,).
-        loads: loads by name: hinge_torque, shape (N,), force1, torque1, force2 and torque2, (N, 3); for a
-            `HingeLoad` also the parts of hinge_torque: motor_torque, and spring_torque, damper_torque,
-            friction_torque and stop_torque where there are any, (N,).
+        loads: loads by name: hinge_torque, shape (N,), force1, torque1, force2 and torque2, (N, 3); and the parts of
+            hinge_torque: motor_torque, and spring_torque, damper_torque, friction_torque and stop_torque where there
+            are any, (N,).
         space: the pair; for a PlanarPair, the HingePair with the same planar dynamics.
         gravity: acceleration of free fall, world axes [m/s^2]; three components.
         base: what holds body 1: "free", "pinned", "fixed", or "prescribed" if `base` was a callable.

@@ -17,9 +17,9 @@ from hingepair.mechanism.states import FrameState, MechanismForces, MechanismSta
 from hingepair.mechanism.tree import loads_note
 from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
 from hingepair.motion.events import UserEvent
+from hingepair.motion.given_loads import EffortArgument, LoadArgument, robot_loads
 from hingepair.motion.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
 from hingepair.motion.loads import check_start
-from hingepair.motion.robot_loads import EffortArgument, RobotLoadArgument, robot_loads
 from hingepair.motion.robot_motion import REST, RobotMotion
 from hingepair.motion.robot_programs import RobotPrograms
 from hingepair.motion.run import Impact, Simulation, joint_impacts, joint_range, read_options
@@ -182,9 +182,9 @@ def simulate_robot(
     loads: Mapping[str, HingeTorque] | None = None,
     joint_loads: bool | None = None,
     driven: Mapping[str, JointCallable] | None = None,
-    wrenches: Mapping[str, tuple[RobotLoadArgument, RobotLoadArgument]] | None = None,
-    force1: RobotLoadArgument = 0,
-    torque1: RobotLoadArgument = 0,
+    wrenches: Mapping[str, tuple[LoadArgument, LoadArgument]] | None = None,
+    force1: LoadArgument = 0,
+    torque1: LoadArgument = 0,
     gravity: ArrayLike = DEFAULT_GRAVITY,
     base: str | None = None,
     base_motion: BaseArgument = None,

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeAlias, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, HingePairError, quoted
 from hingepair.numeric.arrays import Float64Array, Frozen, finite_number, set_frozen
 
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
@@ -287,6 +287,8 @@ def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -
     """
     try:
         return function(*arguments)
+    except HingePairError:
+        raise
     except IndexError as error:
         if f"axis 0 with size {len(arguments[0])}" not in str(error):
             raise

@@ -219,7 +219,8 @@ def pair_forces(
         arrays = {name: array - given[name] for name, array in arrays.items()}
         loads = motion.simulated.loads
         parts = {name: loads[name] for part in TORQUE_PARTS if (name := f"{part}_torque") in loads}
-        arrays = {"hinge_torque": arrays.pop("hinge_torque"), **parts, **arrays}
+        if len(parts) > 1:  # a motor alone is the hinge_torque
+            arrays = {"hinge_torque": arrays.pop("hinge_torque"), **parts, **arrays}
     notes = [*non_finite_sentences(arrays), *_torque_limit_sentences(pair, t, arrays)]
     if motion.simulated:
         notes += impact_sentences(motion.simulated.impacts, {"psi": "rad"})

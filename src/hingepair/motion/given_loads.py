@@ -1,4 +1,4 @@
-"""Loads on a robot as `simulate` is given them."""
+"""Loads on pairs and robots as `simulate` and `linearize` are given them."""
 
 from __future__ import annotations
 
@@ -13,17 +13,36 @@ from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.computations import read_wrenches
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Mimic
-from hingepair.motion.loads import GivenLoad, Loads, RobotMotionAtInstants, check_rigid_stops
+from hingepair.motion.loads import (
+    ON_BASE,
+    GivenLoad,
+    Loads,
+    MotionAtInstants,
+    broadcast_load,
+    called_load,
+    check_rigid_stops,
+)
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, is_zero, one_constant
-from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable, is_plain_hinge_load
+from hingepair.pair.hinge_load import (
+    TORQUE_PARTS,
+    HingeLoad,
+    HingeTorque,
+    call_with_arrays,
+    check_callable,
+    is_plain_hinge_load,
+)
 from hingepair.plans.arguments import Coordinates
 from hingepair.rollouts.tracks import Feedback
 
-RobotLoadArgument: TypeAlias = ArrayLike | Callable[[Array, RobotMotionAtInstants], ArrayLike]
+LoadArgument: TypeAlias = ArrayLike | Callable[[Array, MotionAtInstants], ArrayLike]
 """A force or a torque as users give it: constants, or a callable of (t, now)."""
-EffortArgument: TypeAlias = Coordinates | Callable[[Array, RobotMotionAtInstants], ArrayLike] | Feedback
+EffortArgument: TypeAlias = Coordinates | Callable[[Array, MotionAtInstants], ArrayLike] | Feedback
 """Efforts at the joints as users give them: constants, a callable of (t, now), or a Feedback."""
+
+
+BODY2 = "body2"
+"""Name of body 2 in the robot of one joint that stands for a pair."""
 
 
 def robot_loads(
@@ -152,7 +171,7 @@ def _sum(first: HingeTorque, second: HingeTorque) -> HingeTorque:
     return first + second
 
 
-def _feedback(control: Feedback, dof: int) -> Callable[[Array, RobotMotionAtInstants], Array]:
+def _feedback(control: Feedback, dof: int) -> Callable[[Array, MotionAtInstants], Array]:
     """Return a Feedback with constant references as a callable of (t, now)."""
     for name in ("q_ref", "qd_ref", "tau_ff"):
         if getattr(control, name).ndim > 1:
@@ -167,8 +186,98 @@ def _feedback(control: Feedback, dof: int) -> Callable[[Array, RobotMotionAtInst
         gains.append(gain if gain.ndim == 2 else np.diag(np.broadcast_to(gain, (dof,))))
     K, D = gains
 
-    def tau(_: Array, now: RobotMotionAtInstants) -> Array:
+    def tau(_: Array, now: MotionAtInstants) -> Array:
         efforts: Array = control.tau_ff + (control.q_ref - now.q) @ K.T + (control.qd_ref - now.qd) @ D.T
         return efforts
 
     return tau
+
+
+def pair_loads(
+    forces: Mapping[str, LoadArgument], hinge_torque: HingeTorque, gravity: ArrayLike, *, is_planar: bool
+) -> Loads:
+    """Return the loads on a pair as those on a robot of one joint.
+
+    Args:
+        forces: force1, torque1, force2 and torque2: constants, the number 0, or callables of (t, now).
+        hinge_torque: torque at the hinge [N m]: a number, a HingeLoad, or a callable of (t, psi, psid).
+        gravity: acceleration of free fall [m/s^2].
+        is_planar: whether the pair is planar: forces and gravity have two components then, and torques one.
+
+    Raises:
+        ArgumentError: a constant is not finite or of the wrong shape, or a callable takes other arguments.
+    """
+    vectors = {name: GivenLoad(name, _body_load(name, load, is_planar)) for name, load in forces.items()}
+    acts_on_body2 = vectors["force2"].acts or vectors["torque2"].acts
+    return Loads(
+        tuple(_constant("gravity", gravity, is_planar).tolist()),
+        GivenLoad("hinge_torque", np.zeros(1), 1),
+        (hinge_load(hinge_torque),),
+        ("hinge_torque",),
+        ("psi",),
+        vectors,
+        {BODY2: ("force2", "torque2")} if acts_on_body2 else {},
+        need_motion=any(callable(load) for load in forces.values()),
+    )
+
+
+def hinge_load(torque: HingeTorque) -> HingeLoad:
+    """Return a torque at the hinge as a HingeLoad.
+
+    Raises:
+        ArgumentError: it is no number, no HingeLoad and no callable of (t, psi, psid).
+    """
+    if is_plain_hinge_load(torque):
+        check_rigid_stops("hinge_torque", torque, "hinge")
+        return torque
+    if callable(torque):
+        check_callable("hinge_torque", torque, "t", "psi", "psid")
+
+        def motor(t: Any, psi: Any, psid: Any) -> Array:
+            values = call_with_arrays("hinge_torque", torque, t, psi, psid)
+            return broadcast_load("hinge_torque", values, np.shape(t))
+
+        return HingeLoad(motor=motor)
+    return HingeLoad(motor=finite_number("hinge_torque", torque))
+
+
+def loads_of_pair(loads: Mapping[str, Array]) -> dict[str, Array]:
+    """Return acting loads of a robot of one joint by the names that they have for a pair: hinge_torque and its parts,
+    such as motor_torque, (n,), and the forces and torques on both bodies.
+    """
+    forces = {name: loads[name] for name in (*ON_BASE, "force2", "torque2")}
+    parts = {f"{name}_torque": loads[name][:, 0] for name in TORQUE_PARTS if name in loads}
+    return {**forces, "hinge_torque": loads["tau"][:, 0], **parts}
+
+
+def _body_load(name: str, load: Any, is_planar: bool) -> Any:
+    """Return a force or a torque in space: (3,), or a callable of (t, now) that returns (n, 3)."""
+    if not callable(load):
+        return _constant(name, load, is_planar)
+    check_callable(name, load, "t", "now")
+    if not is_planar:
+        return load
+    tail = _tail(name, is_planar)
+    return lambda t, now: _to_space(called_load(name, load, t, now, tail), len(tail))
+
+
+def _constant(name: str, load: Any, is_planar: bool) -> Array:
+    """Return a constant force, torque or gravity as three components in space."""
+    tail = _tail(name, is_planar)
+    if is_zero(load):
+        return np.zeros(3)
+    value = one_constant(name, load, *tail) if tail else np.array(finite_number(name, load))
+    return _to_space(value, len(tail)) if is_planar else np.array(value)
+
+
+def _tail(name: str, is_planar: bool) -> tuple[int, ...]:
+    """Return the shape of one value of a load as users give it."""
+    if not is_planar:
+        return (3,)
+    return () if name.startswith("torque") else (2,)
+
+
+def _to_space(value: Array, rank: int) -> Array:
+    """Return values for planar pairs as vectors in space: vectors in the plane (rank 1), or torques (rank 0)."""
+    columns = [value[..., 0], value[..., 1], 0 * value[..., 0]] if rank else [0 * value, 0 * value, value]
+    return np.stack(columns, axis=-1)
