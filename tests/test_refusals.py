@@ -337,7 +337,6 @@ CALLS = {
     ]),
     "simulate to the end": (lambda **k: hp.simulate(PAIR, [0, 1], POSE, 0.0, 1.0, base="fixed", **k), [
         ("hinge_torque", errors.SimulationError, lambda _t, psi, _: np.where(psi > 0.05, NAN, 0.0)),
-        ("until", A, lambda _, now: 1 + np.sqrt(0.05 - now.psi)),
     ]),
     "simulate a plane": (lambda **k: hp.simulate(
         FLAT, T, **{"body1": POSE, "psi_0": 0.0, "psid_0": 0.0, "base": "pinned", **k}
