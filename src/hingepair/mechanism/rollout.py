@@ -62,7 +62,7 @@ class Rollout(Results):
         for name, value in (("_motions", motions), ("_t", t), ("_joints", joints)):
             object.__setattr__(self, name, value)
 
-    def __reduce__(self) -> tuple[type[Rollout], tuple[Any, ...]]:  # type: ignore[override]
+    def __reduce__(self) -> tuple[type[Rollout], tuple[Any, ...]]:
         return type(self), (self.arrays(), self.shape, None, self._t, self._joints)
 
     def _recorded(self) -> dict[str, Any]:

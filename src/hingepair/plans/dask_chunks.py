@@ -78,6 +78,6 @@ class _Chunk:
 
     def __call__(self, *arrays: Any) -> Any:
         found = self.function(*arrays)
-        arrays = found.arrays() if isinstance(found, Results) else {self.outputs[0]: found}
-        parts = tuple(np.asarray(arrays[name]) for name in self.outputs)
+        results = found.arrays() if isinstance(found, Results) else {self.outputs[0]: found}
+        parts = tuple(np.asarray(results[name]) for name in self.outputs)
         return parts if len(parts) > 1 else parts[0]
