@@ -305,6 +305,13 @@ CALLS = {
         ("n", X, (0, 0, 0)), ("M", R, -EYE), ("S", R, 2 * EYE), ("w", S, (1, 0)), ("phi", S, (1, 0)),
         ("sequence", A, "XXY", 3),
     ]),
+    "sampled attitudes": (lambda t=T, S=None, order=6: hp.angular_velocity_from_samples(
+        t, np.broadcast_to(EYE, (len(T), 3, 3)) if S is None else S, order
+    ), [
+        ("order", A, 6.0, 5, True), ("t", S, T[:6], T[:, None]), ("t", A, np.minimum(T, 0.3), -T, spoiled(len(T), 5)),
+        ("t", D, T + 0j), ("S", A, EYE, C(S=np.broadcast_to(EYE, (3, 3, 3)))),
+        ("S", R, np.broadcast_to(2 * EYE, (len(T), 3, 3))),
+    ]),
     "euler_rates": (lambda phi: hp.euler_rates(phi, np.ones(3)), [
         ("phi", errors.GimbalLockError, (0, np.pi / 2, 0)),
     ]),

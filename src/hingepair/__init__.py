@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from hingepair.measured.clusters import fit_cluster
     from hingepair.measured.hinge_fit import HingeFit, fit
     from hingepair.measured.imus import ImuRecording, fit_imus
+    from hingepair.measured.smoothing.angular_velocity import angular_velocity_from_samples
     from hingepair.measured.smoothing.resample import resample
     from hingepair.measured.smoothing.smooth import smooth
     from hingepair.mechanism.joints import Screw, Slider
@@ -63,7 +64,7 @@ if TYPE_CHECKING:
     from hingepair.pictures.page import view
     from hingepair.pictures.plot import plot
     from hingepair.rollouts.tracks import Feedback
-    from hingepair.rotations.angular_velocity import angular_velocity, angular_velocity_from_samples
+    from hingepair.rotations.angular_velocity import angular_velocity
     from hingepair.rotations.euler import euler_rate_matrix, euler_rates, euler_to_matrix, matrix_to_euler
     from hingepair.scenes.derive import derive
     from hingepair.scenes.load import load_scene
@@ -168,7 +169,8 @@ _LAZY_MODULE_BY_NAME = {
         "pair.tolerances": "sample_pairs",
         "pictures.page": "view",
         "pictures.plot": "plot",
-        "rotations.angular_velocity": "angular_velocity angular_velocity_from_samples",
+        "rotations.angular_velocity": "angular_velocity",
+        "measured.smoothing.angular_velocity": "angular_velocity_from_samples",
         "rotations.euler": "euler_rate_matrix euler_rates euler_to_matrix matrix_to_euler",
         "rollouts.tracks": "Feedback",
         "scenes.derive": "derive",

@@ -113,11 +113,6 @@ def angle_terms(phi: Components) -> Components:
     return tuple(function(angle) for angle in phi for function in (sine, cosine))
 
 
-def turn_terms(phi1: Component) -> Components:
-    """Return (sin, cos) of an angle."""
-    return sine(phi1), cosine(phi1)
-
-
 def hinge_terms(psi: Component) -> Components:
     """Return (sin psi, 1 - cos psi, cos psi), without cancellation at small angles."""
     s, c = sine(psi), cosine(psi)
@@ -134,11 +129,6 @@ def versine(sine: float, cosine: float) -> float:
 def versines(sine: Component, cosine: Component) -> Component:
     """Return 1 - cos of angles from their sines and cosines."""
     return np.where(cosine > VERSINE_SWITCH, sine * sine / (1 + cosine), 1 - cosine)
-
-
-def hinge_cosine(hinge: Components) -> Component:
-    """Return the cosine among the terms of `hinge_terms`."""
-    return hinge[2]
 
 
 def components(value: Any) -> tuple[Any, ...]:

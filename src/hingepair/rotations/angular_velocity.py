@@ -1,4 +1,4 @@
-"""Angular velocity of a moving attitude (E3): from its derivative, or from samples of it."""
+"""Angular velocity of a moving attitude, from its derivative (E3)."""
 
 from __future__ import annotations
 
@@ -6,17 +6,12 @@ import functools
 from typing import Literal, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hingepair.equations import spatial as eq
-from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import Float64Array, FloatArray, broadcast_shape, result_dtype, vectors
+from hingepair.numeric.arrays import FloatArray, broadcast_shape, result_dtype, vectors
 from hingepair.numeric.blocks import Named, components_of, tabulate
-from hingepair.numeric.finite_differences import stencils
-from hingepair.rotations.matrices import check_rotation, rotation_exp, rotation_vector
-from hingepair.tables.instants import instants_of
-
-ORDERS = (2, 4, 6, 8)  # accepted powers of the time step to which errors are proportional
+from hingepair.rotations.matrices import check_rotation
 
 
 @overload
@@ -67,164 +62,3 @@ def angular_velocity(
 
     results = tabulate(omega_and_defect, inputs, tails, shape, result_dtype((attitude, rate)))
     return (results["omega"], results["defect"]) if with_defect else results["omega"]
-
-
-@overload
-def angular_velocity_from_samples(
-    t: ArrayLike, S: ArrayLike, order: int = 6, with_alpha: Literal[False] = False
-) -> FloatArray: ...
-@overload
-def angular_velocity_from_samples(
-    t: ArrayLike, S: ArrayLike, order: int = 6, *, with_alpha: Literal[True]
-) -> tuple[FloatArray, FloatArray]: ...
-def angular_velocity_from_samples(
-    t: ArrayLike, S: ArrayLike, order: int = 6, with_alpha: bool = False
-) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return the angular velocity omega (..., N, 3), in world axes, from the rotation matrices S (..., N, 3, 3) at N
-    instants t (equation E3). The finite differences have an error proportional to the time step to the power `order`.
-    With `with_alpha`, return (omega, alpha), where alpha is the angular acceleration.
-
-    For each sample i, `S(t) = exp([x(t)]x) exp([w]x (t - t_i)) S_i` defines the rotation vector x(t) in world axes
-    beside the steady spin w from the sample before to the one after, which is left out (w = 0) where the neighbours
-    turn by less than 2 rad; [w]x is the cross-product matrix of w. At sample i, x is 0, and therefore omega = w + x'
-    and alpha = x'' - w cross x' exactly, however fast the body spins about an axis of its own. If the axis is
-    steadier in the world, the two factors change places (and the sign changes). The function differentiates the
-    polynomial of degree `order` that interpolates x at sample i and at order / 2 neighbours on each side. Near the
-    ends, a polynomial of degree `order` is fitted by least squares to x at the first or the last (`order` + 5)
-    samples, or at all samples if there are fewer.
-
-    A higher order suits smooth motion, and a lower order suits noisy data at small time steps. Suppose that the noise
-    of the attitudes is white, that the rotation vector of the noise has the standard deviation sigma [rad] in each
-    component, and that the time step is h [s]. Then the standard deviation of every component of omega is
-    c sigma / h [rad/s], with c from this table:
-
-        order    in the middle    first and last sample
-        2        0.71             0.68
-        4        0.95             1.9
-        6        1.1              3.7
-        8        1.2              6.8
-
-    Args:
-        t: instants, increasing, not necessarily uniform: seconds (floats), datetime64, or nanoseconds since 1970
-            (integers); shape (N,) with N > order.
-        S: rotation matrices, body to world, at the instants t; shape (..., N, 3, 3).
-        order: power of the time step to which the error of omega is proportional: 2, 4, 6 (the default) or 8.
-        with_alpha: whether to return the angular acceleration alpha too; False by default. If the time steps are
-            uniform, the error of alpha away from the ends is of the same order as the error of omega. Otherwise, and
-            near the ends, its order is lower by one.
-
-    Returns:
-        omega, world axes [rad/s]; shape (..., N, 3). With `with_alpha`, (omega, alpha), where alpha [rad/s^2] has the
-        same shape, world axes. If a sample of S is not finite, the results that depend on this sample are not finite
-        either.
-
-    Raises:
-        ArgumentError: t is not increasing or not finite; `order` is not 2, 4, 6 or 8; or the spin changes so much
-            between a sample and the neighbours used with it that rotation vectors are ambiguous. Each turn from one
-            sample to the next is assumed to be less than pi; a larger one cannot be detected.
-        RotationError: S is finite, but an element of S S^T differs from the same element of the identity by more than
-            2e-9 (2e-5 for float32), or det S is negative.
-
-    >>> import numpy as np
-    >>> import hingepair as hp
-    >>> t = np.linspace(0, 1, 11)
-    >>> hp.angular_velocity_from_samples(t, hp.rotation_exp(t[:, None] * (0, 0, 2))).round(12)[5] + 0.0
-    array([0., 0., 2.])
-    """
-    if not isinstance(order, int | np.integer) or order not in ORDERS:
-        raise ArgumentError("order", f"one of {', '.join(map(str, ORDERS))}", quoted(order))
-    time, attitude = instants_of("t", t, order), vectors("S", S, 3, 3)
-    dtype = result_dtype((np.asarray(t), attitude))
-    if attitude.ndim < 3 or attitude.shape[-3] != time.size:
-        raise ArgumentError("S", f"shape (..., {time.size}, 3, 3), a rotation for each t", f"shape {attitude.shape}")
-    check_rotation("S", attitude)
-    found = _angular_rates(time, attitude.astype(np.float64, copy=False), order, 1 + with_alpha)
-    omega, *alpha = (array.astype(dtype, copy=False) for array in found)
-    return (omega, alpha[0]) if alpha else omega
-
-
-def _angular_rates(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
-    """Return [omega], or [omega, alpha] if `count` is 2, world axes, (..., N, 3), of the samples S at instants t."""
-    derivatives = [np.zeros(S.shape[:-1]) for _ in range(count)]
-    last = t.size - 1
-    with np.errstate(all="ignore"):
-        in_body = spins_about_body_axis(S)[..., None]
-        steps = np.linalg.norm(turn_between(S[..., :-1, :, :], S[..., 1:, :, :]), axis=-1)
-        turned_before = np.cumsum(np.nan_to_num(np.concatenate([0 * steps[..., :1], steps], axis=-1)), axis=-1)
-        for rows, neighbours, *weights in stencils(t, order):
-            samples = np.arange(rows.start, rows.stop)
-            before, after = np.maximum(samples - 1, 0), np.minimum(samples + 1, last)
-            turn = turn_between(S[..., before, :, :], S[..., rows, :, :])
-            turn = turn + turn_between(S[..., rows, :, :], S[..., after, :, :])
-            farthest = np.abs(turned_before[..., neighbours] - turned_before[..., samples, None]).max(axis=-1)
-            omega = needed_spin(turn / (t[after] - t[before])[:, None], farthest)
-            vectors_beside = np.empty((*omega.shape[:-1], neighbours.shape[1], 3))
-            for k, others in enumerate(neighbours.T):
-                dt = t[others] - t[samples]
-                x = vector_beside_spin(S[..., rows, :, :], S[..., others, :, :], omega, dt, in_body)
-                x[..., others == samples, :] *= 0.0  # round-off; NaN where S is
-                for derivative, weight in zip(derivatives, weights, strict=False):
-                    derivative[..., rows, :] += weight[:, k, None] * x
-                vectors_beside[..., k, :] = x
-            _check_turns(vectors_beside, samples, neighbours)
-            if count == 2:
-                turning = np.cross(omega, derivatives[0][..., rows, :])
-                derivatives[1][..., rows, :] += np.where(in_body[..., None], -turning, turning)
-            derivatives[0][..., rows, :] += omega
-    return derivatives
-
-
-def turn_between(start: Float64Array, stop: Float64Array) -> Float64Array:
-    """Return the rotation vectors (..., 3), world axes [rad], that turn rotations `start` into `stop`."""
-    return rotation_vector(stop @ np.swapaxes(start, -1, -2))
-
-
-def needed_spin(omega: Float64Array, turned: Float64Array) -> Float64Array:
-    """Return the angular velocities `omega` (..., 3) where neighbours have turned by more than two radians (`turned`
-    [rad]), and zeros where rotation vectors by themselves are nearer to polynomials.
-    """
-    return np.where(turned[..., None] > 2.0, omega, 0.0)
-
-
-def spins_about_body_axis(S: Float64Array) -> NDArray[np.bool_]:
-    """Return whether each series of rotations S (..., N, 3, 3) turns about an axis that is steadier in the body than
-    in the world; shape (...,).
-    """
-    before, after = S[..., :-1, :, :], S[..., 1:, :, :]
-    transposed = np.swapaxes(before, -1, -2)
-    wander = []
-    for turns in (transposed @ after, after @ transposed):
-        vectors = rotation_vector(turns)
-        known = np.where(np.isfinite(vectors), vectors, 0.0)
-        wander.append(np.abs(known - np.median(known, axis=-2, keepdims=True)).sum(axis=(-2, -1)))
-    return np.asarray(wander[0] <= wander[1])
-
-
-def vector_beside_spin(
-    base: Float64Array, S: Float64Array, omega: Float64Array, dt: Float64Array, in_body: NDArray[np.bool_]
-) -> Float64Array:
-    """Return rotation vectors x (..., 3), world axes [rad], with S = exp(x) exp(omega dt) base where the axis of the
-    spin is steady `in_body`, and S = exp(omega dt) exp(x) base where it is steady in the world.
-
-    However fast the spin, x changes slowly: polynomials in t through x are interpolants on the rotation group.
-    """
-    back = np.asarray(rotation_exp(-omega * dt[..., None]))
-    turned = S @ np.swapaxes(base, -1, -2)
-    return rotation_vector(np.where(in_body[..., None, None], turned @ back, back @ turned))
-
-
-def _check_turns(x: Float64Array, samples: NDArray[np.intp], neighbours: NDArray[np.intp]) -> None:
-    """Raise ArgumentError if the vectors beside the spin, (..., samples, neighbours, 3), change by pi or more between
-    a sample and a neighbour: those of turns near pi are ambiguous.
-    """
-    changes = np.nan_to_num(np.linalg.norm(np.diff(x, axis=-2), axis=-1))
-    turned = np.cumsum(np.concatenate([np.zeros_like(changes[..., :1]), changes], axis=-1), axis=-1)
-    centres = np.argmax(neighbours == samples[:, None], axis=-1)
-    own = np.take_along_axis(turned, np.broadcast_to(centres[:, None], (*turned.shape[:-1], 1)), axis=-1)
-    farthest = np.abs(turned - own).max(axis=-1, initial=0.0)
-    bad = np.argwhere(farthest >= np.pi)
-    if bad.size:
-        expected = (
-            "samples of a spin that changes less from each to its neighbours (a smaller step, or a lower order)"
-        )
-        raise ArgumentError("S", expected, f"{farthest[tuple(bad[0])]:.3g} rad at index {samples[bad[0, -1]]}")

@@ -9,8 +9,8 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.tables.suspicions import suspicions
+from hingepair.tables.wrapped_angles import is_wrapped
 
 PlanarColumns: TypeAlias = Mapping[tuple[str, ...], tuple[str, ...]]
 """Columns that a log in the plane leaves out together, and those that it then has."""

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, DtypeError, ShapeError
 from hingepair.numeric.arrays import Float64Array, finite_number, real_array
-from hingepair.numeric.finite_differences import check_instants
 
 _NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
+_MILLISECONDS = 1e11  # 3,000 years: integers from here on are in milliseconds or microseconds
 _MAX_SECONDS = 1e14  # floats beyond can only be nanoseconds
 _MAX_STEP_SPREAD = 0.3  # of the median step, from the 10 % to the 90 % quantile; more is jitter
 
@@ -125,7 +125,34 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
         stamps.dtype.kind in "iu" and stamps.size and np.abs(stamps.astype(np.float64)).min() >= _NANOSECONDS
     )
     seconds = increasing_seconds(name, stamps)[0] if clock else real_array(name, t)
-    return check_instants(name, seconds, order)
+    return _checked_instants(name, seconds, order)
+
+
+def _checked_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
+    """Return instants as a float64 array (N,), enough for finite differences of an order.
+
+    Raises:
+        ShapeError: not one axis, or fewer than order + 1.
+        ArgumentError: one is not finite, or not after the one before it; or integers that may be milliseconds.
+    """
+    if t.ndim != 1 or t.size < order + 1:
+        fewest = f" with at least {order + 1} samples" if order else ""
+        raise ShapeError(name, f"shape (N,){fewest}", f"shape {t.shape}")
+    if t.dtype.kind in "iu" and t.size and np.abs(t.astype(np.float64)).max() >= _MILLISECONDS:
+        raise ArgumentError(name, "seconds, such as (t - t[0]) * 1e-3 of milliseconds", f"{t.dtype.name} from {t[0]}")
+    instants = t.astype(np.float64)
+    bad = np.flatnonzero(~np.isfinite(instants))
+    if bad.size:
+        raise ArgumentError(name, "finite instants", f"{instants[bad[0]]} at index {bad[0]}")
+    with np.errstate(over="ignore"):
+        steps = np.diff(instants)
+    bad = np.flatnonzero(~((steps > 0) & (steps < np.inf))) + 1
+    if bad.size:
+        i = int(bad[0])
+        raise ArgumentError(
+            name, "instants that increase", f"{float(instants[i])!r} after {float(instants[i - 1])!r} at index {i}"
+        )
+    return instants
 
 
 def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:

@@ -10,10 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
+from hingepair.measured.smoothing.angular_velocity import (
+    needed_spin,
+    spins_about_body_axis,
+    turn_between,
+    vector_beside_spin,
+)
 from hingepair.numeric.arrays import Float64Array, real_array
-from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.rotations.angular_velocity import needed_spin, spins_about_body_axis, turn_between, vector_beside_spin
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.instants import (
     checked_gaps,
@@ -23,6 +27,7 @@ from hingepair.tables.instants import (
     warn_of_measurements,
 )
 from hingepair.tables.suspicions import suspicions
+from hingepair.tables.wrapped_angles import is_wrapped
 
 
 @overload

@@ -18,13 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.measured.robust import LOSSES, Loss
+from hingepair.measured.smoothing.angular_velocity import angular_velocity_from_samples, spins_about_body_axis
 from hingepair.measured.smoothing.resample import interpolated
 from hingepair.measured.smoothing.spline import MIN_PIECE, SmoothedColumns, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, finite_number, read_only, real_array
-from hingepair.numeric.wrapped_angles import is_wrapped, unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.results import OverInstants, Record
-from hingepair.rotations.angular_velocity import angular_velocity_from_samples, spins_about_body_axis
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 from hingepair.tables.instants import (
     checked_gaps,
@@ -35,6 +34,7 @@ from hingepair.tables.instants import (
 )
 from hingepair.tables.sheets import percent
 from hingepair.tables.suspicions import suspicions
+from hingepair.tables.wrapped_angles import is_wrapped, unwrap_if_wrapped
 
 _QUANTITIES = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}  # a smoothed quantity and its derivatives
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hingepair.numeric.wrapped_angles import is_wrapped, unwrap_if_wrapped
+from hingepair.tables.wrapped_angles import is_wrapped, unwrap_if_wrapped
 
 T = np.arange(400) / 100
 

@@ -12,12 +12,11 @@ steps h^p too. Only differences of instants and of values enter, so neither may 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError, ShapeError
 from hingepair.numeric.arrays import Float64Array
 
 _BLOCK = 16384  # samples whose stencils are held at a time
@@ -26,36 +25,6 @@ _BLOCK = 16384  # samples whose stencils are held at a time
 Stencil: TypeAlias = tuple[slice, NDArray[np.intp], Float64Array, Float64Array]
 """Some samples, their neighbours (they themselves among them), and the neighbours' weights in the first [1/s] and the
 second derivative [1/s^2]; shape (samples, neighbours)."""
-
-_MILLISECONDS = 1e11  # 3,000 years: integers from here on are in milliseconds or microseconds
-
-
-def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
-    """Return instants as a float64 array (N,), enough for finite differences of an order; `name` is that of the
-    argument.
-
-    Raises:
-        ShapeError: not one axis, or fewer than order + 1.
-        ArgumentError: one is not finite, or not after the one before it; or integers that may be milliseconds.
-    """
-    if t.ndim != 1 or t.size < order + 1:
-        fewest = f" with at least {order + 1} samples" if order else ""
-        raise ShapeError(name, f"shape (N,){fewest}", f"shape {t.shape}")
-    if t.dtype.kind in "iu" and t.size and np.abs(t.astype(np.float64)).max() >= _MILLISECONDS:
-        raise ArgumentError(name, "seconds, such as (t - t[0]) * 1e-3 of milliseconds", f"{t.dtype.name} from {t[0]}")
-    instants = t.astype(np.float64)
-    bad = np.flatnonzero(~np.isfinite(instants))
-    if bad.size:
-        raise ArgumentError(name, "finite instants", f"{instants[bad[0]]} at index {bad[0]}")
-    with np.errstate(over="ignore"):
-        steps = np.diff(instants)
-    bad = np.flatnonzero(~((steps > 0) & (steps < np.inf))) + 1
-    if bad.size:
-        i = int(bad[0])
-        raise ArgumentError(
-            name, "instants that increase", f"{float(instants[i])!r} after {float(instants[i - 1])!r} at index {i}"
-        )
-    return instants
 
 
 def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
@@ -117,26 +86,4 @@ def _least_squares_weights(x: Float64Array, degree: int) -> tuple[Float64Array, 
         inverse = np.linalg.pinv(legvander((nodes - middle) / half, degree))
         first[i] = legval(-middle / half, slopes) @ inverse / half
         second[i] = legval(-middle / half, bends) @ inverse / half**2
-    return first, second
-
-
-def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tuple[Float64Array, Float64Array]:
-    """Return the first and the second derivative of samples, two arrays (N,).
-
-    Args:
-        t: instants as `check_instants` returns them; shape (N,) s.
-        values: shape (N,).
-        order: of the error in the time step; even.
-
-    >>> t = np.array([1.0, 1.1, 1.3, 1.4, 1.7])
-    >>> first, second = differentiate(t, t**2, order=2)
-    >>> first.round(12).tolist(), second.round(12).tolist()
-    ([2.0, 2.2, 2.6, 2.8, 3.4], [2.0, 2.0, 2.0, 2.0, 2.0])
-    """
-    first, second = np.empty(t.shape), np.empty(t.shape)
-    with np.errstate(all="ignore"):
-        for rows, neighbours, w1, w2 in stencils(t, order):
-            rises = values[neighbours] - values[rows, None]
-            first[rows] = (w1 * rises).sum(axis=-1)
-            second[rows] = (w2 * rises).sum(axis=-1)
     return first, second

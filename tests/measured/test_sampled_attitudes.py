@@ -1,0 +1,181 @@
+"""Angular velocity from samples of S (E3), on any instants."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.measured.smoothing.finite_differences import stencils
+from support.states import generator, rotations
+
+U = 2.0**-53
+ORDERS = (2, 4, 6, 8)
+
+
+def omega1_of(t):
+    return np.stack(
+        [
+            3 + 5 * np.sin(t),
+            np.cos(3 * t) - 2.5 * np.sin(2 * t) - 2.5 * np.sin(4 * t),
+            np.sin(3 * t) + 2.5 * np.cos(4 * t) + 2.5 * np.cos(2 * t),
+        ],
+        axis=-1,
+    )
+
+
+def alpha1_of(t):
+    return np.stack(
+        [
+            5 * np.cos(t),
+            -3 * np.sin(3 * t) - 5 * np.cos(2 * t) - 10 * np.cos(4 * t),
+            3 * np.cos(3 * t) - 10 * np.sin(4 * t) - 5 * np.sin(2 * t),
+        ],
+        axis=-1,
+    )
+
+
+def reference(t):
+    return hp.euler_to_matrix(np.stack([3 * t, t, 5 * t], axis=-1))
+
+
+def uneven(count, seed=0):
+    return np.cumsum(generator(80, seed).uniform(0.5, 1.5, count))
+
+
+@pytest.mark.slow
+def test_reference_example_at_a_millisecond():
+    t = np.arange(10_001) * 1e-3
+    omega, alpha = hp.angular_velocity_from_samples(t, reference(t), with_alpha=True)
+    assert abs(omega - omega1_of(t)).max() <= 2e-11
+    assert abs(alpha - alpha1_of(t)).max() <= 1e-7
+    assert np.array_equal(omega, hp.angular_velocity_from_samples(t, reference(t)))
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_error_falls_with_the_order(order):
+    """On uneven instants too; at the ends, where the neighbours are on one side, with the same order."""
+    steps = uneven(21, order) / 21
+    errors = []
+    for span in (0.06 * order, 0.03 * order):
+        t = 1 + span * steps
+        found = hp.angular_velocity_from_samples(t, reference(t), order, with_alpha=True)
+        exact = (omega1_of(t), alpha1_of(t))
+        errors.append([abs(a - b).max(axis=-1)[rows].max() for a, b in zip(found, exact, strict=True) for rows in
+                       (slice(order // 2, -order // 2), slice(0, order // 2), slice(-order // 2, None))])  # fmt: skip
+    observed = np.log2(np.array(errors[0]) / errors[1])
+    assert (observed[:3] > order - 0.5).all(), observed
+    assert (observed[3:] > order - 1.5).all(), observed
+
+
+def test_a_steady_turn_is_exact_to_round_off():
+    axis = np.array([0.6, 0.0, -0.8])
+    t = 1e6 + np.arange(40) / 64  # differences are exact
+    S = hp.rotation_exp(((t - t[0]) * 3)[:, None] * axis) @ rotations(generator(81), 1)[0]
+    for order in ORDERS:
+        omega, alpha = hp.angular_velocity_from_samples(t, S, order, with_alpha=True)
+        assert abs(omega - 3 * axis).max() <= 64 * 64 * U * 4  # attitudes to 4 u, at 64 samples a second
+        assert abs(alpha).max() <= 64**2 * 256 * U * 4
+
+
+def test_noise_gain_is_that_of_the_docstring():
+    """Weights on independent noise: the sum of their squares."""
+    rows = re.findall(r"^ +(\d) +([\d.]+) +([\d.]+)$", hp.angular_velocity_from_samples.__doc__, re.MULTILINE)
+    assert [int(row[0]) for row in rows] == list(ORDERS)
+    for order, *stated in rows:
+        gain = np.empty(40)
+        for own, _, first, _ in stencils(np.arange(40.0) / 8, int(order)):
+            gain[own] = np.sqrt((first**2).sum(axis=-1)) / 8
+        assert [f"{gain[20]:.2g}", f"{gain[0]:.2g}"] == [f"{float(text):.2g}" for text in stated]
+        assert gain[-1] == pytest.approx(gain[0], rel=1e-12)
+
+
+def test_a_lost_sample_costs_its_stencil_and_nothing_else():
+    t = np.arange(60) * 0.01
+    S = reference(t)
+    whole = hp.angular_velocity_from_samples(t, S)
+    S[30, 1, 2] = np.nan
+    omega = hp.angular_velocity_from_samples(t, S)
+    lost = np.isnan(omega).any(axis=-1)
+    assert np.flatnonzero(lost).tolist() == list(range(27, 34))
+    assert np.isnan(omega[lost]).all()
+    assert np.array_equal(omega[~lost], whole[~lost])
+    S[30] = np.inf
+    assert np.array_equal(np.isnan(hp.angular_velocity_from_samples(t, S)).any(axis=-1), lost)
+
+
+def test_leading_axes_are_many_attitudes_at_the_same_instants():
+    t = uneven(30) * 0.01
+    S = np.stack([reference(t), np.swapaxes(reference(t), -1, -2), reference(t + 1)]).reshape(3, 1, 30, 3, 3)
+    omega, alpha = hp.angular_velocity_from_samples(t, S, 4, with_alpha=True)
+    assert omega.shape == alpha.shape == (3, 1, 30, 3)
+    for i in range(3):
+        assert np.array_equal(omega[i, 0], hp.angular_velocity_from_samples(t, S[i, 0], 4))
+    assert hp.angular_velocity_from_samples(t, S[:0]).shape == (0, 1, 30, 3)
+
+
+def test_blocks_do_not_show(monkeypatch):
+    t = uneven(100) * 0.01
+    whole = hp.angular_velocity_from_samples(t, reference(t))
+    monkeypatch.setattr("hingepair.measured.smoothing.finite_differences._BLOCK", 7)
+    assert np.array_equal(hp.angular_velocity_from_samples(t, reference(t)), whole)
+
+
+def test_few_samples_and_single_precision():
+    t = np.arange(7) * 0.01
+    assert abs(hp.angular_velocity_from_samples(t, reference(t)) - omega1_of(t)).max() <= 1e-7
+    single = hp.angular_velocity_from_samples(t.astype(np.float32), reference(t).astype(np.float32))
+    assert single.dtype == np.float32
+    assert abs(single - omega1_of(t)).max() <= 2.0**-24 * 30 / 0.01
+    assert hp.angular_velocity_from_samples(range(9), np.broadcast_to(np.eye(3), (9, 3, 3))).tolist() == [[0] * 3] * 9
+
+
+def test_clock_stamps_are_instants():
+    milliseconds = np.arange(7) * 10
+    S = reference(milliseconds * 1e-3)
+    expected = hp.angular_velocity_from_samples(milliseconds * 1e-3, S)
+    stamps = np.datetime64("2026-01-01T00:00", "ms") + milliseconds
+    for t in (stamps, stamps.astype("datetime64[ns]").astype(np.int64)):
+        np.testing.assert_allclose(hp.angular_velocity_from_samples(t, S), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("turn", [0.39, 0.77, 1.5, 3.0])
+def test_a_fast_spin_is_exact_and_a_shaking_one_refused(turn):
+    t, axis = np.arange(20.0), np.array([0.6, 0.0, 0.8])
+    steady = hp.rotation_exp(t[:, None] * turn * axis)
+    omega, alpha = hp.angular_velocity_from_samples(t, steady, with_alpha=True)
+    assert abs(omega - turn * axis).max() <= 256 * U
+    assert abs(alpha).max() <= 2048 * U
+    shaking = hp.rotation_exp((t % 2)[:, None] * turn * axis)
+    if turn < 0.5:
+        hp.angular_velocity_from_samples(t, shaking, 2)
+    else:
+        with pytest.raises(hp.ArgumentError, match="spin that changes less"):
+            hp.angular_velocity_from_samples(t, shaking)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [2, 6])
+@pytest.mark.parametrize("in_body", [True, False])
+def test_a_fast_spin_about_an_axis_that_tilts_slowly_is_followed(order, in_body):
+    """A spin of 1 rad a sample about an axis of the body, or of the world, beside a slow turn."""
+
+    def attitude(t):
+        slow, fast = (
+            hp.rotation_exp(0.3 * np.sin(t)[:, None] * (1, 0, 0)),
+            hp.rotation_exp(100 * t[:, None] * (0, 0, 1)),
+        )
+        return slow @ fast if in_body else fast @ slow
+
+    t = np.arange(200) / 100
+    tilt = np.stack([0.3 * np.cos(t), 0 * t, 0 * t], axis=-1)
+    S, fast = attitude(t), hp.rotation_exp(100 * t[:, None] * (0, 0, 1))
+    slow = hp.rotation_exp(0.3 * np.sin(t)[:, None] * (1, 0, 0))
+    exact = tilt + 100 * slow[..., 2] if in_body else np.array((0, 0, 100)) + np.einsum("nij,nj->ni", fast, tilt)
+    error = np.abs(hp.angular_velocity_from_samples(t, S, order) - exact)[10:-10].max()
+    assert error < (0.1 if order == 2 else 0.01)
+    motion = hp.resample(t, hp.BodyMotion(R=np.zeros((200, 3)), S=S), t[:-1] + 0.005)
+    between = attitude(t[:-1] + 0.005)
+    assert np.abs(hp.rotation_log(np.swapaxes(between, -1, -2) @ motion.S)).max() < 1e-3
