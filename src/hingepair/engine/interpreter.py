@@ -41,7 +41,7 @@ def interpreter(inputs: Sequence[TracedValue], results: Sequence[Operand]) -> Ca
     registers: list[Any] = [None] * len(inputs)
     places = {id(value): k for k, value in enumerate(inputs)}
     free: list[int] = []
-    program: list[tuple[Callable[..., Any], int, tuple[int, ...]]] = []
+    program: list[tuple[Callable[..., Any], int, Callable[[Any], Any], bool]] = []
 
     def place_of(one: Operand) -> int:
         """Return the register of a value, or of a number, which has one of its own."""
@@ -58,13 +58,13 @@ def interpreter(inputs: Sequence[TracedValue], results: Sequence[Operand]) -> Ca
             registers.append(None)
             free.append(len(registers) - 1)
         places[id(value)] = free.pop()
-        program.append((_FUNCTIONS[value.operation], places[id(value)], read))
+        program.append((_FUNCTIONS[value.operation], places[id(value)], operator.itemgetter(*read), len(read) == 1))
     ends, rest = [*map(place_of, results)], registers[len(inputs) :]
 
     def run(*given: Any) -> list[Any]:
         values = [*given, *rest]
-        for function, target, read in program:
-            values[target] = function(*[values[k] for k in read])
+        for function, target, operands_of, is_single in program:
+            values[target] = function(operands_of(values)) if is_single else function(*operands_of(values))
         return [values[k] for k in ends]
 
     return run
