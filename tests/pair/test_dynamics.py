@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.pair.planar_pair import motion_in_space
+from hingepair.pair.planar_pair import dynamics_in_space, motion_in_space
 from support.states import generator, rotations
 from support.states import pair as random_pair
 
@@ -298,7 +298,7 @@ def test_what_was_not_given_of_a_planar_pair_is_warned_of_too():
         "pair.body1: no mass",
         "pair.body1: no inertia",
     ]
-    np.testing.assert_allclose(pair.massive().body2.inertia, 2 * 0.4 * 0.25 * np.eye(3), rtol=1e-15)
+    np.testing.assert_allclose(dynamics_in_space(pair).body2.inertia, 2 * 0.4 * 0.25 * np.eye(3), rtol=1e-15)
 
 
 def test_a_mass_that_nobody_gave_is_said():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.pair.geometry import constants_of
 from support.hinged import made
 from support.states import generator
 from support.states import pair as random_pair
@@ -51,8 +52,8 @@ def test_what_is_not_replaced_keeps_its_last_bits(key):
     pair = made(key)
     others = (*copies(pair), replace(pair, name="knee"), replace(replace(pair, u1=(1, 2, 3)), u1=pair.u1))
     for other in others:
-        for name, array in pair.constants.arrays.items():
-            assert other.constants.arrays[name].tobytes() == array.tobytes(), name
+        for name, array in constants_of(pair).arrays.items():
+            assert constants_of(other).arrays[name].tobytes() == array.tobytes(), name
     assert np.array_equal(replace(pair, n=made(key + 1).n).n, hp.HingePair((0, 0, 0), (0, 0, 0), made(key + 1).n).n)
 
 

@@ -104,7 +104,7 @@ class Faulty:
     def __init__(self, pair, fault):
         self.pair, self.fault = pair, fault
         self.u1, self.u2, self.n, self.home, self.name = pair.u1, pair.u2, pair.n, pair.home, "faulty"
-        self.constants = pair.constants
+        self._constants = pair._constants
         self.limits = self.torque_limit = self.rate_limit = self.body1 = self.body2 = None
         self.points1, self.points2 = pair.points1, pair.points2
 

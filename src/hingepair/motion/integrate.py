@@ -30,7 +30,7 @@ from hingepair.numeric.arrays import (
     read_only,
     vectors,
 )
-from hingepair.pair.geometry import Constants, check_pair
+from hingepair.pair.geometry import Constants, check_pair, constants_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.requests import STATES, computation_of
@@ -266,7 +266,7 @@ def _read_request(
     shapes |= {name: points[key].shape[:-2] for key, name in R1_PARTS.items() if key in points}
     shapes |= {"phi_0": start.shape} if is_planar else {"S1_0": start.shape[:-2]}
     motions = broadcast_shape({**shapes, "psi_0": psi_0.shape})
-    names = _checked_outputs(pair.constants, outputs, signals.keys() | points.keys())
+    names = _checked_outputs(constants_of(pair), outputs, signals.keys() | points.keys())
     return _Request(pair, options, signals, points, start, psi_0, motions, names)
 
 
@@ -379,7 +379,7 @@ def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
 
 def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
     """Return the requested outputs at all instants of all motions as a `PairState` or `PlanarState`."""
-    options, constants = request.options, request.pair.constants
+    options, constants = request.options, constants_of(request.pair)
     if not request.outputs:
         return STATES[constants.kind]({}, psi.shape)
     needed = _needed_inputs(constants, request.outputs)

@@ -27,10 +27,10 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, read_only
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
-from hingepair.pair.geometry import check_pair, check_single_pair
+from hingepair.pair.geometry import check_pair, check_single_pair, constants_of
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, stop_range
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair, dynamics_in_space
 from hingepair.pair.requests import DEFAULT_GRAVITY, check_masses, pivot_limits
 from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.arguments import Outputs
@@ -406,7 +406,7 @@ def to_spatial_pair(pair: object) -> HingePair:
     """
     if isinstance(pair, PlanarPair):
         check_single_pair(pair)
-        return pair.massive()
+        return dynamics_in_space(pair)
     check_pair(pair)
     check_single_pair(pair)
     return pair  # type: ignore[return-value]
@@ -482,7 +482,7 @@ def _check_masses(pair: HingePair, *, moves_body1: bool) -> None:
     """Refuse a pair of which a body that moves has no mass properties, or whose motion nothing resists."""
     bodies = ({"body1": pair.body1} if moves_body1 else {}) | {"body2": pair.body2}
     check_masses(bodies, "; or base='fixed', for which body 2 suffices")
-    of_hinge, *of_body1 = pivot_limits(pair.constants) > 0  # sizes below which pivots are rounding
+    of_hinge, *of_body1 = pivot_limits(constants_of(pair)) > 0  # sizes below which pivots are rounding
     if of_hinge or (moves_body1 and any(of_body1)):
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError(

@@ -9,7 +9,7 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -456,6 +456,18 @@ def check_pair(pair: object) -> None:
         raise ArgumentError("pair", f"a HingePair{hint}", quoted(pair))
 
 
+class _Pair(Protocol):
+    """A HingePair or a PlanarPair."""
+
+    @property
+    def _constants(self) -> Constants: ...
+
+
+def constants_of(pair: _Pair) -> Constants:
+    """Return the checked geometry and masses of a pair."""
+    return pair._constants
+
+
 def check_single_pair(pair: Any, condition: str = "") -> None:
     """Raise ShapeError if a HingePair or PlanarPair holds more than one pair, that is, if its geometry has leading
     axes.
@@ -467,6 +479,7 @@ def check_single_pair(pair: Any, condition: str = "") -> None:
     Raises:
         ShapeError: u1, u2, n or home have leading axes.
     """
-    if not pair.constants.single:
+    constants = constants_of(pair)
+    if not constants.single:
         expected = f"one pair{condition}, such as {type(pair).__name__}(u1[i], ...)"
-        raise ShapeError("pair", expected, f"pairs of shape {pair.constants.shape}")
+        raise ShapeError("pair", expected, f"pairs of shape {constants.shape}")

@@ -88,8 +88,6 @@ class HingePair(Frozen, Shown):
             each. They have no mass. A point called tip is an output of kinematics, with its velocity tip_v and its
             acceleration tip_a; exports write it, and it is a frame of a `Mechanism`.
         points2: further points of body 2, body-2 axes.
-        constants: an internal argument that `dataclasses.replace` passes, so that what is not replaced stays the same
-            to the last bit.
 
     Raises:
         ArgumentError: a value cannot be used, here as in all methods; the error names the argument.
@@ -117,7 +115,7 @@ class HingePair(Frozen, Shown):
     rate_limit: float | None
     points1: Points
     points2: Points
-    constants: Constants
+    _constants: Constants
 
     def __init__(
         self,
@@ -134,11 +132,11 @@ class HingePair(Frozen, Shown):
         points1: Mapping[str, ArrayLike] | None = None,
         points2: Mapping[str, ArrayLike] | None = None,
         *,
-        constants: Constants | None = None,
+        _constants: Constants | None = None,  # which dataclasses.replace passes: what it keeps, stays to the last bit
     ) -> None:
         if not isinstance(name, str) or not name.strip():
             raise ArgumentError("name", "a text that is not empty", quoted(name))
-        axis = constants.axis if constants is not None and n is constants.arrays["n"] else n
+        axis = _constants.axis if _constants is not None and n is _constants.arrays["n"] else n
         points = {key: checked_points(key, value, 3) for key, value in (("points1", points1), ("points2", points2))}
         bodies = {"body1": checked_mass_properties("body1", body1), "body2": checked_mass_properties("body2", body2)}
         new_constants = spatial_constants(
@@ -153,13 +151,13 @@ class HingePair(Frozen, Shown):
             **bodies,
             **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
             **points,
-            constants=new_constants,
+            _constants=new_constants,
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        arguments = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "constants"}
+        arguments = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "_constants"}
         points = {key: dict(arguments[key]) for key in ("points1", "points2")}
-        return partial(type(self), **arguments | points | {"n": self.constants.axis}), ()
+        return partial(type(self), **arguments | points | {"n": self._constants.axis}), ()
 
     def __repr__(self) -> str:
         limits = ("limits", "torque_limit", "rate_limit")
@@ -195,7 +193,7 @@ class HingePair(Frozen, Shown):
         >>> state.v2[0]
         array([ 1.,  4., -1.])
         """
-        return requests.from_coordinates(self.constants, q, qd, qdd, outputs, out, sequence, backend, workers)
+        return requests.from_coordinates(self._constants, q, qd, qdd, outputs, out, sequence, backend, workers)
 
     def prepare(
         self,
@@ -274,7 +272,7 @@ class HingePair(Frozen, Shown):
         >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
-        return requests.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, backend, workers)
+        return requests.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, backend, workers)
 
     @overload
     def error_bounds(
@@ -332,12 +330,12 @@ class HingePair(Frozen, Shown):
         if isinstance(q, BodyMotion):
             given = requests.body1_inputs(q, qd, qdd, psidd)
             level = ("psid" in given) + ("psidd" in given)
-            return accuracy.error_bounds(self.constants, given, level, outputs)
+            return accuracy.error_bounds(self._constants, given, level, outputs)
         if psidd is not None:
             raise ArgumentError("psidd", "nothing, since the first argument is no BodyMotion", quoted(psidd))
         given = requests.coordinate_rows(q, qd, qdd)
         find_sequence(sequence)
-        return accuracy.error_bounds(self.constants, given, len(given) - 1, outputs, sequence)
+        return accuracy.error_bounds(self._constants, given, len(given) - 1, outputs, sequence)
 
     def mass_matrix(
         self,
@@ -566,7 +564,7 @@ class HingePair(Frozen, Shown):
         >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
         True
         """
-        return residuals.residuals(self.constants, self.name, body1, body2, tolerances, t)
+        return residuals.residuals(self._constants, self.name, body1, body2, tolerances, t)
 
     def jacobian(
         self,
@@ -680,7 +678,7 @@ class HingePair(Frozen, Shown):
         """
         given: dict[str, Any] = {"u1": u1, "u2": u2, "axis": axis, "home": home}
         given |= {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
-        return tolerances.propagate_covariance(self.constants, body1, psi, covariance, points, **given)
+        return tolerances.propagate_covariance(self._constants, body1, psi, covariance, points, **given)
 
     def constraint_jacobian(
         self,

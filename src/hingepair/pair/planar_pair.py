@@ -71,7 +71,7 @@ class PlanarPair(Frozen, Shown):
     body2: Body | None
     points1: Points
     points2: Points
-    constants: Constants = field(init=False)
+    _constants: Constants = field(init=False)
 
     def __init__(
         self,
@@ -89,7 +89,7 @@ class PlanarPair(Frozen, Shown):
         bodies = {"body1": checked_mass_properties("body1", body1), "body2": checked_mass_properties("body2", body2)}
         moving = tuple(None if body is None else _body_in_plane(body) for body in bodies.values())
         constants = planar_constants(u1, u2, **points, bodies=(moving[0], moving[1]))
-        set_frozen(self, **constants.arrays, **bodies, **points, name=name, constants=constants)
+        set_frozen(self, **constants.arrays, **bodies, **points, name=name, _constants=constants)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (
@@ -129,7 +129,7 @@ class PlanarPair(Frozen, Shown):
         >>> state.v2[0], state.omega2[0]
         (array([1., 4.]), np.float64(2.0))
         """
-        return requests.from_coordinates(self.constants, q, qd, qdd, outputs, out, None, backend, workers)
+        return requests.from_coordinates(self._constants, q, qd, qdd, outputs, out, None, backend, workers)
 
     def prepare(
         self,
@@ -175,7 +175,7 @@ class PlanarPair(Frozen, Shown):
         '7e-16'
         """
         given = requests.coordinate_rows(q, qd, qdd)
-        return accuracy.error_bounds(self.constants, given, len(given) - 1, outputs)
+        return accuracy.error_bounds(self._constants, given, len(given) - 1, outputs)
 
     def to_spatial(self) -> HingePair:
         """Return this pair as a HingePair with n = (0, 0, 1), and the same mass properties.
@@ -188,24 +188,6 @@ class PlanarPair(Frozen, Shown):
         array([0., 0., 1.])
         """
         return self._in_space(self.body1, self.body2)
-
-    def massive(self) -> HingePair:
-        """Return the HingePair with the dynamics of this pair, which is made once.
-
-        Its centres of mass are at z = 0, and the principal moments of a body are all its moment about the z axis. So
-        the hinge transmits no torque about axes in the plane, as products of inertia in the pair of `to_spatial` can
-        cause.
-
-        >>> import hingepair as hp
-        >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(2, (0, 0, 1), inertia=(1, 2, 3)))
-        >>> pair.massive().body2
-        Body(mass=2.0, centre_of_mass=[0.0, 0.0, 0.0], inertia=[[3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]])
-        """
-        pair: HingePair | None = self.constants.cache.others.get("massive")
-        if pair is None:
-            pair = self._in_space(*self.constants.bodies)
-            self.constants.cache.others["massive"] = pair
-        return pair
 
     def _in_space(self, body1: Body | None, body2: Body | None) -> HingePair:
         """Return the HingePair with n = (0, 0, 1), the levers of this pair and these mass properties."""
@@ -370,6 +352,26 @@ class PlanarPair(Frozen, Shown):
         [4.0, 0.0]
         """
         return requests.ask(self, "momentum", {"q": q, "qd": qd}, out=out, workers=workers, backend=backend)
+
+
+def dynamics_in_space(pair: HingePair | PlanarPair) -> HingePair:
+    """Return the HingePair with the dynamics of a pair: a HingePair itself, or what is made once of a PlanarPair.
+
+    Its centres of mass are at z = 0, and the principal moments of a body are all its moment about the z axis. So the
+    hinge transmits no torque about axes in the plane, as products of inertia in the pair of `to_spatial` can cause.
+
+    >>> import hingepair as hp
+    >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(2, (0, 0, 1), inertia=(1, 2, 3)))
+    >>> dynamics_in_space(pair).body2
+    Body(mass=2.0, centre_of_mass=[0.0, 0.0, 0.0], inertia=[[3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]])
+    """
+    if isinstance(pair, HingePair):
+        return pair
+    constants = pair._constants
+    found: HingePair | None = constants.cache.others.get("in_space")
+    if found is None:
+        found = constants.cache.others["in_space"] = pair._in_space(*constants.bodies)
+    return found
 
 
 def _body_in_plane(body: Body) -> Body:

@@ -20,6 +20,7 @@ from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
 from hingepair.pair.geometry import (
     Constants,
     body_numbers,
+    constants_of,
     constraint_vectors,
     least_axis,
     tree_numbers,
@@ -305,7 +306,7 @@ def ask(
     Raises:
         ArgumentError: a body that is needed has no mass.
     """
-    constants: Constants = pair.constants
+    constants: Constants = constants_of(pair)
     task = TASKS[constants.kind][name]
     given = {one: value for one, value in given.items() if one not in LOADS[:-1] or not is_zero(value)}
     plain = gravity is None or gravity is constants.kind.gravity
@@ -387,7 +388,7 @@ def pivot_limits(pair: Constants) -> FloatArray:
 
 def warn_where_singular(psidd: FloatArray, pair: Any) -> None:
     """Issue a DynamicsWarning where accelerations are NaN because the mass matrix of the pair is singular."""
-    constants: Constants = pair.constants
+    constants: Constants = constants_of(pair)
     limits = pivot_limits(constants)
     if not limits.any() or not isinstance(psidd, np.ndarray | np.generic):
         return
@@ -428,7 +429,7 @@ def prepare(
     Raises:
         ArgumentError: unknown names, missing inputs or missing masses.
     """
-    constants: Constants = pair.constants
+    constants: Constants = constants_of(pair)
     kind = constants.kind
     tasks = TASKS[kind]
     names = _checked_names(kind, given)

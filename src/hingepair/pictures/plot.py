@@ -15,6 +15,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.motion.simulate_robot import SimulatedRobotMotion
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.geometry import constants_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import MAX_HELD_INSTANTS, Record, Result
 from hingepair.pictures.curves import (
@@ -145,7 +146,7 @@ def plot(
     if isinstance(source, RobotScene | RobotResult):
         return plot_mechanism(source, outputs, units)
     source = source.scene if isinstance(source, PairResult) else source
-    points = point_outputs(source.constants.points) if isinstance(source, HingePair) else ()
+    points = point_outputs(constants_of(source).points) if isinstance(source, HingePair) else ()
     columns = Columns(Units.of(units), lambda name: unit_among(points, name))
     columns = source.in_units(units) if isinstance(source, PairScene | Result) else columns
     columns = columns._replace(si_unit=_drawn_unit(columns.si_unit))

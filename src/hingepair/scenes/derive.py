@@ -9,6 +9,7 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.pair.geometry import constants_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.load import SceneFile
@@ -154,7 +155,7 @@ def _exact_pair_values(
     table, planar = tables.table("pair"), isinstance(pair, PlanarPair)
     # Of a scene whose pair was replaced, not those of the file.
     points = {point_vector(name): position.tolist() for name, position in {**pair.points1, **pair.points2}.items()}
-    arrays = {key: array.ravel().tolist() for key, array in pair.constants.arrays.items()}
+    arrays = {key: array.ravel().tolist() for key, array in constants_of(pair).arrays.items()}
     numbers = {**arrays, **points}
     same = {
         key

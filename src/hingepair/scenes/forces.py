@@ -20,11 +20,11 @@ from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.pair.hinge_load import TORQUE_PARTS, HingeLoad
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
+from hingepair.pair.planar_pair import PlanarPair, dynamics_in_space
 from hingepair.pair.results import Record
 from hingepair.scenes.motions.joints import JointMotion, KnownJointMotion
 from hingepair.scenes.motions.known import MotionByBody1
-from hingepair.scenes.motions.motion import Motion, PairMotion, impact_sentences, massive, non_finite_sentences
+from hingepair.scenes.motions.motion import Motion, PairMotion, impact_sentences, non_finite_sentences
 from hingepair.tables.data_frames import column_names, plain_magnitudes, with_magnitudes
 from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts, ruled_table
 from hingepair.tables.units import Columns, Units, UnitsLike
@@ -215,7 +215,7 @@ def pair_forces(
     known = motion.source.part(slice(None), ACCELERATION)
     arrays = _required_forces(pair, known.in_space(pair), fall, motion.hinge_load)
     if motion.simulated:
-        given = _forces_from_body2_loads(massive(pair), motion.simulated)
+        given = _forces_from_body2_loads(dynamics_in_space(pair), motion.simulated)
         arrays = {name: array - given[name] for name, array in arrays.items()}
         loads = motion.simulated.loads
         parts = {name: loads[name] for part in TORQUE_PARTS if (name := f"{part}_torque") in loads}
@@ -243,7 +243,7 @@ def _required_forces(
     body 1 has mass properties. With a load of the hinge, hinge_torque is also in parts, of which the motor's is the
     rest.
     """
-    space = massive(pair)
+    space = dynamics_in_space(pair)
     psi, psid, psidd = body1_motion.hinge
     wrench = space.hinge_wrench(body1_motion.body1, psi, psid, psidd, gravity=gravity)
     arrays = {"hinge_torque": wrench.hinge_torque}

@@ -17,9 +17,10 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.motion.run import stop_overrun
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.accuracy import error_ratios, output_scales
+from hingepair.pair.geometry import constants_of
 from hingepair.pair.hinge_load import TORQUE_PARTS
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
+from hingepair.pair.planar_pair import PlanarPair, dynamics_in_space
 from hingepair.pair.requests import ROWS, computation_of, compute_arrays
 from hingepair.pair.states import Energy, Momentum, PairState, PlanarState
 from hingepair.plans.arguments import check_outputs
@@ -27,7 +28,7 @@ from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_am
 from hingepair.scenes.forces import SceneForces, pair_forces
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.motions.known import Derivatives, KnownMotion, MotionByBody1, quaternion_columns
-from hingepair.scenes.motions.motion import LimitCounter, PairMotion, massive
+from hingepair.scenes.motions.motion import LimitCounter, PairMotion
 from hingepair.scenes.scene import Residual, Scene, ScenePlan, SceneResult
 
 if TYPE_CHECKING:
@@ -78,12 +79,12 @@ class PairResult(SceneResult):
     def energy(self) -> Energy:
         """Compute the kinetic and potential energy [J] of the pair (equation D7), in the scene's gravity."""
         moved, gravity = self._in_space(), self.scene.motion.gravity(self.scene.pair)
-        return massive(self.scene.pair).energy(moved.body1, moved.psi, moved.hinge[1], gravity=gravity)
+        return dynamics_in_space(self.scene.pair).energy(moved.body1, moved.psi, moved.hinge[1], gravity=gravity)
 
     def momentum(self) -> Momentum:
         """Compute the linear and angular momentum of the pair (equation D8)."""
         moved = self._in_space()
-        return massive(self.scene.pair).momentum(moved.body1, moved.psi, moved.hinge[1])
+        return dynamics_in_space(self.scene.pair).momentum(moved.body1, moved.psi, moved.hinge[1])
 
     def _in_space(self) -> MotionByBody1:
         if self.known.level < ACCELERATION:
@@ -106,7 +107,7 @@ class PairResult(SceneResult):
         W1, psid = a.pop("W1", None), a.pop("psid", None)
         scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
         names, rate = (("gap",), {}) if psid is None else (("gap", "slip"), {"psid_given": psid})
-        measured = compute_arrays(pair.constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
+        measured = compute_arrays(constants_of(pair), names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
         sizes = []
         for name, residual in zip(("R2", "omega2"), measured.values(), strict=False):
             error, ratio = error_ratios(name, residual, np.zeros_like(residual), scales[name])
@@ -174,7 +175,7 @@ class PairScene(Scene):
     @property
     def of_points(self) -> dict[str, Quantity]:
         """The quantities of the outputs of points, such as tip, tip_v and tip_a, by name."""
-        return point_outputs(self.pair.constants.points)
+        return point_outputs(constants_of(self.pair).points)
 
     def unit(self, name: str) -> str:
         """Return the unit of an output, or of one of its components such as R2_x or tip_x."""
@@ -224,7 +225,7 @@ class PairScene(Scene):
         if outputs is None:
             return self.outputs
         level = self.motion.level
-        levels = self.pair.constants.levels
+        levels = constants_of(self.pair).levels
         names = check_outputs(outputs, (*levels, *FURTHER_OUTPUTS), self._remark_on_unknown)
         known = (*(name for name in levels if self._level(name) <= level), *self.further_outputs(level))
         for name in names:
@@ -235,7 +236,7 @@ class PairScene(Scene):
 
     def _remark_on_unknown(self, name: str) -> str:
         """Return what a message on an unknown output adds: what it is instead, or the nearest name."""
-        known = (*self.pair.constants.levels, *FURTHER_OUTPUTS)
+        known = (*constants_of(self.pair).levels, *FURTHER_OUTPUTS)
         if name in PAIR_FORCES:
             return f" (hingepair forces and scene.forces() give {name})"
         whole, _, component = name.rpartition("_")
@@ -278,13 +279,13 @@ class PairScene(Scene):
             part: tuple(np.empty(2) if isinstance(value, np.ndarray) else value for value in values)
             for part, values in zip(ROWS, motion.derivatives, strict=False)
         }
-        computation = computation_of(self.pair.constants, names, motion.sequence)
+        computation = computation_of(constants_of(self.pair), names, motion.sequence)
         counts = [computation.count_operations(samples)] if names else []
         return ScenePlan.of(names, counts, order, self.motion.level, motion.constant_names())
 
     def check_arrays(self, outputs: Iterable[str]) -> None:
         """Raise an ArgumentError for outputs that `arrays` does not compute."""
-        names, known = tuple(outputs), (*self.pair.constants.levels, *FURTHER_OUTPUTS, *PAIR_FORCES)
+        names, known = tuple(outputs), (*constants_of(self.pair).levels, *FURTHER_OUTPUTS, *PAIR_FORCES)
         for name in names:
             if name not in known:
                 raise ArgumentError("outputs", choices(known) + nearest(name, known), quoted(name))
@@ -418,11 +419,9 @@ class PairScene(Scene):
         return {"sequence": self.sequence, "error_estimate": self.motion.error_estimate, "pair": vectors}
 
     def _motion_rows(self) -> list[tuple[str, str]]:
+        outputs = self.outputs or ("all of body 2", *(point.name for point in constants_of(self.pair).points))
         return [
             ("pair", self.pair.name),
             ("motion", f"{self.motion.origin}; {self.motion.description}"),
-            (
-                "outputs",
-                ", ".join(self.outputs or ("all of body 2", *(point.name for point in self.pair.constants.points))),
-            ),
+            ("outputs", ", ".join(outputs)),
         ]

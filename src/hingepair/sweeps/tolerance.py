@@ -16,6 +16,7 @@ from hingepair.errors import SceneError
 from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.numeric.optional import new_figure
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.geometry import constants_of
 from hingepair.pair.tolerances import DEVIATIONS, LIMITS, point_scatter, read_limits, sample_pairs
 from hingepair.rotations.matrices import rotation_log
 from hingepair.scenes.pair_scene import PairScene
@@ -275,7 +276,7 @@ def read_tolerances(scene: PairScene) -> dict[str, Any]:
 
 
 def _point_names(scene: PairScene) -> list[str]:
-    return [point.name for point in scene.pair.constants.points]
+    return [point.name for point in constants_of(scene.pair).points]
 
 
 def study_tolerances(scene: Scene, samples: int = 10_000, seed: int | None = 0, **tolerances: Any) -> ToleranceStudy:

@@ -17,7 +17,7 @@ import sympy
 from hingepair.errors import ArgumentError
 from hingepair.numeric.blocks import components
 from hingepair.numeric.names import Names
-from hingepair.pair.geometry import check_single_pair
+from hingepair.pair.geometry import check_single_pair, constants_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.requests import ROWS
@@ -99,7 +99,7 @@ class Derivation(WrittenForms):
         exact_values: Mapping[str, SumTerms] | None = None,
     ) -> None:
         check_single_pair(pair)
-        self._planar, self._points = isinstance(pair, PlanarPair), pair.constants.points
+        self._planar, self._points = isinstance(pair, PlanarPair), constants_of(pair).points
         given = {name: expr for name, expr in (motion or {}).items() if expr is not None}
         written = {key: tuple(map(sympy.sympify, exprs)) for key, exprs in (exact_values or {}).items()}
         renamed = self._distinct_constants([*given.values(), *sum(written.values(), ())], given, symbolic)
@@ -254,9 +254,10 @@ def constant_inputs(
 ) -> dict[str, SumTerms]:
     """Return the pair's constants as expressions: symbols, `exact_values`, or exact numbers made of its floats."""
     inputs: dict[str, SumTerms] = {}
-    names = [key for key in _CONSTANTS if key in pair.constants.arrays and (key != "home" or pair.constants.has_home)]
+    constants = constants_of(pair)
+    names = [key for key in _CONSTANTS if key in constants.arrays and (key != "home" or constants.has_home)]
     for key in names:
-        value = tuple(pair.constants.arrays[key].ravel().tolist())
+        value = tuple(constants.arrays[key].ravel().tolist())
         if key in symbolic:
             inputs[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
         elif key in exact_values:

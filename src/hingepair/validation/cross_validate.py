@@ -26,6 +26,7 @@ from hingepair.pair.accuracy import (
     unit_roundoff,
 )
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.geometry import constants_of
 from hingepair.pair.hinge_load import TORQUE_PARTS
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.requests import DEFAULT_GRAVITY, read_rows
@@ -310,7 +311,7 @@ def _body2_by_pinocchio(given: _Given) -> dict[str, Float64Array]:
     states += [twin.velocity(body1, *hinge[:2])] if len(hinge) > 1 else []
     states += [twin.acceleration(body1, *hinge)] if len(hinge) > 2 else []
     body2 = twin.body2(*states)
-    names = [point.name for point in pair.constants.points]
+    names = [point.name for point in constants_of(pair).points]
     frames = [twin.model.getFrameId(name) for name in names]
     points = frame_motions(twin.model, twin.data, frames, states) if names else {}
     states[0][:, :3] = 0

@@ -19,7 +19,7 @@ from hingepair.mechanism.tree import BASE_KINDS, Tree
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import Body
-from hingepair.pair.geometry import Points
+from hingepair.pair.geometry import Points, constants_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose
 
@@ -126,11 +126,11 @@ def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[J
 
 def nominal_pair(pair: Any) -> Any:
     """Return a pair; if its points u1 and u2 have leading axes, that of the first sample."""
-    if not isinstance(pair, HingePair) or pair.constants.single:
+    if not isinstance(pair, HingePair) or constants_of(pair).single:
         return pair
     if pair.n.ndim > 1 or pair.home.ndim > 2:
         expected = f"n and home of {pair.name!r} that are the same for all samples; u1 and u2 may differ"
-        raise ShapeError("pairs", expected, f"pairs of shape {pair.constants.shape}")
+        raise ShapeError("pairs", expected, f"pairs of shape {constants_of(pair).shape}")
     return replace(pair, u1=pair.u1.reshape(-1, 3)[0], u2=pair.u2.reshape(-1, 3)[0], points1={}, points2={})
 
 

@@ -240,8 +240,3 @@ def non_finite_sentences(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
 def euler_axes_phrase(sequence: str) -> str:
     """Return a phrase for reports that names the axes of the Euler angles of body 1, from letters such as XYZ."""
     return f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}"
-
-
-def massive(pair: HingePair | PlanarPair) -> HingePair:
-    """Return a HingePair with the dynamics of the pair: itself, or what `PlanarPair.massive` makes of it."""
-    return pair.massive() if isinstance(pair, PlanarPair) else pair
