@@ -115,3 +115,15 @@ def test_refused(tmp_path, old, new, message):
     assert old in PLANAR_MOTION_KIND
     with pytest.raises(hp.SceneError, match=message):
         scene_of(tmp_path, PLANAR_MOTION_KIND.replace(old, new))
+
+
+def test_what_a_planar_scene_writes_is_a_log(tmp_path):
+    scene = scene_of(tmp_path, PLANAR_MOTION_KIND)
+    result = scene.evaluate(("q", "qd", "qdd"))
+    result.save(tmp_path / "my  log.csv")
+    pair = "[pair]\nu1 = [0.5, 0.2, 0]\nu2 = [-0.25, 0.1, 0]\nn = [0, 0, 1]\n"
+    (tmp_path / "back.toml").write_text(f'{pair}[motion]\nfile = "my  log.csv"\n')  # two blanks in its name
+    back = hp.load_scene(tmp_path / "back.toml").evaluate(("psi", "R1", "omega1"))
+    np.testing.assert_array_equal(back.psi, result.psi)
+    np.testing.assert_array_equal(back.R1[:, :2], result.q[:, :2])
+    np.testing.assert_allclose(back.omega1[:, 2], result.qd[:, 2], rtol=0, atol=1e-15)

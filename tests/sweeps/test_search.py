@@ -200,3 +200,46 @@ def test_forces_are_results_too(tmp_path: Path) -> None:
     found = hp.search(path, "pair.body2.mass", "hinge_force_norm_max = 2")
     assert found.ok
     np.testing.assert_allclose(found.results["hinge_force_norm_max"], 2, rtol=1e-6)
+
+
+FREE_DOOR = """
+[pair]
+u1 = [0, 0, 1]
+u2 = [-0.45, 0, 0]
+n = [0, 0, 1]
+body2 = { mass = 25, shapes = [{ box = [0.9, 0.04, 2] }] }
+[dynamics]
+base = "fixed"
+psi_0 = 1.5
+stiffness = 10
+damping = 0
+[time]
+start = 0
+stop = 20
+samples = 201
+"""
+
+
+@pytest.mark.slow
+def test_a_search_starts_from_a_number_that_is_zero(tmp_path):
+    (tmp_path / "door.toml").write_text(FREE_DOOR)
+    found = hp.search(tmp_path / "door.toml", {"dynamics.damping": None}, "psi_t_below(0.02) = 5")
+    assert found.ok
+    assert found.results["psi_t_below(0.02)"] == pytest.approx(5, rel=1e-6)
+
+
+def test_a_large_result_at_the_start_excuses_no_miss(tmp_path):
+    """0.5 is the least that there is; 0.2 is wanted."""
+    text = FREE_DOOR.partition("[dynamics]")[0] + '[motion]\npsi = "1e6*k*k + 0.5"\n[constants]\nk = 1.0\n'
+    (tmp_path / "far.toml").write_text(text + "[time]\nstart = 0\nstop = 1\nsamples = 3\n")
+    assert not hp.search(tmp_path / "far.toml", {"constants.k": (-2, 2)}, "psi_max = 0.2").ok
+    assert hp.search(tmp_path / "far.toml", {"constants.k": (-2, 2)}, "psi_max = 1").ok
+
+
+def test_a_swing_without_end_never_settles():
+    t = np.linspace(0, 10, 1001)
+    swing, door = np.sin(10 * t), np.exp(-t) * np.cos(10 * t)
+    found = reduce_arrays(t, {"psi": np.stack([swing, door, 0 * t])}, ["t_settled(0.02)"])["psi_t_settled(0.02)"]
+    assert np.isnan(found[0])
+    assert 3 < found[1] < 5
+    assert found[2] == 0

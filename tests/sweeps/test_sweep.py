@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import re
 import signal
 from pathlib import Path
 
@@ -318,15 +317,6 @@ def test_the_examples_run(name):
     assert all(np.isfinite(column).all() for column in found.values())
 
 
-def test_a_variant_that_fails_names_itself_and_its_chunk():
-    Path("grid.toml").write_text(GRID.replace("high = 4", "high = -2"))
-    shown = refusal("sweep", "grid.toml")
-    assert re.search(
-        r"chunk (0, variant 1|1, variant 4|2, variant 8) \(pair\.u1\[1\] = .*, pair\.body2\.mass = ", shown
-    )
-    assert not Path("grid.parquet").exists()
-
-
 def test_of_two_sweeps_into_one_store_the_second_is_refused_and_the_first_is_whole():
     shown = []
 
@@ -406,3 +396,28 @@ def test_stops_of_a_given_motion_follow_swept_limits(tmp_path):
     sweep = load_sweep(tmp_path / "sweep.toml")
     torque = sweeps.compute_chunk(sweep.task, 0, 0, sweep.numbers)["stop_torque_absmax"]
     assert torque[0] > 0 == torque[1]
+
+
+def test_constants_and_frames_may_be_made_of_earlier_ones(tmp_path):
+    """In the order of the file, whatever their names."""
+    text = ARM.replace("speed = 1.5", 'w = 0.5\nspeed = "3*w"')
+    (tmp_path / "arm.toml").write_text(text)
+    (tmp_path / "sweep.toml").write_text(
+        'scene = "arm.toml"\noutputs = ["R2"]\nreduce = ["max"]\n[[vary]]\nkey = "pair.u1[0]"\nvalues = [0.5, 0.6]\n'
+    )
+    sweep = load_sweep(tmp_path / "sweep.toml")
+    found = sweeps.compute_chunk(sweep.task, 0, 0, sweep.numbers)["R2_x_max"]
+    assert found[0] == hp.load_scene(tmp_path / "arm.toml").evaluate(("R2",)).R2[:, 0].max()
+
+
+def test_a_variant_that_cannot_be_computed_is_nan_and_the_others_are_not(tmp_path):
+    (tmp_path / "arm.toml").write_text(ARM)
+    (tmp_path / "sweep.toml").write_text(
+        'scene = "arm.toml"\noutputs = ["hinge_torque"]\nreduce = ["max"]\n'
+        '[[vary]]\nkey = "pair.body2.mass"\nvalues = [-1.0, 2.0, 3.0]\n'
+    )
+    sweep = load_sweep(tmp_path / "sweep.toml")
+    assert Path(sweep.task.path).is_absolute()
+    with pytest.warns(sweeps.SweepWarning, match=r"variant 0 \(pair.body2.mass = -1\) is NaN: .*mass"):
+        found = sweeps.compute_chunk(sweep.task, 0, 0, sweep.numbers)["hinge_torque_max"]
+    assert np.isnan(found).tolist() == [True, False, False]

@@ -72,7 +72,7 @@ def masses_command(
     """Fit the masses of a robot, and the friction of its joints, to a recorded motion and its torques.
 
     Columns are read by name: t, q_JOINT and tau_JOINT of all joints, and where recorded qd_JOINT and qdd_JOINT, in SI
-    units or with their unit, such as "q_JOINT [deg]". The
+    units or with their unit, such as "q_JOINT [deg]"; or JOINT, JOINTd and JOINTdd, as hingepair run writes them. The
     results are the base parameters, combinations of masses on which torques depend, with standard deviations, what
     is left of the torques, and a verdict. The exit code is 1 if the recording does not determine them, or if they do
     not explain the torques.
@@ -84,7 +84,8 @@ def masses_command(
         raise ArgumentError("urdf", "a file name that ends in .urdf", quoted(str(urdf)))
     for option, path in (("urdf", urdf), ("plot", plot)):
         check_output(option, path, [file])
-    robot = Source(source).robot()
+    named = Source(source)
+    robot = named.scene_file.mechanism if named.is_scene else named.robot()
     if robot is None:
         raise ArgumentError("ROBOT", "a URDF file, the name of a robot, or a scene of a robot", quoted(source))
     robot = robot.with_locked(dict(map(_locked, lock))) if lock else robot

@@ -97,10 +97,14 @@ class Source:
 
     @property
     def is_urdf(self) -> bool:
-        """Whether this is a URDF file: by its suffix, or an existing file that is neither a scene nor a log."""
+        """Whether this is a URDF file: by its suffix, or its first character."""
         suffix = Path(self.text).suffix.lower()
-        other = suffix in {".toml", *RESULT_FILE_SUFFIXES}
-        return suffix in {".urdf", ".xml"} or (not other and os.path.isfile(self.text))
+        if suffix in {".urdf", ".xml"}:
+            return True
+        if suffix in {".toml", *RESULT_FILE_SUFFIXES} or not os.path.isfile(self.text):
+            return False
+        with open(self.text, "rb") as file:
+            return file.read(64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
 
     @property
     def is_scene(self) -> bool:

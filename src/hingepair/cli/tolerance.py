@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -132,4 +133,6 @@ def _parse_numbers(name: str, text: str) -> float | list[float]:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         raise ArgumentError(name, _EXPECTED, repr(text)) from None
+    if not all(map(math.isfinite, numbers)):
+        raise ArgumentError(name, _EXPECTED, repr(text))
     return numbers[0] if len(numbers) == 1 else numbers

@@ -1,8 +1,8 @@
 """Recordings of robots in files: instants, and for each joint its position and torque, columns by name.
 
-The columns are those that scenes of robots write: `t`, `q_JOINT`, `tau_JOINT`, and where recorded `qd_JOINT` and
-`qdd_JOINT`, in a .csv, .npz or .parquet file, in SI units or with their unit, such as `q_JOINT [deg]`. Empty cells
-are missing samples; other columns are passed over.
+The columns are `t`, `q_JOINT`, `tau_JOINT`, and where recorded `qd_JOINT` and `qdd_JOINT`, or `JOINT`, `JOINTd` and
+`JOINTdd`, as scenes of robots write them, in a .csv, .npz or .parquet file, in SI units or with their unit, such as
+`q_JOINT [deg]`. Empty cells are missing samples; other columns are passed over.
 """
 
 from __future__ import annotations
@@ -54,8 +54,19 @@ def read_robot_recording(
         check_once(wanted, sources)
         return wanted
 
+    # Names of positions and rates in the results of scenes.
+    of_scenes = {
+        f"{joint}{ending}": f"{name}_{joint}"
+        for joint in joints
+        for name, ending in zip(_MOTION, ("", "d", "dd"), strict=True)
+        if f"{joint}{ending}" not in units
+    }
+
     def read_own_heading(heading: str) -> tuple[str, float]:
-        return (heading, 1.0) if heading in taken else read_heading(heading, unit_of)
+        if heading in taken:
+            return heading, 1.0
+        name, factor = read_heading(heading, lambda name: unit_of(of_scenes.get(name, name)))
+        return of_scenes.get(name, name), factor
 
     exact = sources["t"].column if "t" in sources else "t"
     try:

@@ -94,7 +94,7 @@ def _read_robot(table: Table, folder: Path, base: str) -> Mechanism:
 
         with table.naming():
             return load_robot(table.text("robot"), base, locked)
-    file = folder / table.text("urdf")
+    file = folder / table.file_name("urdf")
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
         table.refuse("urdf", "a URDF file that can be read", f"no such file: {file}")
     with table.naming():

@@ -133,6 +133,11 @@ class Table(NamedSource):
             self.fail(key, "a text of printable characters that is not empty")
         return text
 
+    def file_name(self, key: str) -> str:
+        """Return the name of a file under a key, with all of its blanks; raise a SceneError if there is none."""
+        self.text(key)
+        return str(self.values[key]).strip()
+
     def flag(self, key: str) -> bool:
         """Return the boolean under a key; False if the key is absent."""
         value = self.values.get(key, False)

@@ -58,7 +58,8 @@ def reduction_ending(column: str) -> str | None:
 
 def _time_at_level(kind: str, level: Any, x: Float64Array, t: Float64Array) -> Float64Array:
     """Return when components are below, above or at a level for the first time, or stay within it of their last value
-    from then on; linear between instants, and NaN if never; shape (variants, components). x is (variants, samples,
+    from then on, for a hundredth of the time at least; linear between instants, and NaN if never; shape (variants,
+    components). x is (variants, samples,
     components).
     """
     if kind == "t_settled":
@@ -79,6 +80,9 @@ def _time_at_level(kind: str, level: Any, x: Float64Array, t: Float64Array) -> F
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(after == here, 0.0, (level - here) / (after - here))
     time = t[before] + share * (t[before + 1] - t[before])
+    if kind == "t_settled":  # a swing without end is near its last value at its end, too
+        has &= t[-1] - time > 0.01 * (t[-1] - t[0])
+        missing = np.where(outside.any(axis=1), np.nan, t[0])
     found: Float64Array = np.where(np.isnan(x).any(axis=1), np.nan, np.where(has, time, missing))
     return found
 

@@ -258,7 +258,7 @@ class _Variants:
         """Return whether the conditions hold at numbers x; `tolerance` is that of inequalities."""
         return all(
             abs(one.miss(got))
-            <= (_TOLERANCE if one.sign == "=" else tolerance) * max(abs(one.value), _size(first, 0.0), 1e-9)
+            <= (_TOLERANCE if one.sign == "=" else tolerance) * max(abs(one.value) or _size(first, 0.0), 1e-9)
             for one, got, first in zip(conditions, self.results(x), self.results(self.start), strict=False)
         )
 
@@ -361,7 +361,8 @@ def _bracket(missed: Callable[[float], float], x: float, y: float) -> tuple[floa
     at, to = (x, y) if math.isfinite(missed(x)) else (y, x)
     if not math.isfinite(missed(at)):
         return None
-    while math.isnan(missed(to)) and abs(to - at) > 1e-4 * abs(at):
+    shortest = 1e-4 * max(abs(x), abs(y))
+    while math.isnan(missed(to)) and abs(to - at) > shortest:
         middle = (at + to) / 2
         if missed(middle) * missed(at) > 0:
             at = middle

@@ -7,6 +7,7 @@ import functools
 import hashlib
 import itertools
 import json
+import os
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -87,6 +88,10 @@ class Sweep:
         return Path(f"{self.files[0].stem}{'.parquet' if find_spec('pyarrow') else '.csv'}")
 
 
+class SweepWarning(UserWarning):
+    """Warns that a variant of a sweep cannot be computed, and why."""
+
+
 @dataclass(frozen=True, slots=True)
 class SweepTask:
     """Part of a sweep that is sent to workers."""
@@ -116,7 +121,7 @@ def load_sweep(path: str | Path, units: str | None = None) -> Sweep:
     if "scene" not in table.values and not _SCENE_TABLES.isdisjoint(table.values):
         raise SceneError(table.file, "a sweep, whose key scene names a scene", "a scene (hingepair run computes it)")
     table.check_keys(_SWEEP_FILE_KEYS)
-    scene_path = Path(path).parent / table.text("scene")
+    scene_path = Path(path).parent / table.file_name("scene")
     scene = read_tables(scene_path)
     design = table.choice("design", DESIGN_NAMES)
     entries = table.values.get("vary")
@@ -145,9 +150,9 @@ def load_sweep(path: str | Path, units: str | None = None) -> Sweep:
                 quoted(name),
             )
     files = (Path(path), *SceneFile(scene_path).files)
-    contents = json.dumps(scene.values, sort_keys=True, default=str)
+    contents = json.dumps(scene.values, default=str)  # in order: constants and frames may be made of earlier ones
     task = SweepTask(
-        path=str(scene_path),
+        path=os.path.abspath(scene_path),  # workers may have another working directory
         tables=contents,
         keys=tuple(number.key for number in varied),
         outputs=_read_names(table, "outputs"),
@@ -156,7 +161,7 @@ def load_sweep(path: str | Path, units: str | None = None) -> Sweep:
     )
     first = _variant_computer(task)
     try:
-        first.compute(numbers[0])  # says at once what cannot be computed
+        _compute_any(first, numbers)  # says at once what cannot be computed
     except ArgumentError as error:
         named = error.name if isinstance(error, SceneError) else f"{scene_path.name}: {error.name}"
         where = (
@@ -176,6 +181,20 @@ def load_sweep(path: str | Path, units: str | None = None) -> Sweep:
         identity=_identity_json(task, numbers, chunk_size, files[2:]),
         files=files,
     )
+
+
+def _compute_any(computer: VariantComputer, numbers: Float64Array) -> None:
+    """Compute the first variant or, if that fails, others; raise the error of the first if ten fail."""
+    reason: ArgumentError | None = None
+    for row in numbers[:10]:
+        try:
+            computer.compute(row)
+        except ArgumentError as error:
+            reason = reason or error
+        else:
+            return
+    if reason is not None:
+        raise reason
 
 
 def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
@@ -390,7 +409,7 @@ def compute_chunk(
         rows = numbers[start : start + step]
         together = computer.compute_together(rows)
         if together is None:
-            parts += _compute_one_by_one(computer, task, chunk_index, first_variant + start, rows)
+            parts += _compute_one_by_one(computer, task, first_variant + start, rows)
         else:
             parts.append(_result_columns(*together, task, computer.in_units(task.units)))
     columns = {"variant": np.arange(first_variant, first_variant + len(numbers))}
@@ -403,17 +422,18 @@ def compute_chunk(
 
 
 def _compute_one_by_one(
-    computer: VariantComputer, task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
+    computer: VariantComputer, task: SweepTask, first_variant: int, numbers: Float64Array
 ) -> Iterator[dict[str, NDArray[Any]]]:
-    """Yield the columns of each variant, with one row; an error names the chunk and the variant."""
+    """Yield the columns of each variant, with one row; one that cannot be computed is NaN, and a warning says why."""
     for i, row in enumerate(numbers):
         try:
             t, arrays = computer.compute(row)
-            batch = {name: array[None] for name, array in arrays.items()}
-            yield _result_columns(t, batch, task, computer.in_units(task.units))
         except ArgumentError as error:
-            where = f"chunk {chunk_index}, {_variant_text(task, first_variant + i, row)}: {error.name}"
-            raise ArgumentError(where, error.expected, error.got) from None
+            t, arrays = computer.compute_nothing()
+            where = _variant_text(task, first_variant + i, row)
+            warnings.warn(f"{where} is NaN: {error}", SweepWarning, stacklevel=2)
+        batch = {name: array[None] for name, array in arrays.items()}
+        yield _result_columns(t, batch, task, computer.in_units(task.units))
 
 
 def _variant_text(task: SweepTask, variant_index: int, numbers: Float64Array) -> str:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import choices, nearest
@@ -130,6 +131,11 @@ class VariantComputer:
         """
         scene = self.scene(numbers)
         return scene.times(), scene.arrays(self._outputs)
+
+    def compute_nothing(self) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
+        """Return what `compute` returns, for a variant that cannot be computed: NaN at all instants."""
+        t, arrays = self._scene.times(), self._scene.arrays(self._outputs)
+        return t, {name: np.full(array.shape, np.nan) for name, array in arrays.items()}
 
     def compute_together(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
         """Return t, (samples,) s, and the outputs by name, (variants, samples, ...), for `numbers` (variants,

@@ -78,6 +78,8 @@ class LogLayout(NamedTuple):
     units: Mapping[str, str] = MappingProxyType({})
     #: columns that a log in the plane leaves out together, and those that it then has
     planar: PlanarColumns = MappingProxyType({})
+    #: names of columns by other names that they may have
+    other_names: Mapping[str, str] = MappingProxyType({})
 
     def unit_of(self, column: str) -> str:
         """Return the SI unit of a column."""
@@ -113,6 +115,8 @@ _PAIR_LOG_LAYOUT: Final = LogLayout(
         ("a1_z",): ("a1_x", "a1_y"),
         ("phidd_x", "phidd_y"): ("phidd_z",),
     },
+    # Results of a scene in the plane have one angle.
+    {"phi": "phi_z", "phid": "phid_z", "phidd": "phidd_z"},
 )
 """LogLayout of the log of a pair: its angles, its results and the command that writes it."""
 SMOOTHING_KEYS: Final = {
@@ -165,7 +169,7 @@ def log_path(table: Table, folder: Path) -> Path | ColumnTable:
     given = table.values.get("file")
     if isinstance(given, ColumnTable):
         return given
-    file = folder / table.text("file")
+    file = folder / table.file_name("file")
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
         table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
     return file
@@ -236,7 +240,7 @@ class Log(NamedSource):
             name, factor = (heading, 1.0) if heading in named_elsewhere else read_heading(heading, layout.unit_of)
             if name != heading:
                 stated.update(layout.columns_of(name))
-            return name, factor
+            return (name if heading in named_elsewhere else layout.other_names.get(name, name)), factor
 
         wanted = ColumnRequest(
             lambda names: self._check_column_names(names, known_names, sources),
