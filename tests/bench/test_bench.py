@@ -63,7 +63,7 @@ def test_the_command_prints_a_row_for_each_method():
     assert max(map(len, shown.splitlines())) <= 100
     found = json.loads(run_command(*options, "--json").stdout, parse_constant=pytest.fail)
     assert {"processor", "cores", "numpy", "pin"} <= found["facts"].keys()
-    rows = {(row["count"], row["method"]): row for row in found["rows"]}
+    rows = {(row["states"], row["method"]): row for row in found["rows"]}
     assert len(rows) == 4 + 6
     assert all(row["next"] > 0 and row["pin"] > 0 and row["floor"] > 0 for row in rows.values())
     assert rows[2, pair.COPY]["error"] is None

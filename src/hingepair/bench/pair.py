@@ -42,7 +42,7 @@ class Row(NamedTuple):
     """What was measured of a method for one number of states."""
 
     method: str
-    count: int  # states of a call
+    states: int  # of a call
     first: float  # time of the first call of a process [s]
     next: float  # time of a later call [s]
     pin: float  # `next` over the time of Pinocchio's calls for one state
@@ -130,7 +130,9 @@ def _pinocchio_job(task: _Task) -> Job:
 
 def _numpy_job(task: _Task) -> Job:
     """Return the job of NumPy on stacks of 3 x 3 matrices, with @ and numpy.cross."""
-    pair, (q, qd, qdd) = task.pair, (*task.motion, None, None)[:3]
+    pair = task.pair
+    motion: tuple[Any, ...] = (*task.motion, None, None)
+    q, qd, qdd = motion[:3]
     x, y, z = pair.n
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
@@ -173,7 +175,12 @@ def _turns(axis: int, angle: Array) -> Array:
 def _copy_job(task: _Task) -> Job:
     """Return a job that copies as many numbers as the outputs have: no method is faster."""
     pairs = [(array, np.ones_like(array)) for array in task.buffers().values()]
-    return lambda: [np.copyto(target, source) for target, source in pairs]
+
+    def copy() -> None:
+        for target, source in pairs:
+            np.copyto(target, source)
+
+    return copy
 
 
 class Method(NamedTuple):
@@ -288,7 +295,8 @@ def hard_states(rng: np.random.Generator, level: str) -> tuple[Array, ...]:
 def largest_errors(motion: tuple[Array, ...], methods: Mapping[str, Method] = METHODS) -> dict[str, float]:
     """Return the largest error of any output of each method but the copy [u * scale], against 60 digits."""
     pair, errors = _pair(), {}
-    truth = from_euler((pair.u1, pair.u2, np.array(_N), pair.home), *motion)
+    rates: Any = motion[1:]
+    truth = from_euler((pair.u1, pair.u2, np.array(_N), pair.home), motion[0], *rates)
     task = _Task(pair, motion)
     for name, method in methods.items():
         if name != COPY and method.min_count <= len(motion[0]):

@@ -58,10 +58,10 @@ def _table(rows: Sequence[Row]) -> list[str]:
 
     lines: list[Sequence[str]] = [("", "first", "next", "each", "pin", "floor", "error", "on hard states")]
     for i, row in enumerate(rows):
-        if i == 0 or rows[i - 1].count != row.count:
+        if i == 0 or rows[i - 1].states != row.states:
             lines += [()] if i else []
-            lines.append((f"N = {row.count:,}", *[""] * 7))
-        times = map(duration_text, (row.first, row.next, row.next / row.count))
+            lines.append((f"N = {row.states:,}", *[""] * 7))
+        times = map(duration_text, (row.first, row.next, row.next / row.states))
         errors = ("-" if error is None else f"{error:.2g}" for error in (row.error, row.hard_error))
         lines.append((f"  {row.method}", *times, f"{row.pin:,.3g}", f"{row.floor:,.3g}", *errors))
     return ruled_table(lines, 1, terminal_width())

@@ -266,7 +266,7 @@ def _linearize_robot(
     else:
         total = vectors("tau", tau, robot.dof) + efforts.values
     options["base_motion"] = base_motion
-    small = _small_motion(robot, q, qd, total, on_base, options)
+    small = _small_motion(robot, q, qd, np.asarray(total, np.float64), on_base, options)
     return small.add_efforts(efforts).result(q, base_motion)
 
 
@@ -324,7 +324,7 @@ def _small_motion(
     n, lead = d.qdd_q.shape[-1], a.qdd.shape[:-1]
     A = np.zeros((*lead, 2 * n, 2 * n))
     A[..., :n, n:], A[..., n:, :n], A[..., n:, n:] = np.eye(n), d.qdd_q, d.qdd_qd
-    B = np.concatenate((np.zeros_like(d.qdd_tau), d.qdd_tau), axis=-2)
+    B = np.asarray(np.concatenate((np.zeros_like(d.qdd_tau), d.qdd_tau), axis=-2), np.float64)
     parts: list[Any] = [qd, a.qdd]
     if free:
         given = (None, None) if base_motion is None else (base_motion.v, base_motion.omega)
@@ -333,7 +333,8 @@ def _small_motion(
         for (i, j), part in {(0, 1): -z, (0, 2): y, (1, 0): z, (1, 2): -x, (2, 0): -y, (2, 1): x}.items():
             A[..., 3 + i, 3 + j] = part  # phi' = omega1 x phi + change of omega1
         parts = [v1, omega1, qd, a.a1, a.alpha1, a.qdd]
-    rates = np.concatenate([np.broadcast_to(part, (*lead, np.shape(part)[-1])) for part in parts], axis=-1)
+    parts = [np.broadcast_to(part, (*lead, np.shape(part)[-1])) for part in parts]
+    rates = np.asarray(np.concatenate(parts, axis=-1), np.float64)
     base = [f"{letter}_{axis}" for letter in ("R1", "phi") for axis in "xyz"] if free else []
     base_rates = [f"{letter}_{axis}" for letter in ("v1", "omega1") for axis in "xyz"] if free else []
     return _SmallMotion(A, B, rates, (*base, *robot.names, *base_rates, *(f"{name}_dot" for name in robot.names)))
@@ -449,7 +450,7 @@ def _with_callables(
     two_before, before, after, two_after = forces.reshape(4, len(columns), -1)
     slopes = ((8 * (after - before) - (two_after - two_before)) / (12 * _STEP)).T
     # What forces on bodies are at the joints and the base.
-    along = [np.eye(7)[:6] if free else np.zeros((6, 1))]
+    along: list[Any] = [np.eye(7)[:6] if free else np.zeros((6, 1))]
     along += [robot.jacobian(q, link, base_motion=motion) for link in loads.wrenches]
     return small._replace(A=small.A + small.B @ (np.concatenate(along).T @ slopes))
 
@@ -458,7 +459,9 @@ def _now(q: Array, qd: Array, motion: BodyMotion, changes: Array) -> MotionAtIns
     """Return the motion of a pair beside a state; `changes` (n, 14) of R1, phi, psi, v1, omega1 and psid."""
     R, turn, psi, v, omega, psid = np.split(changes, (3, 6, 7, 10, 13), axis=1)
     S = rotation_exp(turn) @ np.asarray(motion.S)
-    return MotionAtInstants(q + psi, qd + psid, motion.R + R, S, motion.v + v, motion.omega + omega)
+    given = (np.asarray(part, np.float64) for part in (motion.R, motion.v, motion.omega))
+    R1, v1, omega1 = (part + change for part, change in zip(given, (R, v, omega), strict=True))
+    return MotionAtInstants(q + psi, qd + psid, R1, S, v1, omega1)
 
 
 def _find_equilibrium(
@@ -475,13 +478,12 @@ def _find_equilibrium(
         coordinates = [k for k in coordinates if k < n]
         accelerations, matrix = small.rates[n:], small.A[n:, coordinates]
         # Forces along the coordinates, of which those of a drift of the whole pair vanish.
-        kept = small.B[n:, small.B.shape[1] - 7 :] if small.B.shape[1] > 1 else small.B[n:]
-        forces = np.linalg.lstsq(kept, accelerations, rcond=1e-12)[0]
+        forces = np.linalg.lstsq(small.B[n:], accelerations, rcond=1e-12)[0]
         forces = forces[[_FORCE_COLUMNS[small.names[k]] for k in coordinates]]
         if q[0] in (lower, upper) and forces[-1] * (1 if q[0] == upper else -1) > 0:
             raise ArgumentError("hinge_torque", "a torque with an equilibrium between the stops", "a stop that holds")
         # Newton's step, by least squares where the whole pair may drift.
-        change = np.linalg.lstsq(matrix, -accelerations, rcond=1e-9)[0]
+        change: Any = np.linalg.lstsq(matrix, -accelerations, rcond=1e-9)[0]
         size = float(np.abs(change).max())
         # At rest, and stable?
         if size <= 1e-12 and np.abs(accelerations).max() <= 1e-9 * max(1.0, float(np.abs(matrix).max())):

@@ -46,7 +46,7 @@ class MotionAtInstants(NamedTuple):
 
     def __getattr__(self, name: str) -> Any:
         """Return psi or psid of a pair, (n,)."""
-        known = (*self._fields, "base_motion")
+        known: tuple[str, ...] = (*self._fields, "base_motion")
         if self.q.shape[-1] == 1:
             if name in _OF_PAIR:
                 return self[_OF_PAIR.index(name)][..., 0]
@@ -169,7 +169,7 @@ class Loads:
         for part, value in (("friction", sticking), ("stop", held - sticking)):
             if part in parts:
                 parts[part] = parts[part] + value
-        named = {name: parts[name] for name in TORQUE_PARTS if name in parts}
+        named: dict[str, Array] = {name: parts[name] for name in TORQUE_PARTS if name in parts}
         return {"tau": sum(parts.values(), np.zeros(motor.shape)), **named, **self._vectors_at(t, motion)}
 
     def parts_of(self, loads: Mapping[str, Array]) -> dict[str, Array]:
