@@ -23,7 +23,7 @@ from hingepair.pair.geometry import Constants, axis_errors, tree_errors, tree_nu
 from hingepair.pair.requests import COORDINATES, INPUT_LABELS, check_inputs, computation_of
 from hingepair.plans.arguments import Outputs, read_arguments, requested_outputs
 from hingepair.plans.bounds import Known, output_bounds
-from hingepair.plans.pairs import PairRequest
+from hingepair.plans.pairs import PairRequest, tree_parameters
 
 
 class PromisedBound(NamedTuple):
@@ -222,8 +222,10 @@ def error_bounds(
     names = requested_outputs(outputs, None, pair.levels, pair.kind.default_outputs(level))
     check_inputs(computation_of(pair, names, sequence), given)
     arguments = read_arguments(given, pair.shapes, COORDINATES[pair.kind], INPUT_LABELS)
-    request = PairRequest(names, tuple(arguments.values), pair.kind.planar, sequence, pair.points)
-    known: dict[str, Any] = {"constants": Known(tree_numbers(pair).components, tree_errors(pair))}
+    given, home = tuple(arguments.values), pair.has_home
+    request = PairRequest(names, given, pair.kind.planar, sequence, pair.points, has_home=home)
+    constants = tree_numbers(pair).components, tree_errors(pair)
+    known: dict[str, Any] = {"constants": Known(*map(tree_parameters, constants))}
     if not pair.kind.planar:
         known |= {"n": Known(numbers(pair.arrays["n"]), axis_errors(pair)), "home": numbers(pair.arrays["home"], 2)}
     return output_bounds(

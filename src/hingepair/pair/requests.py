@@ -49,6 +49,7 @@ from hingepair.plans.pairs import (
     PairRequest,
     pair_loop,
     point_outputs,
+    tree_parameters,
 )
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
@@ -141,7 +142,7 @@ def computation_of(
     if found is None:
         masses = solves or needs_masses(pair, outputs)
         tree = tree_numbers(pair, masses, masses and not OF_WHOLE_BODY2.isdisjoint(outputs))
-        known: dict[str, Any] = {"constants": tree.numbers, "samples": tree.samples}
+        known: dict[str, Any] = {"constants": tree_parameters(tree.numbers), "samples": tree.samples}
         if masses:
             known |= {name: np.zeros(pair.kind.shapes[name]) for name in LOADS}
         if not pair.kind.planar:
@@ -150,7 +151,8 @@ def computation_of(
             known |= constraint_vectors(pair)
         if by_geometry:
             known |= _geometry(pair, tree.numbers)
-        request = PairRequest((), (), pair.kind.planar, sequence, pair.points, tree.varied, by_geometry)
+        has_home = by_geometry or pair.has_home
+        request = PairRequest((), (), pair.kind.planar, sequence, pair.points, tree.varied, by_geometry, has_home)
 
         def loop(names: tuple[str, ...], given: tuple[str, ...]) -> Loop:
             return pair_loop(request._replace(outputs=names, given=given))

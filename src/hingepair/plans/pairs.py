@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -119,6 +119,11 @@ def _attitude2(tree: TreeQuantities) -> Any:
     """
     S1, n, home = (tree.values[name] for name in ("S1", "n", "home"))
     return eq.attitude2(S1, eq.hinge_rotation(n, hinge_terms(tree.q[0])), home)
+
+
+def _attitude2_without_home(tree: TreeQuantities) -> Any:
+    """Return S2 where C is the identity."""
+    return eq.compose(tree.values["S1"], eq.hinge_rotation(tree.values["n"], hinge_terms(tree.q[0])))
 
 
 def _bearing_torque(tree: TreeQuantities) -> Any:
@@ -276,13 +281,20 @@ NO_MASSES: Final = frozenset({*SPACE.levels, *PLANE.levels, "jacobian", "acceler
 """Outputs that do not depend on masses, those of points apart, unless accelerations are solved for."""
 OF_WHOLE_BODY2: Final = frozenset({"hinge_force", "hinge_moment", "bearing_torque"})
 """Outputs for which all matter of body 2 counts with it."""
-TREE_NUMBERS: Final = sum(
-    math.prod(tail) for shapes in (BASE_SHAPES, JOINT_SHAPES, PIVOT_SHAPES) for tail in shapes.values()
-)
-"""How many constants the tree of a pair has, frames apart."""
 FRAME_NUMBERS: Final = sum(math.prod(tail) for tail in FRAME_SHAPES.values())
+"""How many constants a frame of the tree has."""
+# A hinge without a motor (armature 0) that follows none: multiplier 1, offset 0.
+_KNOWN: Final = {"armature": 0.0, "multiplier": 1.0, "offset": 0.0}
+_CONSTANTS: Final = [
+    (name, math.prod(tail)) for one in (BASE_SHAPES, JOINT_SHAPES, PIVOT_SHAPES) for name, tail in one.items()
+]
+_FORM: Final = Form((0,), (HINGE,), (0,), tuple(_KNOWN.get(name) for name, count in _CONSTANTS for _ in range(count)))
 
-_FORM: Final = Form((0,), (HINGE,), (0,), (None,) * TREE_NUMBERS)
+
+def tree_parameters(numbers: Sequence[Any]) -> tuple[Any, ...]:
+    """Return those of all constants of a pair's tree, or of what goes with them, that differ between pairs."""
+    known = (*_FORM.known, *(None,) * (len(numbers) - len(_FORM.known)))
+    return tuple(number for number, fixed in zip(numbers, known, strict=True) if fixed is None)
 
 
 class PairRequest(NamedTuple):
@@ -295,6 +307,7 @@ class PairRequest(NamedTuple):
     points: tuple[Point, ...] = ()  # of the pair; frames of the tree behind that of body 2, in this order
     varied: tuple[int, ...] = ()  # places of the constants that differ from sample to sample
     by_geometry: bool = False  # whether the constants are made of geometry and masses, which are given
+    has_home: bool = True  # whether C differs from the identity
 
     @property
     def fronts(self) -> tuple[type[Front], ...]:
@@ -341,7 +354,8 @@ class PairRequest(NamedTuple):
             shapes["points"] = (len(self.points) * (3 - self.planar),)
             names |= needed_names(fronts, ("numbers",)) - ({"points"} if not self.points else set())
         elif constants:
-            shapes["constants"] = (TREE_NUMBERS + FRAME_NUMBERS * (1 + len(self.points)),)
+            frames = 1 + len(self.points)
+            shapes["constants"] = (_FORM.known.count(None) + FRAME_NUMBERS * frames,)
             shapes["samples"] = (len(self.varied),)
             names |= {"constants", "samples"} if self.varied else {"constants"}
         return {name: shapes[name] for name in sorted(names)}
@@ -375,6 +389,8 @@ _QUATERNIONS: Final[Mapping[str, type[Front]]] = {"quat_xyzw": QuaternionXYZW, "
 def _output(request: PairRequest, name: str) -> PairOutput:
     """Return how an output is computed; one that nothing computes has to be given."""
     of_kind = _PLANAR if request.planar else _SPATIAL
+    if name == "S2" and not request.has_home:
+        return PairOutput((*OUTPUTS["S"].inputs, "n"), _attitude2_without_home)
     if name in of_kind:
         return of_kind[name]
     for place, point in enumerate(request.points, 1):
