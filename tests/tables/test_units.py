@@ -45,3 +45,20 @@ def test_headings_name_units_only_where_units_were_named() -> None:
 )
 def test_other_headings_are_names(heading: str) -> None:
     assert read_heading(heading, unit_of) == (heading, 1.0)
+
+
+def test_units_are_as_large_as_they_are_defined():
+    """A mile by sea 1852 m and a foot 12 inches of 25.4 mm; the factors are written out here."""
+    quarter = np.arctan2(1, 0)
+    sizes = {
+        "s": {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60, "h": 3600},
+        "m": {"mm": 1e-3, "um": 1e-6, "cm": 1e-2, "km": 1e3, "in": 25.4e-3, "ft": 12 * 25.4e-3},
+        "rad": {"mrad": 1e-3, "deg": quarter / 90, "turn": 4 * quarter},
+        "m/s": {"km/h": 1000 / 3600, "kn": 1852 / 3600, "mm/s": 1e-3},
+        "rad/s": {"rpm": 4 * quarter / 60, "turn/s": 4 * quarter, "deg/s": quarter / 90},
+        "m/s^2": {"g": 9.80665, "km/s^2": 1e3},
+        "N": {"kN": 1e3},
+        "N m": {"N mm": 1e-3, "kN m": 1e3},
+    }
+    for si, units in sizes.items():
+        assert {unit: SCALES[si][unit] for unit in units} == pytest.approx(units, rel=4e-16)
