@@ -155,6 +155,10 @@ def test_given_attitudes_keep_their_bounds(digits, dtype):
     pair, values = as_pair(constants), from_matrix(constants, (R, S, *rates), *hinge)
     bounds = pair.error_bounds(body1, *hinge, outputs=tuple(values))
     require(values, pair.forward_kinematics_from_body1(body1, *hinge, outputs=tuple(values)), bounds)
+    with pytest.raises(hp.ArgumentError, match=r"^sequence: expected nothing"):
+        pair.error_bounds(body1, *hinge, sequence="ZYX")
+    with pytest.raises(hp.ArgumentError, match=r"^psidd: expected nothing"):
+        pair.error_bounds(np.zeros(7), np.zeros(7), np.zeros(7), 0.0)
 
 
 def from_matrix(pair, body1, psi, psid, psidd):

@@ -137,8 +137,9 @@ def to_mjcf(
     without shapes, a box, a rod to the hinge point and a cylinder along the hinge axis are written.
 
     For a `Mechanism`, the model has all links as bodies, added frames as sites, and joints in the order of q with
-    limits of position and effort, loads (`joint_loads`) and armatures; mimic joints are joint equalities. Limits of
-    rates are not written. `Mechanism.from_mjcf` reads the text back.
+    limits of position and effort, loads (`joint_loads`) and armatures; mimic joints are joint equalities. Joints with
+    nothing between them, neither mass nor link nor shape, are joints of one body. Limits of rates are not written.
+    `Mechanism.from_mjcf` reads the text back.
 
     Shapes and meshes of a robot are written as geoms that do not collide: what is drawn in group 1, and shapes for
     collisions in group 3, or in group 1 where a body has nothing else. The latter have the class "collision": set

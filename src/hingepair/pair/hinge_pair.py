@@ -328,6 +328,8 @@ class HingePair(Frozen, Shown):
         '5e-16'
         """
         if isinstance(q, BodyMotion):
+            if sequence != "XYZ":
+                raise ArgumentError("sequence", "nothing, since there are no Euler angles", quoted(sequence))
             given = requests.body1_inputs(q, qd, qdd, psidd)
             level = ("psid" in given) + ("psidd" in given)
             return accuracy.error_bounds(self._constants, given, level, outputs)
