@@ -299,3 +299,109 @@ def test_recordings_come_in_every_form_and_with_gaps():
     assert report["joints"]["panda_joint7"]["noise"] == plain.noise[6]
     assert "panda_joint7 coulomb" in str(plain)
     assert len(plain.plot(q, qd, qdd, tau, np.arange(300) / 100).axes) == 7
+
+
+@functools.cache
+def recorded(seed=0):
+    """Two joints' worth of a planar arm: described robot, q, qd, qdd, and torques by Lagrange's equations."""
+    t, rng = np.arange(0, 20, 0.01)[:, None, None], np.random.default_rng(seed)
+    w, p, a = 2 * np.pi * rng.uniform(0.1, 0.7, (2, 5)), rng.uniform(0, 6.28, (2, 5)), 0.5 * rng.normal(size=(2, 5))
+    q = (a * np.sin(w * t + p)).sum(axis=-1)
+    qd, qdd = (a * w * np.cos(w * t + p)).sum(axis=-1), -(a * w**2 * np.sin(w * t + p)).sum(axis=-1)
+    (q1, q2), (d1, d2), (s1, s2) = q.T, qd.T, qdd.T
+    h, c, far = 1.5 * 0.5 * 0.2 * np.sin(q2), np.cos(q2), -1.5 * 0.2 * 9.81 * np.cos(q1 + q2)
+    m22 = 0.03 + 1.5 * 0.2**2
+    m12, m11 = m22 + 1.5 * 0.1 * c, 0.05 + 2 * 0.25**2 + m22 + 1.5 * (0.25 + 0.2 * c)
+    first = m11 * s1 + m12 * s2 - h * (2 * d1 * d2 + d2**2) - (2 * 0.25 + 1.5 * 0.5) * 9.81 * np.cos(q1) + far
+    tau = np.stack((first, m12 * s1 + m22 * s2 + h * d1**2 + far), axis=-1) + 0.3 * qd + 0.8 * np.sign(qd)
+    return planar_arm(2.5, 1.2, 0.25, 0.05), q, qd, qdd, tau + 0.05 * rng.normal(size=q.shape)
+
+
+def planar_arm(m1, m2, c2, i2):
+    one = hp.Body(m1, inertia=(1e-3, 0.05, 0.05), centre_of_mass=(0.25, 0, 0))
+    two = hp.Body(m2, inertia=(1e-3, i2, i2), centre_of_mass=(c2, 0, 0))
+    joints = [((0, 0, 0), one, "a"), ((0.5, 0, 0), two, "b")]
+    return hp.Mechanism([hp.HingePair(u1, (0, 0, 0), (0, 1, 0), body2=body, name=name) for u1, body, name in joints])
+
+
+def by_differences(q, noise):
+    q = q + noise * np.random.default_rng(9).normal(size=q.shape)
+    qd = np.gradient(q, 0.01, axis=0)
+    return q, qd, np.gradient(qd, 0.01, axis=0)
+
+
+def with_spikes(tau):
+    tau = tau.copy()
+    tau[np.random.default_rng(5).choice(len(tau), 20, replace=False)] += 50.0
+    return tau
+
+
+SPOILT = {  # of q, qd, qdd and tau
+    "noise of positions": lambda *x: (*by_differences(x[0], 1e-4), x[3]),
+    "noise of accelerations": lambda *x: (*x[:2], x[2] + np.random.default_rng(4).normal(size=x[2].shape), x[3]),
+    "N mm": lambda *x: (*x[:3], 1e3 * x[3]),
+    "late": lambda *x: (*(one[1:] for one in x[:3]), x[3][:-1]),
+    "Stribeck": lambda *x: (*x[:3], x[3] + np.sign(x[1]) * 0.6 * np.exp(-((x[1] / 0.3) ** 2))),
+    "spikes": lambda *x: (*x[:3], with_spikes(x[3])),
+}
+NAMED = {
+    "noise of positions": "noise of the motion", "noise of accelerations": "noise of the motion", "N mm": "unit",
+    "late": "delay", "Stribeck": "dependence", "spikes": "outliers",
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", SPOILT)
+def test_recordings_that_make_parameters_wrong_are_not_relied_on(what):
+    robot, *record = recorded()
+    fit = hp.fit_masses(robot, *SPOILT[what](*record))
+    assert not fit.ok
+    assert NAMED[what] in {finding.name for finding in fit.findings if finding.severity == "serious"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+def test_recordings_that_are_good_enough_are_relied_on(noise):
+    """Differences of positions to 0.01 mrad flip dry friction in single samples."""
+    robot, q, qd, qdd, tau = recorded()
+    fit = hp.fit_masses(robot, *(by_differences(q, noise) if noise else (q, qd, qdd)), tau)
+    count = len(fit.base.names)
+    true = planar_arm(2, 1.5, 0.2, 0.03).base_parameters().values
+    assert fit.ok, fit.findings
+    assert np.abs(fit.values[:count] - true).max() < 4 * fit.std[:count].max()
+
+
+@pytest.mark.slow
+def test_a_loss_makes_spikes_count_little():
+    robot, q, qd, qdd, tau = recorded()
+    fit = hp.fit_masses(robot, q, qd, qdd, with_spikes(tau), loss="cauchy")
+    true = planar_arm(2, 1.5, 0.2, 0.03).base_parameters().values
+    count = len(true)
+    assert fit.ok, fit.findings
+    assert (np.abs(fit.values[:count] - true) < 4.5 * fit.std[:count]).all()
+    with pytest.raises(hp.ArgumentError, match="loss"):
+        hp.fit_masses(robot, q, qd, qdd, tau, loss="l2")
+
+
+@pytest.mark.slow
+def test_a_payload_alone_is_fitted_beside_what_is_described():
+    described = panda().with_joint_loads({f"panda_joint{k}": hp.HingeLoad(damping=0.5, friction=0.3) for k in (1, 2)})
+    q, qd, qdd = motion(5)
+    loaded = described.with_payload("panda_hand", hp.Body(2.3, (0, 0, 0.1), inertia=(0.01, 0.01, 0.01)))
+    tau = loaded.inverse_dynamics(q, qd, qdd, joint_loads=True).tau + noise(q.shape, 0)
+    fit = hp.fit_masses(described, q, qd, qdd, tau, unknown=["panda_hand"])
+    assert fit.ok, fit.findings
+    assert fit.unknown == ("panda_hand",)
+    mass = next(k for k, name in enumerate(fit.names) if name.endswith(" m"))
+    assert fit.values[mass] - fit.described[mass] == pytest.approx(2.3, abs=4.5 * fit.std[mass])
+    assert fit.std[mass] < 0.02
+    still = np.ones(described.inertial_parameters.size, dtype=bool)
+    still[fit.base.columns] = False
+    np.testing.assert_allclose(
+        fit.robot.inertial_parameters[still], described.inertial_parameters[still], rtol=0, atol=1e-9
+    )
+    assert np.abs(fit.torques(q, qd, qdd) - loaded.inverse_dynamics(q, qd, qdd, joint_loads=True).tau).max() < 0.2
+    with pytest.raises(hp.ArgumentError, match=r"unknown: .*nearest: panda_hand"):
+        hp.fit_masses(described, q, qd, qdd, tau, unknown=["panda_hnd"])
+    with pytest.raises(hp.ArgumentError, match="unknown: expected links that move"):
+        hp.fit_masses(described, q, qd, qdd, tau, unknown=["panda_link0"])

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, FitError, ShapeError, quoted
+from hingepair.errors import ArgumentError, FitError, ShapeError, nearest, quoted
 from hingepair.identification.consistency import body_units, consistent_parameters, nearest_parameters
 from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable, notes
-from hingepair.measured.least_squares import neighbour_correlation, sandwich
+from hingepair.measured.least_squares import neighbour_correlation, sandwich, score_scatter
+from hingepair.measured.robust import LOSSES, OUTLIER, Loss, loss_weights, median_variance
 from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, inertia_matrices
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only
+from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, check_choice, finite_number, read_only
 from hingepair.numeric.optional import new_figure
 from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.plans.arguments import Coordinates, read_arguments
@@ -55,6 +56,8 @@ _POOR = 0.2  # of a joint's torque: a larger rest that is not random cannot be f
 _GROWTH = 10.0  # of the squares of what is left, in variances of noise per parameter; more is worse than by chance
 _JUDGED_STATES = 64  # states whose mass matrices are judged
 _JUDGED_SAMPLES = 65536  # samples whose order is judged
+_DEPENDENT = 5.0  # of squares of means, times what noise makes of them
+_ORDERED_SAMPLES = 4096  # neighbours that tell delays and the noise of the motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,6 +83,7 @@ class MassFit(Frozen, Shown):
         findings: sentences on what is not determined, what the torques have that the parameters have not, and what
             else is notable, as those of a HingeFit.
         joint_terms: terms of each joint that were fitted.
+        unknown: the links whose masses were fitted; () of all.
     """
 
     robot: Mechanism
@@ -97,6 +101,7 @@ class MassFit(Frozen, Shown):
     findings: tuple[Finding, ...]
     joint_terms: tuple[str, ...]
     gravity: tuple[float, ...] = field(repr=False)
+    unknown: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -116,7 +121,9 @@ class MassFit(Frozen, Shown):
         values = _arrays(self.robot, {"q": q, "qd": qd, "qdd": qdd})
         shape = values["q"].shape
         flat = {name: one.reshape(-1, shape[-1]) for name, one in values.items()} | {"tau": np.zeros((1, 1))}
-        recording = _Recording(self.robot, self.base, self.joint_terms, self.gravity, flat, self.values)
+        recording = _Recording(
+            self.robot, self.base, self.joint_terms, self.gravity, flat, self.values, bool(self.unknown)
+        )
         return -recording.left(self.values).reshape(shape)
 
     def plot(
@@ -243,8 +250,10 @@ def fit_masses(
     qdd: Coordinates,
     tau: Coordinates,
     *,
-    joint_terms: Iterable[str] = ("viscous", "coulomb"),
+    joint_terms: Iterable[str] | None = None,
     physical: bool = False,
+    unknown: Iterable[str] = (),
+    loss: str = "linear",
     test: float = 0.25,
     gravity: ArrayLike = DEFAULT_GRAVITY,
 ) -> MassFit:
@@ -263,10 +272,15 @@ def fit_masses(
         qdd: their second time derivatives.
         tau: recorded torques of hinges [N m] and forces of sliders [N], in the direction of q; shape (N, dof).
         joint_terms: what acts in a joint beside masses, out of "viscous" (in proportion to qd), "coulomb" (to the
-            sign of qd), "offset" (constant) and "armature" (in proportion to qdd: the motor's rotor).
+            sign of qd), "offset" (constant) and "armature" (in proportion to qdd: the motor's rotor). Unless given,
+            it is ("viscous", "coulomb"), and () with `unknown`.
         physical: whether the masses must be those of rigid bodies, and friction not below 0. Of all such parameters
             that explain the torques as well as the best of them do, but for two standard deviations of noise, those
             near to the described ones are found; `std` are without this condition. Needs the extra `measured`.
+        unknown: links or frames, such as ["tool0"] of a payload: only the masses of the bodies that carry them are
+            fitted; the other bodies, and friction that is not fitted, count as described. () to fit all.
+        loss: "linear" (least squares), or a loss by which torques that are far off, such as spikes, count little:
+            "soft_l1", "huber", "cauchy" or "arctan", as for `fit`.
         test: part of the samples, the last ones, that is not fitted to, but tells whether the parameters hold for
             other motions; 0 to fit to all.
         gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
@@ -291,24 +305,31 @@ def fit_masses(
     >>> fit.ok, np.allclose(fit.torques(q, qd, qdd), tau)
     (True, True)
     """
+    check_choice("loss", loss, LOSSES)
+    links = () if isinstance(unknown, str) else tuple(unknown)
+    if isinstance(unknown, str):
+        raise ArgumentError("unknown", "names of links, as a list", unknown)
+    if joint_terms is None:
+        joint_terms = () if links else ("viscous", "coulomb")
     terms, share = _checked_options(robot, joint_terms, test)
     values = _arrays(robot, {"q": q, "qd": qd, "qdd": qdd, "tau": tau})
     if values["q"].ndim != 2:
         raise ShapeError("q", f"shape (N, {robot.dof}), N instants", f"shape {values['q'].shape}")
     known = np.logical_and.reduce([np.isfinite(one).all(axis=-1) for one in values.values()])
     base = robot.base_parameters(gravity=gravity)
+    base = _parameters_of(robot, base, links) if links else base
     described = np.concatenate((base.values, *(_described_term(robot, term) for term in terms)))
     recording = _Recording(
         robot, base, terms, tuple(np.asarray(gravity, dtype=np.float64).tolist()),
-        {name: one[known] for name, one in values.items()}, described,
+        {name: one[known] for name, one in values.items()}, described, bool(links),
     )  # fmt: skip
     count = round((1 - share) * recording.samples)
     names = (*base.names, *(f"{joint} {term}" for term in terms for joint in robot.names))  # as `parts` has them
     if count * robot.dof <= len(names):
         raise FitError("q", f"more than {-(-len(names) // robot.dof)} samples to fit to", f"{count}")
-    found = _weighted_least_squares(recording, count)
+    found = _weighted_least_squares(recording, count, LOSSES[loss])
     estimate = described + found.step
-    impossible = _mass_matrix_findings(recording, found, estimate)
+    impossible = [] if links else _mass_matrix_findings(recording, found, estimate)
     findings = impossible + _doubts(recording, found, estimate, count)
     parameters, estimate, more = _standard_parameters(recording, found, estimate, physical)
     fitted = _fitted_robot(recording, parameters, estimate)
@@ -322,7 +343,8 @@ def fit_masses(
         more.append(Finding("bodies", len(tree.notes), 0, text, harmless=True))
     left = recording.left(estimate)
     rms, rms_test = _rms(left[:count]), _rms(left[count:])
-    findings += [*more, *_misfits(recording, left[:count], rms_test, found)]
+    findings += [*more, *_misfits(recording, left[:count], left[count:], found, LOSSES[loss])]
+    findings += _data_findings(recording, found, left, count, parameters)
     findings.sort(key=lambda finding: finding.is_note)
     doubts = suspicions("angle", "q", np.abs(recording.values["q"]).max(axis=1))
     findings += [Finding("unit", 1, 0, text) for text in doubts]
@@ -344,7 +366,27 @@ def fit_masses(
         findings=tuple(dict.fromkeys(findings)),
         joint_terms=terms,
         gravity=recording.gravity,
+        unknown=links,
     )
+
+
+def _parameters_of(robot: Mechanism, base: BaseParameters, links: tuple[str, ...]) -> BaseParameters:
+    """Return the ten parameters of each body that carries one of these links or frames, as if they were base
+    parameters.
+    """
+    tree, bodies = tree_of(robot), set()
+    for name in links:
+        frame = tree.links.get(name) or tree.frames.get(name)
+        if frame is None:
+            known = sorted({*tree.links, *tree.frames})
+            raise ArgumentError("unknown", f"links or frames of the robot{nearest(str(name), known)}", quoted(name))
+        if frame.body == 0:
+            raise ArgumentError("unknown", "links that move", f"{name!r}, which is part of the base")
+        bodies.add(frame.body - 1)
+    columns = np.concatenate([np.arange(10 * body, 10 * body + 10) for body in sorted(bodies)])
+    names = tuple(base.parameter_names[k] for k in columns)
+    rows, values = np.eye(base.matrix.shape[1])[columns], robot.inertial_parameters[columns]
+    return BaseParameters(names, columns, rows, values, base.parameter_names)
 
 
 def _checked_options(robot: Any, joint_terms: Iterable[str], test: float) -> tuple[tuple[str, ...], float]:
@@ -387,6 +429,7 @@ class _Recording(NamedTuple):
     gravity: tuple[float, ...]
     values: dict[str, Float64Array]  # q, qd, qdd and tau; (N, dof) each
     described: Float64Array  # parameters; (k,)
+    is_partial: bool = False  # whether what is not fitted counts as described: masses, and friction of joints
 
     @property
     def samples(self) -> int:
@@ -411,9 +454,17 @@ class _Recording(NamedTuple):
         return base, dict(zip(self.terms, further.reshape(-1, self.robot.dof), strict=True))
 
     def torques(self, part: slice) -> Float64Array:
-        """Return the recorded torques without those of rotors whose inertias are known; shape (n, dof)."""
-        rotors = 0.0 if "armature" in self.terms else self.robot.armature * self.values["qdd"][part]
-        return self.values["tau"][part] - rotors
+        """Return the recorded torques without those of what is known: rotors, other bodies; shape (n, dof)."""
+        q, qd, qdd, tau = (self.values[name][part] for name in ("q", "qd", "qdd", "tau"))
+        rotors = 0.0 if "armature" in self.terms else self.robot.armature * qdd
+        if not self.is_partial:
+            return tau - rotors
+        others = self.robot.inertial_parameters.copy()
+        others[self.base.columns] = 0.0
+        by_others = self.robot.torque_regressor(q, qd, qdd, gravity=self.gravity) @ others
+        for term in {"viscous", "coulomb"} - {*self.terms}:
+            by_others = by_others + _TERMS[term].factor(qd, qdd) * _described_term(self.robot, term)
+        return tau - rotors - by_others
 
     def left(self, parameters: Float64Array) -> Float64Array:
         """Return what parameters leave of the torques; shape (N, dof)."""
@@ -440,8 +491,23 @@ class _Found(NamedTuple):
     unresolved_lag: int  # samples; 0 where the recording is long beside the correlation of its noise
 
 
-def _weighted_least_squares(recording: _Recording, count: int) -> _Found:
-    """Find the step from the described parameters to those that explain the first `count` samples best."""
+def _weighted_least_squares(recording: _Recording, count: int, loss: Loss | None) -> _Found:
+    """Find the step from the described parameters to those that explain the first `count` samples best; with a loss
+    by repeated weights, beginning with those of least squares.
+    """
+    weights = np.ones((count, recording.robot.dof))
+    for _ in range(1 if loss is None else 12):
+        found = _least_squares_with(recording, count, weights)
+        if loss is None:
+            break
+        left = recording.left(recording.described + found.step)[:count]
+        variances = np.array([max(median_variance(column**2, 1), 1e-300) for column in left.T])
+        weights = np.maximum(loss_weights(loss, left**2 / variances, 1)[0], 1e-9)
+    return found
+
+
+def _least_squares_with(recording: _Recording, count: int, weights: Float64Array) -> _Found:
+    """Find the step that explains the first `count` samples best, whose torques have weights (count, dof)."""
     robot, width = recording.robot, recording.described.size
     # Products of columns, the last of which is what the described parameters leave of the torques, joint by joint:
     # (N, dof, k) would not fit into memory.
@@ -449,7 +515,8 @@ def _weighted_least_squares(recording: _Recording, count: int) -> _Found:
     for part in recording.blocks(count):
         rows = recording.rows(part)
         off = recording.torques(part) - rows @ recording.described
-        columns = np.moveaxis(np.concatenate((rows, off[..., None]), axis=-1), 1, 0)
+        columns = np.concatenate((rows, off[..., None]), axis=-1) * np.sqrt(weights[part])[..., None]
+        columns = np.moveaxis(columns, 1, 0)
         products += np.swapaxes(columns, 1, 2) @ columns
     unexplained = np.sqrt(products[:, width, width].max() / count)
     least = max(_LEAST_NOISE * unexplained, _ROUNDING * _rms(recording.values["tau"][:count]).max())
@@ -474,7 +541,7 @@ def _weighted_least_squares(recording: _Recording, count: int) -> _Found:
     for part in recording.blocks(count):
         rows = recording.rows(part)
         left = recording.torques(part) - rows @ (recording.described + step)
-        scores.append(np.einsum("nik,ni->kn", rows, left / noise**2) / unit[:, None])
+        scores.append(np.einsum("nik,ni->kn", rows, weights[part] * left / noise**2) / unit[:, None])
     covariance, lag = sandwich(inverse, np.concatenate(scores, axis=1), robot.dof)
     std = np.sqrt(np.diagonal(covariance)) / unit
     std[(lengths == 0) | (np.abs(vectors[:, ~seen]) > 1e-3).any(axis=1)] = np.inf
@@ -492,8 +559,9 @@ def _doubts(recording: _Recording, found: _Found, estimate: Float64Array, count:
         of_body = np.flatnonzero(~(doubt <= _HARDLY_KNOWN) & (base.columns // 10 == number))
         if of_body.size:
             which = ", ".join(base.names[k].removeprefix(f"{name} ") for k in of_body)
-            harmless = bool((doubt[of_body] <= _UNKNOWN).all())
-            how = f"{'are' if of_body.size > 1 else 'is'} {'hardly' if harmless else 'not'} determined"
+            harmless = bool((doubt[of_body] <= _UNKNOWN).all()) or recording.is_partial
+            degree = "hardly" if (doubt[of_body] <= _UNKNOWN).all() else "not"
+            how = f"{'are' if of_body.size > 1 else 'is'} {degree} determined"
             advice = f"let {tree_of(robot).joints[number].name} and the joints that carry it turn further and faster"
             text = f"{which} of {name} {how} by this motion: {advice}."
             findings.append(Finding("undetermined", doubt[of_body].max(), _HARDLY_KNOWN, text, harmless=harmless))
@@ -606,8 +674,31 @@ def _not_random(recording: _Recording, left: Float64Array) -> NDArray[np.bool_]:
     return np.asarray(np.array(largest) > random)
 
 
-def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, found: _Found) -> list[Finding]:
-    """Return findings on torques that the parameters do not explain, from what is left in the samples fitted to."""
+def _dependence(recording: _Recording, left: Float64Array) -> Float64Array:
+    """Return by how much what is left of each torque depends on q, qd or qdd of a joint (dof,): the squares of means
+    over sixteenths of the samples, in order of one of these, in parts of what noise makes of them.
+    """
+    thin = slice(None, None, -(-len(left) // _JUDGED_SAMPLES))
+    columns = [one[: len(left)][thin].T for one in (recording.values[name] for name in ("q", "qd", "qdd"))]
+    largest = np.zeros(left.shape[1])
+    for k, rest in enumerate(left[thin].T):
+        bend = 3 * np.sqrt(max(median_variance(rest**2, 1), 1e-300))
+        usual = np.clip(rest, -bend, bend)  # spikes tell nothing of the whole motion
+        scatter, _ = score_scatter(usual[None])
+        noise = max(float(scatter[0, 0]), float(usual @ usual), 1e-300) / usual.size  # of a sample
+        for one in np.concatenate(columns):
+            parts = np.array_split(usual[np.argsort(one, kind="stable")], 16)
+            squares = [part.sum() ** 2 / part.size for part in parts if part.size]
+            largest[k] = max(largest[k], float(np.mean(squares)) / noise)
+    return largest
+
+
+def _misfits(
+    recording: _Recording, left: Float64Array, left_test: Float64Array, found: _Found, loss: Loss | None
+) -> list[Finding]:
+    """Return findings on torques that the parameters do not explain, from what is left in the samples fitted to and
+    in those kept for the test.
+    """
     rms, size = _rms(left), np.maximum(_rms(recording.values["tau"][: len(left)]), 1e-300)
     joints = np.array(recording.robot.names)
     findings = []
@@ -621,6 +712,13 @@ def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, 
             "parameters lack: compare `noise` with that of the sensors."
         )
         findings += notes("order", [text])
+    depends = np.where(inexact, _dependence(recording, left), 0.0)
+    if depends.max() > _DEPENDENT:
+        text = (
+            f"What is left of the torques of {', '.join(joints[depends > _DEPENDENT])} depends on the motion: the "
+            "parameters lack something, such as other friction, or the dimensions or gravity are wrong."
+        )
+        findings.append(Finding("dependence", depends.max(), _DEPENDENT, text))
     if correlated.any():
         share = float((rms / size)[correlated].max())
         text = (
@@ -628,21 +726,130 @@ def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, 
             "random: filtered noise, or what the parameters lack, such as other friction and elastic gears."
         )
         findings.append(Finding("not random", share, 0, text, harmless=share < _POOR))
-    worse = rms_test > np.maximum(_WORSE * rms, 1e-6 * size)
+    usual = np.sqrt([max(median_variance(column**2, 1), 1e-300) for column in left.T])
+    # Where a joint turns round, noise of its rate decides on the sign of dry friction.
+    turns = np.diff(np.sign(recording.values["qd"][: len(left)]), axis=0) != 0
+    turns = np.pad(turns, ((1, 1), (0, 0)))[1:] | np.pad(turns, ((1, 1), (0, 0)))[:-1]
+    is_spike = (left**2 > OUTLIER * usual**2) & inexact & ~correlated & ~turns
+    if is_spike.any():
+        part = percent(float(is_spike.mean()))
+        few = loss is not None or bool((left[is_spike] ** 2).sum() < (left[~is_spike] ** 2).sum())
+        text = f"{part} of the torques are outliers, far off the others"
+        text += "." if loss is not None else ': loss="cauchy" makes them count little.'
+        findings.append(Finding("outliers", is_spike.mean(), 0, text, harmless=few))
+    # Ends of nine tenths: where dry friction turns round, single samples are far off.
+    ends, ends_test = (_most(rows) for rows in (left, left_test))
+    rms_test = _rms(left_test)
+    worse = ends_test > np.maximum(_WORSE * ends, 1e-6 * size)
     if worse.any():
-        k = int(np.argmax(np.where(worse, rms_test / np.maximum(rms, 1e-300), 0.0)))
+        k = int(np.argmax(np.where(worse, ends_test / np.maximum(ends, 1e-300), 0.0)))
         text = (
             f"In the samples kept for the test, the torques of {', '.join(joints[worse])} are off by more than in "
             f"those fitted to, that of {joints[k]} by {rms_test[k]:.3g} instead of {rms[k]:.3g} N m rms: the "
             "parameters do not hold for other motions."
         )
-        findings.append(Finding("test", rms_test[k] / max(rms[k], 1e-300), _WORSE, text))
+        findings.append(Finding("test", ends_test[k] / max(ends[k], 1e-300), _WORSE, text))
     lag = found.unresolved_lag if correlated.any() else 0
     text = (
         f"What is left of the torques is correlated over {lag} samples and more, too long relative to the whole "
         "recording: the standard deviations are rough."
     )
     return findings + exceeded(Finding("memory", lag, 0, text, harmless=True))
+
+
+def _data_findings(
+    recording: _Recording, found: _Found, left: Float64Array, count: int, parameters: Float64Array
+) -> list[Finding]:
+    """Return findings on the recording itself: units, torques that are late, tilted gravity, and noise of the motion.
+    `parameters` are the fitted inertial parameters.
+    """
+    findings = []
+    of_robot = _rms(recording.torques(slice(0, count)) - recording.left(recording.described)[:count])
+    ratio = float(np.median(_rms(recording.torques(slice(0, count))) / np.maximum(of_robot, 1e-300)))
+    is_described = not recording.is_partial and recording.robot.inertial_parameters[::10].all()
+    if is_described and not 1 / 100 < ratio < 100:
+        text = f"The torques are {ratio:.2g} times those of the robot as described: are they in N m, or N of sliders?"
+        findings.append(Finding("unit", ratio, 100, text))
+    q = recording.values["q"][:count]
+    moving = np.ptp(q, axis=0) > 0
+    if count < 50 or neighbour_correlation((q - q.mean(axis=0))[:, moving].T) < 0.9:
+        return findings  # samples of no order, which tell neither
+    part = slice(0, min(count, _ORDERED_SAMPLES))
+    rows, noise = recording.rows(part), found.noise[:, None]
+    A = (rows / noise).reshape(-1, rows.shape[2])
+    rest = left[part] / found.noise
+
+    def amount(change: Float64Array) -> tuple[float, float]:
+        """Return how much of a further column (n, dof) the torques have, and its standard deviation."""
+        own = (change / found.noise).ravel()
+        own = own - A @ np.linalg.lstsq(A, own)[0]
+        power, scores = max(float(own @ own), 1e-300), (own.reshape(rest.shape) * rest).sum(axis=1)
+        return float(scores.sum()) / power, float(np.sqrt(score_scatter(scores[None])[0][0, 0])) / power
+
+    # Torques that are late are off by their change from sample to sample.
+    late, std = amount(-np.gradient(recording.torques(part) - left[part], axis=0))
+    if abs(late) > max(5 * std, 0.1):
+        order = "late" if late > 0 else "early"
+        text = (
+            f"The torques are {abs(late):.2g} samples {order} against the motion: friction and masses are off by it."
+        )
+        findings.append(Finding("delay", abs(late), max(5 * std, 0.1), text))
+    # Gravity that is tilted adds horizontal parts of it.
+    q, qd, qdd = (recording.values[name][part] for name in ("q", "qd", "qdd"))
+    size = float(np.linalg.norm(recording.gravity))
+    across = np.linalg.svd(np.reshape(recording.gravity, (1, 3)))[2][1:] if size else np.zeros((0, 3))
+    tilts = [
+        amount(recording.robot.torque_regressor(q, 0 * qd, 0 * qdd, gravity=size * axis) @ parameters)
+        for axis in across
+    ]
+    tilt = float(np.linalg.norm([each[0] for each in tilts]))
+    std = max((each[1] for each in tilts), default=0.0)
+    if tilt > max(5 * std, 0.01):
+        text = f"Gravity seems to be tilted by {np.degrees(tilt):.2g} deg against `gravity`: how does the base stand?"
+        findings.append(Finding("gravity", tilt, max(5 * std, 0.01), text))
+    return findings + _motion_noise_finding(recording, found, part, A)
+
+
+def _motion_noise_finding(
+    recording: _Recording, found: _Found, part: slice, weighted_rows: Float64Array
+) -> list[Finding]:
+    """Return a finding if noise of q, qd and qdd makes parameters wrong by more than their standard deviations.
+
+    Noise in the regressor adds to the normal matrix, by which parameters come out small. Its size is that of fourth
+    differences, in which a motion that is sampled well enough has no part.
+    """
+    rng, noisy, sizes = np.random.default_rng(0), {}, {}
+    for name in ("q", "qd", "qdd"):
+        values = recording.values[name][part]
+        sizes[name] = np.sqrt((np.diff(values, 4, axis=0) ** 2).mean(axis=0) / 70)
+        noisy[name] = values + sizes[name] * rng.standard_normal(values.shape)
+    moved = recording._replace(values=recording.values | noisy)
+    off = moved.rows(slice(0, len(noisy["q"]))) / found.noise[:, None]
+    off = off.reshape(weighted_rows.shape) - weighted_rows
+    known = np.isfinite(found.std)
+    normal = weighted_rows[:, known].T @ weighted_rows[:, known]
+    estimate = (recording.described + found.step)[known]
+    bias = np.abs(np.linalg.lstsq(normal, off[:, known].T @ (off[:, known] @ estimate), rcond=1e-12)[0])
+    scores = bias / np.maximum(found.std[known], 1e-300)
+    usual = np.abs(recording.described + found.step)  # beside what such bodies may have
+    bodies = len(recording.base.names)
+    usual[:bodies] += np.sqrt((recording.base.matrix**2) @ _units(recording.robot) ** 2)
+    usual[bodies:] += np.tile(_rms(recording.values["tau"]), len(recording.terms))
+    scores[bias < 0.01 * usual[known]] = 0.0
+    if not scores.size:
+        return []
+    worst = int(np.argmax(scores))
+    rate = float(np.sqrt(np.mean(sizes["qdd"] ** 2)))
+    text = (
+        f"Noise of the motion, of accelerations about {rate:.2g} rad/s^2 or m/s^2, makes parameters wrong, by up to "
+        f"{scores[worst]:.2g} standard deviations: hp.smooth derives rates and accelerations with less."
+    )
+    return exceeded(Finding("noise of the motion", scores[worst], 2.0, text))
+
+
+def _most(rows: Float64Array) -> Float64Array:
+    """Return below which size nine tenths of each column are; NaN of no rows."""
+    return np.quantile(np.abs(rows), 0.9, axis=0) if len(rows) else np.full(rows.shape[1], np.nan)
 
 
 def _fitted_robot(recording: _Recording, parameters: Float64Array, estimate: Float64Array) -> Mechanism:
