@@ -503,7 +503,7 @@ def smoothed(table: Table, log: Log, samples: Mapping[str, BodyMotion | Float64A
                     raise
                 doubt = log.angle_doubts[0]
                 raise SceneError(error.name, "angles in radians", f"probably degrees: {doubt}") from None
-        texts += [re.sub(r"\bbody\b", name, str(warning.message)) for warning in caught]
+        texts += [re.sub(r"\bbody\b|^angle(?=:)", name, str(warning.message)) for warning in caught]
         if isinstance(own, BodyMotion):
             noise += [f"{result.noise['R']:.2g} m of position", f"{result.noise['S']:.2g} rad of attitude"]
             quantities |= {"position": (own.R, result.R), "attitude": (own.S, result.S)}
