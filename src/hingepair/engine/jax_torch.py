@@ -156,7 +156,8 @@ def jax_function(calls: Calls) -> Callable[..., tuple[Any, ...]]:
 
     call = calls("value", ())
     if not call.has_kernels:
-        raise ArgumentError("jax", "a call of single arrays of at least one number each", ", ".join(call.outputs))
+        expected = "a call with few enough joints for one program, without samples among its constants"
+        raise ArgumentError("jax", expected, ", ".join(call.outputs))
     tails = call.argument_shapes.values()
 
     def function(*arrays: Any) -> tuple[Any, ...]:
