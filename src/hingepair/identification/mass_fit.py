@@ -56,6 +56,7 @@ _POOR = 0.2  # of a joint's torque: a larger rest that is not random cannot be f
 _GROWTH = 10.0  # of the squares of what is left, in variances of noise per parameter; more is worse than by chance
 _JUDGED_STATES = 64  # states whose mass matrices are judged
 _JUDGED_SAMPLES = 65536  # samples whose order is judged
+_FAR_OFF = 10.0  # squares of outliers, times those of the others; more decides on the parameters
 _DEPENDENT = 5.0  # of squares of means, times what noise makes of them
 _ORDERED_SAMPLES = 4096  # neighbours that tell delays and the noise of the motion
 
@@ -733,7 +734,7 @@ def _misfits(
     is_spike = (left**2 > OUTLIER * usual**2) & inexact & ~correlated & ~turns
     if is_spike.any():
         part = percent(float(is_spike.mean()))
-        few = loss is not None or bool((left[is_spike] ** 2).sum() < (left[~is_spike] ** 2).sum())
+        few = loss is not None or bool((left[is_spike] ** 2).sum() < _FAR_OFF * (left[~is_spike] ** 2).sum())
         text = f"{part} of the torques are outliers, far off the others"
         text += "." if loss is not None else ': loss="cauchy" makes them count little.'
         findings.append(Finding("outliers", is_spike.mean(), 0, text, harmless=few))
