@@ -569,3 +569,17 @@ def test_a_recording_in_the_plane_does_not_tell_the_noise_of_its_angles():
     assert fit.ok
     assert np.abs(fit.pair.u2 - (4, 0.1, 0)).max() < 5 * fit.std["u2"].max()
     assert any("the attitudes do not tell their noise" in sentence for sentence in fit.findings)
+
+
+@pytest.mark.slow
+def test_turns_that_samples_do_not_show_are_not_relied_on() -> None:
+    """Of 21 turns a second at 40 Hz, and of 3.2 turns in a gap of four seconds."""
+    t = 0.025 * np.arange(400)
+    for turns_a_second, hidden in ((21.0, slice(0, 0)), (0.8, slice(100, 260))):
+        Q = turns(2 * np.pi * turns_a_second * t[:, None] * N1)
+        made = recording(400, 1e-3, 2e-3, Q=Q)
+        R2 = made.R2.copy()
+        R2[hidden] = np.nan
+        found = hp.fit(hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=R2, S=made.S2), t=t, clock_offset=0)
+        assert not found.ok
+        assert next(finding.name for finding in found.findings if finding.severity == "serious").startswith("turns")

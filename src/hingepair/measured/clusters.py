@@ -21,6 +21,7 @@ from hingepair.tables.sheets import percent
 
 _MIN_MARKERS = 3  # that a sample must show to have a pose
 _MIN_WIDTH = 0.02  # of a cluster, in parts of its length; below, the markers are on a line, which shows no attitude
+_MAX_SIZE = 10.0  # [m] of a cluster, in root mean square; more is probably in another unit
 _JUDGED_SAMPLES = 1000  # that tell which marker moved
 _ROUNDING = 1e-9  # of the size of the cluster; smaller distances from the places are rounding
 
@@ -113,6 +114,7 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
         *_recording_sentences(seen_places, is_seen, distances, good),
         *(_reference_sentences(seen_places[good], is_seen[good], distances[good], size) if given else []),
         *_moved_marker_sentences(seen_places[good], is_seen[good], cluster, distances[good], size),
+        *([f"The markers are {size:.2g} m from their middle: are they in metres?"] if size > _MAX_SIZE else []),
     ]
     whole_R, whole_S = np.full((places.shape[0], 3), np.nan), np.full((places.shape[0], 3, 3), np.nan)
     whole_R[is_used], whole_S[is_used] = R, S

@@ -18,6 +18,7 @@ from hingepair.measured.findings import (
     BodyPoses,
     Finding,
     check_turning,
+    exceeded,
     find_outliers,
     is_reliable,
     judge_hinge,
@@ -451,6 +452,8 @@ def _hinge_fit(
         findings += notes("gaps", [f"{text}." for text in gap_sentences("t", samples.t)])
     findings += [Finding("unit", 1, 0, text) for text in doubts]
     findings += notes("noise", samples.noise_suspicions(found.noise))
+    instants = np.flatnonzero(used) if samples.t is None else samples.t[used]
+    findings += _turn_findings(found.psi, instants, found.good)
     counted = found.psi[found.good] if found.good.any() else found.psi
     moved = body2 if clock is None else clock.body2(found.offset)
     return HingeFit(
@@ -476,6 +479,23 @@ def _hinge_fit(
         body2=BodyMotion(R=moved.R) if samples.is_point else moved,
         _body1=body1,
     )
+
+
+def _turn_findings(psi: Float64Array, instants: NDArray[Any], good: NDArray[np.bool_]) -> list[Finding]:
+    """Return findings if the hinge may turn by half a turn or more between samples: whole turns are not seen."""
+    steps, turned = np.diff(instants).astype(np.float64), np.abs(np.diff(psi))
+    both = good[1:] & good[:-1]  # neighbours of which neither is an outlier
+    if both.sum() < 4:
+        return []
+    usual = float(np.median(turned[both]))
+    fast = "the hinge may turn the other way, or further"
+    often = f"psi turns by {usual:.2g} rad from sample to sample: {fast}; record more samples in a second."
+    is_gap = steps > 3 * np.median(steps)
+    rates = (turned / steps)[both & ~is_gap]
+    rate = float(np.quantile(rates, 0.9)) if rates.size else 0.0
+    most = float(rate * steps[is_gap].max(initial=0.0))
+    gap = f"During a gap, the hinge may turn by {most:.2g} rad at its usual rate: whole turns there are not seen."
+    return exceeded(Finding("turns", usual, 2.5, often), Finding("turns in a gap", most, np.pi, gap))
 
 
 def _find_hinge(
