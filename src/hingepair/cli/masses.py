@@ -92,7 +92,7 @@ def masses_command(
     t, recorded = read_robot_recording(file, robot, bandwidth, parse_columns(column or ()))
     fit = fit_masses(
         robot,
-        **recorded,
+        *(recorded[name] for name in ("q", "qd", "qdd", "tau")),
         joint_terms=tuple(split_names("joint_terms", joint_terms) or ()),
         physical=physical,
         test=test,

@@ -222,8 +222,8 @@ def error_bounds(
     names = requested_outputs(outputs, None, pair.levels, pair.kind.default_outputs(level))
     check_inputs(computation_of(pair, names, sequence), given)
     arguments = read_arguments(given, pair.shapes, COORDINATES[pair.kind], INPUT_LABELS)
-    given, home = tuple(arguments.values), pair.has_home
-    request = PairRequest(names, given, pair.kind.planar, sequence, pair.points, has_home=home)
+    read = tuple(arguments.values)
+    request = PairRequest(names, read, pair.kind.planar, sequence, pair.points, has_home=pair.has_home)
     constants = tree_numbers(pair).components, tree_errors(pair)
     known: dict[str, Any] = {"constants": Known(*map(tree_parameters, constants))}
     if not pair.kind.planar:
