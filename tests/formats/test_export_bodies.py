@@ -63,16 +63,6 @@ def test_mujoco_reads_the_mass_properties(k, write):
         assert np.abs(inertia - body.inertia).max() <= eigen * np.abs(body.inertia).max()
 
 
-@pytest.mark.slow
-def test_flat_bodies_survive_the_simulators():
-    import mujoco
-
-    for k in range(30):
-        pair = laden_pair(k, flat=True)
-        for write in WRITERS.values():
-            assert mujoco.MjModel.from_xml_string(write(pair)).nbody == 4
-
-
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
 def test_the_rounded_moments_of_a_flat_body_are_written_as_a_body_has_them(write):
     import mujoco

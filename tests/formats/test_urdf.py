@@ -109,13 +109,6 @@ def test_a_mimic_joint_is_a_hinge_and_any_axis_is_normalised():
     assert [joint.name for joint in read_urdf(ARM).hinges()] == ["shoulder", "elbow", "follower"]
 
 
-def test_a_file_is_read_like_its_text(tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(ARM, encoding="utf-8")
-    for source in (path, str(path), ARM, "\ufeff" + ARM, "\n  " + ARM):
-        assert repr(from_urdf(source, "shoulder")) == repr(from_urdf(ARM, "shoulder"))
-
-
 @pytest.mark.parametrize(("body1", "body2"), [("camera", None), (None, "camera"), ("upper", "lower")])
 def test_frames_may_be_links_rigidly_fixed_to_the_joint(body1, body2):
     """Up and down the tree: camera is fixed to upper, the parent of elbow and the child of shoulder."""

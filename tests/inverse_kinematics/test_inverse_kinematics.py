@@ -137,15 +137,6 @@ def test_a_target_gives_the_same_bits_in_any_batch(options):
         assert np.array_equal(whole[name][7], solve(7)[name], equal_nan=True), name
 
 
-def test_many_targets_are_solved_as_each_alone():
-    """Many are multiplied with the starts by other routines of BLAS than one."""
-    robot = robot_of("ur5_robot")
-    wanted = robot.forward_kinematics(random_coordinates(robot, 5000), frames="tool0")["tool0"]
-    whole = robot.inverse_kinematics(wanted, frame="tool0")
-    for k in range(0, 5000, 500):
-        assert np.array_equal(whole.q[k], robot.inverse_kinematics(wanted.R[k], wanted.S[k], frame="tool0").q)
-
-
 def test_starts_are_compared_in_whole_numbers():
     """Their products are exact in float32, in whatever order BLAS adds."""
     robot = robot_of("panda")

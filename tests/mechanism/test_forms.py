@@ -458,17 +458,3 @@ def test_calls_after_the_first_see_what_has_changed(robot):
     rest = robot.inverse_dynamics(q, 0 * q, 0 * q).tau
     loaded = robot.inverse_dynamics(q, 0 * q, 0 * q, wrenches={"panda_hand": ((0.0, 0.0, 50.0), (0.0, 0.0, 0.0))}).tau
     assert not np.allclose(rest, loaded)
-
-
-def test_outputs_of_several_methods_are_attributes_beside_frames() -> None:
-    robot = hp.load_robot("ur5_robot")
-    q = np.full(6, 0.3)
-    state = robot.prepare(("q",), outputs=("R", "jacobian"), frames="tool0")(q)
-    again = pickle.loads(pickle.dumps(state))
-    for one in (state, again):
-        assert np.array_equal(one.jacobian, robot.jacobian(q, "tool0"))
-        assert np.array_equal(one["tool0"].R, one.R[0])
-        with pytest.raises(hp.ArgumentError, match="frame: expected one of tool0, got 'R'"):
-            one["R"]
-    kinetic = np.empty(())
-    assert robot.energy(q, q, out={"kinetic": kinetic}).kinetic == kinetic > 0

@@ -289,20 +289,6 @@ def test_wrenches_the_motion_of_the_base_and_mimic_joints_count():
 
 
 @pytest.mark.slow
-def test_only_what_is_asked_for_is_computed(ur5, states):
-    d = ur5.inverse_dynamics_derivatives(*states, outputs=("tau_qd",))
-    assert d.outputs == ("tau_qd",)
-    assert d.tau_q is None
-    out = {"qdd_q": np.empty((4, 6, 6)), "qdd_tau": np.empty((4, 6, 6))}
-    ur5.forward_dynamics_derivatives(*states, outputs=("qdd_q", "qdd_tau"), out=out)
-    np.testing.assert_allclose(
-        out["qdd_tau"] @ ur5.mass_matrix(states[0]), np.broadcast_to(np.eye(6), (4, 6, 6)), atol=1e-11
-    )
-    with pytest.raises(ArgumentError, match="outputs: expected one of tau_q, tau_qd, tau_qdd, got 'tau'"):
-        ur5.inverse_dynamics_derivatives(*states, outputs=("tau",))
-
-
-@pytest.mark.slow
 def test_a_second_call_heeds_all_that_differs_from_the_first(ur5, torques, states):
     q, qd, qdd = states
     first = ur5.inverse_dynamics_derivatives(q, qd, qdd)

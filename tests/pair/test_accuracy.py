@@ -85,14 +85,6 @@ def test_only_the_hinge_moves(ledger):
     require(truth, found, ledger, "hinge alone")
 
 
-@pytest.mark.slow
-def test_reference_example(ledger):
-    motion = states.reference_example(np.linspace(0.0, 10.0, 41))
-    truth, pair = truths.from_euler(states.REFERENCE_PAIR, *motion), pair_of(states.REFERENCE_PAIR)
-    require(truth, batch(pair, motion), ledger, "example")
-    require(truth, one_by_one(pair, motion), ledger, "example")
-
-
 @pytest.mark.parametrize("kind", ["matrix", "quaternion"])
 def test_given_attitude(kind, ledger):
     rng = states.generator(4)

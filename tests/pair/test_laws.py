@@ -8,7 +8,7 @@ import pytest
 import hingepair as hp
 from hingepair.bench.truth import OUTPUTS, euler_scales
 from hingepair.validation.cross_validate import cross_validate
-from support.states import REFERENCE_PAIR, coordinates, generator, pair, reference_example, rotations
+from support.states import coordinates, generator, pair, rotations
 
 U = 2.0**-53
 COUNT = 60
@@ -204,36 +204,6 @@ def test_rates_are_the_derivatives(case):
         limit = (256 / h * U + 0.1 * (h * W2 / 4) ** 6 * W2) * (case.scales[name] + case.scales["R2"] + 1)
         gap = abs(value - getattr(s, name)).max(axis=-1)
         assert np.all(gap <= limit), (name, float((gap / limit).max()))
-
-
-def test_closed_form_of_the_reference_example():
-    t = np.linspace(0.0, 10.0, 10_001)
-    u1, u2, n, _ = REFERENCE_PAIR
-    q, qd, _ = reference_example(t)
-    omega1 = hp.HingePair(u1=u1, u2=u2, n=n).forward_kinematics(q, qd, outputs=("omega1",)).omega1
-    s, c = np.sin, np.cos
-    exact = np.stack([
-        3 + 5 * s(t), c(3 * t) - 2.5 * s(2 * t) - 2.5 * s(4 * t), s(3 * t) + 2.5 * c(4 * t) + 2.5 * c(2 * t)
-    ], axis=-1)  # fmt: skip
-    assert abs(omega1 - exact).max() <= 16 * U * 9
-
-
-def test_planar_pair():
-    """E11: about e_z the angles add, and R2 follows in the plane."""
-    rng = generator(31)
-    ux1, uy1, ux2, uy2 = rng.normal(size=4)
-    x, y, phi, psi, dphi, dpsi = rng.normal(size=(6, COUNT))
-    flat = hp.HingePair(u1=(ux1, uy1, 0), u2=(ux2, uy2, 0), n=(0, 0, 1))
-    s = flat.forward_kinematics((x, y, 0.0, 0.0, 0.0, phi, psi), (0.0, 0.0, 0.0, 0.0, 0.0, dphi, dpsi))
-    c1, s1, c2, s2 = np.cos(phi), np.sin(phi), np.cos(phi + psi), np.sin(phi + psi)
-    R2 = x + c1 * ux1 - s1 * uy1 - c2 * ux2 + s2 * uy2, y + s1 * ux1 + c1 * uy1 - s2 * ux2 - c2 * uy2
-    zero = np.zeros(COUNT)
-    scale = np.maximum(abs(x), abs(y)) + np.hypot(ux1, uy1) + np.hypot(ux2, uy2)
-    assert np.all(abs(s.R2 - np.stack([*R2, zero], axis=-1)).max(axis=-1) <= 16 * U * scale)
-    omega2 = np.stack([zero, zero, dphi + dpsi], axis=-1)
-    assert np.all(abs(s.omega2 - omega2).max(axis=-1) <= 4 * U * (abs(dphi) + abs(dpsi)))
-    assert np.all(abs(s.S2[:, 0, 0] - c2) <= 16 * U)
-    assert np.all(abs(s.S2[:, 1, 0] - s2) <= 16 * U)
 
 
 def test_turn_about_x_alone():

@@ -105,22 +105,6 @@ def test_two_bodies(backend):
     close(np.sin(found["psi"] - q[:, 6]), np.zeros(11), 64)
 
 
-@pytest.mark.slow
-def test_pairs_of_their_own_and_float32_and_out():
-    rng = generator(1006)
-    many = hp.HingePair(u1=rng.normal(size=(8, 3)), u2=(1, 2, 3), n=(0, 0, 1))
-    motion = coordinates(rng, 8)
-    for dtype in (np.float64, np.float32):
-        given = [c.astype(dtype) for c in motion[:2]]
-        found, expected = many.prepare("velocity")(*given), many.forward_kinematics(*given)
-        assert found.v2.dtype == dtype
-        np.testing.assert_array_equal(found.v2, expected.v2)
-    fk = many.prepare("velocity", outputs=("R2", "v2"))
-    room = np.empty((8, 3))
-    assert np.shares_memory(fk(*motion[:2], out={"v2": room}).v2, room)
-    np.testing.assert_array_equal(room, fk(*motion[:2]).v2)
-
-
 @pytest.mark.parametrize("count", [0, 1, 2, 7, 8, 9, 300, 20_000])
 def test_batches_of_every_size(count):
     rng = generator(1007)
@@ -171,22 +155,6 @@ def test_numbers_beside_arrays():
         close(at(np.eye(3), psi).S2, expected, 8)
     assert np.isnan(at(np.eye(3), np.nan).S2).any()
     assert at(np.eye(3), 1).S2.shape == (3, 3)
-
-
-def test_what_is_no_rotation_is_refused():
-    one = made(generator(1010))
-    for backend in BACKENDS:
-        by_matrix = one.prepare(("S1", "psi"), outputs=("S2",), backend=backend)
-        by_quaternion = one.prepare(("quat_wxyz", "psi"), outputs=("S2",), backend=backend)
-        for shape in ((), (5,)):
-            psi = np.zeros(shape)
-            for bad in (2 * np.eye(3), np.diag([1.0, 1.0, -1.0]), np.eye(3) + 1e-8):
-                with pytest.raises(hp.RotationError, match="S1"):
-                    by_matrix(np.broadcast_to(bad, (*shape, 3, 3)), psi)
-            with pytest.raises(hp.RotationError, match="quat_wxyz"):
-                by_quaternion(np.zeros((*shape, 4)), psi)
-            assert np.isnan(by_matrix(np.full((*shape, 3, 3), np.nan), psi).S2).all()
-            assert np.isnan(by_quaternion(np.full((*shape, 4), np.inf), psi).S2).any()
 
 
 def test_threads_do_not_mix():

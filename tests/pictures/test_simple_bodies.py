@@ -36,14 +36,6 @@ def test_rods_reach_from_joint_to_joint():
     assert rods_of(last) == []
 
 
-def test_a_body_without_a_joint_ends_at_its_last_links_or_beyond_its_centre_of_mass():
-    heavy = hp.Body(mass=1, centre_of_mass=(0.2, 0, 0), inertia=(1, 1, 1))
-    *_, last = simple(BASE, hp.HingePair(u1=(2, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="arm", body2=heavy))
-    np.testing.assert_allclose(rods_of(last)[0][1], (0.4, 0, 0), atol=1e-15)
-    *_, last = simple(BASE, ELBOW)
-    np.testing.assert_allclose(rods_of(last)[0][1], (0.5, 0, 0), atol=1e-15)
-
-
 # ---------------------------------------------------------------- shapes that a robot comes with
 
 LINK = """<link name="{name}">{shapes}</link>"""

@@ -53,16 +53,6 @@ def test_scenes_of_mechanisms_stay_within_their_limits_and_pass_the_check(scene)
     assert loaded.cross_validate(5).ok
 
 
-def test_the_excavator_digs_below_ground_and_dumps_beside():
-    scene = hp.load_scene(MODELS / "excavator.toml")
-    teeth = scene.evaluate(("R_teeth",)).R[:, 0]
-    assert -2 < teeth[:, 2].min() < -1.2
-    dumped = teeth[scene.t == 14][0]
-    assert abs(dumped[0]) < 0.1
-    assert dumped[1] > 5
-    assert np.abs(teeth[-1] - teeth[0]).max() < 1e-12
-
-
 @pytest.mark.slow
 def test_loads_of_joints_count_among_the_forces_of_a_scene(tmp_path):
     text = (MODELS / "talos_lift.toml").read_text()

@@ -94,17 +94,6 @@ def test_a_planar_pair_gives_e11():
     ]
 
 
-def test_a_scene_in_the_plane_gives_e11():
-    plane = hp.load_scene(MODELS / "reference_2d.toml")
-    forms = hp.derive(plane, ("u1", "u2"))
-    x, y, phi, psi = plane.expressions.values()
-    ux1, uy1, ux2, uy2 = sympy.symbols("u1_x u1_y u2_x u2_y", real=True)
-    (s1, c1), (s2, c2) = ((sympy.sin(a), sympy.cos(a)) for a in (phi, phi + psi))
-    e11 = [x + c1 * ux1 - s1 * uy1 - c2 * ux2 + s2 * uy2, y + s1 * ux1 + c1 * uy1 - s2 * ux2 - c2 * uy2]
-    assert list(forms.R2) == e11
-    assert sympy.expand(forms.omega2 - phi.diff(T) - psi.diff(T)) == 0
-
-
 def physics_vector(found):
     """Body 2 by SymPy's own mechanics: frames turned one after the other, points carried along."""
     from sympy.physics.vector import Point, ReferenceFrame, dynamicsymbols
@@ -229,41 +218,6 @@ def test_constants_are_as_exact_as_they_are_written(tmp_path):
     found = hp.load_scene(tmp_path / "scene.toml")
     assert found.expressions["phi"] == sympy.pi / 4 * sympy.sin(9 * T / 10) + 3 * T / 10
     assert found.constants == {"swing": np.pi / 4}
-
-
-WRITTEN = {  # lines of [pair], and what they mean exactly
-    "components": ({"u1": '["0.5*cos(pi/6)", "sqrt(2)", 0.1]'}, {"u1": "[sqrt(3)/4, sqrt(2), 1/10]"}),
-    "u2": ({"u2": '["1/3", "pi", "exp(1)"]'}, {"u2": "[1/3, pi, E]"}),
-    "axis of length 1": ({"n": '["cos(0.3)", 0, "sin(0.3)"]'}, {"n": "[cos(3/10), 0, sin(3/10)]"}),
-    "axis of length 2": ({"n": '["2*cos(0.3)", 0, "2*sin(0.3)"]'}, {"n": "[cos(3/10), 0, sin(3/10)]"}),
-    "axis of any length": ({"n": '["pi", 1, 0]'}, {"n": "[pi/sqrt(1 + pi**2), 1/sqrt(1 + pi**2), 0]"}),
-    "right angle": (
-        {"home": "{ axis = [0, 0, 3], deg = 90 }"}, {"home": "[0, -1, 0, 1, 0, 0, 0, 0, 1]"},
-    ),
-    "120 degrees": ({"home": "{ axis = [1, 1, 1], deg = -240 }"}, {"home": "[0, 0, 1, 1, 0, 0, 0, 1, 0]"}),
-    "tetrahedron": (
-        {"home": '{ axis = [1, 0, 0], rad = "acos(-1/3)" }'},
-        {"home": "[1, 0, 0, 0, -1/3, -2*sqrt(2)/3, 0, 2*sqrt(2)/3, -1/3]"},
-    ),
-    "3 degrees": (
-        {"home": "{ axis = [1, 0, 0], deg = 3 }"},
-        {"home": "[1, 0, 0, 0, cos(pi/60), -sin(pi/60), 0, sin(pi/60), cos(pi/60)]"},
-    ),
-    "roll and yaw": (
-        {"home": '{ rpy = ["pi/2", 0, "-pi/2"] }'}, {"home": "[0, 0, -1, -1, 0, 0, 0, 1, 0]"},
-    ),
-    "matrix": (
-        {"home": '[["sqrt(3)/2", -0.5, 0], ["1/2", "cos(pi/6)", 0], [0, 0, 1]]'},
-        {"home": "[sqrt(3)/2, -1/2, 0, 1/2, sqrt(3)/2, 0, 0, 0, 1]"},
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("lines", "exact_values"), WRITTEN.values(), ids=WRITTEN)
-def test_constants_of_a_pair_are_as_exact_as_they_are_written(lines, exact_values, tmp_path):
-    forms = hp.derive(scene(tmp_path, **lines))
-    for key, text in exact_values.items():
-        assert f"[{', '.join(map(str, forms._working_forms[key]))}]" == text
 
 
 TURNS = {

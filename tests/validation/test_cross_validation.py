@@ -180,38 +180,7 @@ def test_a_fault_is_found(name):
     assert str(report).splitlines()[-1].startswith("FAILED: ")
 
 
-def test_the_worst_sample_is_named():
-    rng = states.generator(61)
-    motion = [c.reshape(5, 6, 7) for c in states.coordinates(rng, 30)]
-
-    def fault(_pair, found, *_motion):
-        v2 = found["v2"].copy()
-        v2[3, 4, 1] += 1e-3
-        return {"v2": v2}
-
-    row = next(
-        row for row in cross_validate(Faulty(pair_of(states.pair(rng)), fault), *motion).rows if row.output == "v2"
-    )
-    assert row.worst_sample == (3, 4)
-    assert row.max_error == pytest.approx(1e-3)
-    assert not row.ok
-
-
 # ---------------------------------------------------------------- the report
-
-
-def test_json_has_no_number_that_json_does_not_know():
-    rng = states.generator(64)
-    faulty = Faulty(pair_of(states.pair(rng)), lambda _p, found, *_m: {"R2": found["R2"] * np.inf})
-    report = cross_validate(faulty, *states.coordinates(rng, 5))
-
-    def refuse(literal):
-        raise AssertionError(literal)
-
-    found = json.loads(report.to_json(), parse_constant=refuse)
-    assert found["rows"][0]["max_error"] is None
-    assert not found["ok"]
-    assert not found["rows"][0]["ok"]
 
 
 def test_nothing_compared_is_no_pass():
