@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -181,3 +183,18 @@ def test_a_motion_does_not_change_with_the_arrays_it_was_made_of(form, broadcast
         assert (getattr(body, name) == 1.0).all(), name
     assert np.array_equal(body.S, np.broadcast_to(np.eye(3), body.S.shape))
     assert not broadcast or body.S.strides[0] == 0 or form != "S"
+
+
+@pytest.mark.parametrize("shape", [(7,), (5, 7)], ids=["state", "batch"])
+def test_arrays_of_a_dtype_that_came_from_a_pickle_are_as_any_others(shape):
+    """NumPy has such dtypes beside its own: equal, but another object, which its copies keep."""
+    q = np.random.default_rng(3).normal(size=shape)
+    sent = pickle.loads(pickle.dumps(q))
+    assert sent.dtype is not q.dtype
+    knee = hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1))
+    for pair in (knee, hp.Mechanism([knee])):
+        args = (q, sent) if pair is knee else (q[..., :1], sent[..., :1])
+        for backend in ("numpy", "compiled"):
+            here, there = (pair.forward_kinematics(one, backend=backend) for one in args)
+            name = "R2" if pair is knee else "R"
+            np.testing.assert_array_equal(getattr(there, name), getattr(here, name))

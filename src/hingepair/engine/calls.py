@@ -264,8 +264,7 @@ class Call:
             return None
         if out is None and alike and workers == 1 and math.prod(shape) < kernel.most:
             return kernel.rows(*[
-                one if one.dtype is dtype and one.flags.c_contiguous else np.array(one, dtype, order="C")
-                for one in arrays
+                one if one.dtype is dtype and one.flags.c_contiguous else _copied(one, dtype) for one in arrays
             ])  # fmt: skip
         outputs = self._output_arrays(shape, dtype, out, dict(zip(self.argument_shapes, arrays, strict=True)))
         self._run_kernel(kernel.ufunc, arrays, outputs, shape, workers)
@@ -399,6 +398,13 @@ class Call:
             if written:
                 error.add_note("The arrays of `out` have been written.")
             raise
+
+
+def _copied(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return a contiguous copy of this very dtype; np.array keeps one that is equal, as arrays from pickles have."""
+    copied = np.empty(array.shape, dtype)
+    copied[...] = array
+    return copied
 
 
 def _state_array(value: Any, tail: ArrayShape) -> NDArray[Any] | None:
