@@ -240,11 +240,17 @@ class Log(NamedSource):
             name, factor = (heading, 1.0) if heading in named_elsewhere else read_heading(heading, layout.unit_of)
             if name != heading:
                 stated.update(layout.columns_of(name))
-            return (name if heading in named_elsewhere else layout.other_names.get(name, name)), factor
+            keeps = heading in named_elsewhere or (kind == ".npz" and name in layout.arrays)
+            return (name if keeps else layout.other_names.get(name, name)), factor
+
+        def names_of(name: str, shape: tuple[int, ...]) -> Any:
+            """Return the columns that form an array; one column may have another name, such as phi in a plane."""
+            other = None if shape else layout.other_names.get(name)
+            return layout.arrays.get(name, name) if other is None else other
 
         wanted = ColumnRequest(
             lambda names: self._check_column_names(names, known_names, sources),
-            lambda name, _: layout.arrays.get(name, name),
+            names_of,
             exact=sources["t"].column if "t" in sources else "t",
             read_heading=read_own_heading,
         )
