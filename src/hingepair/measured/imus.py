@@ -717,6 +717,7 @@ def _hinge_findings(problem: _Problem, seen: _Seen, std: Float64Array, m_std: fl
     reach = max(float(np.linalg.norm(problem.hinge.u1)), float(np.linalg.norm(problem.hinge.u2)), 0.1)
     recorded = [np.linalg.norm(each[0, 1], axis=1) for each in problem.gathered]
     apart = float(np.sqrt(np.mean((recorded[0] - recorded[1]) ** 2)))
+    least = max(0.07 * apart, 1e-6 * force)  # sensors that are both at the hinge point feel the same
     axis, point = float(max(std[2].max(), m_std)), float(std[:2].max())
     turns, pulls = (neighbour_correlation(part) <= RANDOM_CORRELATION for part in (rates, lengths))
     axis_text = f"The axis is known to {np.degrees(axis):.2g} deg only: let both bodies turn across it."
@@ -730,7 +731,7 @@ def _hinge_findings(problem: _Problem, seen: _Seen, std: Float64Array, m_std: fl
         Finding("axis", axis, np.radians(5.0), axis_text),
         Finding("rates", rms_rate, (0.3 if turns else 0.05) * usual_rate, rate_text),
         Finding("point", point, RELIABLE_POINT * reach, point_text),
-        Finding("forces", 0.0 if pulls else rms_force, 0.07 * apart, force_text),
+        Finding("forces", 0.0 if pulls else rms_force, least, force_text),
         Finding("forces along the axis", rms_along, 0.2 * force, along_text),
     )
 
