@@ -159,8 +159,9 @@ def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[fl
     Exact are the lengths and masses of the robot's record, the rotation next to each matrix S, and a unit axis along
     each n. S and n may be off by what their rounding to double precision does.
     """
-    tree, axes = constants.tree, [_axes_with_bounds(P) for P in constants.axes]
+    tree = constants.tree
     with np.errstate(all="ignore"):
+        axes = [_axes_with_bounds(P) for P in constants.axes]
         backs = [_transposed(P) for P in axes]
         poses = [
             (

@@ -323,9 +323,9 @@ class HingePair(Frozen, Shown):
         >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
         >>> bounds = pair.error_bounds((np.array([0.0, 1e9]), 0, 0, 0.3, 0.4, 0.5, 0.6))  # here, and far away
         >>> [f"{bound:.0e}" for bound in bounds["R2"]], [f"{bound:.0e}" for bound in bounds["d"]]
-        (['2e-15', '6e-08'], ['2e-15', '2e-15'])
+        (['1e-15', '6e-08'], ['1e-15', '1e-15'])
         >>> f"{pair.error_bounds(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.5)['R2']:.0e}"
-        '5e-16'
+        '3e-16'
         """
         if isinstance(q, BodyMotion):
             if sequence != "XYZ":
