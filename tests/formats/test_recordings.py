@@ -319,7 +319,7 @@ def test_headings_are_read_as_in_scenes(tmp_path: Path) -> None:
     flat = hp.read_recording(path, columns={"x": "Ost", "y": "Nord", "phi_z": compass})
     expected = hp.load_scene(tmp_path / "flat.toml").evaluate(("R1", "S1"))
     assert np.array_equal(flat.body1.R, expected.R1)
-    assert np.abs(flat.body1.S - expected.S1).max() < 4 * 2.0**-53
+    assert np.abs(flat.body1.S - expected.S1).max() < 2 * 8 * 2.0**-53  # the promise of S1, by either backend
     forward = flat.body1.S[:, :, 0]
     assert np.abs(forward[:, 0] - np.sin(np.radians(course))).max() < 4 * 2.0**-53
     # As yaw, with a pitch that is positive upwards, and no roll.
