@@ -48,12 +48,11 @@ def test_every_robot(name, mode):
 @pytest.mark.proof
 @pytest.mark.parametrize("name", robot_names())
 def test_every_description(name):
-    """The library's own comparison: names, placements, masses and results, by Pinocchio's reading of the file."""
+    """The library's own comparison of results with those by Pinocchio's reading of the file."""
     robot = hp.load_robot(name, base="free")
     states = np.random.default_rng(0).uniform(-2, 2, (3, 2, robot.dof))
     report = hp.cross_validate(robot, *states)
     assert report.ok, str(report)
-    assert len(report.description) == 3
 
 
 @pytest.mark.proof
