@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.equations.trees import joints_to_base
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.constants import axes_along, frame_numbers, robot_constants
 from hingepair.mechanism.tree import Frame, Tree, TreeClosure
@@ -231,14 +232,8 @@ class _Assembly:
 
     def _path(self, place: int) -> tuple[set[int], set[int]]:
         """Return the joints between the bodies of a loop, and those that carry both."""
-        paths = []
-        for body in self._ends[place]:
-            path, number = set(), body
-            while number:
-                path.add(number)
-                number = self._links[number - 1].parent
-            paths.append(path)
-        return paths[0] ^ paths[1], paths[0] & paths[1]
+        first, second = (joints_to_base(self._links, body) for body in self._ends[place])
+        return first ^ second, first & second
 
     def _chain(self, places: Sequence[int]) -> Chain:
         """Return the chain that closes loops, with the joints from the last body that carries all of them."""

@@ -262,7 +262,7 @@ class Chains:
                     gap + row.get(key, 0.0) * (way * (1 / chain.terms))
                     for gap, row in zip(left, linear.rows, strict=True)
                 ]
-            (moved,), _ = _least_squares([[row.get(c, 0.0) for c in chain.dependent] for row in linear.rows], [left])
+            (moved,), _ = _least_squares(self._by_dependent(chain, linear), [left])
             found = [x - dx for x, dx in zip(found, moved, strict=True)]
         self._given = whole
         return found
@@ -293,7 +293,7 @@ class Chains:
                 sides.append([-row.get(self.closure.key(k), 0.0) for row in linear.rows])
             by_driving, pivots = _least_squares(matrix, sides)
             doubt = self._doubt(linear.gaps, [*matrix, *sides], pivots)
-            self._factors.append((chain, matrix, doubt))
+            self._factors.append((chain, matrix))
             for i, (column, value) in enumerate(zip(chain.dependent, found, strict=True)):
                 self._q[column] = value + doubt
                 self._G[column] = {k: by_driving[j][i] + doubt for j, k in enumerate(chain.driving)}
@@ -339,7 +339,7 @@ class Chains:
         """Return the second derivatives of all coordinates of the tree at q'' = 0, g."""
         rates = dict(enumerate(self.rates(qd)))
         found: list[Scalar] = [0.0] * self._width
-        for chain, matrix, _ in self._factors:
+        for chain, matrix in self._factors:
             (left,), _ = _least_squares(matrix, [self._biases(chain, self._q, rates)])
             for column, value in zip(chain.dependent, left, strict=True):
                 found[column] = -value
