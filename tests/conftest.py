@@ -13,7 +13,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hingepair
 from hingepair.engine.llvm import native
-from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
+from hingepair.mechanism.pairs.accuracy import PROMISED_BOUND_BY_OUTPUT
 
 
 class Ledger:
@@ -107,11 +107,11 @@ def each_backend(request, monkeypatch):
 
     In the fast loop that is NumPy, but for engine/test_compiled.py: each kernel takes a tenth of a second.
     """
-    execution_of = hingepair.pair.hinge_pair.execution_of
+    execution_of = hingepair.mechanism.pairs.hinge_pair.execution_of
 
     def forced(backend, workers):
         return execution_of(request.param if backend == "auto" else backend, workers)
 
-    for module in (hingepair.pair.hinge_pair, hingepair.pair.requests):
+    for module in (hingepair.mechanism.pairs.hinge_pair, hingepair.mechanism.pairs.requests):
         monkeypatch.setattr(module, "execution_of", forced)
     return request.param

@@ -12,7 +12,7 @@ import typer
 
 import hingepair as hp
 from hingepair.cli.main import app
-from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
+from hingepair.mechanism.pairs.accuracy import PROMISED_BOUND_BY_OUTPUT
 from support.pages import page_steps, run_page
 from support.reference import with_table
 

@@ -21,11 +21,11 @@ from hingepair.errors import (
     SceneError,
     ShapeError,
 )
-from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.states import PairState
+from hingepair.mechanism.bodies.body import DynamicsWarning
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
+from hingepair.mechanism.pairs.states import PairState
 from hingepair.rotations.matrices import (
     project_to_rotation,
     rodrigues,
@@ -47,9 +47,12 @@ if TYPE_CHECKING:
     from hingepair.measured.smoothing.angular_velocity import angular_velocity_from_samples
     from hingepair.measured.smoothing.resample import resample
     from hingepair.measured.smoothing.smooth import smooth
+    from hingepair.mechanism.bodies.body import Body, Box, Cylinder, Sphere
+    from hingepair.mechanism.bodies.hinge_load import HingeLoad
     from hingepair.mechanism.joints import Screw, Slider
     from hingepair.mechanism.linkages import Loop
     from hingepair.mechanism.mechanism import Mechanism
+    from hingepair.mechanism.pairs.tolerances import sample_pairs
     from hingepair.mechanism.states import (
         MechanismState,
     )
@@ -58,9 +61,6 @@ if TYPE_CHECKING:
     from hingepair.motion.linearize import linearize
     from hingepair.motion.simulate import simulate
     from hingepair.motion.trajectory import Trajectory
-    from hingepair.pair.body import Body, Box, Cylinder, Sphere
-    from hingepair.pair.hinge_load import HingeLoad
-    from hingepair.pair.tolerances import sample_pairs
     from hingepair.pictures.page import view
     from hingepair.pictures.plot import plot
     from hingepair.rollouts.tracks import Feedback
@@ -143,7 +143,7 @@ __all__ = [
 _LAZY_MODULE_BY_NAME = {
     name: module
     for module, names in {
-        "pair.hinge_load": "HingeLoad",
+        "mechanism.bodies.hinge_load": "HingeLoad",
         "motion.linearize": "linearize",
         "motion.simulate": "simulate",
         "formats.model_writers": "to_mjcf to_urdf",
@@ -164,9 +164,9 @@ _LAZY_MODULE_BY_NAME = {
         "mechanism.mechanism": "Mechanism",
         "mechanism.joints": "Screw Slider",
         "mechanism.states": "MechanismState",
-        "pair.body": "Body Box Cylinder Sphere",
+        "mechanism.bodies.body": "Body Box Cylinder Sphere",
         "sweeps.search": "search",
-        "pair.tolerances": "sample_pairs",
+        "mechanism.pairs.tolerances": "sample_pairs",
         "pictures.page": "view",
         "pictures.plot": "plot",
         "rotations.angular_velocity": "angular_velocity",

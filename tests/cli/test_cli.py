@@ -67,7 +67,9 @@ def test_what_is_written_is_what_was_computed(
     short_scene: Path, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The process of the command computes so few instants with NumPy; this one may have compiled kernels by now.
-    monkeypatch.setattr("hingepair.pair.hinge_pair.execution_of", lambda _, workers: execution_of("numpy", workers))
+    monkeypatch.setattr(
+        "hingepair.mechanism.pairs.hinge_pair.execution_of", lambda _, workers: execution_of("numpy", workers)
+    )
     target = tmp_path / f"result{suffix}"
     assert str(target) in run_command(
         "run", short_scene, "--out", target, "--outputs", "R2,S2,omega1"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair.results import Record
+from hingepair.mechanism.results import Record
 from support.commands import refusal, run_command
 from support.drawn import drawn_texts
 from support.recorded import HOME, recording

@@ -12,7 +12,7 @@ import pytest
 import hingepair as hp
 from hingepair.cli import fit, pictures, scenes, tolerance
 from hingepair.cli.sources import Source
-from hingepair.pair.results import Record
+from hingepair.mechanism.results import Record
 from support.commands import refusal, run_command
 from support.recorded import recording
 from support.work import HANG

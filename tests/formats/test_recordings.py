@@ -67,7 +67,7 @@ def test_what_the_library_saved_is_read(tmp_path: Path) -> None:
         "x": MADE.psi,
         "y": MADE.psi,
     }
-    from hingepair.pair.results import Record
+    from hingepair.mechanism.results import Record
 
     for name in ("a.npz", "a.csv"):
         found = read_recording(Record(MADE.t, arrays).save(tmp_path / name))

@@ -13,8 +13,8 @@ import pytest
 from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.formats import robots
 from hingepair.formats.robots import load_robot_hinge, robot_names, robot_urdf
-from hingepair.pair.accuracy import error_ratios
-from hingepair.pair.body_motion import BodyMotion
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.pairs.accuracy import error_ratios
 from support import states
 from support.commands import refusal
 from support.sparse import sparse

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.pair.accuracy import angular_rate_sizes, error_ratios, output_scales
+from hingepair.mechanism.pairs.accuracy import angular_rate_sizes, error_ratios, output_scales
 from support import states
 from support.exported import WRITERS, corner_pair, pinocchio_of_urdf
 

@@ -11,9 +11,9 @@ import pytest
 
 from hingepair.formats.model_writers import to_urdf
 from hingepair.formats.urdf_reader import from_urdf
-from hingepair.pair.accuracy import angular_rate_sizes, error_ratios, output_scales
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_pair import HingePair
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.pairs.accuracy import angular_rate_sizes, error_ratios, output_scales
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.urdf.reader import read_urdf
 from support import states

@@ -10,7 +10,7 @@ import pytest
 
 from hingepair.errors import URDFError
 from hingepair.formats.urdf_reader import from_urdf
-from hingepair.pair.body import DynamicsWarning
+from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.rotations.matrices import rotation_exp
 from support import states
 from support.exported import ARM, welded_robot

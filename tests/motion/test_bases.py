@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import hingepair as hp
-from hingepair.pair.planar_pair import dynamics_in_space
+from hingepair.mechanism.pairs.planar_pair import dynamics_in_space
 from support.states import generator, rotations
 
 ROD1 = hp.Body(mass=1.3, centre_of_mass=(0.5, 0, 0), inertia=(0.1, 0.1, 0.12))

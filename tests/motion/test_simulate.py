@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair.hinge_load import stop_range
+from hingepair.mechanism.bodies.hinge_load import stop_range
 from support.sparse import sparse
 from support.states import generator, rotations
 

@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 import hingepair as hp
-from hingepair.mechanism.shapes import Mesh
+from hingepair.mechanism.bodies.shapes import Mesh
 from hingepair.pictures.meshes import read_meshes
 from hingepair.urdf.rigid import FramePose
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair.results import Record
+from hingepair.mechanism.results import Record
 
 PAIR = """
 [pair]

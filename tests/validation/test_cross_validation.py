@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_pair import HingePair
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.validation.cross_validate import cross_validate
 from support import states
 from support.hinged import pair_of

@@ -11,9 +11,9 @@ import pytest
 
 from hingepair.errors import ArgumentError, MissingDependencyError, ShapeError
 from hingepair.formats.model_writers import to_urdf
-from hingepair.pair.body import Body
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_pair import HingePair
+from hingepair.mechanism.bodies.body import Body
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.validation.cross_validate import cross_validate
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from support import states

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.bench.truth import from_euler
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_pair import HingePair
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.validation.pinocchio_twin import to_pinocchio
 
 Array: TypeAlias = NDArray[Any]

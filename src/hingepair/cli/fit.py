@@ -27,8 +27,8 @@ from hingepair.formats.recordings import ColumnAdvice, no_body_error, read_poses
 from hingepair.measured.hinge import GAUGES
 from hingepair.measured.hinge_fit import HingeFit, fit
 from hingepair.measured.robust import LOSSES
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.results import RESULT_FILE_SUFFIXES, Record, check_ending
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.results import RESULT_FILE_SUFFIXES, Record, check_ending
 from hingepair.rotations.matrices import rotation_vector
 from hingepair.scenes.motions.known import quaternion_columns
 from hingepair.tables.units import Units

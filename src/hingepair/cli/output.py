@@ -20,7 +20,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from hingepair.errors import ArgumentError, printable, quoted
-from hingepair.pair.results import RESULT_ROWS_PER_BLOCK
+from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK
 from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.scenes.pair_scene import FURTHER_OUTPUTS
 from hingepair.tables.sheets import ruled_table

@@ -16,12 +16,12 @@ from hingepair.cli.sources import Body1FrameOption, Body2FrameOption, JointArgum
 from hingepair.errors import ArgumentError, HingePairError
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.xml_text import commented
+from hingepair.mechanism.bodies.body import DynamicsWarning
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.hinge_load import HingeLoad
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
-from hingepair.pair.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.scenes.motions.motion import PRESCRIBED
 
 if TYPE_CHECKING:

@@ -28,8 +28,8 @@ from hingepair.cli.sources import Source, load_named_scene
 from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError, printable
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.results import RESULT_FILE_SUFFIXES, check_ending, result_file
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.results import RESULT_FILE_SUFFIXES, check_ending, result_file
 from hingepair.scenes.load import load_scene
 from hingepair.scenes.scene import Scene
 from hingepair.tables.sheets import json_text

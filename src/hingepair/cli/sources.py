@@ -15,10 +15,10 @@ from hingepair.errors import ArgumentError, HingePairError, MissingDependencyErr
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
+from hingepair.mechanism.results import RESULT_FILE_SUFFIXES
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.results import RESULT_FILE_SUFFIXES
 from hingepair.scenes.load import SceneFile, load_scene
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.urdf.reader import read_urdf

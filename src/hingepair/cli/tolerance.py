@@ -21,7 +21,7 @@ from hingepair.cli.output import (
 from hingepair.cli.scenes import SceneArgument
 from hingepair.cli.sources import load_named_scene
 from hingepair.errors import ArgumentError
-from hingepair.pair.tolerances import DEVIATIONS
+from hingepair.mechanism.pairs.tolerances import DEVIATIONS
 from hingepair.sweeps.tolerance import study_tolerances
 from hingepair.tables.sheets import ruled_table
 

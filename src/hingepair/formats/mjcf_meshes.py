@@ -16,7 +16,7 @@ import numpy as np
 
 from hingepair.formats.shape_writers import DRAWN_ONLY, drawing_of_body, mjcf_geometry
 from hingepair.formats.xml_text import add_element, check_xml_text, first_few
-from hingepair.mechanism.shapes import Drawn, Mesh
+from hingepair.mechanism.bodies.shapes import Drawn, Mesh
 from hingepair.mechanism.tree import Tree
 from hingepair.rotations.matrices import matrix_to_quaternion
 

@@ -21,16 +21,16 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.robot_mjcf import robot_to_mjcf
 from hingepair.formats.robot_writer import robot_to_urdf
+from hingepair.mechanism.bodies.body import Body, Box, Cylinder, DynamicsWarning, Shape
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
+from hingepair.mechanism.bodies.shapes import BodyDrawing
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.shapes import BodyDrawing
+from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, MassProperties, Tree, hinge_of_pair
 from hingepair.numeric.arrays import Float64Array, check_choice
-from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.geometry import check_pair, check_single_pair
-from hingepair.pair.hinge_load import HingeLoad
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.urdf.rigid import FramePose
 
 _BLUE, _ORANGE = (0.30, 0.50, 0.75, 1.0), (0.85, 0.60, 0.30, 1.0)  # RGBA of the bodies, as in README's figure

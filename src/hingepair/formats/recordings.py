@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, RotationError, nearest_name
 from hingepair.measured.smoothing.resample import resample
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.numeric.arrays import Float64Array, check_choice
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import project_to_rotation
 from hingepair.rotations.sequences import SEQUENCE_NAMES

@@ -25,10 +25,10 @@ from hingepair.formats.xml_text import (
     limits_sentences,
     urdf_limits,
 )
+from hingepair.mechanism.bodies.body import DynamicsWarning
+from hingepair.mechanism.bodies.shapes import Mesh
 from hingepair.mechanism.joints import KINDS
-from hingepair.mechanism.shapes import Mesh
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
-from hingepair.pair.body import DynamicsWarning
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.urdf.rigid import FramePose
 

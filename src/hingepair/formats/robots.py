@@ -16,7 +16,7 @@ from types import MappingProxyType
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.formats.urdf_reader import hinge_pair
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.pair.hinge_pair import HingePair
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
 
 _DATA = "example-robot-data"  # the package with the URDF files

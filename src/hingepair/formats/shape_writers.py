@@ -10,9 +10,9 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.formats.xml_text import NO_TURN, add_element, check_xml_text, first_few
-from hingepair.mechanism.shapes import BodyDrawing, Drawn, Mesh
+from hingepair.mechanism.bodies.body import Box, Cylinder, Shape
+from hingepair.mechanism.bodies.shapes import BodyDrawing, Drawn, Mesh
 from hingepair.mechanism.tree import Tree
-from hingepair.pair.body import Box, Cylinder, Shape
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.matrices import matrix_to_quaternion
 

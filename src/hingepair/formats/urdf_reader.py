@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from hingepair.errors import ArgumentError, URDFError, choices, quoted
-from hingepair.mechanism.shapes import LinkDrawing, body_drawing, link_shapes
-from hingepair.pair.body import Body, Shape, warn_of_dynamics
-from hingepair.pair.hinge_pair import HingePair
+from hingepair.mechanism.bodies.body import Body, Shape, warn_of_dynamics
+from hingepair.mechanism.bodies.shapes import LinkDrawing, body_drawing, link_shapes
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import JointRecord, RobotRecord
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, combined_inertia

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.body import warn_of_dynamics
 
 NO_TURN = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
 _DEFAULT_LIMITS = {"effort": 1000.0, "velocity": 100.0}  # [N m or N] and [rad/s or m/s]; they stop nothing

@@ -16,9 +16,9 @@ from hingepair.measured.least_squares import neighbour_correlation, sandwich, sc
 from hingepair.measured.robust import LOSSES, OUTLIER, Loss, loss_weights, median_variance
 from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, inertia_matrices
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, check_choice, finite_number, read_only
 from hingepair.numeric.optional import new_figure
-from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.plans.arguments import Coordinates, read_arguments
 from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text, percent
 from hingepair.tables.suspicions import suspicions

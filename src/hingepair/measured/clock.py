@@ -20,8 +20,8 @@ from hingepair.measured.robust import Loss
 from hingepair.measured.samples import Samples
 from hingepair.measured.smoothing.smooth import smoothed_arrays
 from hingepair.measured.smoothing.spline import MIN_PIECE
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.rotations.matrices import rotation_exp, skew
 from hingepair.tables.instants import split_at_gaps
 

@@ -15,8 +15,8 @@ from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.findings import RANDOM_CORRELATION, Finding, is_reliable
 from hingepair.measured.least_squares import neighbour_correlation
 from hingepair.measured.robust import OUTLIER
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
-from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.tables.sheets import percent
 
 _MIN_MARKERS = 3  # that a sample must show to have a pose

@@ -53,12 +53,12 @@ from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, 
 from hingepair.measured.robust import LOSSES, Loss
 from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.smoothing.spline import MIN_PIECE
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.results import OverInstants, Record
 from hingepair.numeric.arrays import Float64Array, check_choice, one_constant, read_only
 from hingepair.numeric.optional import new_figure
 from hingepair.numeric.unit_vectors import finite_axis
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.results import OverInstants, Record
 from hingepair.rotations.matrices import rotation_vector
 from hingepair.tables.instants import break_at_gaps, gap_sentences
 from hingepair.tables.sheets import Sheet, Shown, cell_text
@@ -68,7 +68,7 @@ from hingepair.tables.units import Columns, Units
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from hingepair.pair.residuals import Residuals
+    from hingepair.mechanism.pairs.residuals import Residuals
 
 
 _INLIER = 0.1  # weight below which a robust loss has made the sample an outlier

@@ -26,8 +26,8 @@ from hingepair.measured.hinge import Hinge, frame, home_angle, home_of, result_d
 from hingepair.measured.least_squares import neighbour_correlation, score_scatter, solve_semidefinite
 from hingepair.measured.robust import cauchy, loss_weights
 from hingepair.measured.smoothing.spline import MIN_PIECE, inverse_bands, smooth_columns
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
-from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import skew
 from hingepair.tables.instants import checked_gaps, elapsed_seconds, increasing_seconds, split_at_gaps
 from hingepair.tables.sheets import percent

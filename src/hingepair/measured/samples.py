@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.measured.likelihood import Noise
 from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
-from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.tables.instants import increasing_seconds
 
 

@@ -11,6 +11,7 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
 from hingepair.equations.quantities import QUANTITIES
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
 from hingepair.mechanism.constants import (
     RobotConstants,
     frame_numbers,
@@ -18,6 +19,7 @@ from hingepair.mechanism.constants import (
     robot_constants,
     split_numbers,
 )
+from hingepair.mechanism.pairs.states import Energy, Momentum
 from hingepair.mechanism.states import (
     JointResults,
     JointWrenches,
@@ -31,8 +33,6 @@ from hingepair.mechanism.states import (
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.pair.body_motion import BodyMotion, motion_inputs
-from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.arguments import Arguments, read_arguments
 from hingepair.plans.computation import Computation
 from hingepair.plans.derivatives import body_constants

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.binding import FOLDED
+from hingepair.mechanism.pairs.geometry import PIVOT_ROUNDING
 from hingepair.mechanism.samples import turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.bounded import UNIT_ROUNDOFF, BoundedDouble
-from hingepair.pair.geometry import PIVOT_ROUNDING
 from hingepair.plans.computation import Cache
 from hingepair.plans.struts import StrutForm
 from hingepair.plans.trees import Form, constant_place

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, ShapeError
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, vectors
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import matrix_to_quaternion, quaternion_to_matrix, rotation_exp, rotation_log
 
 

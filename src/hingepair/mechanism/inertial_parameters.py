@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.bodies.body import INERTIA_ENTRIES
+from hingepair.mechanism.bodies.body import inertial_parameters as body_parameters
 from hingepair.mechanism.building.folding import unphysical_reason
 from hingepair.mechanism.tree import MassProperties, Tree
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
-from hingepair.pair.body import INERTIA_ENTRIES
-from hingepair.pair.body import inertial_parameters as body_parameters
 from hingepair.rotations.matrices import skew
 from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text
 

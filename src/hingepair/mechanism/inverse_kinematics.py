@@ -14,6 +14,7 @@ from hingepair.inverse_kinematics.goals import Attitude, Direction, Goal, Positi
 from hingepair.inverse_kinematics.paths import follow
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.inverse_kinematics.search import MAX_TRIALS, Solutions, Solver, Targets
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.computations import RobotComputation
 from hingepair.mechanism.constants import RobotConstants
 from hingepair.mechanism.states import FrameState
@@ -29,7 +30,6 @@ from hingepair.numeric.arrays import (
     row_norms,
     vectors,
 )
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import check_rotation
 
 _MAX_SOLVERS: Final = 32  # that a robot keeps; one more replaces all

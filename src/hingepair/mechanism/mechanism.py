@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, HingePairError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body import Body
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.building import changes
 from hingepair.mechanism.building.mujoco_model import tree_of_mjcf
 from hingepair.mechanism.building.pairs import tree_of_pairs
@@ -25,14 +28,11 @@ from hingepair.mechanism.inertial_parameters import (
 from hingepair.mechanism.joints import RobotJoint
 from hingepair.mechanism.linkages import Loop, close_tree
 from hingepair.mechanism.methods import MechanismMethods
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.mechanism.samples import read_payload
 from hingepair.mechanism.struts import GasSpring, add_strut
 from hingepair.mechanism.tree import BASE_KINDS, LOAD_FIELDS, NO_LOAD, Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant, read_only, set_frozen
-from hingepair.pair.body import Body
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_load import HingeLoad
-from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import Sheet, align_columns, cell_text
 from hingepair.urdf import records

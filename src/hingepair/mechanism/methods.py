@@ -18,6 +18,8 @@ from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism import conventions
 from hingepair.mechanism.accuracy import error_bounds
+from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.computations import (
     ALL_COORDINATES,
     ALL_OUTPUTS,
@@ -38,6 +40,8 @@ from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_co
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_query, read_solutions
 from hingepair.mechanism.linkages import follow_path
 from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, transmission
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.pairs.states import Energy, Momentum
 from hingepair.mechanism.rollout import PreparedRollout, Rollout, rolled_out
 from hingepair.mechanism.states import (
     JointWrenches,
@@ -48,10 +52,6 @@ from hingepair.mechanism.states import (
 )
 from hingepair.mechanism.tree import Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, is_zero, one_constant, set_frozen
-from hingepair.pair.body import warn_of_dynamics
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.requests import DEFAULT_GRAVITY
-from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.arguments import Coordinates, renamed_out, requested_outputs
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.prepared import Prepared

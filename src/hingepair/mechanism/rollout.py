@@ -14,9 +14,9 @@ from hingepair.engine import jax_torch
 from hingepair.engine.backend import Execution
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.computations import RESTING_BASE, Loads, RobotComputation, base_inputs
 from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.arguments import Coordinates, check_out
 from hingepair.plans.rollouts import BASE_STATE, METHODS, RolloutStep
 from hingepair.plans.trees import request_loop

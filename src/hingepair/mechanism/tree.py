@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 
 from hingepair.equations.joints import Axis
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
+from hingepair.mechanism.bodies.shapes import BodyDrawing
 from hingepair.mechanism.joints import KINDS, JointKind
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.samples import Samples
-from hingepair.mechanism.shapes import BodyDrawing
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
-from hingepair.pair.hinge_load import HingeLoad
-from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
 from hingepair.plans.closures import Closure
 

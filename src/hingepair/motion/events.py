@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
+from hingepair.mechanism.bodies.hinge_load import HingeLoad, call_with_arrays, rate_kinks, stop_angles, stop_range
 from hingepair.motion.collocation import event_margin
 from hingepair.motion.complementarity import forces_within_limits
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
-from hingepair.pair.hinge_load import HingeLoad, call_with_arrays, rate_kinks, stop_angles, stop_range
 
 UserEvent: TypeAlias = Callable[[Array, Any], ArrayLike]
 """Event of the user: a callable of instants (n,) and the motion at them that returns values (n,), 0 at the event."""

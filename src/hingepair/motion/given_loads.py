@@ -10,6 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
+from hingepair.mechanism.bodies.hinge_load import (
+    TORQUE_PARTS,
+    HingeLoad,
+    HingeTorque,
+    call_with_arrays,
+    check_callable,
+    is_plain_hinge_load,
+)
 from hingepair.mechanism.computations import read_wrenches
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Mimic
@@ -24,14 +32,6 @@ from hingepair.motion.loads import (
 )
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, is_zero, one_constant
-from hingepair.pair.hinge_load import (
-    TORQUE_PARTS,
-    HingeLoad,
-    HingeTorque,
-    call_with_arrays,
-    check_callable,
-    is_plain_hinge_load,
-)
 from hingepair.plans.arguments import Coordinates
 from hingepair.rollouts.tracks import Feedback
 

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
+from hingepair.mechanism.bodies.hinge_load import call_with_arrays, check_callable
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.hinge_load import call_with_arrays, check_callable
 from hingepair.plans.pairs import SPACE
 
 JointCallable: TypeAlias = Callable[[Array], Any]

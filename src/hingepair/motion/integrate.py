@@ -12,6 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.pairs.geometry import Constants, check_pair, constants_of
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
+from hingepair.mechanism.pairs.requests import STATES, computation_of
 from hingepair.motion.signals import R1_PARTS, SampledSignal, Signal, read_position, read_signal
 from hingepair.motion.solve import Solution, SolveOptions, solve, solve_together
 from hingepair.motion.trajectory import (
@@ -30,10 +34,6 @@ from hingepair.numeric.arrays import (
     read_only,
     vectors,
 )
-from hingepair.pair.geometry import Constants, check_pair, constants_of
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.requests import STATES, computation_of
 from hingepair.plans.arguments import Arguments, Outputs, check_outputs
 from hingepair.rotations.matrices import check_rotation
 from hingepair.tables.instants import instants_of, warn_of_measurements

@@ -11,8 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
+from hingepair.mechanism.bodies.hinge_load import HingeLoad, HingeTorque, stop_range
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.methods import Wrenches
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.motion.given_loads import LoadArgument, hinge_load, loads_by_joint, pair_loads
 from hingepair.motion.given_motions import GivenBase
 from hingepair.motion.loads import Loads, MotionAtInstants, has_callable
@@ -20,11 +25,6 @@ from hingepair.motion.robot_motion import REST
 from hingepair.motion.simulate import BaseArgument, initial_state, read_base, robot_of_pair, to_spatial_pair
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only, vectors
-from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
-from hingepair.pair.hinge_load import HingeLoad, HingeTorque, stop_range
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
-from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import ruled_table
 

@@ -10,10 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hingepair.errors import ArgumentError, ShapeError
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
+from hingepair.mechanism.bodies.hinge_load import (
+    TORQUE_PARTS,
+    HingeLoad,
+    call_with_arrays,
+    is_plain_hinge_load,
+    stop_range,
+)
 from hingepair.motion.events import Side
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
-from hingepair.pair.hinge_load import TORQUE_PARTS, HingeLoad, call_with_arrays, is_plain_hinge_load, stop_range
 
 ON_BASE = ("force1", "torque1")
 """Names of the force and the torque on the base in results."""

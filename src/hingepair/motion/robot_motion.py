@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from hingepair.equations import dynamics as dyn
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.motion.collocation import StepPolynomial
 from hingepair.motion.events import Side
@@ -29,7 +30,6 @@ from hingepair.motion.methods import quaternion_product
 from hingepair.motion.robot_programs import RobotPrograms
 from hingepair.motion.trajectory import quaternions_to_matrices
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.plans.simulation import MOTION
 from hingepair.rotations.matrices import matrix_to_quaternion
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, SimulationError, quoted
+from hingepair.mechanism.bodies.hinge_load import check_callable, stop_range
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.motion.collocation import (
     NODES,
@@ -28,7 +29,6 @@ from hingepair.motion.robot_motion import (
 )
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, real_array
-from hingepair.pair.hinge_load import check_callable, stop_range
 from hingepair.tables.suspicions import suspicions
 
 _EVALUATIONS = 509 * 17  # of callables over the whole motion, at least

@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body import DynamicsWarning
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays, motion_of_rotations
+from hingepair.mechanism.bodies.hinge_load import HingeLoad, HingeTorque, stop_range
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair, constants_of
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair, dynamics_in_space
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY, check_masses, pivot_limits
+from hingepair.mechanism.pairs.states import Energy, Momentum
 from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
 from hingepair.motion.events import UserEvent
 from hingepair.motion.given_loads import BODY2, LoadArgument, loads_of_pair, pair_loads
@@ -25,14 +33,6 @@ from hingepair.motion.simulate_robot import simulate_robot
 from hingepair.motion.trajectory import LazyValue, PlanarTrajectory, Trajectory
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, read_only
-from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
-from hingepair.pair.geometry import check_pair, check_single_pair, constants_of
-from hingepair.pair.hinge_load import HingeLoad, HingeTorque, stop_range
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair, dynamics_in_space
-from hingepair.pair.requests import DEFAULT_GRAVITY, check_masses, pivot_limits
-from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.arguments import Outputs
 from hingepair.tables.instants import instants_of
 from hingepair.tables.suspicions import suspicions

@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body import DynamicsWarning
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
+from hingepair.mechanism.bodies.hinge_load import HingeTorque
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.pairs.states import Energy, Momentum
+from hingepair.mechanism.results import Result
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.mechanism.tree import loads_note
 from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
@@ -26,12 +32,6 @@ from hingepair.motion.run import Impact, Simulation, joint_impacts, joint_range,
 from hingepair.motion.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import Frozen, check_choice, finite_number, read_only
-from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.hinge_load import HingeTorque
-from hingepair.pair.requests import DEFAULT_GRAVITY
-from hingepair.pair.results import Result
-from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.arguments import Coordinates
 from hingepair.tables.instants import instants_of
 from hingepair.tables.suspicions import suspicions

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.curves import (
     PATHS,
     XYZ_COLOURS,

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hingepair.mechanism.shapes import Mesh
+from hingepair.mechanism.bodies.shapes import Mesh
 from hingepair.pictures.motion_samples import Array
 
 _BYTES_PER_FACE = 26.0  # on the page: three indices of 4 bytes, about 0.6 vertices of 12, and base64's third

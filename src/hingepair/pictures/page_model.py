@@ -11,11 +11,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from hingepair.formats.model_writers import drawn_shapes
+from hingepair.mechanism.bodies.body import Box, Shape, Sphere
+from hingepair.mechanism.bodies.shapes import BodyDrawing, Mesh, placed_shapes
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.shapes import BodyDrawing, Mesh, placed_shapes
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, Joint, Tree
-from hingepair.pair.body import Box, Shape, Sphere
-from hingepair.pair.hinge_pair import HingePair
 from hingepair.pictures.curves import check_drawable
 from hingepair.pictures.meshes import MeshPiece, read_meshes
 from hingepair.pictures.simple_bodies import (

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.pairs.geometry import constants_of
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.results import MAX_HELD_INSTANTS, Record, Result
 from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.motion.simulate_robot import SimulatedRobotMotion
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.geometry import constants_of
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.results import MAX_HELD_INSTANTS, Record, Result
 from hingepair.pictures.curves import (
     PATHS,
     XYZ_COLOURS,

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import is_table, real_array
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.motion_samples import Array
 
 

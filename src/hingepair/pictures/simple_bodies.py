@@ -8,9 +8,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from hingepair.mechanism.bodies.body import Box, Cylinder, Shape, Sphere
 from hingepair.mechanism.tree import Joint, Tree
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.body import Box, Cylinder, Shape, Sphere
 
 _SHORTEST: Final = 1e-3  # of the robot's size; rods up to this length are not drawn
 

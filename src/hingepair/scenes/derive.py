@@ -9,9 +9,9 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.pair.geometry import constants_of
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
+from hingepair.mechanism.pairs.geometry import constants_of
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.scenes.load import SceneFile
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.robot_scene import RobotScene

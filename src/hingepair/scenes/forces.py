@@ -12,16 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS, HingeLoad
 from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
+from hingepair.mechanism.results import Record
 from hingepair.mechanism.states import MechanismForces
 from hingepair.mechanism.tree import Joint, loads_note
 from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.numeric.arrays import Float64Array, one_constant
-from hingepair.pair.hinge_load import TORQUE_PARTS, HingeLoad
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair, dynamics_in_space
-from hingepair.pair.results import Record
 from hingepair.scenes.motions.joints import JointMotion, KnownJointMotion
 from hingepair.scenes.motions.known import MotionByBody1
 from hingepair.scenes.motions.motion import Motion, PairMotion, impact_sentences, non_finite_sentences

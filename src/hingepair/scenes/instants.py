@@ -9,8 +9,8 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.mechanism.results import MAX_HELD_INSTANTS
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.pair.results import MAX_HELD_INSTANTS
 from hingepair.scenes.tables import Key, Table
 
 Rows: TypeAlias = slice | NDArray[np.intp]

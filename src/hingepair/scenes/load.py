@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hingepair.errors import SceneError, quoted
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.scenes.motions.motion import PairMotion
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.pair_table import read_pair

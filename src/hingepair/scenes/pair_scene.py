@@ -13,16 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, QUANTITIES, Quantity, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.pairs.accuracy import error_ratios, output_scales
+from hingepair.mechanism.pairs.geometry import constants_of
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
+from hingepair.mechanism.pairs.requests import ROWS, computation_of, compute_arrays
+from hingepair.mechanism.pairs.states import Energy, Momentum, PairState, PlanarState
 from hingepair.motion.run import stop_overrun
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.pair.accuracy import error_ratios, output_scales
-from hingepair.pair.geometry import constants_of
-from hingepair.pair.hinge_load import TORQUE_PARTS
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair, dynamics_in_space
-from hingepair.pair.requests import ROWS, computation_of, compute_arrays
-from hingepair.pair.states import Energy, Momentum, PairState, PlanarState
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_among
 from hingepair.scenes.forces import SceneForces, pair_forces

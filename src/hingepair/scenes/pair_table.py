@@ -10,9 +10,9 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from hingepair.errors import printable
-from hingepair.pair.body import Body, Box, Cylinder, Shape, Sphere
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
+from hingepair.mechanism.bodies.body import Body, Box, Cylinder, Shape, Sphere
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.scenes.tables import Key, Table, numbers_key
 
 Made = TypeVar("Made")

@@ -14,15 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, QUANTITIES, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.methods import count_operations
+from hingepair.mechanism.pairs.states import Energy, Momentum
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.motion.run import stop_overrun
 from hingepair.motion.simulate_robot import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array, one_constant, read_only
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_load import TORQUE_PARTS
-from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.forces import SceneForces, check_accelerations, robot_forces

@@ -11,10 +11,10 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.errors import SceneError, URDFError, choices, nearest, printable, quoted
+from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import BASE_KINDS
-from hingepair.pair.body import Body
 from hingepair.scenes.pair_table import (
     BODY_KEYS,
     PAIR_KEYS,

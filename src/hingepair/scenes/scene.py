@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.loops import OperationCounts
 from hingepair.equations.quantities import VELOCITY, unit_of
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.results import MAX_HELD_INSTANTS, RESULT_ROWS_PER_BLOCK, Result
 from hingepair.motion.energy_balance import EnergyBalance
 from hingepair.motion.trajectory import describe_instants
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
-from hingepair.pair.results import MAX_HELD_INSTANTS, RESULT_ROWS_PER_BLOCK, Result
 from hingepair.scenes import suspicions
 from hingepair.scenes.forces import SceneForces
 from hingepair.scenes.instants import Instants, Rows

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, Final, NoReturn, TypeAlias
 
 from hingepair.errors import ArgumentError, SceneError, choices, line_with_caret, nearest, quoted
+from hingepair.mechanism.results import RESULT_FILE_SUFFIXES
 from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.numeric.unit_vectors import finite_axis
-from hingepair.pair.results import RESULT_FILE_SUFFIXES
 from hingepair.symbolic.constants import roll_pitch_yaw_matrix, rotation_matrix
 from hingepair.symbolic.expressions import Expression, Number, in_radians, parse_constant
 from hingepair.symbolic.expressions import number as exact_number

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import MechanismForces
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.pair.body import Body
 from hingepair.scenes.pair_table import BODY_KEYS, CENTRES, construct_from_table
 from hingepair.scenes.robot_scene import RobotResult, RobotScene
 from hingepair.scenes.robot_table import with_payload

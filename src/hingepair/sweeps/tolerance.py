@@ -13,11 +13,11 @@ import numpy as np
 
 from hingepair.equations.quantities import POSE
 from hingepair.errors import SceneError
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.pairs.geometry import constants_of
+from hingepair.mechanism.pairs.tolerances import DEVIATIONS, LIMITS, point_scatter, read_limits, sample_pairs
 from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.numeric.optional import new_figure
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.geometry import constants_of
-from hingepair.pair.tolerances import DEVIATIONS, LIMITS, point_scatter, read_limits, sample_pairs
 from hingepair.rotations.matrices import rotation_log
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.scene import Scene

@@ -15,12 +15,12 @@ from typing import Any, Final, TypeAlias
 import sympy
 
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.pairs.geometry import check_single_pair, constants_of
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
+from hingepair.mechanism.pairs.requests import ROWS
 from hingepair.numeric.blocks import components
 from hingepair.numeric.names import Names
-from hingepair.pair.geometry import check_single_pair, constants_of
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.requests import ROWS
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_among
 from hingepair.symbolic.exact_constants import exact, exact_entry

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.computations import BASE_LABELS, base_inputs
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.tree import Frame
-from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
-from hingepair.pair.accuracy import (
+from hingepair.mechanism.pairs.accuracy import (
     PINOCCHIO_EXTRA_SCALES,
     PLANAR_SCALES,
     PROMISED_BOUND_BY_OUTPUT,
@@ -25,11 +25,11 @@ from hingepair.pair.accuracy import (
     output_scales,
     unit_roundoff,
 )
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.geometry import constants_of
-from hingepair.pair.hinge_load import TORQUE_PARTS
-from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.requests import DEFAULT_GRAVITY, read_rows
+from hingepair.mechanism.pairs.geometry import constants_of
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY, read_rows
+from hingepair.mechanism.tree import Frame
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
 from hingepair.plans.arguments import Coordinates, read_arguments
 from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE
 from hingepair.plans.trees import BASE_MOTION
@@ -48,7 +48,7 @@ from hingepair.validation.robot_scales import FRAME_MOTION, LinkWrench, RobotSca
 from hingepair.validation.urdf_twin import urdf_twin
 
 if TYPE_CHECKING:
-    from hingepair.pair.hinge_pair import HingePair
+    from hingepair.mechanism.pairs.hinge_pair import HingePair
 
 _BODY2 = (("R2", "S2", "d"), ("v2", "omega2"), ("a2", "alpha2"))  # outputs of a pair by their order of derivatives
 _LETTERS = ("R", "S", "v", "omega", "a", "alpha")  # of the motion of body 1

@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError
+from hingepair.mechanism.bodies.body import Body
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.joints import KINDS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.tree import Joint, MassProperties, Tree, hinge_of_pair
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
-from hingepair.pair.body import Body
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.geometry import check_pair, check_single_pair
-from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import matrix_to_quaternion, unit_quaternion
 
 MotionTuple = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]

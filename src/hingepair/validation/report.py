@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import printable
+from hingepair.mechanism.pairs.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
 from hingepair.tables.sheets import Sheet, Shown, align_columns, json_text, left_out_remark
 
 # A load is compared with a sum of some thirty terms, and the accelerations in it are solutions of linear equations.

@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.pairs.accuracy import norm
 from hingepair.mechanism.tree import Frame, MassProperties, Tree
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.accuracy import norm
-from hingepair.pair.body_motion import BodyMotion
 
 FRAME_MOTION = ("R", "S", "v", "omega", "a", "alpha")
 """Names of the position, attitude, velocities and accelerations of a frame."""

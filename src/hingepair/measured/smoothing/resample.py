@@ -16,8 +16,8 @@ from hingepair.measured.smoothing.angular_velocity import (
     turn_between,
     vector_beside_spin,
 )
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.numeric.arrays import Float64Array, real_array
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.instants import (
     checked_gaps,

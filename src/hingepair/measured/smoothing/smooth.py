@@ -21,9 +21,9 @@ from hingepair.measured.robust import LOSSES, Loss
 from hingepair.measured.smoothing.angular_velocity import angular_velocity_from_samples, spins_about_body_axis
 from hingepair.measured.smoothing.resample import interpolated
 from hingepair.measured.smoothing.spline import MIN_PIECE, SmoothedColumns, smooth_columns
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.results import OverInstants, Record
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, finite_number, read_only, real_array
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.results import OverInstants, Record
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 from hingepair.tables.instants import (
     checked_gaps,

@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
+from hingepair.mechanism.bodies.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.building.folding import (
     JointPart,
     body_inertia,
@@ -20,11 +23,8 @@ from hingepair.mechanism.building.folding import (
 )
 from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
 from hingepair.mechanism.samples import Payload, Samples
-from hingepair.mechanism.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, MassProperties, Tree
 from hingepair.numeric.arrays import one_constant, read_only, real_array
-from hingepair.pair.body import Body, warn_of_dynamics
-from hingepair.pair.hinge_load import HingeLoad
 from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import FramePose, Inertia

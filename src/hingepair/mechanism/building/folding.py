@@ -17,8 +17,10 @@ import numpy as np
 
 from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
+from hingepair.mechanism.bodies.shapes import NOT_DRAWN, LinkDrawing, body_drawing
 from hingepair.mechanism.joints import KINDS, JointKind
-from hingepair.mechanism.shapes import NOT_DRAWN, LinkDrawing, body_drawing
 from hingepair.mechanism.tree import (
     BASE_KINDS,
     NO_LOAD,
@@ -31,8 +33,6 @@ from hingepair.mechanism.tree import (
 )
 from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, read_only
 from hingepair.numeric.blocks import versine
-from hingepair.pair.body import Body, warn_of_dynamics
-from hingepair.pair.hinge_load import HingeLoad
 from hingepair.urdf import records
 from hingepair.urdf.records import sine_and_cosine
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, combined_inertia

@@ -13,16 +13,16 @@ from typing import Any, Literal
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
+from hingepair.mechanism.bodies.shapes import LinkDrawing
 from hingepair.mechanism.building.folding import JointPart, chosen_base, displaced, fold_parts, unused_name
 from hingepair.mechanism.joints import JointKind
-from hingepair.mechanism.shapes import LinkDrawing
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.optional import require
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.pair.body import warn_of_dynamics
-from hingepair.pair.hinge_load import HingeLoad
-from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import FramePose, Inertia, exact_quarter_turns

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.mechanism.bodies.body import Body
+from hingepair.mechanism.bodies.shapes import LinkDrawing, placed_shapes
 from hingepair.mechanism.building.changes import add_frame
 from hingepair.mechanism.building.folding import JointPart, body_inertia, fold_parts
 from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
+from hingepair.mechanism.pairs.geometry import Points, constants_of
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.samples import Payload, Samples
-from hingepair.mechanism.shapes import LinkDrawing, placed_shapes
 from hingepair.mechanism.tree import BASE_KINDS, Tree
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.pair.body import Body
-from hingepair.pair.geometry import Points, constants_of
-from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose
 
 BASE_LINK = "base"

@@ -9,13 +9,13 @@ from typing import Any, Literal
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body import DynamicsWarning
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.building.folding import JointPart, chosen_base, fold_parts, limit_or_infinity, unused_name
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.hinge_load import HingeLoad
-from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, exact_quarter_turns
 

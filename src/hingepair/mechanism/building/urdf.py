@@ -8,14 +8,14 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from hingepair.errors import ArgumentError, URDFError, quoted
+from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
+from hingepair.mechanism.bodies.shapes import link_drawing
 from hingepair.mechanism.building.folding import JointPart, chosen_base, fold_parts, locked_positions
 from hingepair.mechanism.joints import JointKind
-from hingepair.mechanism.shapes import link_drawing
 from hingepair.mechanism.tree import Source, Tree
 from hingepair.numeric.arrays import number_not_below_0
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.pair.body import warn_of_dynamics
-from hingepair.pair.hinge_load import HingeLoad
 from hingepair.urdf import records
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.rigid import IDENTITY_POSE

@@ -13,11 +13,11 @@ import numpy as np
 
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import choices, nearest, quoted
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.motion.simulate_robot import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
-from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.pairs import SPACE
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants

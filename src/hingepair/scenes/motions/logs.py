@@ -23,11 +23,11 @@ from hingepair.errors import SceneError, choices, nearest, quoted
 from hingepair.measured.robust import LOSSES
 from hingepair.measured.smoothing.smooth import longest_filled, smooth
 from hingepair.measured.smoothing.spline import MIN_PIECE
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.motion.integrate import RATE_FRAME_NAMES
 from hingepair.motion.signals import SampledSignal
 from hingepair.motion.trajectory import rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix

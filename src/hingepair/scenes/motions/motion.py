@@ -11,15 +11,15 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
+from hingepair.mechanism.pairs.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.motion.run import Impact
 from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.motion.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
-from hingepair.pair.hinge_load import HingeLoad
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
-from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.motions.known import KnownMotion
 from hingepair.tables.sheets import instant_text

@@ -14,6 +14,11 @@ import numpy as np
 
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import SimulationError
+from hingepair.mechanism.bodies.body import DynamicsWarning
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
+from hingepair.mechanism.bodies.hinge_load import HingeLoad, stop_range
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.motion.loads import MotionAtInstants
 from hingepair.motion.simulate import (
     BASES,
@@ -23,11 +28,6 @@ from hingepair.motion.simulate import (
 )
 from hingepair.motion.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.hinge_load import HingeLoad, stop_range
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.instants import read_instants_array

@@ -11,13 +11,13 @@ import numpy as np
 
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import SimulationError
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.hinge_load import HingeLoad, stop_range
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.motion.given_motions import GivenJoint
 from hingepair.motion.simulate_robot import SimulatedRobotMotion, simulate_robot
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_load import HingeLoad, stop_range
-from hingepair.pair.requests import DEFAULT_GRAVITY
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.joints import (
     RATE_SUFFIXES,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair.geometry import constants_of
+from hingepair.mechanism.pairs.geometry import constants_of
 from support.sparse import sparse
 from support.states import coordinates, generator, pair, rotations
 

@@ -14,10 +14,9 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.outputs import Out
 from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.numeric.arrays import FloatArray, is_zero, one_constant
-from hingepair.pair.body import Body, warn_of_dynamics
-from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
-from hingepair.pair.geometry import (
+from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
+from hingepair.mechanism.bodies.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
+from hingepair.mechanism.pairs.geometry import (
     Constants,
     body_numbers,
     constants_of,
@@ -25,7 +24,16 @@ from hingepair.pair.geometry import (
     least_axis,
     tree_numbers,
 )
-from hingepair.pair.states import Accelerations, Energy, Forces, HingeWrench, Momentum, PairState, PlanarState
+from hingepair.mechanism.pairs.states import (
+    Accelerations,
+    Energy,
+    Forces,
+    HingeWrench,
+    Momentum,
+    PairState,
+    PlanarState,
+)
+from hingepair.numeric.arrays import FloatArray, is_zero, one_constant
 from hingepair.plans.arguments import (
     Arguments,
     CoordinateNames,

@@ -8,8 +8,8 @@ import pytest
 
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, exactly, unit
+from hingepair.mechanism.pairs.geometry import constants_of, hinge_frames
 from hingepair.numeric.twofold import Twofold
-from hingepair.pair.geometry import constants_of, hinge_frames
 from support.states import generator, rotations
 
 CASES = {

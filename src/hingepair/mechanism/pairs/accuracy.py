@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
+from hingepair.mechanism.pairs.geometry import Constants, axis_errors, tree_errors, tree_numbers
+from hingepair.mechanism.pairs.requests import COORDINATES, INPUT_LABELS, check_inputs, computation_of
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.blocks import numbers
-from hingepair.pair.geometry import Constants, axis_errors, tree_errors, tree_numbers
-from hingepair.pair.requests import COORDINATES, INPUT_LABELS, check_inputs, computation_of
 from hingepair.plans.arguments import Outputs, read_arguments, requested_outputs
 from hingepair.plans.bounds import Known, output_bounds
 from hingepair.plans.pairs import PairRequest, tree_parameters

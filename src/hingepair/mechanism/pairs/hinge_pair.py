@@ -13,14 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import FloatArray, Frozen, call_text, number_not_below_0, one_constant, set_frozen
-from hingepair.pair import accuracy, requests, residuals, tolerances
-from hingepair.pair.body import Body
-from hingepair.pair.body_motion import BodyMotion, motion_inputs
-from hingepair.pair.geometry import Constants, Points, checked_points, spatial_constants
-from hingepair.pair.requests import DEFAULT_GRAVITY
-from hingepair.pair.residuals import Residuals
-from hingepair.pair.states import (
+from hingepair.mechanism.bodies.body import Body
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
+from hingepair.mechanism.pairs import accuracy, requests, residuals, tolerances
+from hingepair.mechanism.pairs.geometry import Constants, Points, checked_points, spatial_constants
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.pairs.residuals import Residuals
+from hingepair.mechanism.pairs.states import (
     Accelerations,
     Energy,
     Forces,
@@ -28,7 +27,8 @@ from hingepair.pair.states import (
     Momentum,
     PairState,
 )
-from hingepair.pair.tolerances import PoseCovariance
+from hingepair.mechanism.pairs.tolerances import PoseCovariance
+from hingepair.numeric.arrays import FloatArray, Frozen, call_text, number_not_below_0, one_constant, set_frozen
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.pair.planar_pair import dynamics_in_space, motion_in_space
+from hingepair.mechanism.pairs.planar_pair import dynamics_in_space, motion_in_space
 from support.states import generator, rotations
 from support.states import pair as random_pair
 

@@ -11,9 +11,9 @@ import pytest
 import hingepair as hp
 from hingepair.bench import truth as reference
 from hingepair.bench.truth import DIGITS, exactly
+from hingepair.mechanism.pairs.accuracy import PROMISED_BOUND_BY_OUTPUT
 from hingepair.numeric import bounded
 from hingepair.numeric.bounded import BoundedDouble, BoundedSingle
-from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support import states, truths
 from support.hinged import pair_of

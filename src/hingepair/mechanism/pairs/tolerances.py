@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.pairs.geometry import Constants, check_pair, check_single_pair
+from hingepair.mechanism.pairs.requests import INPUT_LABELS, body1_inputs, computation_of
 from hingepair.numeric.arrays import Float64Array, Frozen, number_not_below_0, one_constant, read_only
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.geometry import Constants, check_pair, check_single_pair
-from hingepair.pair.requests import INPUT_LABELS, body1_inputs, computation_of
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.geometry import GEOMETRY_SHAPES
 from hingepair.rotations.matrices import rotation_exp

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from hingepair.pair.accuracy import (
+from hingepair.mechanism.pairs.accuracy import (
     PROMISED_BOUND_BY_OUTPUT,
     error_ratios,
     output_scales,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair import body_motion
+from hingepair.mechanism.bodies import body_motion
 from hingepair.rotations.matrices import rotation_exp
 from support import states
 

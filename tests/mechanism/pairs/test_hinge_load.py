@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair.hinge_load import stop_angles, stop_range
+from hingepair.mechanism.bodies.hinge_load import stop_angles, stop_range
 
 T, PSI, PSID = np.linspace(0, 1, 3), np.array([-1.5, 0.3, 1.2]), np.array([0.5, -0.02, 2.0])
 """Leaving a stop quicker than its spring follows, between the stops, and going into one."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair.tolerances import GEOMETRY_COMPONENT_NAMES
+from hingepair.mechanism.pairs.tolerances import GEOMETRY_COMPONENT_NAMES
 from support.states import body1 as random_body
 from support.states import generator
 from support.states import pair as random_pair

@@ -10,8 +10,8 @@ import numpy as np
 from hingepair.engine.results import Results
 from hingepair.equations.quantities import QUANTITIES, attribute_texts
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.numeric.arrays import FloatArray
-from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE, unit_among
 
 

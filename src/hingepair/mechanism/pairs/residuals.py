@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.results import Results
 from hingepair.equations.quantities import attribute_texts
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
+from hingepair.mechanism.bodies.body_motion import MOTION_SHAPES, BodyMotion, motion_arrays
+from hingepair.mechanism.pairs.accuracy import largest, norm, unit_roundoff
+from hingepair.mechanism.pairs.geometry import Constants
+from hingepair.mechanism.pairs.requests import compute_arrays
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
-from hingepair.pair.accuracy import largest, norm, unit_roundoff
-from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_arrays
-from hingepair.pair.geometry import Constants
-from hingepair.pair.requests import compute_arrays
 from hingepair.plans.constraints import CONSTRAINTS
 from hingepair.tables.sheets import Sheet, align_columns, instant_text, json_text, left_out_remark
 

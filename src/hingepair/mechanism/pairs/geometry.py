@@ -18,11 +18,11 @@ from hingepair.equations import spatial as eq
 from hingepair.equations.derivatives import matrix_from_columns
 from hingepair.equations.quantities import QUANTITIES
 from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.mechanism.bodies.body import Body, inertial_parameters
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, constant, read_only
 from hingepair.numeric.blocks import Components, numbers
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import finite_axis, polar, scaled_by_power_of_two, times_power_of_two
-from hingepair.pair.body import Body, inertial_parameters
 from hingepair.plans.computation import Cache
 from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE, PairKind, Point, point_outputs, point_shapes
 from hingepair.rotations.matrices import check_rotation

@@ -10,8 +10,8 @@ import pytest
 
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, exactly, unit
-from hingepair.pair.geometry import constants_of
-from hingepair.pair.planar_pair import dynamics_in_space
+from hingepair.mechanism.pairs.geometry import constants_of
+from hingepair.mechanism.pairs.planar_pair import dynamics_in_space
 from support.states import body1 as random_body
 from support.states import generator
 from support.truths import forces_from_attitude

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair.accuracy import output_scales
+from hingepair.mechanism.pairs.accuracy import output_scales
 from support.sparse import sparse
 from support.states import generator
 

@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body import Body
+from hingepair.mechanism.bodies.body_motion import motion_of_rotations
+from hingepair.mechanism.pairs import accuracy, requests
+from hingepair.mechanism.pairs.geometry import Constants, Points, checked_points, lifted, planar_constants
+from hingepair.mechanism.pairs.hinge_pair import WRENCH_OUTPUTS, HingePair, checked_mass_properties
+from hingepair.mechanism.pairs.states import Energy, Forces, HingeWrench, Momentum, PlanarState
 from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, call_text, set_frozen
-from hingepair.pair import accuracy, requests
-from hingepair.pair.body import Body
-from hingepair.pair.body_motion import motion_of_rotations
-from hingepair.pair.geometry import Constants, Points, checked_points, lifted, planar_constants
-from hingepair.pair.hinge_pair import WRENCH_OUTPUTS, HingePair, checked_mass_properties
-from hingepair.pair.states import Energy, Forces, HingeWrench, Momentum, PlanarState
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
 from hingepair.plans.pairs import PLANE
 from hingepair.plans.prepared import Prepared

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from hingepair.errors import ArgumentError, URDFError
-from hingepair.pair.body import Box, Cylinder, Shape, Sphere
+from hingepair.mechanism.bodies.body import Box, Cylinder, Shape, Sphere
 from hingepair.urdf.records import DEFAULT_SIZES, LinkRecord, Visual
 from hingepair.urdf.rigid import FramePose
 
