@@ -70,7 +70,7 @@ PACKAGES_IN_IMPORT_ORDER = (
         "inverse_kinematics",
         "rollouts",
     ),
-    *("mechanism", "measured", "identification", "motion", "symbolic", "formats"),
+    *("mechanism", "measured", "motion", "symbolic", "formats"),
     *("validation", "scenes", "pictures", "sweeps", "bench", "cli"),
 )
 """A package imports only packages that precede it."""

@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from hingepair.formats.recordings import read_recording
     from hingepair.formats.robots import load_robot, load_robot_hinge
     from hingepair.formats.urdf_reader import from_urdf
-    from hingepair.identification.mass_fit import fit_masses
     from hingepair.measured.clusters import fit_cluster
     from hingepair.measured.hinge_fit import HingeFit, fit
     from hingepair.measured.imus import ImuRecording, fit_imus
+    from hingepair.measured.mass_fit import fit_masses
     from hingepair.measured.smoothing.angular_velocity import angular_velocity_from_samples
     from hingepair.measured.smoothing.resample import resample
     from hingepair.measured.smoothing.smooth import smooth
@@ -150,7 +150,7 @@ _LAZY_MODULE_BY_NAME = {
         "formats.recordings": "read_recording",
         "formats.robots": "load_robot load_robot_hinge",
         "formats.urdf_reader": "from_urdf",
-        "identification.mass_fit": "fit_masses",
+        "measured.mass_fit": "fit_masses",
         "motion.integrate": "integrate",
         "motion.trajectory": "Trajectory",
         "measured.clusters": "fit_cluster",

@@ -22,7 +22,7 @@ from hingepair.cli.sources import ColumnOption, Source, parse_columns
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.model_writers import to_urdf
 from hingepair.formats.robot_recordings import read_robot_recording
-from hingepair.identification.mass_fit import JOINT_TERMS, fit_masses
+from hingepair.measured.mass_fit import JOINT_TERMS, fit_masses
 from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.tables.instants import increasing_seconds
 from hingepair.tables.units import Units

@@ -1,4 +1,4 @@
-"""Measured motion, and the hinge found from it: recordings on one clock, smoothed, and the pair fitted to them.
+"""Measured motion, and what is found from it: recordings smoothed and on one clock, hinges, masses of robots.
 
-The equations read backwards. Imports pair, rotations and numeric; SciPy inside the functions that need it.
+The equations read backwards. Imports mechanism, rotations and numeric; SciPy inside the functions that need it.
 """

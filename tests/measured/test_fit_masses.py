@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.identification.mass_fit import JOINT_TERMS
+from hingepair.measured.mass_fit import JOINT_TERMS
 from hingepair.mechanism.mechanism import tree_of
 from support.trees import Robot, random_model, record_of, with_mimics
 
