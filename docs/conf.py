@@ -15,6 +15,7 @@ copyright = "the authors of hingepair"
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
     "command_help",
@@ -28,6 +29,7 @@ myst_heading_anchors = 3
 html_math_renderer = "mathml"
 
 autodoc_default_options = {"members": True, "inherited-members": "Shown, Frozen, Exception"}
+templates_path = ["_templates"]  # of the pages in _generated, one for each name of reference.md
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings give shapes and units, which types do not
 autodoc_preserve_defaults = True
