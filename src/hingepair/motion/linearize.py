@@ -18,10 +18,10 @@ from hingepair.mechanism.methods import Wrenches
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.motion.equations_of_motion import REST
 from hingepair.motion.given_loads import LoadArgument, hinge_load, loads_by_joint, pair_loads
 from hingepair.motion.given_motions import GivenBase
 from hingepair.motion.loads import Loads, MotionAtInstants, has_callable
-from hingepair.motion.robot_motion import REST
 from hingepair.motion.simulate import BaseArgument, initial_state, read_base, robot_of_pair, to_spatial_pair
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only, vectors

@@ -21,12 +21,12 @@ from hingepair.motion.collocation import (
     integration_matrix,
     interpolation_matrix,
 )
-from hingepair.motion.events import JointEvents, UserEvent
-from hingepair.motion.robot_motion import (
+from hingepair.motion.equations_of_motion import (
     RobotMotion,
     RobotSamples,
     StepRecord,
 )
+from hingepair.motion.events import JointEvents, UserEvent
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, real_array
 from hingepair.tables.suspicions import suspicions

@@ -22,14 +22,14 @@ from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair, dy
 from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY, check_masses, pivot_limits
 from hingepair.mechanism.pairs.states import Energy, Momentum
 from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
+from hingepair.motion.equations_of_motion import RobotMotion, RobotSamples
 from hingepair.motion.events import UserEvent
 from hingepair.motion.given_loads import BODY2, LoadArgument, loads_of_pair, pair_loads
 from hingepair.motion.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
 from hingepair.motion.loads import Loads, check_start
-from hingepair.motion.robot_motion import RobotMotion, RobotSamples
 from hingepair.motion.robot_programs import RobotPrograms
 from hingepair.motion.run import Impact, Simulation, joint_impacts, joint_range, read_options
-from hingepair.motion.simulate_robot import simulate_robot
+from hingepair.motion.simulated import simulate_robot
 from hingepair.motion.trajectory import LazyValue, PlanarTrajectory, Trajectory
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, read_only

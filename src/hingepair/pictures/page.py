@@ -24,7 +24,7 @@ from hingepair.equations.quantities import ACCELERATION, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.motion.simulate_robot import SimulatedRobotMotion
+from hingepair.motion.simulated import SimulatedRobotMotion
 from hingepair.numeric.arrays import number_not_below_0
 from hingepair.pictures.curves import check_drawable
 from hingepair.pictures.motion_samples import (

@@ -21,7 +21,7 @@ from hingepair.mechanism.methods import count_operations
 from hingepair.mechanism.pairs.states import Energy, Momentum
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.motion.run import stop_overrun
-from hingepair.motion.simulate_robot import SimulatedRobotMotion
+from hingepair.motion.simulated import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array, one_constant, read_only
 from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.matrices import matrix_to_quaternion

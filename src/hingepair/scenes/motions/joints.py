@@ -16,7 +16,7 @@ from hingepair.errors import choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.motion.simulate_robot import SimulatedRobotMotion
+from hingepair.motion.simulated import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.pairs import SPACE
 from hingepair.rotations.sequences import SEQUENCE_NAMES

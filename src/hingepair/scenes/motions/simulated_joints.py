@@ -16,7 +16,7 @@ from hingepair.mechanism.bodies.hinge_load import HingeLoad, stop_range
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.motion.given_motions import GivenJoint
-from hingepair.motion.simulate_robot import SimulatedRobotMotion, simulate_robot
+from hingepair.motion.simulated import SimulatedRobotMotion, simulate_robot
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.joints import (

@@ -22,11 +22,11 @@ from hingepair.mechanism.results import Result
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.mechanism.tree import loads_note
 from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
+from hingepair.motion.equations_of_motion import REST, RobotMotion
 from hingepair.motion.events import UserEvent
 from hingepair.motion.given_loads import EffortArgument, LoadArgument, robot_loads
 from hingepair.motion.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
 from hingepair.motion.loads import check_start
-from hingepair.motion.robot_motion import REST, RobotMotion
 from hingepair.motion.robot_programs import RobotPrograms
 from hingepair.motion.run import Impact, Simulation, joint_impacts, joint_range, read_options
 from hingepair.motion.trajectory import LazyValue
