@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from hingepair.formats.model_writers import to_mjcf, to_urdf
     from hingepair.formats.recordings import read_recording
     from hingepair.formats.robots import load_robot, load_robot_hinge
-    from hingepair.formats.urdf_reader import from_urdf
     from hingepair.measured.clusters import fit_cluster
     from hingepair.measured.hinge_fit import HingeFit, fit
     from hingepair.measured.imus import ImuRecording, fit_imus
@@ -49,6 +48,7 @@ if TYPE_CHECKING:
     from hingepair.measured.smoothing.smooth import smooth
     from hingepair.mechanism.bodies.body import Body, Box, Cylinder, Sphere
     from hingepair.mechanism.bodies.hinge_load import HingeLoad
+    from hingepair.mechanism.building.urdf import from_urdf
     from hingepair.mechanism.joints import Screw, Slider
     from hingepair.mechanism.linkages import Loop
     from hingepair.mechanism.mechanism import Mechanism
@@ -149,7 +149,6 @@ _LAZY_MODULE_BY_NAME = {
         "formats.model_writers": "to_mjcf to_urdf",
         "formats.recordings": "read_recording",
         "formats.robots": "load_robot load_robot_hinge",
-        "formats.urdf_reader": "from_urdf",
         "measured.mass_fit": "fit_masses",
         "motion.integrate": "integrate",
         "motion.trajectory": "Trajectory",
@@ -159,6 +158,7 @@ _LAZY_MODULE_BY_NAME = {
         "measured.smoothing.resample": "resample",
         "measured.smoothing.smooth": "smooth",
         "tables.instants": "MeasurementWarning",
+        "mechanism.building.urdf": "from_urdf",
         "mechanism.linkages": "Loop",
         "mechanism.struts": "GasSpring",
         "mechanism.mechanism": "Mechanism",

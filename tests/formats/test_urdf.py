@@ -9,13 +9,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from hingepair.errors import URDFError
 from hingepair.formats.model_writers import to_urdf
-from hingepair.formats.urdf_reader import from_urdf
 from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.building.urdf import from_urdf
 from hingepair.mechanism.pairs.accuracy import angular_rate_sizes, error_ratios, output_scales
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.rotations.euler import euler_to_matrix
-from hingepair.urdf.reader import read_urdf
 from support import states
 from support.exported import ARM, pinocchio_of_urdf, welded_robot
 
@@ -105,8 +105,6 @@ def test_origin_and_axis_have_defaults():
 
 def test_a_mimic_joint_is_a_hinge_and_any_axis_is_normalised():
     assert np.array_equal(from_urdf(ARM, "follower").n, (0, 1, 0))
-    assert read_urdf(ARM).hinge("follower").follows == "elbow"
-    assert [joint.name for joint in read_urdf(ARM).hinges()] == ["shoulder", "elbow", "follower"]
 
 
 @pytest.mark.parametrize(("body1", "body2"), [("camera", None), (None, "camera"), ("upper", "lower")])
@@ -140,3 +138,25 @@ def test_frames_are_found_along_fixed_joints_up_and_down(body1, body2):
     offsets = 6 * np.linalg.norm((3, 3, 3))
     assert np.abs(state.R2 - two.translation).max() <= 16 * U * offsets
     assert np.abs(state.S2 - two.rotation).max() <= 6 * 16 * U
+
+
+@pytest.mark.parametrize("kind", ["fixed", "revolute", "prismatic"])
+def test_what_is_fixed_to_a_body_belongs_to_it(kind):
+    mass = '<inertial><mass value="{}"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    joint = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><limit effort="1" velocity="1"/></joint>'
+    links = "".join(f'<link name="{name}">{mass.format(kg)}</link>' for name, kg in (("a", 1), ("b", 2), ("c", 5)))
+    joints = joint.format("j", "revolute", "a", "b") + joint.format("k", kind, "b", "c")
+    text = f'<robot name="r">{links}{joints}</robot>'
+    assert from_urdf(text, "j").body2.mass == (7 if kind == "fixed" else 2)
+    assert sum(inertia.mass for inertia in pin.buildModelFromXML(text).inertias) == 8
+
+
+@pytest.mark.parametrize(
+    ("options", "argument"),
+    [({"joint": "slide"}, "joint"), ({"joint": "elbw"}, "joint"), ({"body1_frame": "hand"}, "body1_frame"),
+     ({"body2_frame": "hand"}, "body2_frame"), ({"points": ["hand"]}, "points")],
+)  # fmt: skip
+def test_a_hinge_or_a_frame_that_is_not_there_is_named(options, argument):
+    with pytest.raises(URDFError) as raised:
+        from_urdf(ARM, **{"joint": "elbow", **options})
+    assert raised.value.name == argument

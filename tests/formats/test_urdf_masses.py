@@ -9,8 +9,8 @@ import pinocchio as pin
 import pytest
 
 from hingepair.errors import URDFError
-from hingepair.formats.urdf_reader import from_urdf
 from hingepair.mechanism.bodies.body import DynamicsWarning
+from hingepair.mechanism.building.urdf import from_urdf
 from hingepair.rotations.matrices import rotation_exp
 from support import states
 from support.exported import ARM, welded_robot

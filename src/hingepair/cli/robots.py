@@ -11,19 +11,12 @@ from hingepair.cli.output import JsonOption
 from hingepair.cli.sources import Source
 from hingepair.errors import ArgumentError, URDFError, printable
 from hingepair.formats.robots import robot_names, robot_urdf
-from hingepair.formats.urdf_reader import hinge_pair
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.tables.sheets import align_columns, json_text
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.records import (
-    HINGE_TYPES,
-    SLIDER_TYPES,
-    JointRecord,
-    MimicRecord,
-    RobotRecord,
-)
+from hingepair.urdf.records import HINGE_TYPES, SLIDER_TYPES, JointRecord, MimicRecord
 
 # Headings of the table of robots.
 ROBOT_HEADINGS = ("robot", "dof", "hinges", "sliders", "following")
@@ -92,9 +85,8 @@ def _robot_table_row(robot: str) -> dict[str, Any]:
     joints = read_urdf(robot_urdf(robot)).joints
     hinges, sliders = ([joint for joint in joints if joint.type in types] for types in (HINGE_TYPES, SLIDER_TYPES))
     names = {joint.name for joint in joints}
-    following = sum(
-        joint.follows in names for joint in hinges + sliders
-    )  # a joint whose leader is missing does not count
+    # A joint whose leader is missing does not count.
+    following = sum(joint.mimic is not None and joint.mimic.leader in names for joint in hinges + sliders)
     numbers = (len(hinges), len(sliders), following)
     return dict(zip(ROBOT_HEADINGS, (robot, sum(numbers[:2]) - following, *numbers), strict=True))
 
@@ -103,20 +95,20 @@ def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
     """Return what --json prints of a robot."""
     path = name_or_urdf_file if Source(name_or_urdf_file).is_urdf else robot_urdf(name_or_urdf_file)
     robot = read_urdf(path)
-    moving = [joint for joint in robot.joints if joint.type in (*HINGE_TYPES, *SLIDER_TYPES) and joint.name]
+    moving = {joint.name: joint for joint in robot.joints if joint.type in (*HINGE_TYPES, *SLIDER_TYPES)}
     fixed = [joint.name for joint in robot.joints if joint.type == "fixed"]
     report: dict[str, Any] = {"robot": robot.name, "dof": None, "joints": [], "folded": fixed, "notes": []}
     try:
         mechanism = Mechanism.from_urdf(path)
     except (URDFError, ArgumentError) as error:
-        report["joints"] = [_joint_row(robot, joint) for joint in moving]
+        report["joints"] = [_joint_row(joint) for joint in moving.values()]
         report["notes"] = [f"The joints cannot be loaded as a whole robot: {error}"]
         return report
-    by_name = {joint.name: joint for joint in moving}
-    for number, facts in enumerate(_tree_facts(tree_of(mechanism))):
-        joint = by_name[tree_of(mechanism).joints[number].name]
-        report["joints"].append(_joint_row(robot, joint) | facts)
-    return report | {"dof": mechanism.dof, "notes": list(tree_of(mechanism).notes)}
+    tree = tree_of(mechanism)
+    report["joints"] = [
+        _joint_row(moving[joint.name]) | facts for joint, facts in zip(tree.joints, _tree_facts(tree), strict=True)
+    ]
+    return report | {"dof": mechanism.dof, "notes": list(tree.notes)}
 
 
 def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
@@ -138,36 +130,32 @@ def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
     return facts
 
 
-def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
-    """Return what --json prints of a hinge or slider by itself; `error` says why it cannot be loaded."""
-    kind = "hinge" if joint.type in HINGE_TYPES else "slider"
-    row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}
-    row |= {"parent": joint.parent, "child": joint.child, "follows": joint.follows, "mimic": None}
-    row |= dict.fromkeys(("mass1", "mass2", "mass_moved"))
-    try:
-        if kind == "hinge":
-            hinge_pair(robot, joint.name, name=joint.name)  # raises an error if the hinge cannot be loaded as a pair
-        home, u1 = joint.pose
-        axis = unit_axis("axis", joint.axis)
-        row |= {
-            "axis": axis.tolist(),
-            "n": (home @ axis + 0.0).tolist(),
-            "u1": u1.tolist(),
-            "home": home.tolist(),
-            "limits": joint.limits,
-        }
-        row |= {"effort_limit": joint.effort, "rate_limit": joint.velocity}
-    except (URDFError, ArgumentError) as error:
-        row["error"] = str(error)
-    return row
+def _joint_row(joint: JointRecord) -> dict[str, Any]:
+    """Return what --json prints of a hinge or slider by itself."""
+    axis, home = unit_axis("axis", joint.axis), joint.pose.rotation
+    return {
+        "index": None,
+        "joint": joint.name,
+        "kind": "hinge" if joint.type in HINGE_TYPES else "slider",
+        "type": joint.type,
+        "parent": joint.parent,
+        "child": joint.child,
+        "follows": "" if joint.mimic is None else joint.mimic.leader,
+        **dict.fromkeys(("mimic", "mass1", "mass2", "mass_moved")),
+        "axis": axis.tolist(),
+        "n": (home @ axis + 0.0).tolist(),
+        "u1": joint.pose.origin.tolist(),
+        "home": home.tolist(),
+        "limits": joint.limits,
+        "effort_limit": joint.effort,
+        "rate_limit": joint.velocity,
+    }
 
 
 def _joint_cells(row: dict[str, Any]) -> list[str]:
     """Return the cells of a joint in the table of joints."""
     index_text = "" if row["index"] is None else str(row["index"])
     names = [index_text, *(printable(row[key]) for key in ("joint", "kind", "parent", "child"))]
-    if "error" in row:
-        return [*names, row["error"], *[""] * 6]
     limits = "none" if row["limits"] is None else " to ".join(map(_format_number, row["limits"]))
     axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in row["axis"])
     numbers = (_format_number(row[key]) for key in ("effort_limit", "rate_limit", "mass2", "mass_moved"))
@@ -190,7 +178,7 @@ def _joint_table_notes(name: str, report: dict[str, Any]) -> Sequence[str]:
         sentences.append(f"{name}: q has {report['dof']} {'coordinate' if report['dof'] == 1 else 'coordinates'}.")
     if folded:
         sentences.append(f"Fixed joints, whose links are part of the body that carries them: {', '.join(folded)}.")
-    pairs = [row for row in joints if row["kind"] == "hinge" and "error" not in row]
+    pairs = [row for row in joints if row["kind"] == "hinge"]
     if pairs:
         sentences.append(f"Each hinge can be used as a pair, for example: hingepair view {name} {pairs[0]['joint']}")
     return [*sentences, *report["notes"]]

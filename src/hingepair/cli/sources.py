@@ -13,7 +13,7 @@ import typer
 
 from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices, printable, quoted
 from hingepair.formats.robots import load_robot, robot_urdf
-from hingepair.formats.urdf_reader import from_urdf, hinge_pair
+from hingepair.mechanism.building.urdf import from_urdf, hinge_of_urdf
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
@@ -22,6 +22,7 @@ from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes.load import SceneFile, load_scene
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.urdf.reader import read_urdf
+from hingepair.urdf.records import HINGE_TYPES
 
 if TYPE_CHECKING:
     from hingepair.scenes.motions.simulated import DynamicsSetup
@@ -132,7 +133,7 @@ class Source:
         if self.is_urdf or (joint is not None and os.path.isfile(text)):
             return from_urdf(text, self._require_joint(), *frames)
         if joint is not None:
-            return hinge_pair(read_urdf(robot_urdf(text)), joint, *frames, name=f"{text}/{joint}")
+            return hinge_of_urdf(robot_urdf(text), joint, *frames, name=f"{text}/{joint}")
         if any(frames):
             raise HingePairError("--body1-frame and --body2-frame: expected a JOINT, whose links they name, got none")
         if names_robot(text):
@@ -164,8 +165,8 @@ class Source:
     def _require_joint(self) -> str:
         """Return JOINT; raise an ArgumentError with the names of the hinges if it is missing."""
         if self.joint is None:
-            hinges = read_urdf(self.text if self.is_urdf else robot_urdf(self.text)).hinges()
-            names = choices([hinge.name for hinge in hinges])
+            joints = read_urdf(self.text if self.is_urdf else robot_urdf(self.text)).joints
+            names = choices([joint.name for joint in joints if joint.type in HINGE_TYPES])
             raise ArgumentError("JOINT", f"a hinge of {self.text}: {names}", "none")
         return self.joint
 

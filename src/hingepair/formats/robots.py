@@ -14,10 +14,9 @@ from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.formats.urdf_reader import hinge_pair
+from hingepair.mechanism.building.urdf import hinge_of_urdf
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.urdf.reader import read_urdf
 
 _DATA = "example-robot-data"  # the package with the URDF files
 
@@ -73,7 +72,7 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
     >>> pair.n.tolist(), pair.u1.tolist()
     ([0.0, 1.0, 0.0], [0.02, 0.0, -0.273])
     """
-    return hinge_pair(read_urdf(robot_urdf(robot)), joint, name=f"{robot}/{joint}")
+    return hinge_of_urdf(robot_urdf(robot), joint, name=f"{robot}/{joint}")
 
 
 def robot_names() -> tuple[str, ...]:

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
-from hingepair.errors import ArgumentError, URDFError
+from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.body import Box, Cylinder, Shape, Sphere
-from hingepair.urdf.records import DEFAULT_SIZES, LinkRecord, Visual
+from hingepair.urdf.records import SHAPE_SIZES, LinkRecord, Visual
 from hingepair.urdf.rigid import FramePose
 
 _MESH_SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf")
@@ -113,42 +113,41 @@ def body_drawing(parts: Iterable[tuple[LinkDrawing, FramePose]]) -> BodyDrawing:
     return BodyDrawing(tuple(shapes), bool(shapes), tuple(visuals), tuple(collisions), tuple(unread))
 
 
-def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
-    """Return the shapes of a link, in its axes, from the first of the elements `tags` ("visual", "collision") that
-    holds nothing else; () if nothing is drawn, None if meshes draw it or it cannot be read.
-    """
-    drawn = False
-    for tag in tags:
-        try:
-            visuals = link.visuals(tag)
-            if visuals and all(visual.kind in DEFAULT_SIZES for visual in visuals):
-                return tuple(_shape_of_visual(visual) for visual in visuals if min(visual.sizes) > 0)
-        except (URDFError, ArgumentError):  # the drawing of a link does not matter to motion
-            return None
-        drawn = drawn or bool(visuals)
-    return None if drawn else ()
-
-
 def link_drawing(link: LinkRecord, folder: Path | None) -> LinkDrawing:
     """Return what a URDF draws a link by; `folder` is that of the file."""
     unread = []
     drawn: dict[str, tuple[Drawn, ...]] = {}
-    for tag in ("visual", "collision"):
+    shapes: tuple[Shape, ...] | None = ()  # of the first kind of elements that are nothing else
+    for tag, written in (("visual", link.visuals), ("collision", link.collisions)):
+        records, own = written, list[Drawn]()
         try:
-            records = link.visuals(tag)
-            known = [one for one in records if one.kind in DEFAULT_SIZES or one.file]
-            drawn[tag] = tuple(
-                Mesh(one.file, folder, one.scale, one.pose, one.colour) if one.file else _shape_of_visual(one)
-                for one in known
-                if one.file or min(one.sizes) > 0
-            )
-        except (URDFError, ArgumentError):  # the drawing of a link does not matter to motion
-            records, known = [], []
-            drawn[tag] = ()
+            own = [one for record in written or () for one in _drawn(record, folder)]
+        except ArgumentError:  # the drawing of a link does not matter to motion
+            records = None
+        if records is None or any(one.kind not in SHAPE_SIZES and not one.file for one in records):
             unread.append(f"{tag} of link {link.name!r}")
-        if len(known) < len(records):
-            unread.append(f"{tag} of link {link.name!r}")
-    return LinkDrawing(link_shapes(link, "visual", "collision"), drawn["visual"], drawn["collision"], tuple(unread))
+        drawn[tag] = tuple(own)
+        if shapes:
+            continue
+        if records and all(one.kind in SHAPE_SIZES for one in records):
+            shapes = tuple(one for one in own if not isinstance(one, Mesh))
+        elif records != ():
+            shapes = None
+    return LinkDrawing(shapes, drawn["visual"], drawn["collision"], tuple(unread))
+
+
+def _drawn(visual: Visual, folder: Path | None) -> list[Drawn]:
+    """Return the shape or mesh of a URDF, in the axes of its link; nothing of what is unknown or has no size."""
+    if visual.file:
+        return [Mesh(visual.file, folder, visual.scale, visual.pose, visual.colour)]
+    if visual.kind not in SHAPE_SIZES or min(visual.sizes) <= 0:
+        return []
+    axes, center = (part + 0.0 for part in visual.pose)
+    if visual.kind == "box":
+        return [Box(visual.sizes, center, axes)]
+    if visual.kind == "cylinder":
+        return [Cylinder(visual.sizes[0], visual.sizes[1], center, axes[:, 2])]
+    return [Sphere(visual.sizes[0], center)]
 
 
 _S = TypeVar("_S", bound="Shape | Mesh")
@@ -168,13 +167,3 @@ def _placed_shape(shape: Any, pose: FramePose) -> Any:
     if isinstance(shape, Cylinder):
         return Cylinder(shape.radius, shape.length, center, pose.rotation @ shape.axis)
     return Sphere(shape.radius, center)
-
-
-def _shape_of_visual(visual: Visual) -> Shape:
-    """Return the box, cylinder or sphere of a URDF, in the axes of its link."""
-    axes, center = (part + 0.0 for part in visual.pose)
-    if visual.kind == "box":
-        return Box(visual.sizes, center, axes)
-    if visual.kind == "cylinder":
-        return Cylinder(visual.sizes[0], visual.sizes[1], center, axes[:, 2])
-    return Sphere(visual.sizes[0], center)

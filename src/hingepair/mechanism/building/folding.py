@@ -34,7 +34,7 @@ from hingepair.mechanism.tree import (
 from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, read_only
 from hingepair.numeric.blocks import versine
 from hingepair.urdf import records
-from hingepair.urdf.records import sine_and_cosine
+from hingepair.urdf.reader import sine_and_cosine
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, combined_inertia
 
 

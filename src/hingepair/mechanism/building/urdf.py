@@ -1,24 +1,31 @@
-"""The reader of robots in URDF."""
+"""The reader of robots in URDF, and of one hinge as a pair."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
-from hingepair.errors import ArgumentError, URDFError, quoted
-from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.errors import ArgumentError, URDFError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.bodies.shapes import link_drawing
-from hingepair.mechanism.building.folding import JointPart, chosen_base, fold_parts, locked_positions
+from hingepair.mechanism.bodies.shapes import body_drawing, link_drawing
+from hingepair.mechanism.building.folding import (
+    JointPart,
+    chosen_base,
+    fold_parts,
+    locked_positions,
+    mass_properties,
+)
 from hingepair.mechanism.joints import JointKind
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.tree import Source, Tree
 from hingepair.numeric.arrays import number_not_below_0
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf import records
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.rigid import IDENTITY_POSE
+from hingepair.urdf.rigid import IDENTITY_POSE, FramePose
 
 # Kind of a `JointPart`, by the type of its URDF joint; others are refused.
 _KIND_OF_TYPE: Mapping[str, JointKind] = {
@@ -38,16 +45,16 @@ def tree_of_urdf(
     if tolerance > _MAX_SNAP:
         raise ArgumentError("snap", f"an angle [rad] of at most {_MAX_SNAP}", snap)
     robot = read_urdf(path_or_text, tolerance)
-    own, parts = _parts(robot)
+    own, parts = _parts(robot, warns=True)
     chosen = chosen_base(base, own)
     held = locked_positions(parts, locked)
     tree = fold_parts(robot.name, parts, chosen, held)
     return replace(tree, source=Source(robot.text, held, tolerance)), chosen
 
 
-def _parts(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"], list[JointPart]]:
+def _parts(robot: records.RobotRecord, *, warns: bool) -> tuple[Literal["fixed", "free"], list[JointPart]]:
     """Return the kind of the base, and the parts: the base, then the joints depth-first by name."""
-    root, joints = robot.tree()
+    root, joints = robot.root, robot.joints
     is_free = bool(joints) and joints[0].type == "floating" and all(joint.parent != root for joint in joints[1:])
     if is_free:
         root, joints = joints[0].child, joints[1:]
@@ -59,33 +66,177 @@ def _parts(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"], list[J
         if joint.type not in _KIND_OF_TYPE:
             expected = f"a type out of {', '.join(_KIND_OF_TYPE)}"
             raise URDFError(f"joint {joint.name!r}", expected, quoted(joint.type) if joint.type else "none")
-        numbers[joint.child] = len(parts)
-        link = _link_content(robot, joint.child, joint.child not in parents)
-        kind = _KIND_OF_TYPE[joint.type]
-        if kind == "fixed":
-            parts.append(JointPart(joint.name, kind, numbers[joint.parent], joint.pose, **link))
-            continue
-        axis = unit_axis(f"joint {joint.name!r}, axis", joint.axis)
-        limits: dict[str, Any] = {"limits": joint.limits, "effort_limit": joint.effort, "rate_limit": joint.velocity}
-        limits["load"] = HingeLoad(damping=joint.damping, friction=joint.friction)
         mimic = joint.mimic
         if mimic is not None and mimic.leader not in names:
-            message = (
+            lost = (
                 f"joint {joint.name!r} follows {mimic.leader!r}, which the robot does not have; it moves on its own"
             )
-            warn_of_dynamics(message)
+            if warns:
+                warn_of_dynamics(lost)
             mimic = None
-        limits |= {"mimic": mimic, "continuous": joint.type == "continuous"}
-        parts.append(JointPart(joint.name, kind, numbers[joint.parent], joint.pose, axis, **link, **limits))
+        numbers[joint.child] = len(parts)
+        parts.append(JointPart(
+            joint.name, _KIND_OF_TYPE[joint.type], numbers[joint.parent], joint.pose,
+            unit_axis(f"joint {joint.name!r}, axis", joint.axis),
+            **_link_content(robot, joint.child, joint.child not in parents),
+            limits=joint.limits, effort_limit=joint.effort, rate_limit=joint.velocity, mimic=mimic,
+            load=HingeLoad(damping=joint.damping, friction=joint.friction), continuous=joint.type == "continuous",
+        ))  # fmt: skip
     return ("free" if is_free else "fixed"), parts
 
 
 def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> dict[str, Any]:
     """Return what a `JointPart` takes of a link."""
-    link = robot.links[link_name][0]
+    link = robot.links[link_name]
     return {
         "links": {link_name: IDENTITY_POSE},
         "leaves": (link_name,) if is_leaf else (),
-        "inertias": {link_name: link.inertia()},
+        "inertias": {link_name: link.inertia},
         "drawing": link_drawing(link, robot.folder),
     }
+
+
+# ---- one hinge
+
+
+def from_urdf(
+    path_or_text: str | os.PathLike[str],
+    joint: str,
+    body1_frame: str | None = None,
+    body2_frame: str | None = None,
+    *,
+    points: Iterable[str] = (),
+) -> HingePair:
+    """Read one hinge of a robot from a URDF file or from URDF text.
+
+    Each body is the link of the joint with all links that are rigidly fixed to it.
+
+    Args:
+        path_or_text: path of a file, or the URDF itself (text that starts with "<").
+        joint: name of a revolute or continuous joint, which may be a mimic joint.
+        body1_frame: name of the link whose frame is (R1, S1): the parent link of the joint (default), or one that is
+            rigidly fixed to it.
+        body2_frame: name of the link whose frame is (R2, S2): the child link of the joint (default), or one that is
+            rigidly fixed to it. With "body2", a pair that `to_urdf` wrote has the same u2 again.
+        points: names of links that are rigidly fixed to either body. Their origins become points of the pair.
+
+    Returns:
+        The HingePair, which has the name of the joint. With the default frames, u1 and home are the position and the
+        rotation of the joint's `<origin>`, and u2 is zero.
+
+        - `limits`, `torque_limit` (effort) and `rate_limit` (velocity) are None where they are not stated; limits
+          also if both are 0, and those of a continuous joint.
+        - `body1` and `body2` are None if nothing has mass, and, with a warning, if no rigid body can have the mass
+          properties. Their `shapes` are the boxes, cylinders and spheres of `<visual>` or else of `<collision>`; none
+          if one of the links has others, such as meshes.
+
+    Raises:
+        URDFError: the URDF cannot be read, as for `Mechanism.from_urdf`, or has no such hinge or frame.
+
+    >>> import hingepair as hp
+    >>> beam = hp.Body(mass=2, shapes=[hp.Box((1, 0.2, 0.1))])
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0), body1=beam, body2=beam)
+    >>> hp.from_urdf(hp.to_urdf(pair), joint="hinge", body2_frame="body2").u2.tolist()
+    [-0.25, 0.1, 0.0]
+    """
+    return hinge_of_urdf(path_or_text, joint, body1_frame, body2_frame, points=points, warns=True)
+
+
+def hinge_of_urdf(
+    path_or_text: str | os.PathLike[str],
+    joint: str,
+    body1_frame: str | None = None,
+    body2_frame: str | None = None,
+    *,
+    points: Iterable[str] = (),
+    name: str | None = None,
+    warns: bool = False,
+) -> HingePair:
+    """Return what `from_urdf` does, under another name; masses are left out with a warning if it `warns`."""
+    robot = read_urdf(path_or_text)
+    parts = _parts(robot, warns=False)[1]
+    numbers = {part.name: number for number, part in enumerate(parts) if part.kind == "hinge"}
+    if joint not in numbers:
+        known = choices(list(numbers)) if numbers else "a robot with a revolute or continuous joint"
+        kind = next((f", which is {one.type}" for one in robot.joints if one.name == joint), "")
+        raise URDFError("joint", known + ("" if kind else nearest(str(joint), numbers)), f"{quoted(joint)}{kind}")
+    hinge = parts[numbers[joint]]
+    one = _Side.of(parts, "body1_frame", hinge.parent, body1_frame, warns)
+    two = _Side.of(parts, "body2_frame", numbers[joint], body2_frame, warns)
+    points = (points,) if isinstance(points, str) else tuple(points)
+    for link in points:
+        if link not in {**one.places, **two.places}:
+            expected = f"links fixed to either body: {choices((*one.places, *two.places))}"
+            raise URDFError("points", expected, quoted(link))
+    home, u1 = one.frame.seen(hinge.pose)
+    return HingePair(
+        u1=u1 + 0.0,
+        u2=two.frame.seen(IDENTITY_POSE).origin + 0.0,
+        n=home @ hinge.axis + 0.0,
+        home=home @ two.frame.rotation + 0.0,
+        name=joint if name is None else name,
+        limits=hinge.limits,
+        torque_limit=hinge.effort_limit,
+        rate_limit=hinge.rate_limit,
+        body1=one.body,
+        body2=two.body,
+        points1={link: one.places[link].origin + 0.0 for link in points if link in one.places},
+        points2={link: two.places[link].origin + 0.0 for link in points if link in two.places},
+    )
+
+
+class _Side(NamedTuple):
+    """One of the two bodies of a hinge."""
+
+    frame: FramePose  # of the body, in the axes of the link at the hinge
+    places: dict[str, FramePose]  # of all links of the body, in its frame
+    body: Body | None
+
+    @classmethod
+    def of(cls, parts: list[JointPart], argument: str, number: int, frame: str | None, warns: bool) -> _Side:
+        """Return the body of a part; the argument says which of its links has the frame, by default the part's."""
+        poses = _fixed_to(parts, number)
+        links = {next(iter(parts[one].links)): pose for one, pose in poses.items()}
+        own = next(iter(links))
+        if frame is not None and frame not in links:
+            raise URDFError(argument, f"a link rigidly fixed to {own!r}: {choices(list(links))}", quoted(frame))
+        chosen = links[own if frame is None else frame]
+        body = _body([(parts[one], chosen.seen(pose)) for one, pose in poses.items()], warns)
+        return cls(chosen, {link: chosen.seen(pose) for link, pose in links.items()}, body)
+
+
+def _fixed_to(parts: list[JointPart], start: int) -> dict[int, FramePose]:
+    """Return the poses of a part and of all that fixed joints hold to it, up and down the tree, in its axes."""
+    neighbours: dict[int, list[tuple[int, FramePose]]] = {number: [] for number in range(len(parts))}
+    for number, part in enumerate(parts[1:], 1):
+        if part.kind == "fixed":
+            neighbours[part.parent].append((number, part.pose))
+            neighbours[number].append((part.parent, part.pose.seen(IDENTITY_POSE)))
+    poses, waiting = {start: IDENTITY_POSE}, [start]
+    while waiting:
+        here = waiting.pop()
+        for other, pose in neighbours[here]:
+            if other not in poses:
+                poses[other] = poses[here].placed(pose)
+                waiting.append(other)
+    return poses
+
+
+def _body(parts: list[tuple[JointPart, FramePose]], warns: bool) -> Body | None:
+    """Return parts that are fixed to each other as one Body; None without mass, or with one of no rigid body."""
+    inertias = {link: inertia.placed(pose) for part, pose in parts for link, inertia in part.inertias.items()}
+    heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass}
+    if not heavy:
+        return None
+    try:
+        for link, inertia in heavy.items():
+            if inertia.mass < 0:
+                raise ArgumentError(f"mass of {link!r}", "a number above 0", inertia.mass)
+        masses = mass_properties(heavy)
+        shapes = body_drawing((part.drawing, pose) for part, pose in parts).shapes
+        return Body(masses.mass, masses.centre_of_mass, masses.inertia, shapes)
+    except ArgumentError as error:
+        if warns:
+            links = ", ".join(map(repr, heavy))
+            warn_of_dynamics(f"the mass properties of the body of {links} are left out: {error}")
+    return None
