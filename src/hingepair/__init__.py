@@ -25,7 +25,7 @@ from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.pairs.states import PairState
+from hingepair.mechanism.states import PairState
 from hingepair.rotations.matrices import (
     project_to_rotation,
     rodrigues,

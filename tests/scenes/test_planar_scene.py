@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.mechanism.pairs.states import PlanarState
+from hingepair.mechanism.states import PlanarState
 from support.summed import summed
 
 PLANAR_MOTION_KIND = """

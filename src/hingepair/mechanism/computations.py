@@ -19,14 +19,15 @@ from hingepair.mechanism.constants import (
     robot_constants,
     split_numbers,
 )
-from hingepair.mechanism.pairs.states import Energy, Momentum
 from hingepair.mechanism.states import (
+    Energy,
     JointResults,
     JointWrenches,
     MechanismAccelerations,
     MechanismDerivatives,
     MechanismForces,
     MechanismState,
+    Momentum,
     joint_results_class,
     mechanism_state_class,
 )

@@ -41,14 +41,15 @@ from hingepair.mechanism.inverse_kinematics import read_max_change, read_query, 
 from hingepair.mechanism.linkages import follow_path
 from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, transmission
 from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
-from hingepair.mechanism.pairs.states import Energy, Momentum
 from hingepair.mechanism.rollout import PreparedRollout, Rollout, rolled_out
 from hingepair.mechanism.states import (
+    Energy,
     JointWrenches,
     MechanismAccelerations,
     MechanismDerivatives,
     MechanismForces,
     MechanismState,
+    Momentum,
 )
 from hingepair.mechanism.tree import Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, is_zero, one_constant, set_frozen

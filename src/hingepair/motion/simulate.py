@@ -20,7 +20,7 @@ from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair, co
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair, dynamics_in_space
 from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY, check_masses, pivot_limits
-from hingepair.mechanism.pairs.states import Energy, Momentum
+from hingepair.mechanism.states import Energy, Momentum
 from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
 from hingepair.motion.equations_of_motion import RobotMotion, RobotSamples
 from hingepair.motion.events import UserEvent

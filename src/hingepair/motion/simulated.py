@@ -17,9 +17,8 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
 from hingepair.mechanism.bodies.hinge_load import HingeTorque
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
-from hingepair.mechanism.pairs.states import Energy, Momentum
 from hingepair.mechanism.results import Result
-from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
+from hingepair.mechanism.states import Energy, FrameState, MechanismForces, MechanismState, Momentum
 from hingepair.mechanism.tree import loads_note
 from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
 from hingepair.motion.equations_of_motion import REST, RobotMotion

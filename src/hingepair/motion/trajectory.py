@@ -14,8 +14,8 @@ from hingepair.engine.results import missing_attribute_error
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.states import PairState, PlanarState
 from hingepair.mechanism.results import Result
+from hingepair.mechanism.states import PairState, PlanarState
 from hingepair.numeric.arrays import Frozen, check_choice, read_only
 from hingepair.numeric.blocks import components_of, tabulate_one
 from hingepair.plans.pairs import unit_among

@@ -20,7 +20,7 @@ from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
 from hingepair.mechanism.pairs.requests import ROWS, computation_of, compute_arrays
-from hingepair.mechanism.pairs.states import Energy, Momentum, PairState, PlanarState
+from hingepair.mechanism.states import Energy, Momentum, PairState, PlanarState
 from hingepair.motion.run import stop_overrun
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.arguments import check_outputs

@@ -18,8 +18,7 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.methods import count_operations
-from hingepair.mechanism.pairs.states import Energy, Momentum
-from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
+from hingepair.mechanism.states import Energy, FrameState, MechanismForces, MechanismState, Momentum
 from hingepair.motion.run import stop_overrun
 from hingepair.motion.simulated import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array, one_constant, read_only

@@ -19,7 +19,8 @@ from hingepair.mechanism.pairs import accuracy, requests, residuals, tolerances
 from hingepair.mechanism.pairs.geometry import Constants, Points, checked_points, spatial_constants
 from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.residuals import Residuals
-from hingepair.mechanism.pairs.states import (
+from hingepair.mechanism.pairs.tolerances import PoseCovariance
+from hingepair.mechanism.states import (
     Accelerations,
     Energy,
     Forces,
@@ -27,7 +28,6 @@ from hingepair.mechanism.pairs.states import (
     Momentum,
     PairState,
 )
-from hingepair.mechanism.pairs.tolerances import PoseCovariance
 from hingepair.numeric.arrays import FloatArray, Frozen, call_text, number_not_below_0, one_constant, set_frozen
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
 from hingepair.plans.prepared import Prepared

@@ -17,7 +17,7 @@ from hingepair.mechanism.bodies.body_motion import motion_of_rotations
 from hingepair.mechanism.pairs import accuracy, requests
 from hingepair.mechanism.pairs.geometry import Constants, Points, checked_points, lifted, planar_constants
 from hingepair.mechanism.pairs.hinge_pair import WRENCH_OUTPUTS, HingePair, checked_mass_properties
-from hingepair.mechanism.pairs.states import Energy, Forces, HingeWrench, Momentum, PlanarState
+from hingepair.mechanism.states import Energy, Forces, HingeWrench, Momentum, PlanarState
 from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, call_text, set_frozen
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
 from hingepair.plans.pairs import PLANE

@@ -24,7 +24,7 @@ from hingepair.mechanism.pairs.geometry import (
     least_axis,
     tree_numbers,
 )
-from hingepair.mechanism.pairs.states import (
+from hingepair.mechanism.states import (
     Accelerations,
     Energy,
     Forces,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.accuracy import angular_rate_sizes, euler_rate_sizes
 from hingepair.mechanism.pairs.planar_pair import motion_in_space
-from hingepair.mechanism.pairs.states import PairState, PlanarState
+from hingepair.mechanism.states import PairState, PlanarState
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.pairs import PLANE, SPACE, PairKind
 from hingepair.rotations.matrices import matrix_to_quaternion, rotation_exp
