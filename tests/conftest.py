@@ -112,6 +112,6 @@ def each_backend(request, monkeypatch):
     def forced(backend, workers):
         return execution_of(request.param if backend == "auto" else backend, workers)
 
-    for module in (hingepair.mechanism.pairs.hinge_pair, hingepair.mechanism.pairs.requests):
+    for module in (hingepair.mechanism.pairs.hinge_pair, hingepair.mechanism.requests):
         monkeypatch.setattr(module, "execution_of", forced)
     return request.param

@@ -68,7 +68,7 @@ def test_what_is_written_is_what_was_computed(
 ) -> None:
     # The process of the command computes so few instants with NumPy; this one may have compiled kernels by now.
     monkeypatch.setattr(
-        "hingepair.mechanism.pairs.hinge_pair.execution_of", lambda _, workers: execution_of("numpy", workers)
+        "hingepair.mechanism.requests.execution_of", lambda _, workers: execution_of("numpy", workers)
     )
     target = tmp_path / f"result{suffix}"
     assert str(target) in run_command(

@@ -23,7 +23,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.model_writers import to_urdf
 from hingepair.formats.robot_recordings import read_robot_recording
 from hingepair.measured.mass_fit import JOINT_TERMS, fit_masses
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.tables.instants import increasing_seconds
 from hingepair.tables.units import Units
 from hingepair.tables.whole_file import whole_file

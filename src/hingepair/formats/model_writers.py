@@ -26,9 +26,9 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import BodyDrawing
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, MassProperties, Tree, hinge_of_pair
 from hingepair.numeric.arrays import Float64Array, check_choice
 from hingepair.urdf.rigid import FramePose

@@ -16,7 +16,7 @@ from hingepair.measured.least_squares import neighbour_correlation, sandwich, sc
 from hingepair.measured.robust import LOSSES, OUTLIER, Loss, loss_weights, median_variance
 from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, inertia_matrices
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, check_choice, finite_number, read_only
 from hingepair.numeric.optional import new_figure
 from hingepair.plans.arguments import Coordinates, read_arguments

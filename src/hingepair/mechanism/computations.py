@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
-from hingepair.equations.quantities import QUANTITIES
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
 from hingepair.mechanism.constants import (
@@ -19,15 +18,12 @@ from hingepair.mechanism.constants import (
     robot_constants,
     split_numbers,
 )
+from hingepair.mechanism.requests import ALL_COORDINATES, ROBOT_TASKS
 from hingepair.mechanism.states import (
-    Energy,
     JointResults,
     JointWrenches,
-    MechanismAccelerations,
     MechanismDerivatives,
-    MechanismForces,
     MechanismState,
-    Momentum,
     joint_results_class,
     mechanism_state_class,
 )
@@ -63,64 +59,15 @@ Loads: TypeAlias = Mapping[str, tuple[Any, str]]
 """Forces and torques by input name: the value, and its name in messages."""
 
 
-class Task(NamedTuple):
-    """Arguments and outputs of what is computed of a robot under one name: a method's, or one for `prepare`."""
-
-    given: tuple[str, ...]
-    outputs: tuple[str, ...]
-    result: type[Results] | None = None  # None: the only output as an array
-
-
-MOTION_LEVELS: Final = ("pose", "velocity", "acceleration")  # tasks of frames, by the order of the time derivative
-FREE_BASE_OUTPUTS: Final = ("a1", "alpha1")  # of forward dynamics, where forces move the base
 ONE_FRAME: Final = ("acceleration_bias",)  # outputs that take a single frame
 OF_FRAMES: Final = (*FRAME_OUTPUTS, *JACOBIANS, *ONE_FRAME)  # outputs that take frames, and need no masses
-ALL_COORDINATES: Final = ("q_all", "qd_all", "qdd_all")  # of a closed mechanism; each is a task, with those before it
-OF_STRUTS: Final = ("strut_length", "strut_rate", "strut_force")
+OF_STRUTS: Final = ROBOT_TASKS["struts"].outputs
 OF_LOOPS: Final = (*ALL_COORDINATES, "loop_jacobian", "loop_wrenches")  # like those of struts, without masses
 OF_BODIES: Final = ("torque_regressor",)  # outputs that take the frames of all bodies, and need no masses
-_MOTION: Final = ("q", "qd", "qdd")
-
-TASKS: Final[Mapping[str, Task]] = {
-    **{
-        level: Task(
-            _MOTION[: order + 1],
-            tuple(name for name in FRAME_OUTPUTS if QUANTITIES[name].order <= order),
-            MechanismState,
-        )
-        for order, level in enumerate(MOTION_LEVELS)
-    },
-    "jacobian": Task(("q",), ("jacobian",)),
-    "jacobian_in_frame": Task(("q",), ("jacobian_in_frame",)),
-    "acceleration_bias": Task(("q", "qd"), ("acceleration_bias",)),
-    "inverse_dynamics": Task(_MOTION, ("tau", "force1", "torque1"), MechanismForces),
-    "joint_wrenches": Task(_MOTION, ("force", "torque"), JointWrenches),
-    "torque_regressor": Task(_MOTION, ("torque_regressor",)),
-    "forward_dynamics": Task(("q", "qd", "tau"), ("qdd", *FREE_BASE_OUTPUTS), MechanismAccelerations),
-    **{name: Task(_MOTION[:order], ALL_COORDINATES[:order]) for order, name in enumerate(ALL_COORDINATES, 1)},
-    "struts": Task(("q", "qd"), OF_STRUTS),
-    **{name: Task(("q",), (name,)) for name in ("loop_jacobian", "loop_wrenches")},
-    "tree_tau": Task(_MOTION, ("tree_tau",)),
-    "mass_matrix": Task(("q",), ("mass_matrix",)),
-    "bias_forces": Task(("q", "qd"), ("bias_forces",)),
-    "gravity_forces": Task(("q",), ("gravity_forces",)),
-    "centre_of_mass": Task(("q",), ("centre_of_mass",)),
-    "centre_of_mass_jacobian": Task(("q",), ("centre_of_mass_jacobian",)),
-    "centroidal_momentum_matrix": Task(("q",), ("centroidal_momentum_matrix",)),
-    "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy),
-    "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Momentum),
-}
-"""All that can be asked of a robot."""
-
-DERIVATIVES: Final[Mapping[str, tuple[str, str]]] = {
-    **{f"{name}_rate": (name, "rate") for name in (*JACOBIANS, "centroidal_momentum_matrix")},
-    **{f"{name}_derivatives": (name, "matrices") for name in ("inverse_dynamics", "forward_dynamics")},
-}
-"""Derivatives that can be asked for: the row of TASKS, and the kind of `plans.derivatives.Derivative`."""
 
 # Class of the result, by output; None: a bare array.
 _RESULTS: Final = {
-    **{name: task.result for task in TASKS.values() for name in task.outputs},
+    **{name: task.result for task in ROBOT_TASKS.values() if not task.derivative for name in task.outputs},
     **dict.fromkeys(FRAME_OUTPUTS, MechanismState),
 }
 ALL_OUTPUTS: Final = tuple(_RESULTS)
@@ -285,15 +232,12 @@ class RobotComputation(Computation):
 
 def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
     """Check the argument `given` of `prepare`, names or that of a task, and return the names of its arguments."""
-    if isinstance(given, str) and given in DERIVATIVES:
-        task, kind = DERIVATIVES[given]
-        names = (*TASKS[task].given, "qd") if kind == "rate" else TASKS[task].given
-    elif isinstance(given, str) and given in TASKS:
-        names = TASKS[given].given
+    if isinstance(given, str) and given in ROBOT_TASKS:
+        names = ROBOT_TASKS[given].given
     elif isinstance(given, Iterable) and not isinstance(given, str):
         names = tuple(given)
     else:
-        raise ArgumentError("given", f"{choices((*TASKS, *DERIVATIVES))}, or a tuple of names", quoted(given))
+        raise ArgumentError("given", f"{choices(tuple(ROBOT_TASKS))}, or a tuple of names", quoted(given))
     for name in names:
         if name not in _PREPARED_ARGUMENTS:
             raise ArgumentError("given", choices(_PREPARED_ARGUMENTS), quoted(name))

@@ -28,7 +28,7 @@ from hingepair.mechanism.inertial_parameters import (
 from hingepair.mechanism.joints import RobotJoint
 from hingepair.mechanism.linkages import Loop, close_tree
 from hingepair.mechanism.methods import MechanismMethods
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.samples import read_payload
 from hingepair.mechanism.struts import GasSpring, add_strut
 from hingepair.mechanism.tree import BASE_KINDS, LOAD_FIELDS, NO_LOAD, Tree, loads_note

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Collection, Iterable, Mapping
-from types import MappingProxyType
-from typing import Any, Final, Literal, NamedTuple, TypeAlias, overload
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final, Literal, NamedTuple, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,15 +20,10 @@ from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.computations import (
-    ALL_COORDINATES,
     ALL_OUTPUTS,
-    DERIVATIVES,
-    FREE_BASE_OUTPUTS,
-    MOTION_LEVELS,
     OF_BODIES,
     OF_FRAMES,
     ONE_FRAME,
-    TASKS,
     Loads,
     RobotComputation,
     checked_given,
@@ -40,7 +34,32 @@ from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_co
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_query, read_solutions
 from hingepair.mechanism.linkages import follow_path
 from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, transmission
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.options import (
+    DEFAULT_GRAVITY,
+    BaseOptions,
+    DynamicsOptions,
+    ForwardOptions,
+    FrameOptions,
+    LoopOptions,
+    RunOptions,
+    WeightOptions,
+    Wrenches,
+    WrenchOptions,
+    with_options,
+)
+from hingepair.mechanism.requests import (
+    ALL_COORDINATES,
+    FREE_BASE_OUTPUTS,
+    MOTION_LEVELS,
+    ROBOT_TASKS,
+    Request,
+    Task,
+    Watch,
+    ask,
+    coordinate_rows,
+    motion_level,
+    read_gravity,
+)
 from hingepair.mechanism.rollout import PreparedRollout, Rollout, rolled_out
 from hingepair.mechanism.states import (
     Energy,
@@ -52,16 +71,14 @@ from hingepair.mechanism.states import (
     Momentum,
 )
 from hingepair.mechanism.tree import Tree, loads_note
-from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, is_zero, one_constant, set_frozen
+from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, is_zero, set_frozen
 from hingepair.plans.arguments import Coordinates, renamed_out, requested_outputs
+from hingepair.plans.computation import Cache
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.prepared import Prepared
 from hingepair.plans.trees import COORDINATES, FRAME_OUTPUTS, input_shapes
 from hingepair.rollouts.tracks import Feedback
 from hingepair.tables.sheets import Shown
-
-Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
-"""(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
 
 
 class StrutState(NamedTuple):
@@ -73,7 +90,7 @@ class StrutState(NamedTuple):
 
 
 _JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # tasks by the argument `axes`
-_SOLVED: Final = TASKS["forward_dynamics"].outputs  # NaN where nothing resists
+_SOLVED: Final = ROBOT_TASKS["forward_dynamics"].outputs  # NaN where nothing resists
 
 
 class MechanismMethods(Frozen, Shown):
@@ -107,18 +124,13 @@ class MechanismMethods(Frozen, Shown):
 
     # ---- kinematics
 
+    @with_options()
     def forward_kinematics(
         self,
         q: Coordinates,
         qd: Coordinates | None = None,
         qdd: Coordinates | None = None,
-        *,
-        frames: str | Iterable[str] | None = None,
-        outputs: Iterable[str] | None = None,
-        base_motion: BodyMotion | None = None,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[FrameOptions],
     ) -> MechanismState:
         """Compute the motion of frames (E2, E5, E7-E9). Arguments not listed: see `Mechanism`.
 
@@ -140,27 +152,17 @@ class MechanismMethods(Frozen, Shown):
         >>> state.R.shape, state["tool0"].S.shape
         ((5, 2, 3), (5, 3, 3))
         """
-        given: tuple[Any, ...]
-        if qdd is None:
-            given = (q,) if qd is None else (q, qd)
-        elif qd is None:
-            raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
-        else:
-            given = q, qd, qdd
-        return self._ask(
-            MOTION_LEVELS[len(given) - 1], given, base_motion, out, workers, backend, outputs=outputs, frames=frames
-        )
+        given = coordinate_rows(q, qd, qdd)
+        return ask(self, MOTION_LEVELS[len(given) - 1], given, options)
 
+    @with_options()
     def jacobian(
         self,
         q: Coordinates,
         frames: str | Iterable[str] | None = None,
         *,
         axes: str = "world",
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[BaseOptions],
     ) -> FloatArray:
         """Compute the Jacobian J of a frame, (v, omega) = J @ qd if the base is at rest, shape (..., 6, dof); for a
         free base, (v, omega) = J @ (v1, omega1, qd), shape (..., 6, 6 + dof) (E2, E8).
@@ -181,8 +183,9 @@ class MechanismMethods(Frozen, Shown):
         (5, 2, 6, 6)
         """
         check_choice("axes", axes, tuple(_JACOBIANS))
-        return self._ask(_JACOBIANS[axes], (q,), base_motion, out, workers, backend, frames=frames)
+        return ask(self, _JACOBIANS[axes], (q,), {"frames": frames, **options})
 
+    @with_options()
     def jacobian_rate(
         self,
         q: Coordinates,
@@ -190,10 +193,7 @@ class MechanismMethods(Frozen, Shown):
         frames: str | Iterable[str] | None = None,
         *,
         axes: str = "world",
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[BaseOptions],
     ) -> FloatArray:
         """Compute the time derivative of `jacobian`, of the same shape. Of `base_motion`, S and omega are used.
 
@@ -207,18 +207,15 @@ class MechanismMethods(Frozen, Shown):
         True
         """
         check_choice("axes", axes, tuple(_JACOBIANS))
-        return self._ask(f"{_JACOBIANS[axes]}_rate", (q, qd), base_motion, out, workers, backend, frames=frames)
+        return ask(self, f"{_JACOBIANS[axes]}_rate", (q, qd), {"frames": frames, **options})
 
+    @with_options()
     def acceleration_bias(
         self,
         q: Coordinates,
         qd: Coordinates,
         frames: str | Iterable[str] | None = None,
-        *,
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[BaseOptions],
     ) -> FloatArray:
         """Compute the bias in (a, alpha) = J @ qdd + bias of one frame, with J of `jacobian`, world axes, shape (...,
         6); for a free base in (a, alpha) = J @ (a1, alpha1, qdd) + bias (E9).
@@ -230,7 +227,7 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").acceleration_bias(np.zeros(6), np.zeros(6), "tool0").tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
-        return self._ask("acceleration_bias", (q, qd), base_motion, out, workers, backend, frames=frames)
+        return ask(self, "acceleration_bias", (q, qd), {"frames": frames, **options})
 
     def inverse_kinematics(
         self,
@@ -393,9 +390,9 @@ class MechanismMethods(Frozen, Shown):
         True
         """
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
-        without = (*TASKS["joint_wrenches"].outputs, *_SOLVED)
+        without = (*ROBOT_TASKS["joint_wrenches"].outputs, *_SOLVED)
         accepted = tuple(name for name in self._available(ALL_OUTPUTS) if name not in without)
-        asked = requested_outputs(outputs, None, accepted, TASKS[self._level(coordinates)].outputs)
+        asked = requested_outputs(outputs, None, accepted, ROBOT_TASKS[motion_level(coordinates)].outputs)
         bounds: dict[str, Float64Array] = {}
         for group in ({*asked} - {*OF_BODIES}, {*OF_BODIES}):
             names = tuple(name for name in asked if name in group)
@@ -406,25 +403,18 @@ class MechanismMethods(Frozen, Shown):
             if computation.needs_masses:
                 self._check_masses()
             values = computation.read(coordinates, base_motion, {})
-            bounds |= error_bounds(computation, values, _checked_gravity(gravity))
+            bounds |= error_bounds(computation, values, read_gravity(gravity, DEFAULT_GRAVITY))
         return {name: bounds[name] for name in asked}
 
     # ---- dynamics
 
+    @with_options()
     def inverse_dynamics(
         self,
         q: Coordinates,
         qd: Coordinates,
         qdd: Coordinates,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        wrenches: Wrenches = None,
-        joint_loads: bool | None = None,
-        base_motion: BodyMotion | None = None,
-        outputs: Iterable[str] | None = None,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[DynamicsOptions],
     ) -> MechanismForces:
         """Compute the torques and forces of the joints, and on the base, that a motion requires (T1-T3). Arguments
         not listed: see `Mechanism`.
@@ -444,27 +434,15 @@ class MechanismMethods(Frozen, Shown):
         >>> robot.inverse_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).tau.shape
         (6,)
         """
-        return self._ask(
-            "inverse_dynamics", (q, qd, qdd), base_motion, out, workers, backend,
-            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
-        )  # fmt: skip
+        return ask(self, "inverse_dynamics", (q, qd, qdd), options)
 
+    @with_options()
     def forward_dynamics(
         self,
         q: Coordinates,
         qd: Coordinates,
         tau: Coordinates,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        wrenches: Wrenches = None,
-        joint_loads: bool | None = None,
-        force1: ArrayLike = 0,
-        torque1: ArrayLike = 0,
-        base_motion: BodyMotion | None = None,
-        outputs: Iterable[str] | None = None,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[ForwardOptions],
     ) -> MechanismAccelerations:
         """Compute the accelerations of the robot under given torques and forces (T5, T6). Arguments not listed: see
         `Mechanism`.
@@ -487,28 +465,15 @@ class MechanismMethods(Frozen, Shown):
         >>> robot.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).qdd.shape
         (6,)
         """
-        found = self._ask(
-            "forward_dynamics", (q, qd, tau), base_motion, out, workers, backend,
-            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
-            loads=self._base_loads(force1, torque1),
-        )  # fmt: skip
-        if self._constants.may_be_singular:
-            self._warn_where_singular(found, {"q": q})
-        return found
+        return ask(self, "forward_dynamics", (q, qd, tau), options)
 
+    @with_options()
     def joint_wrenches(
         self,
         q: Coordinates,
         qd: Coordinates,
         qdd: Coordinates,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        wrenches: Wrenches = None,
-        base_motion: BodyMotion | None = None,
-        outputs: Iterable[str] | None = None,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[WrenchOptions],
     ) -> JointWrenches:
         """Compute what each joint's carrying body exerts on the joint's body during a motion, at the joint's point
         (T1-T3). Arguments not listed: see `inverse_dynamics`.
@@ -531,22 +496,15 @@ class MechanismMethods(Frozen, Shown):
             raise ArgumentError(
                 "robot", "one without loops; loop_wrenches has what closes them", "a closed mechanism"
             )
-        return self._ask(
-            "joint_wrenches", (q, qd, qdd), base_motion, out, workers, backend,
-            gravity=gravity, outputs=outputs, wrenches=wrenches,
-        )  # fmt: skip
+        return ask(self, "joint_wrenches", (q, qd, qdd), options)
 
+    @with_options()
     def torque_regressor(
         self,
         q: Coordinates,
         qd: Coordinates,
         qdd: Coordinates,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[WeightOptions],
     ) -> FloatArray:
         """Compute the regressor Y in tau = Y @ p + armature * qdd (T13), shape (..., dof, 10 * bodies), where p are
         the robot's `inertial_parameters`; for a free base in (force1, torque1, tau) = Y @ p + (0, 0, armature * qdd),
@@ -563,22 +521,15 @@ class MechanismMethods(Frozen, Shown):
         >>> Y.shape, np.allclose(Y @ robot.inertial_parameters, robot.inverse_dynamics(q, q, q).tau)
         ((6, 60), True)
         """
-        return self._ask("torque_regressor", (q, qd, qdd), base_motion, out, workers, backend, gravity=gravity)
+        return ask(self, "torque_regressor", (q, qd, qdd), options)
 
+    @with_options()
     def inverse_dynamics_derivatives(
         self,
         q: Coordinates,
         qd: Coordinates,
         qdd: Coordinates,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        wrenches: Wrenches = None,
-        joint_loads: bool | None = None,
-        base_motion: BodyMotion | None = None,
-        outputs: Iterable[str] | None = None,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[DynamicsOptions],
     ) -> MechanismDerivatives:
         """Compute the derivatives of the torques of `inverse_dynamics` by q, qd and qdd, exactly up to rounding.
 
@@ -605,27 +556,15 @@ class MechanismMethods(Frozen, Shown):
         >>> d.tau_q.shape, np.allclose(d.tau_qdd, robot.mass_matrix(np.zeros(6)))
         ((6, 6), True)
         """
-        return self._ask(
-            "inverse_dynamics_derivatives", (q, qd, qdd), base_motion, out, workers, backend,
-            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
-        )  # fmt: skip
+        return ask(self, "inverse_dynamics_derivatives", (q, qd, qdd), options)
 
+    @with_options()
     def forward_dynamics_derivatives(
         self,
         q: Coordinates,
         qd: Coordinates,
         tau: Coordinates,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        wrenches: Wrenches = None,
-        joint_loads: bool | None = None,
-        force1: ArrayLike = 0,
-        torque1: ArrayLike = 0,
-        base_motion: BodyMotion | None = None,
-        outputs: Iterable[str] | None = None,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[ForwardOptions],
     ) -> MechanismDerivatives:
         """Compute the derivatives of the accelerations of `forward_dynamics` by q, qd and tau, exactly up to rounding
         (T11).
@@ -650,14 +589,7 @@ class MechanismMethods(Frozen, Shown):
         >>> robot.forward_dynamics_derivatives(np.zeros(6), np.zeros(6), np.zeros(6)).qdd_tau.shape
         (6, 6)
         """
-        found = self._ask(
-            "forward_dynamics_derivatives", (q, qd, tau), base_motion, out, workers, backend,
-            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
-            loads=self._base_loads(force1, torque1),
-        )  # fmt: skip
-        if self._constants.may_be_singular:
-            self._warn_where_singular(found, {"q": q})
-        return found
+        return ask(self, "forward_dynamics_derivatives", (q, qd, tau), options)
 
     def rollout(
         self,
@@ -727,21 +659,20 @@ class MechanismMethods(Frozen, Shown):
         computation = self._computation(("qdd",), links, len(links), self._loaded(joint_loads))
         result = rolled_out(
             computation, q0, qd0, tau, dt, method=method, steps=steps, every=every, limit=limit,
-            gravity=_checked_gravity(gravity), loads=loads, base_motion=base_motion, out=out,
+            gravity=read_gravity(gravity, DEFAULT_GRAVITY), loads=loads, base_motion=base_motion, out=out,
             execution=execution_of("auto", workers),
         )  # fmt: skip
         if self._constants.may_be_singular and np.isnan(result.q[..., -1, :]).any():
             self.forward_dynamics(q0, qd0, np.zeros(len(self._constants.names)), joint_loads=False)  # which warns
         return result
 
+    @with_options()
     def all_coordinates(
         self,
         q: Coordinates,
         qd: Coordinates | None = None,
         qdd: Coordinates | None = None,
-        *,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[RunOptions],
     ) -> Any:
         """Compute the coordinates of all joints of a closed mechanism, an array (..., joints); with qd and qdd, a
         tuple of these and their derivatives.
@@ -749,11 +680,9 @@ class MechanismMethods(Frozen, Shown):
         The order is that of `names` before the loops were closed. Samples that cannot be closed are NaN. Arguments:
         see `Mechanism`.
         """
-        if qd is None and qdd is not None:
-            raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
-        given = tuple(part for part in (q, qd, qdd) if part is not None)
+        given = coordinate_rows(q, qd, qdd)
         outputs = ALL_COORDINATES[: len(given)]
-        found = self._ask(outputs[-1], given, None, None, workers, backend)
+        found = ask(self, outputs[-1], given, options)
         return found if len(given) == 1 else tuple(found[name] for name in outputs)
 
     def follow(self, q: Coordinates) -> Float64Array:
@@ -770,16 +699,13 @@ class MechanismMethods(Frozen, Shown):
             raise ShapeError("q", f"shape (samples, {rows.shape[-1]}), a path", str(rows.shape))
         return follow_path(self._tree, rows)
 
+    @with_options()
     def loop_wrenches(
         self,
         q: Coordinates,
         qd: Coordinates,
         qdd: Coordinates,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        wrenches: Wrenches = None,
-        base_motion: BodyMotion | None = None,
-        backend: str = "auto",
+        **options: Unpack[LoopOptions],
     ) -> dict[str, LoopWrench]:
         """Compute what the body of each loop's first frame exerts on that of the second during a motion, world axes.
 
@@ -792,11 +718,10 @@ class MechanismMethods(Frozen, Shown):
         closure = self._tree.closure
         if closure is None:
             raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
-        efforts = self._ask(
-            "tree_tau", (q, qd, qdd), base_motion, None, 1, backend, gravity=gravity, wrenches=wrenches
-        )
-        jacobian = self._ask("loop_jacobian", (q,), None, None, 1, backend)
-        units = self._ask("loop_wrenches", (q,), base_motion, None, 1, backend)
+        run: Any = {"backend": options.get("backend", "auto")}
+        base: Any = {"base_motion": options.get("base_motion"), **run}
+        efforts = ask(self, "tree_tau", (q, qd, qdd), options)
+        jacobian, units = ask(self, "loop_jacobian", (q,), run), ask(self, "loop_wrenches", (q,), base)
         return loop_wrenches(closure, efforts, jacobian, units)
 
     def transmission(self, q: Coordinates, *, backend: str = "auto") -> FloatArray:
@@ -808,15 +733,14 @@ class MechanismMethods(Frozen, Shown):
         closure = self._tree.closure
         if closure is None:
             raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
-        return transmission(closure, self._ask("loop_jacobian", (q,), None, None, 1, backend))
+        return transmission(closure, ask(self, "loop_jacobian", (q,), {"backend": backend}))
 
+    @with_options()
     def struts(
         self,
         q: Coordinates,
         qd: Coordinates | None = None,
-        *,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[RunOptions],
     ) -> dict[str, StrutState]:
         """Compute the lengths of all struts [m], their rates [m/s] and forces [N], by name. Arguments not listed: see
         `Mechanism`.
@@ -825,20 +749,15 @@ class MechanismMethods(Frozen, Shown):
             qd: time derivatives of q; by default 0.
         """
         rates = (0.0,) * len(self._constants.names) if qd is None else qd
-        found = self._ask("struts", (q, rates), None, None, workers, backend)
-        columns = (found[name] for name in TASKS["struts"].outputs)
-        parts = [np.moveaxis(column, -1, 0) for column in columns]
+        parts = [np.moveaxis(column, -1, 0) for column in ask(self, "struts", (q, rates), options).arrays().values()]
         names = (strut.name for strut in self._tree.struts)
         return {name: StrutState(*values) for name, *values in zip(names, *parts, strict=True)}
 
+    @with_options()
     def mass_matrix(
         self,
         q: Coordinates,
-        *,
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[BaseOptions],
     ) -> FloatArray:
         """Compute the mass matrix M in M @ qdd + bias = tau (T4), shape (..., dof, dof); for a free base in M @ (a1,
         alpha1, qdd) + bias = (force1, torque1, tau), world axes, shape (..., 6 + dof, 6 + dof). `bias_forces` is the
@@ -852,18 +771,14 @@ class MechanismMethods(Frozen, Shown):
         >>> M.shape, bool((M == M.T).all())
         ((6, 6), True)
         """
-        return self._ask("mass_matrix", (q,), base_motion, out, workers, backend)
+        return ask(self, "mass_matrix", (q,), options)
 
+    @with_options()
     def bias_forces(
         self,
         q: Coordinates,
         qd: Coordinates,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[WeightOptions],
     ) -> FloatArray:
         """Compute the generalized forces at zero acceleration, the bias in tau = M @ qdd + bias (T1-T3), shape (...,
         dof); for a free base (force1, torque1, tau), shape (..., 6 + dof).
@@ -878,17 +793,13 @@ class MechanismMethods(Frozen, Shown):
         >>> robot.bias_forces(np.zeros(6), np.zeros(6)).shape
         (6,)
         """
-        return self._ask("bias_forces", (q, qd), base_motion, out, workers, backend, gravity=gravity)
+        return ask(self, "bias_forces", (q, qd), options)
 
+    @with_options()
     def gravity_forces(
         self,
         q: Coordinates,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[WeightOptions],
     ) -> FloatArray:
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3), shape (..., dof); for a
         free base (force1, torque1, tau), shape (..., 6 + dof).
@@ -900,16 +811,13 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").gravity_forces(np.zeros(6)).shape
         (6,)
         """
-        return self._ask("gravity_forces", (q,), base_motion, out, workers, backend, gravity=gravity)
+        return ask(self, "gravity_forces", (q,), options)
 
+    @with_options()
     def centre_of_mass(
         self,
         q: Coordinates,
-        *,
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[BaseOptions],
     ) -> FloatArray:
         """Compute the robot's centre of mass, world axes [m]; shape (..., 3). The base counts only if it is free. NaN
         if nothing has mass.
@@ -921,16 +829,13 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass(np.zeros(6)).shape
         (3,)
         """
-        return self._ask("centre_of_mass", (q,), base_motion, out, workers, backend)
+        return ask(self, "centre_of_mass", (q,), options)
 
+    @with_options()
     def centre_of_mass_jacobian(
         self,
         q: Coordinates,
-        *,
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[BaseOptions],
     ) -> FloatArray:
         """Compute the Jacobian J of the centre of mass, whose velocity is J @ qd if the base is at rest, shape (...,
         3, dof); for a free base J @ (v1, omega1, qd), world axes, shape (..., 3, 6 + dof).
@@ -942,16 +847,13 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass_jacobian(np.zeros(6)).shape
         (3, 6)
         """
-        return self._ask("centre_of_mass_jacobian", (q,), base_motion, out, workers, backend)
+        return ask(self, "centre_of_mass_jacobian", (q,), options)
 
+    @with_options()
     def centroidal_momentum_matrix(
         self,
         q: Coordinates,
-        *,
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[BaseOptions],
     ) -> FloatArray:
         """Compute the matrix A of the momentum about the centre of mass, (linear, angular) = A @ qd if the base is at
         rest, shape (..., 6, dof) (T12); for a free base A @ (v1, omega1, qd), world axes, shape (..., 6, 6 + dof).
@@ -965,17 +867,14 @@ class MechanismMethods(Frozen, Shown):
         >>> np.allclose(robot.centroidal_momentum_matrix(q) @ qd, [*h.linear, *h.angular])
         True
         """
-        return self._ask("centroidal_momentum_matrix", (q,), base_motion, out, workers, backend)
+        return ask(self, "centroidal_momentum_matrix", (q,), options)
 
+    @with_options()
     def centroidal_momentum_matrix_rate(
         self,
         q: Coordinates,
         qd: Coordinates,
-        *,
-        base_motion: BodyMotion | None = None,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[BaseOptions],
     ) -> FloatArray:
         """Compute the time derivative of `centroidal_momentum_matrix`, of the same shape. Of `base_motion`, S and
         omega are used.
@@ -988,18 +887,14 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").centroidal_momentum_matrix_rate(np.zeros(6), np.ones(6)).shape
         (6, 6)
         """
-        return self._ask("centroidal_momentum_matrix_rate", (q, qd), base_motion, out, workers, backend)
+        return ask(self, "centroidal_momentum_matrix_rate", (q, qd), options)
 
+    @with_options()
     def energy(
         self,
         q: Coordinates,
         qd: Coordinates,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        base_motion: BodyMotion | None = None,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[WeightOptions],
     ) -> Energy:
         """Compute the kinetic energy and the potential energy in uniform gravity [J] (T7); the latter is 0 for a mass
         at the world's origin.
@@ -1012,18 +907,16 @@ class MechanismMethods(Frozen, Shown):
         >>> float(hp.load_robot("ur5_robot").energy(np.zeros(6), np.zeros(6)).kinetic)
         0.0
         """
-        return self._ask("energy", (q, qd), base_motion, out, workers, backend, gravity=gravity)
+        return ask(self, "energy", (q, qd), options)
 
+    @with_options()
     def momentum(
         self,
         q: Coordinates,
         qd: Coordinates,
         *,
         about: str = "origin",
-        base_motion: BodyMotion | None = None,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[BaseOptions],
     ) -> Momentum:
         """Compute the linear and the angular momentum of the robot, world axes (T8).
 
@@ -1041,10 +934,9 @@ class MechanismMethods(Frozen, Shown):
         """
         check_choice("about", about, ("origin", "centre"))
         angular = f"angular_about_{about}"
-        return self._ask(
-            "momentum", (q, qd), base_motion, renamed_out(out, {"angular": angular}), workers, backend,
-            outputs=("linear", angular),
-        )  # fmt: skip
+        if "out" in options:
+            options["out"] = renamed_out(options["out"], {"angular": angular})
+        return ask(self, f"momentum_about_{about}", (q, qd), options)
 
     # ---- conventions
 
@@ -1235,18 +1127,21 @@ class MechanismMethods(Frozen, Shown):
             raise ArgumentError("given", "no forces on a fixed base (base='free' is moved by them)", ", ".join(loads))
         if not isinstance(outputs, str | None):
             outputs = tuple(outputs)
-        derived = next((one for one in (given, outputs) if isinstance(one, str) and one in DERIVATIVES), None)
+        derivatives = {name for name, task in ROBOT_TASKS.items() if task.derivative}
+        derived = next((one for one in (given, outputs) if isinstance(one, str) and one in derivatives), None)
         derivative: Derivative | None = None
         if derived is not None:
-            output_names, _, _, derivative = self._wanted(derived, None if outputs == derived else outputs)
+            output_names, _, _, derivative = self._wanted(
+                ROBOT_TASKS[derived], None if outputs == derived else outputs
+            )
         else:
             output_names = self._prepared_outputs(given, names, outputs)
         framed, links = not {*output_names}.isdisjoint(OF_FRAMES), self._links(wrenches)
         if framed and links:
             raise ArgumentError("wrenches", "() where an output is of frames", quoted(wrenches))
-        chosen = self._frames(frames, one=not {*output_names}.isdisjoint(ONE_FRAME)) if framed else links
+        named = self._frames(frames, one=not {*output_names}.isdisjoint(ONE_FRAME)) if framed else links
         loaded = not {*output_names}.isdisjoint(("tau", *_SOLVED)) and self._loaded(joint_loads)
-        computation = self._computation(output_names, chosen, len(links), loaded)
+        computation = self._computation(output_names, named, len(links), loaded)
         names = checked_given(names, computation.inputs)
         if computation.needs_masses:
             self._warn_of_masses()
@@ -1254,15 +1149,13 @@ class MechanismMethods(Frozen, Shown):
             computation.check_differentiable(derivative, names)
         prepare: Callable[..., Prepared] = self.prepare
         remade = functools.partial(
-            prepare, given if isinstance(given, str) else names, frames=chosen if framed else None, outputs=outputs,
+            prepare, given if isinstance(given, str) else names, frames=named if framed else None, outputs=outputs,
             gravity=gravity, wrenches=links, joint_loads=computation.request.joint_loads, workers=workers,
             backend=backend,
         )  # fmt: skip
         names = (*names, *(f"{kind}_{k}" for k in range(len(links)) for kind in ("force", "torque")))
-        solved = not {*output_names}.isdisjoint(_SOLVED)
-        watch = self._warn_where_singular if solved and self._constants.may_be_singular else None
-        execution, vector = execution_of(backend, workers), _checked_gravity(gravity)
-        return Prepared(computation, names, execution, vector, remade, watch, derivative)
+        execution, vector = execution_of(backend, workers), read_gravity(gravity, DEFAULT_GRAVITY)
+        return Prepared(computation, names, execution, vector, remade, self._watch(output_names), derivative)
 
     def _links(self, wrenches: Iterable[str]) -> tuple[str, ...]:
         """Return the names of links on which wrenches act in a prepared call."""
@@ -1272,84 +1165,76 @@ class MechanismMethods(Frozen, Shown):
 
     # ---- how methods compute
 
-    def _ask(
-        self,
-        task: str,
-        given: tuple[Any, ...],
-        base_motion: BodyMotion | None,
-        out: Out | FloatArray,
-        workers: int,
-        backend: str,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        outputs: Iterable[str] | None = None,
-        frames: str | Iterable[str] | None = None,
-        wrenches: Wrenches = None,
-        joint_loads: bool | None = False,
-        loads: Loads | None = None,
-    ) -> Any:
-        """Compute the outputs of a row of TASKS or DERIVATIVES.
+    @property
+    def _cache(self) -> Cache:
+        return self._constants.cache
 
-        Args:
-            task: name of the row.
-            given: the coordinates and efforts that the row names.
-            loads: force1 and torque1 on a free base.
-        """
-        key = None
-        if base_motion is None and gravity is DEFAULT_GRAVITY and wrenches is None and not loads:
-            key = task, outputs, frames, backend, joint_loads
-            found = self._again(key, given, out, workers)
-            if found is not None:
-                return self._noted_where_open(found, given[0])
-        computed, default, names, asked = self._wanted(task, outputs, out)
-        acting, chosen = read_wrenches(wrenches, self._tree.links)
-        of_frames = self._task_frames(DERIVATIVES.get(task, (task,))[0], frames)
-        computation = self._computation(computed, chosen or of_frames, len(chosen), self._loaded(joint_loads))
-        labels = checked_given(task)
-        coordinates = {label: x for label, x in zip(labels, given, strict=True) if x is not None or asked}
+    @property
+    def _tasks(self) -> Mapping[str, Task]:
+        return ROBOT_TASKS
+
+    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
+        """Return the request of a method."""
+        computed, default, names, derivative = self._wanted(task, options.get("outputs"), out)
+        loads, links = read_wrenches(options.get("wrenches"), self._tree.links)
+        accepts = task.options.__annotations__
+        if "force1" in accepts:
+            loads = {**loads, **self._base_loads(options.get("force1", 0), options.get("torque1", 0))}
+        frames = links or self._task_frames(computed, options.get("frames"))
+        loaded = "joint_loads" in accepts and self._loaded(options.get("joint_loads"))
+        computation = self._computation(computed, frames, len(links), loaded)
+        coordinates = {label: x for label, x in given.items() if x is not None or derivative}
         self._check_needed_inputs(computation, coordinates, computed)
-        all_loads = {**acting, **(loads or {})}
-        if asked is not None:
-            computation.check_differentiable(asked, tuple(coordinates))
-        # What lists and the arrays of `out` ask for can be something else the next time.
-        lasts = isinstance(frames, str | tuple | None) and (
-            isinstance(outputs, tuple) or (outputs is None and names == default)
-        )
-        result = self._run(
-            computation, coordinates, base_motion, out, workers, backend, gravity, all_loads, asked,
-            key if lasts else None,
+        if derivative is not None:
+            computation.check_differentiable(derivative, tuple(coordinates))
+        if computation.needs_masses:
+            self._warn_of_masses()
+        moving = derivative is not None and derivative.kind == "rate"
+        arguments, labels = computation.given(coordinates, options.get("base_motion"), loads, moving)
+        return Request(
+            computation, arguments, labels, read_gravity(options.get("gravity", DEFAULT_GRAVITY), DEFAULT_GRAVITY),
+            functools.partial(self._computation, *computation.asked), derivative, self._watch(computed, plain=True),
+            # What the arrays of `out` ask for can be something else the next time.
+            lasts=options.get("outputs") is not None or names == default,
         )  # fmt: skip
-        return self._noted_where_open(result, given[0])
+
+    def _watch(self, outputs: Iterable[str], plain: bool = False) -> Watch | None:
+        """Return what looks at the results of a call; None where nothing can be wrong with them."""
+        if self._constants.may_be_singular and not {*outputs}.isdisjoint(_SOLVED):
+            return self._warn_where_singular
+        return self._warn_where_open if plain and self._tree.closure is not None else None
 
     def _wanted(
-        self, task: str, outputs: Iterable[str] | None, out: Any = None
+        self, task: Task, outputs: Iterable[str] | None, out: Any = None
     ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], Derivative | None]:
-        """Return what a row of TASKS or DERIVATIVES computes: the outputs of the tree, the names of all results by
-        default, those that are asked for, and the derivative that leads to them.
+        """Return what a row of the table computes: the outputs of the tree, the names of all results by default,
+        those that are asked for, and the derivative that leads to them.
         """
-        of, kind = DERIVATIVES.get(task, (task, ""))
-        row = TASKS[of]
-        if kind == "matrices":
-            default = tuple(f"{row.outputs[0]}_{name}" for name in row.given)
+        if task.derivative == "matrices":
+            default = tuple(f"{task.outputs[0]}_{name}" for name in task.given)
             names = requested_outputs(outputs, out, default, default)
             size = (self._constants.form.dof + 6 * (self.base == "free"),)
             by = tuple((name.partition("_")[2], size) for name in names)
-            return self._all_efforts(of), default, names, Derivative(kind, names, by)
-        default = self._available(row.outputs)
-        accepted = FRAME_OUTPUTS if task in MOTION_LEVELS else default
+            efforts = task.outputs if self.base == "free" else task.outputs[:1]
+            return efforts, default, names, Derivative(task.derivative, names, by)
+        default = self._available(task.outputs)
+        accepted = FRAME_OUTPUTS if task.result is MechanismState else default
         names = requested_outputs(outputs, out, accepted, default)
-        return names, default, names, Derivative(kind, names, ()) if kind else None
+        return names, default, names, Derivative(task.derivative, names, ()) if task.derivative else None
 
-    def _noted_where_open(self, result: Any, q: Coordinates) -> Any:
-        """Return a result; of a closed mechanism, a DynamicsWarning counts the samples that cannot be closed."""
+    def _computed(self, outputs: tuple[str, ...], **given: Any) -> Any:
+        """Compute outputs from coordinates, for messages."""
+        computation = self._computation(outputs)
+        return computation.compute(given, execution_of("numpy", 1), DEFAULT_GRAVITY)
+
+    def _warn_where_open(self, result: Any, arguments: Mapping[str, Any]) -> None:
+        """Issue a DynamicsWarning that counts the samples at which the loops cannot be closed."""
         closure = self._tree.closure
-        if closure is None:
-            return result
         arrays = [result] if isinstance(result, np.ndarray) else [*result.arrays().values()]
-        if not any(np.isnan(array).any() for array in arrays):
-            return result
-        rows = self._tree.rows("q", q)
-        bad = np.isnan(self._run(self._computation(("q_all",)), {"q": rows}, None, None, 1, "auto")).any(axis=-1)
+        if closure is None or not any(np.isnan(array).any() for array in arrays):
+            return
+        rows = self._tree.rows("q", arguments["q"])
+        bad = np.isnan(self._computed(("q_all",), q=rows)).any(axis=-1)
         bad &= np.isfinite(rows).all(axis=-1)
         if bad.any():
             first = rows.reshape(-1, rows.shape[-1])[int(np.argmax(bad))]
@@ -1360,40 +1245,6 @@ class MechanismMethods(Frozen, Shown):
                 f"{self._tree.name}: {loops} cannot be closed, or not moved from a dead point, {count}, "
                 f"first at {where}; results are NaN there"
             )
-        return result
-
-    def _again(self, key: tuple[Any, ...], given: tuple[Any, ...], out: Out | FloatArray, workers: int) -> Any:
-        """Return the results of a call that differs from one stored by `key` in its arrays alone; None if none is."""
-        try:
-            cache = self._cached_constants.cache
-        except AttributeError:  # before the first call
-            return None
-        return cache.again(key, given, out, workers)
-
-    def _run(
-        self,
-        computation: RobotComputation,
-        coordinates: Mapping[str, Any],
-        base_motion: BodyMotion | None,
-        out: Out | FloatArray,
-        workers: int,
-        backend: str,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        loads: Loads = MappingProxyType({}),
-        derivative: Derivative | None = None,
-        key: tuple[Any, ...] | None = None,
-    ) -> Any:
-        """Compute the outputs of a computation, or a derivative; store the call by `key`, for `_again`."""
-        execution, vector = execution_of(backend, workers), _checked_gravity(gravity)
-        if computation.needs_masses:
-            self._warn_of_masses()
-        moving = derivative is not None and derivative.kind == "rate"
-        given, labels = computation.given(coordinates, base_motion, loads, moving)
-        return computation.compute(
-            given, execution, vector, out, derivative=derivative, labels=labels,
-            keep=None if key is None else (self._constants.cache, key),
-            remade=functools.partial(self._computation, *computation.asked),
-        )  # fmt: skip
 
     def _computation(
         self,
@@ -1411,7 +1262,7 @@ class MechanismMethods(Frozen, Shown):
             chosen = tuple(self._tree.known_frame("frames", name) for name in frames)
             if {*outputs} <= {*OF_BODIES}:
                 chosen = self._tree.body_frames(free)
-            if not {*outputs}.isdisjoint(TASKS["joint_wrenches"].outputs):
+            if not {*outputs}.isdisjoint(ROBOT_TASKS["joint_wrenches"].outputs):
                 constants = self._whole_constants
             kind = result_class(outputs, frames, constants)
             found = RobotComputation(constants, outputs, free, chosen, tuple(range(loaded)), kind, joint_loads)
@@ -1423,37 +1274,25 @@ class MechanismMethods(Frozen, Shown):
         """Return the outputs that exist for this base."""
         return outputs if self.base == "free" else tuple(name for name in outputs if name not in FREE_BASE_OUTPUTS)
 
-    def _all_efforts(self, task: str) -> tuple[str, ...]:
-        """Return the outputs of inverse or forward dynamics that have derivatives."""
-        return TASKS[task].outputs if self.base == "free" else TASKS[task].outputs[:1]
-
-    def _level(self, names: Collection[str]) -> str:
-        """Return which motion of frames follows from arguments of these names."""
-        return MOTION_LEVELS[sum(name in names for name in ("qd", "qdd"))]
-
     def _prepared_outputs(
         self, given: str | Iterable[str], names: tuple[str, ...], outputs: Iterable[str] | None
     ) -> tuple[str, ...]:
         """Return the outputs of a prepared call, of which `names` are the arguments."""
         if isinstance(given, str):
-            default = self._available(TASKS[given].outputs)
-            accepted = FRAME_OUTPUTS if given in MOTION_LEVELS else default
-            return requested_outputs(outputs, None, accepted, default)
+            return self._wanted(ROBOT_TASKS[given], outputs)[0]
         pushed = not {"tau", "force1", "torque1"}.isdisjoint(names)
-        default = self._available(TASKS["forward_dynamics" if pushed else self._level(names)].outputs)
+        default = self._available(ROBOT_TASKS["forward_dynamics" if pushed else motion_level(names)].outputs)
         accepted = tuple(name for name in self._available(ALL_OUTPUTS) if name not in (*names, *OF_BODIES))
         return requested_outputs(outputs, None, accepted, default)
 
-    def _task_frames(self, task: str, frames: str | Iterable[str] | None) -> tuple[str, ...]:
-        """Return the names of the frames of a row of TASKS, out of the argument `frames` of a method."""
-        if task in MOTION_LEVELS:
-            return self._frames(frames)
-        if task not in OF_FRAMES:
+    def _task_frames(self, outputs: tuple[str, ...], frames: str | Iterable[str] | None) -> tuple[str, ...]:
+        """Return the names of the frames whose outputs are asked for, out of the argument `frames`."""
+        if {*outputs}.isdisjoint(OF_FRAMES):
             return ()
-        if frames is None and len(self._tree.tips) != 1:
+        if frames is None and len(self._tree.tips) != 1 and {*outputs}.isdisjoint(FRAME_OUTPUTS):
             expected = f"the name of a link or joint, such as {', '.join(self._tree.tips[:4])}"
             raise ArgumentError("frames", expected, None)
-        return self._frames(frames, one=task in ONE_FRAME)
+        return self._frames(frames, one=not {*outputs}.isdisjoint(ONE_FRAME))
 
     def _frames(self, frames: str | Iterable[str] | None, one: bool = False) -> tuple[str, ...]:
         """Return the names in the argument `frames`; None stands for the last links of all branches."""
@@ -1552,7 +1391,7 @@ class MechanismMethods(Frozen, Shown):
         if not bad.any():
             return
         names = ("pivots", "base_pivots") if self.base == "free" else ("pivots",)
-        pivots = self._run(self._computation(names), {"q": q}, None, None, 1, "numpy").arrays()
+        pivots = self._computed(names, q=q).arrays()
         constants = self._constants
         thresholds = {"pivots": constants.pivot_thresholds, "base_pivots": constants.base_pivot_thresholds}
         labels = [*(f"joint {name!r}" for name in constants.names), *["the base"] * 6]
@@ -1581,10 +1420,3 @@ def count_operations(
     computation = robot._computation(outputs, frames)
     named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
     return computation.count_operations(computation.read(named, base_motion, {}).values, DEFAULT_GRAVITY)
-
-
-def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:
-    """Return the argument `gravity` as three numbers."""
-    if gravity is DEFAULT_GRAVITY:
-        return DEFAULT_GRAVITY
-    return tuple(one_constant("gravity", gravity, 3).tolist())

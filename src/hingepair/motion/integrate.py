@@ -15,7 +15,8 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.pairs.geometry import Constants, check_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.pairs.requests import STATES, computation_of
+from hingepair.mechanism.pairs.requests import computation_of
+from hingepair.mechanism.requests import STATES
 from hingepair.motion.signals import R1_PARTS, SampledSignal, Signal, read_position, read_signal
 from hingepair.motion.solve import Solution, SolveOptions, solve, solve_together
 from hingepair.motion.trajectory import (

@@ -14,10 +14,9 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.mechanism.bodies.hinge_load import HingeLoad, HingeTorque, stop_range
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.methods import Wrenches
+from hingepair.mechanism.options import DEFAULT_GRAVITY, Wrenches
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.motion.equations_of_motion import REST
 from hingepair.motion.given_loads import LoadArgument, hinge_load, loads_by_joint, pair_loads
 from hingepair.motion.given_motions import GivenBase

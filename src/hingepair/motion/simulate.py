@@ -16,10 +16,11 @@ from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays, motion_of_rotations
 from hingepair.mechanism.bodies.hinge_load import HingeLoad, HingeTorque, stop_range
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair, dynamics_in_space
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY, check_masses, pivot_limits
+from hingepair.mechanism.pairs.requests import check_masses, pivot_limits
 from hingepair.mechanism.states import Energy, Momentum
 from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
 from hingepair.motion.equations_of_motion import RobotMotion, RobotSamples

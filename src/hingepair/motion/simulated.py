@@ -16,7 +16,7 @@ from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
 from hingepair.mechanism.bodies.hinge_load import HingeTorque
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.results import Result
 from hingepair.mechanism.states import Energy, FrameState, MechanismForces, MechanismState, Momentum
 from hingepair.mechanism.tree import loads_note

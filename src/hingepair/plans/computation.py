@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -35,22 +35,11 @@ class Cache:
     """What is made once for a pair or a robot."""
 
     computations: dict[Any, Any] = field(default_factory=dict)  # by what is asked
-    calls: dict[Any, Call] = field(default_factory=dict)  # of plain calls, by what is asked and given
+    # by what is asked and given: calls that need the arrays alone, and what looks at their results
+    calls: dict[Any, tuple[Call, Any]] = field(default_factory=dict)
     others: dict[Any, Any] = field(default_factory=dict)  # extended constants
     warned: bool = False  # of masses that are assumed or impossible
     warned_of_loads: bool = False  # of joints that are left out
-
-    def again(self, key: Any, arguments: Iterable[Any], out: Any, workers: object) -> Any:
-        """Return the results of a call that differs from an earlier one by its arrays alone; None if there is none,
-        or it has to look at the arrays.
-        """
-        if type(workers) is not int or workers != 1:
-            return None
-        try:
-            call = self.calls[key]
-        except (KeyError, TypeError):  # another call, or a key that cannot be hashed
-            return None
-        return call.rows(*arguments) if out is None else call.rows(*arguments, out=check_out(out, call.outputs))
 
 
 class Computation:
@@ -170,7 +159,7 @@ class Computation:
         *,
         labels: Mapping[str, str] | None = None,
         derivative: Derivative | None = None,
-        keep: tuple[Cache, Any] | None = None,
+        keep: tuple[Cache, Any, Any] | None = None,
         remade: Callable[[], Computation] | None = None,
     ) -> Any:
         """Compute a plain call with arguments of any form, Dask arrays among them.
@@ -182,24 +171,24 @@ class Computation:
             out: arrays to write into.
             labels: names of inputs in messages, where they differ.
             derivative: compute that in place of the outputs.
-            keep: cache and key by which `Cache.again` finds this call.
+            keep: cache and key by which this call is found again, and what looks at its results.
             remade: function that can be pickled and makes this computation anew; without it, Dask arrays are refused.
         """
         call = self.call(tuple(given), execution.backend, gravity, derivative=derivative)
         out = check_out(out, call.outputs)
-        if keep is None or execution.workers > 1 or keep[0].calls.get(keep[1]) is not call:  # else it was tried
-            result = call.rows(*given.values(), out=out, workers=execution.workers)
-            if result is not None:
-                if keep is not None:
-                    keep[0].calls[keep[1]] = call
-                return result
+        tried = False
+        if keep is not None:
+            cache, key, watch = keep
+            tried = cache.calls.get(key, (None,))[0] is call
+            cache.calls[key] = call, watch
+        result = None if tried else call.rows(*given.values(), out=out, workers=execution.workers)
+        if result is not None:
+            return result
         labels = labels or {}
         if remade is not None and derivative is None and any(map(is_dask, given.values())):
             function = functools.partial(_compute_chunk, remade, execution, gravity, tuple(given))
             return self.over_chunks(call, function, given, out, labels)
         arguments = read_arguments(given, call.argument_shapes, self.coordinates, labels)
-        if keep is not None:
-            keep[0].calls[keep[1]] = call
         return self.run(arguments, execution, gravity, out, derivative=derivative)
 
     def over_chunks(

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hingepair.errors import SceneError, quoted
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes.motions.motion import PairMotion
 from hingepair.scenes.pair_scene import PairScene

@@ -19,7 +19,8 @@ from hingepair.mechanism.pairs.accuracy import error_ratios, output_scales
 from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
-from hingepair.mechanism.pairs.requests import ROWS, computation_of, compute_arrays
+from hingepair.mechanism.pairs.requests import computation_of, compute_arrays
+from hingepair.mechanism.requests import ROWS
 from hingepair.mechanism.states import Energy, Momentum, PairState, PlanarState
 from hingepair.motion.run import stop_overrun
 from hingepair.numeric.arrays import Float64Array, read_only

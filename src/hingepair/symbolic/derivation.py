@@ -18,7 +18,7 @@ from hingepair.errors import ArgumentError
 from hingepair.mechanism.pairs.geometry import check_single_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.pairs.requests import ROWS
+from hingepair.mechanism.requests import ROWS
 from hingepair.numeric.blocks import components
 from hingepair.numeric.names import Names
 from hingepair.plans.arguments import check_outputs

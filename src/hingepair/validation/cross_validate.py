@@ -15,6 +15,7 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.computations import BASE_LABELS, base_inputs
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.accuracy import (
     PINOCCHIO_EXTRA_SCALES,
     PLANAR_SCALES,
@@ -27,7 +28,7 @@ from hingepair.mechanism.pairs.accuracy import (
 )
 from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY, read_rows
+from hingepair.mechanism.pairs.requests import read_rows
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
 from hingepair.plans.arguments import Coordinates, read_arguments

@@ -18,7 +18,7 @@ from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import LinkDrawing
 from hingepair.mechanism.building.folding import JointPart, chosen_base, displaced, fold_parts, unused_name
 from hingepair.mechanism.joints import JointKind
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.optional import require

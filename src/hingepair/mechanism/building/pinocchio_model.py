@@ -12,7 +12,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.building.folding import JointPart, chosen_base, fold_parts, limit_or_infinity, unused_name
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis

@@ -5,21 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
-from typing import Any, Final, overload
+from typing import Any, Final, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of
-from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
+from hingepair.mechanism.options import (
+    DEFAULT_GRAVITY,
+    EulerOptions,
+    GravityOptions,
+    OutOptions,
+    OutputOptions,
+    with_options,
+)
 from hingepair.mechanism.pairs import accuracy, requests, residuals, tolerances
 from hingepair.mechanism.pairs.geometry import Constants, Points, checked_points, spatial_constants
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.residuals import Residuals
 from hingepair.mechanism.pairs.tolerances import PoseCovariance
+from hingepair.mechanism.requests import MOTION_LEVELS, PAIR_TASKS, ROWS, Request, Task, ask, coordinate_rows
 from hingepair.mechanism.states import (
     Accelerations,
     Energy,
@@ -30,6 +37,7 @@ from hingepair.mechanism.states import (
 )
 from hingepair.numeric.arrays import FloatArray, Frozen, call_text, number_not_below_0, one_constant, set_frozen
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
+from hingepair.plans.computation import Cache
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
@@ -170,17 +178,30 @@ class HingePair(Frozen, Shown):
         points = (*self.points1.items(), *self.points2.items())
         return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses, *points])
 
+    # ---- what `ask` needs
+
+    @property
+    def _cache(self) -> Cache:
+        return self._constants.cache
+
+    @property
+    def _tasks(self) -> Mapping[str, Task]:
+        return PAIR_TASKS[self._constants.kind]
+
+    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
+        return requests.pair_request(self, task, given, options, out)
+
+    def _ask(self, task: str, given: Mapping[str, Any], options: Any) -> Any:
+        """Compute what a method returns, from arguments by input name."""
+        return ask(self, task, tuple(given.values()), options, tuple(given))
+
+    @with_options()
     def forward_kinematics(
         self,
         q: Coordinates,
         qd: Coordinates | None = None,
         qdd: Coordinates | None = None,
-        *,
-        outputs: Outputs = None,
-        out: Out = None,
-        sequence: str = "XYZ",
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[EulerOptions],
     ) -> PairState:
         """Compute the motion of body 2 from the seven coordinates (E1-E10); qd adds velocities, qdd accelerations.
 
@@ -193,7 +214,8 @@ class HingePair(Frozen, Shown):
         >>> state.v2[0]
         array([ 1.,  4., -1.])
         """
-        return requests.from_coordinates(self._constants, q, qd, qdd, outputs, out, sequence, backend, workers)
+        given = coordinate_rows(q, qd, qdd)
+        return ask(self, MOTION_LEVELS[len(given) - 1], given, options)
 
     def prepare(
         self,
@@ -249,17 +271,14 @@ class HingePair(Frozen, Shown):
         """
         return requests.prepare(self, given, outputs, sequence, gravity, execution_of(backend, workers))
 
+    @with_options()
     def forward_kinematics_from_body1(
         self,
         body1: BodyMotion,
         psi: ArrayLike,
         psid: ArrayLike | None = None,
         psidd: ArrayLike | None = None,
-        *,
-        outputs: Outputs = None,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[OutputOptions],
     ) -> PairState:
         """Compute the motion of body 2 from that of body 1 and the hinge angle, without Euler angles (E1, E2, E5-E9);
         psid adds velocities, psidd accelerations.
@@ -272,7 +291,7 @@ class HingePair(Frozen, Shown):
         >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
-        return requests.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, backend, workers)
+        return self._ask("from_body1", requests.body1_inputs(body1, psi, psid, psidd), options)
 
     @overload
     def error_bounds(
@@ -335,18 +354,16 @@ class HingePair(Frozen, Shown):
             return accuracy.error_bounds(self._constants, given, level, outputs)
         if psidd is not None:
             raise ArgumentError("psidd", "nothing, since the first argument is no BodyMotion", quoted(psidd))
-        given = requests.coordinate_rows(q, qd, qdd)
+        given = dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False))
         find_sequence(sequence)
         return accuracy.error_bounds(self._constants, given, len(given) - 1, outputs, sequence)
 
+    @with_options()
     def mass_matrix(
         self,
         body1: BodyMotion,
         psi: ArrayLike,
-        *,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[OutOptions],
     ) -> FloatArray:
         """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (T4).
 
@@ -360,20 +377,16 @@ class HingePair(Frozen, Shown):
         >>> pair.mass_matrix(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).diagonal().round(12).tolist()
         [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
-        given = {**motion_inputs("body1", body1, ("S",)), "psi": psi}
-        return requests.ask(self, "mass_matrix", given, out=out, workers=workers, backend=backend)
+        return self._ask("mass_matrix", {**motion_inputs("body1", body1, ("S",)), "psi": psi}, options)
 
+    @with_options()
     def inverse_dynamics(
         self,
         body1: BodyMotion,
         psi: ArrayLike,
         psid: ArrayLike,
         psidd: ArrayLike,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[GravityOptions],
     ) -> Forces:
         """Compute the force and torque on body 1 and the hinge torque that a motion requires beside gravity (T1-T3).
 
@@ -390,10 +403,9 @@ class HingePair(Frozen, Shown):
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         given = {**motion_inputs("body1", body1, _MOVED), **hinge}
-        return requests.ask(
-            self, "inverse_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
-        )
+        return self._ask("inverse_dynamics", given, options)
 
+    @with_options()
     def forward_dynamics(
         self,
         body1: BodyMotion,
@@ -405,10 +417,7 @@ class HingePair(Frozen, Shown):
         hinge_torque: ArrayLike = 0.0,
         force2: ArrayLike = 0,
         torque2: ArrayLike = 0,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[GravityOptions],
     ) -> Accelerations:
         """Compute the accelerations of the pair under gravity and the forces and torques on both bodies (T5, T6).
         Arguments not listed: see `HingePair`; of body1, S and omega are used.
@@ -433,26 +442,19 @@ class HingePair(Frozen, Shown):
         >>> accelerations.a1.round(9).tolist(), abs(round(float(accelerations.psidd), 9))
         ([0.0, 0.0, -9.81], 0.0)
         """
-        loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
+        loads = requests.loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
         given = {**motion_inputs("body1", body1, ("S", "omega")), **hinge, **loads}
-        found: Accelerations = requests.ask(
-            self, "forward_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
-        )
-        requests.warn_where_singular(found["psidd"], self)
-        return found
+        return self._ask("forward_dynamics", given, options)
 
+    @with_options()
     def hinge_wrench(
         self,
         body1: BodyMotion,
         psi: ArrayLike,
         psid: ArrayLike,
         psidd: ArrayLike,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[GravityOptions],
     ) -> HingeWrench:
         """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3); body 1 needs no mass.
 
@@ -468,26 +470,16 @@ class HingePair(Frozen, Shown):
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         given = {**motion_inputs("body1", body1, _MOVED), **hinge}
-        return requests.ask(
-            self,
-            "hinge_wrench",
-            given,
-            gravity=gravity,
-            out=renamed_out(out, WRENCH_OUTPUTS),
-            workers=workers,
-            backend=backend,
-        )
+        rename_out(options)
+        return self._ask("hinge_wrench", given, options)
 
+    @with_options()
     def energy(
         self,
         body1: BodyMotion,
         psi: ArrayLike,
         psid: ArrayLike,
-        *,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[GravityOptions],
     ) -> Energy:
         """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
         1 has no mass properties.
@@ -503,17 +495,15 @@ class HingePair(Frozen, Shown):
         [2.0, 78.48]
         """
         given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        return requests.ask(self, "energy", given, gravity=gravity, out=out, workers=workers, backend=backend)
+        return self._ask("energy", given, options)
 
+    @with_options()
     def momentum(
         self,
         body1: BodyMotion,
         psi: ArrayLike,
         psid: ArrayLike,
-        *,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[OutOptions],
     ) -> Momentum:
         """Compute the momentum of the pair: linear, and angular about the world's origin (T8).
 
@@ -528,7 +518,7 @@ class HingePair(Frozen, Shown):
         [4.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        return requests.ask(self, "momentum", given, out=out, workers=workers, backend=backend)
+        return self._ask("momentum", given, options)
 
     def residuals(
         self,
@@ -568,14 +558,12 @@ class HingePair(Frozen, Shown):
         """
         return residuals.residuals(self._constants, self.name, body1, body2, tolerances, t)
 
+    @with_options()
     def jacobian(
         self,
         body1: BodyMotion,
         psi: ArrayLike,
-        *,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[OutOptions],
     ) -> FloatArray:
         """Compute the Jacobian J in (v2, omega2) = J @ (v1, omega1, psi'), world axes; shape (..., 6, 7) (E8, E2).
 
@@ -587,19 +575,15 @@ class HingePair(Frozen, Shown):
         >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return requests.ask(
-            self, "jacobian", requests.body1_inputs(body1, psi), out=out, workers=workers, backend=backend
-        )
+        return self._ask("jacobian", requests.body1_inputs(body1, psi), options)
 
+    @with_options()
     def acceleration_bias(
         self,
         body1: BodyMotion,
         psi: ArrayLike,
         psid: ArrayLike,
-        *,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[OutOptions],
     ) -> FloatArray:
         """Compute the bias in (a2, alpha2) = J @ (a1, alpha1, psi'') + bias, with J of `jacobian`, world axes: a2
         [m/s^2], then alpha2 [rad/s^2]; shape (..., 6) (E9).
@@ -613,14 +597,7 @@ class HingePair(Frozen, Shown):
         >>> pair.acceleration_bias(body1, 0.0, 2.0)
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        return requests.ask(
-            self,
-            "acceleration_bias",
-            requests.body1_inputs(body1, psi, psid),
-            out=out,
-            workers=workers,
-            backend=backend,
-        )
+        return self._ask("acceleration_bias", requests.body1_inputs(body1, psi, psid), options)
 
     def propagate_covariance(
         self,
@@ -682,14 +659,12 @@ class HingePair(Frozen, Shown):
         given |= {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
         return tolerances.propagate_covariance(self._constants, body1, psi, covariance, points, **given)
 
+    @with_options()
     def constraint_jacobian(
         self,
         body1: BodyMotion,
         body2: BodyMotion,
-        *,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[OutOptions],
     ) -> FloatArray:
         """Compute the Jacobian G of the hinge constraints, (gap', tilt') = G @ (v1, omega1, v2, omega2): three rows
         of gap', two of tilt'; shape (..., 5, 12) (E1, E2).
@@ -708,16 +683,14 @@ class HingePair(Frozen, Shown):
         [0.0, 0.0, 0.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        return requests.ask(self, "constraint_jacobian", given, out=out, workers=workers, backend=backend)
+        return self._ask("constraint_jacobian", given, options)
 
+    @with_options()
     def constraint_bias(
         self,
         body1: BodyMotion,
         body2: BodyMotion,
-        *,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[OutOptions],
     ) -> FloatArray:
         """Compute the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, with G of `constraint_jacobian`:
         three components of gap'' [m/s^2], two of tilt'' [1/s^2]; shape (..., 5) (E1, E2).
@@ -733,7 +706,13 @@ class HingePair(Frozen, Shown):
         [-4.0, 0.0, 0.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        return requests.ask(self, "constraint_bias", given, out=out, workers=workers, backend=backend)
+        return self._ask("constraint_bias", given, options)
+
+
+def rename_out(options: GravityOptions) -> None:
+    """Give the arrays of `out` the names of outputs, which differ from the attributes of a HingeWrench."""
+    if "out" in options:
+        options["out"] = renamed_out(options["out"], WRENCH_OUTPUTS)
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of
-from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import motion_of_rotations
+from hingepair.mechanism.options import GravityOptions, OutOptions, OutputOptions, with_options
 from hingepair.mechanism.pairs import accuracy, requests
 from hingepair.mechanism.pairs.geometry import Constants, Points, checked_points, lifted, planar_constants
-from hingepair.mechanism.pairs.hinge_pair import WRENCH_OUTPUTS, HingePair, checked_mass_properties
+from hingepair.mechanism.pairs.hinge_pair import HingePair, checked_mass_properties, rename_out
+from hingepair.mechanism.requests import MOTION_LEVELS, PAIR_TASKS, ROWS, Request, Task, ask, coordinate_rows
 from hingepair.mechanism.states import Energy, Forces, HingeWrench, Momentum, PlanarState
 from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, call_text, set_frozen
-from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
+from hingepair.plans.arguments import Coordinates, Outputs
+from hingepair.plans.computation import Cache
 from hingepair.plans.pairs import PLANE
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.matrices import rotation_exp
@@ -107,16 +109,26 @@ class PlanarPair(Frozen, Shown):
             self.name, [("u1", self.u1), ("u2", self.u2), *masses, *self.points1.items(), *self.points2.items()]
         )
 
+    # ---- what `ask` needs
+
+    @property
+    def _cache(self) -> Cache:
+        return self._constants.cache
+
+    @property
+    def _tasks(self) -> Mapping[str, Task]:
+        return PAIR_TASKS[self._constants.kind]
+
+    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
+        return requests.pair_request(self, task, given, options, out)
+
+    @with_options()
     def forward_kinematics(
         self,
         q: Coordinates,
         qd: Coordinates | None = None,
         qdd: Coordinates | None = None,
-        *,
-        outputs: Outputs = None,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[OutputOptions],
     ) -> PlanarState:
         """Compute the motion of body 2 from the four coordinates (E11); qd adds velocities, qdd accelerations.
 
@@ -129,7 +141,8 @@ class PlanarPair(Frozen, Shown):
         >>> state.v2[0], state.omega2[0]
         (array([1., 4.]), np.float64(2.0))
         """
-        return requests.from_coordinates(self._constants, q, qd, qdd, outputs, out, None, backend, workers)
+        given = coordinate_rows(q, qd, qdd)
+        return ask(self, MOTION_LEVELS[len(given) - 1], given, options)
 
     def prepare(
         self,
@@ -174,7 +187,7 @@ class PlanarPair(Frozen, Shown):
         >>> f"{pair.error_bounds((0, 0, 0.5, 0.25))['R2']:.0e}"
         '7e-16'
         """
-        given = requests.coordinate_rows(q, qd, qdd)
+        given = dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False))
         return accuracy.error_bounds(self._constants, given, len(given) - 1, outputs)
 
     def to_spatial(self) -> HingePair:
@@ -199,13 +212,11 @@ class PlanarPair(Frozen, Shown):
             points1=points1, points2=points2,
         )  # fmt: skip
 
+    @with_options()
     def mass_matrix(
         self,
         q: Coordinates,
-        *,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[OutOptions],
     ) -> FloatArray:
         """Compute the mass matrix M in M @ (x'', y'', phi'', psi'') + bias = (force1, torque1, hinge_torque) (T4),
         symmetric; shape (..., 4, 4) [kg, kg m, kg m^2]. Arguments: see `PlanarPair`.
@@ -215,18 +226,15 @@ class PlanarPair(Frozen, Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).mass_matrix((0, 0, 0, 0)).diagonal().tolist()
         [4.0, 4.0, 10.0, 3.0]
         """
-        return requests.ask(self, "mass_matrix", {"q": q}, out=out, workers=workers, backend=backend)
+        return ask(self, "mass_matrix", (q,), options)
 
+    @with_options(gravity=PLANAR_GRAVITY)
     def inverse_dynamics(
         self,
         q: Coordinates,
         qd: Coordinates,
         qdd: Coordinates,
-        *,
-        gravity: ArrayLike = PLANAR_GRAVITY,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[GravityOptions],
     ) -> Forces:
         """Compute the force and torque on body 1 and the hinge torque that a motion requires beside gravity (T1-T3).
 
@@ -239,21 +247,15 @@ class PlanarPair(Frozen, Shown):
         >>> forces.force1.tolist(), float(forces.hinge_torque)
         ([0.0, 39.24], 19.62)
         """
-        given = {"q": q, "qd": qd, "qdd": qdd}
-        return requests.ask(
-            self, "inverse_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
-        )
+        return ask(self, "inverse_dynamics", (q, qd, qdd), options)
 
+    @with_options(gravity=PLANAR_GRAVITY)
     def hinge_wrench(
         self,
         q: Coordinates,
         qd: Coordinates,
         qdd: Coordinates,
-        *,
-        gravity: ArrayLike = PLANAR_GRAVITY,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[GravityOptions],
     ) -> HingeWrench:
         """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3); body 1 needs no mass.
         hinge_torque is the torque, bearing_torque 0.
@@ -266,9 +268,10 @@ class PlanarPair(Frozen, Shown):
         >>> wrench.force.tolist(), float(wrench.torque)
         ([0.0, 19.62], 19.62)
         """
-        given, named = {"q": q, "qd": qd, "qdd": qdd}, renamed_out(out, WRENCH_OUTPUTS)
-        return requests.ask(self, "hinge_wrench", given, gravity=gravity, out=named, workers=workers, backend=backend)
+        rename_out(options)
+        return ask(self, "hinge_wrench", (q, qd, qdd), options)
 
+    @with_options(gravity=PLANAR_GRAVITY)
     def forward_dynamics(
         self,
         q: Coordinates,
@@ -279,10 +282,7 @@ class PlanarPair(Frozen, Shown):
         hinge_torque: ArrayLike = 0.0,
         force2: ArrayLike = 0,
         torque2: ArrayLike = 0.0,
-        gravity: ArrayLike = PLANAR_GRAVITY,
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[GravityOptions],
     ) -> FloatArray:
         """Compute the accelerations of the coordinates under gravity and the forces and torques on both bodies (T5,
         T6). Arguments not listed: see `PlanarPair`.
@@ -304,23 +304,16 @@ class PlanarPair(Frozen, Shown):
         >>> pair.forward_dynamics((0, 0, 0, 0.3), (0, 0, 0, 0)).round(9)[1]  # both bodies fall
         np.float64(-9.81)
         """
-        loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
+        loads = requests.loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
         given = {"q": q, "qd": qd, "hinge_torque": hinge_torque, **loads}
-        found: FloatArray = requests.ask(
-            self, "forward_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
-        )
-        requests.warn_where_singular(found, self)
-        return found
+        return ask(self, "forward_dynamics", tuple(given.values()), options, tuple(given))
 
+    @with_options(gravity=PLANAR_GRAVITY)
     def energy(
         self,
         q: Coordinates,
         qd: Coordinates,
-        *,
-        gravity: ArrayLike = PLANAR_GRAVITY,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[GravityOptions],
     ) -> Energy:
         """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
         1 has no mass properties. Arguments: see `PlanarPair`.
@@ -330,18 +323,14 @@ class PlanarPair(Frozen, Shown):
         >>> pair.energy((0, 1, 0, 0), (1, 0, 0, 0)).potential.round(9).tolist()
         19.62
         """
-        return requests.ask(
-            self, "energy", {"q": q, "qd": qd}, gravity=gravity, out=out, workers=workers, backend=backend
-        )
+        return ask(self, "energy", (q, qd), options)
 
+    @with_options()
     def momentum(
         self,
         q: Coordinates,
         qd: Coordinates,
-        *,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
+        **options: Unpack[OutOptions],
     ) -> Momentum:
         """Compute the momentum of the pair: linear, and angular about the world's origin (T8). Arguments: see
         `PlanarPair`.
@@ -351,7 +340,7 @@ class PlanarPair(Frozen, Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).momentum((0, 1, 0, 0), (1, 0, 0, 0)).linear.tolist()
         [4.0, 0.0]
         """
-        return requests.ask(self, "momentum", {"q": q, "qd": qd}, out=out, workers=workers, backend=backend)
+        return ask(self, "momentum", (q, qd), options)
 
 
 def dynamics_in_space(pair: HingePair | PlanarPair) -> HingePair:

@@ -1,17 +1,16 @@
-"""What is asked of pairs: the tasks of methods and of `prepare`, and how arguments become results."""
+"""What is asked of pairs: their computations, and the requests of methods and of `prepare`."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Collection, Iterable, Mapping
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.backend import Execution, execution_of
+from hingepair.engine.backend import Execution
 from hingepair.engine.loops import Loop
-from hingepair.engine.outputs import Out
 from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
@@ -24,30 +23,22 @@ from hingepair.mechanism.pairs.geometry import (
     least_axis,
     tree_numbers,
 )
-from hingepair.mechanism.states import (
-    Accelerations,
-    Energy,
-    Forces,
-    HingeWrench,
-    Momentum,
-    PairState,
-    PlanarState,
+from hingepair.mechanism.requests import (
+    BODIES,
+    PAIR_TASKS,
+    ROWS,
+    STATES,
+    Request,
+    Task,
+    coordinate_rows,
+    read_gravity,
 )
-from hingepair.numeric.arrays import FloatArray, is_zero, one_constant
-from hingepair.plans.arguments import (
-    Arguments,
-    CoordinateNames,
-    Outputs,
-    check_outputs,
-    read_arguments,
-    requested_outputs,
-)
+from hingepair.numeric.arrays import FloatArray, is_zero
+from hingepair.plans.arguments import Arguments, CoordinateNames, check_outputs, read_arguments, requested_outputs
 from hingepair.plans.computation import QUATERNIONS, Computation
 from hingepair.plans.constraints import CONSTRAINTS
 from hingepair.plans.geometry import GEOMETRY_SHAPES
 from hingepair.plans.pairs import (
-    ACCELERATIONS,
-    FORCES,
     LOADS,
     NO_MASSES,
     OF_WHOLE_BODY2,
@@ -62,67 +53,10 @@ from hingepair.plans.pairs import (
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
 
-Returned = TypeVar("Returned")
-
-DEFAULT_GRAVITY = SPACE.gravity  # (0, 0, -9.81) m/s^2, world axes
-STATES: Final[Mapping[PairKind, type[PairState | PlanarState]]] = {SPACE: PairState, PLANE: PlanarState}
-"""Classes of results."""
 COORDINATES: Final = {kind: CoordinateNames(kind.coordinates, kind.columns) for kind in (SPACE, PLANE)}
 """Names of the coordinates."""
 INPUT_LABELS: Final = {f"{letter}{k}": f"body{k}.{letter}" for k in "12" for letter in MOTION_SHAPES}
 """Names of the arrays of bodies in messages, by input."""
-ROWS: Final = ("q", "qd", "qdd")
-"""Names of all coordinates of a pair, and of their derivatives."""
-
-
-class Task(NamedTuple):
-    """Arguments and outputs of what is computed of a pair under one name: a method's, or one for `prepare`."""
-
-    given: tuple[str, ...]
-    outputs: tuple[str, ...]
-    result: type[Results] | None = None  # None: the only output as an array
-    masses: tuple[str, ...] = ()  # bodies whose masses it needs
-    hint: str = ""  # end of the message where body 1 has none: what to call instead
-
-
-BODIES: Final = ("body1", "body2")  # attributes of a pair that hold its mass properties
-_MOVED: Final = ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd")  # inputs of inverse dynamics
-_PLACED: Final = ("R1", "S1", "v1", "omega1", "psi", "psid")  # inputs of energy and momentum
-_WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque")  # outputs of hinge_wrench
-_HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"  # where body 1 has no mass
-
-
-def _motion_tasks(kind: PairKind) -> dict[str, Task]:
-    levels = enumerate(("pose", "velocity", "acceleration"))
-    return {level: Task(ROWS[: order + 1], kind.default_outputs(order), STATES[kind]) for order, level in levels}
-
-
-TASKS: Final[Mapping[PairKind, Mapping[str, Task]]] = {
-    SPACE: {
-        **_motion_tasks(SPACE),
-        "jacobian": Task(("S1", "psi"), ("jacobian",)),
-        "acceleration_bias": Task(("S1", "omega1", "psi", "psid"), ("acceleration_bias",)),
-        "constraint_jacobian": Task(("S1", "S2"), ("constraint_jacobian",)),
-        "constraint_bias": Task(("S1", "omega1", "S2", "omega2"), ("constraint_bias",)),
-        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), masses=BODIES),
-        "inverse_dynamics": Task(_MOVED, FORCES, Forces, BODIES, _HINT),
-        "hinge_wrench": Task(_MOVED, _WRENCH, HingeWrench, ("body2",)),
-        "forward_dynamics": Task(("S1", "omega1", "psi", "psid", *FORCES), ACCELERATIONS, Accelerations, BODIES),
-        "energy": Task(_PLACED, ("kinetic", "potential"), Energy, ("body2",)),
-        "momentum": Task(_PLACED, ("linear", "angular"), Momentum, BODIES),
-    },
-    PLANE: {
-        **_motion_tasks(PLANE),
-        "mass_matrix": Task(("q",), ("mass_matrix",), masses=BODIES),
-        "inverse_dynamics": Task(ROWS, FORCES, Forces, BODIES, _HINT),
-        "hinge_wrench": Task(ROWS, _WRENCH, HingeWrench, ("body2",)),
-        "forward_dynamics": Task(("q", "qd", *FORCES), ("qdd",), masses=BODIES),
-        "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy, ("body2",)),
-        "momentum": Task(("q", "qd"), ("linear", "angular"), Momentum, BODIES),
-    },
-}
-"""All that can be asked of pairs in space and in the plane."""
-
 
 # ---- computations
 
@@ -219,71 +153,10 @@ def compute_arrays(
 # ---- methods
 
 
-def coordinate_rows(q: Any, qd: Any, qdd: Any) -> dict[str, Any]:
-    """Return q, qd and qdd by name, as far as given.
-
-    Raises:
-        ArgumentError: second derivatives without first, or no coordinates.
-    """
-    if qdd is not None and qd is None:
-        raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
-    if q is None:
-        raise ArgumentError("q", "coordinates", None)
-    return {name: row for name, row in (("q", q), ("qd", qd), ("qdd", qdd)) if row is not None}
-
-
 def read_rows(kind: PairKind, q: Any, qd: Any = None, qdd: Any = None) -> Arguments:
     """Check the coordinates of a pair and their derivatives, and return them in the form that calls take."""
-    return read_arguments(coordinate_rows(q, qd, qdd), kind.shapes, COORDINATES[kind])
-
-
-def from_coordinates(
-    pair: Constants,
-    q: Any,
-    qd: Any,
-    qdd: Any,
-    outputs: Outputs,
-    out: Out,
-    sequence: str | None,
-    backend: str,
-    workers: int,
-) -> Any:
-    """Compute the state of a pair from coordinates and, if given, their derivatives (E1-E11)."""
-    rows = (q,) if qd is None and qdd is None else (q, qd) if qdd is None else (q, qd, qdd)
-    if type(outputs) is list:
-        outputs = tuple(outputs)
-    added = tuple(out) if outputs is None and type(out) is dict else None  # outputs that `out` asks for
-    key = outputs, added, sequence, backend, len(rows)
-    state = pair.cache.again(key, rows, out, workers)
-    if state is not None:
-        return state
-    given = coordinate_rows(q, qd, qdd)
-    if not pair.kind.planar:
-        find_sequence(sequence)  # type: ignore[arg-type]
-    names = requested_outputs(outputs, out, pair.levels, pair.kind.default_outputs(len(given) - 1))
-    lasts = isinstance(outputs, tuple | None) and (out is None or type(out) is dict)
-    return _compute(
-        pair, names, given, out=out, sequence=sequence, backend=backend, workers=workers,
-        result=STATES[pair.kind], key=key if lasts else None,
-    )  # fmt: skip
-
-
-def from_body1(
-    pair: Constants,
-    body1: BodyMotion,
-    psi: Any,
-    psid: Any,
-    psidd: Any,
-    outputs: Outputs,
-    out: Out,
-    backend: str,
-    workers: int,
-) -> Any:
-    """Compute the state of a pair from the motion of body 1 and the hinge angle (E1, E2, E5-E9)."""
-    given = body1_inputs(body1, psi, psid, psidd)
-    level = ("psid" in given) + ("psidd" in given)
-    names = requested_outputs(outputs, out, pair.levels, pair.kind.default_outputs(level))
-    return _compute(pair, names, given, out=out, backend=backend, workers=workers, result=PairState)
+    rows = dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False))
+    return read_arguments(rows, kind.shapes, COORDINATES[kind])
 
 
 def body1_inputs(body1: BodyMotion, psi: Any, psid: Any = None, psidd: Any = None) -> dict[str, Any]:
@@ -300,71 +173,36 @@ def body1_inputs(body1: BodyMotion, psi: Any, psid: Any = None, psidd: Any = Non
     return {**motion_inputs("body1", body1), **hinge}
 
 
-def ask(
-    pair: Any,
-    name: str,
-    given: Mapping[str, Any],
-    *,
-    gravity: ArrayLike | None = None,
-    out: Any = None,
-    workers: int = 1,
-    backend: str = "auto",
-) -> Any:
-    """Compute the outputs of the row `name` of TASKS; issue a DynamicsWarning for each assumed mass. The other
-    arguments are those of the methods.
+def loads_that_act(**loads: Any) -> dict[str, Any]:
+    """Return the loads that are not the number 0."""
+    return {name: value for name, value in loads.items() if not is_zero(value)}
+
+
+def pair_request(pair: Any, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
+    """Return the request of a method of a pair.
 
     Raises:
-        ArgumentError: a body that is needed has no mass.
+        ArgumentError: a body that is needed has no mass, or an output needs an input that is not given.
     """
     constants: Constants = constants_of(pair)
-    task = TASKS[constants.kind][name]
-    given = {one: value for one, value in given.items() if one not in LOADS[:-1] or not is_zero(value)}
-    plain = gravity is None or gravity is constants.kind.gravity
-    key = (name, backend, *given) if plain else None
-    if key is not None:
-        found = constants.cache.again(key, given.values(), out, workers)
-        if found is not None:
-            return found
-    vector = None
+    kind, outputs, sequence, gravity, lasts = constants.kind, task.outputs, None, None, True
+    if "outputs" in task.options.__annotations__:
+        default = outputs or kind.default_outputs(("psid" in given) + ("psidd" in given))
+        outputs = requested_outputs(options.get("outputs"), out, constants.levels, default)
+        if "q" in given and not kind.planar:
+            sequence = options.get("sequence", "XYZ")
+            find_sequence(sequence)
     if task.masses:
-        vector = _checked_gravity(constants.kind, constants.kind.gravity if gravity is None else gravity)
+        gravity = read_gravity(options.get("gravity", kind.gravity), kind.gravity)
         bodies = {one: getattr(pair, one) for one in BODIES}
         check_masses({one: body for one, body in bodies.items() if body is not None or one in task.masses}, task.hint)
-        if any(body is not None and body.assumed for body in bodies.values()):
-            key = None  # each call warns
-    return _compute(
-        constants, task.outputs, given, gravity=vector, out=out, backend=backend, workers=workers,
-        result=task.result, key=key, solves=name == "forward_dynamics",
-    )  # fmt: skip
-
-
-def _compute(
-    pair: Constants,
-    outputs: tuple[str, ...],
-    given: Mapping[str, Any],
-    *,
-    out: Any = None,
-    sequence: str | None = None,
-    backend: str = "auto",
-    workers: int = 1,
-    gravity: tuple[float, ...] | None = None,
-    result: type[Results] | None = Results,
-    key: Any = None,
-    solves: bool = False,
-) -> Any:
-    """Compute outputs of a pair from inputs by name, as users give them. The call is stored by `key` in the pair's
-    cache, for `Cache.again`.
-
-    Raises:
-        ArgumentError: an output needs an input that is not given.
-    """
-    what = pair, outputs, sequence, result, False, solves
-    computation = computation_of(*what)
+        lasts = not any(body is not None and body.assumed for body in bodies.values())  # each call warns
+    solves = "hinge_torque" in given
+    remade = functools.partial(computation_of, constants, outputs, sequence, task.result, False, solves)
+    computation = remade()
     check_inputs(computation, given)
-    return computation.compute(
-        given, execution_of(backend, workers), gravity, out, labels=INPUT_LABELS,
-        keep=None if key is None else (pair.cache, key), remade=functools.partial(computation_of, *what),
-    )  # fmt: skip
+    watch = functools.partial(_watch, pair, outputs[-1]) if solves and pivot_limits(constants).any() else None
+    return Request(computation, given, INPUT_LABELS, gravity, remade, watch=watch, lasts=lasts)
 
 
 # ---- masses
@@ -396,11 +234,12 @@ def pivot_limits(pair: Constants) -> FloatArray:
     return np.stack(np.broadcast_arrays(*(columns.get(35 + k, limits[k]) for k in range(3))), axis=-1)
 
 
-def warn_where_singular(psidd: FloatArray, pair: Any) -> None:
+def _watch(pair: Any, output: str, result: Any, _: Any) -> None:
     """Issue a DynamicsWarning where accelerations are NaN because the mass matrix of the pair is singular."""
     constants: Constants = constants_of(pair)
-    limits = pivot_limits(constants)
-    if not limits.any() or not isinstance(psidd, np.ndarray | np.generic):
+    psidd = result if isinstance(result, np.ndarray) else result[output]
+    psidd = psidd[..., -1] if constants.kind.planar else psidd
+    if not isinstance(psidd, np.ndarray | np.generic):
         return
     bad = np.isnan(psidd)
     if not bad.any():
@@ -408,7 +247,7 @@ def warn_where_singular(psidd: FloatArray, pair: Any) -> None:
     still: dict[str, Any] = {"phi1": 0.0} if constants.kind.planar else {"S1": np.eye(3)}
     still["psi"] = 0.0
     pivots = compute_arrays(constants, ("pivots",), still, dict.fromkeys(still, ()))["pivots"]
-    low = ~(pivots > limits[..., [0, 1, 1, 1, 2, 2, 2]])  # NaN are low
+    low = ~(pivots > pivot_limits(constants)[..., [0, 1, 1, 1, 2, 2, 2]])  # NaN are low
     if low.any():
         which = "the hinge" if low[..., 0].any() else "body 1"
         where = f"at {int(bad.sum())} of {bad.size} samples" if bad.shape else "here"
@@ -441,7 +280,7 @@ def prepare(
     """
     constants: Constants = constants_of(pair)
     kind = constants.kind
-    tasks = TASKS[kind]
+    tasks = PAIR_TASKS[kind]
     names = _checked_names(kind, given)
     solves, rows = any(name in LOADS for name in names), "q" in names
     if sequence is not None and rows:
@@ -469,7 +308,7 @@ def prepare(
     solved = tasks["forward_dynamics"].outputs[-1]
     watched = solves and solved in output_names and pivot_limits(constants).any()
     watch = functools.partial(_watch, pair, solved) if watched else None
-    return Prepared(computation, names, execution, _checked_gravity(kind, gravity), remade, watch)
+    return Prepared(computation, names, execution, read_gravity(gravity, kind.gravity), remade, watch)
 
 
 def _check_given(computation: Computation, names: tuple[str, ...], solves: bool) -> None:
@@ -480,11 +319,6 @@ def _check_given(computation: Computation, names: tuple[str, ...], solves: bool)
         if missing:  # without q, motions of body 1 are inputs
             needed = ", ".join("q" if one == name else one for one in sorted(missing))
             raise ArgumentError("given", f"names with {needed}, which output {name} needs", ", ".join(names))
-
-
-def _watch(pair: Any, output: str, result: Any, _: Any) -> None:
-    """Warn of a singular mass matrix in the results of a prepared call."""
-    warn_where_singular(np.asarray(result[output]), pair)
 
 
 def _bodies(tasks: Mapping[str, Task], outputs: tuple[str, ...]) -> set[str]:
@@ -498,14 +332,17 @@ def _bodies(tasks: Mapping[str, Task], outputs: tuple[str, ...]) -> set[str]:
 
 
 def _checked_names(kind: PairKind, given: str | Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the inputs that `given` means: a key of TASKS such as "velocity", or the names themselves.
-    Refuse unknown and repeated names, and any but one attitude of body 1.
+    """Return the names of the inputs that `given` means: a word such as "velocity", or the names themselves.
+
+    Raises:
+        ArgumentError: unknown or repeated names, or any but one attitude of body 1.
     """
-    tasks, allowed = TASKS[kind], _INPUTS[kind]
+    tasks, allowed = PAIR_TASKS[kind], _INPUTS[kind]
     try:
         names = tasks[given].given if isinstance(given, str) else tuple(given)
     except (KeyError, TypeError):
-        raise ArgumentError("given", f"{choices(tuple(tasks))}, or a tuple of names", quoted(given)) from None
+        words = tuple(name for name, task in tasks.items() if task.given)
+        raise ArgumentError("given", f"{choices(words)}, or a tuple of names", quoted(given)) from None
     for name in names:
         if name not in allowed:
             raise ArgumentError("given", choices(allowed), quoted(name))
@@ -514,8 +351,3 @@ def _checked_names(kind: PairKind, given: str | Iterable[str]) -> tuple[str, ...
         expected = "q" if kind.planar else "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz"
         raise ArgumentError("given", expected, quoted(names))
     return names
-
-
-def _checked_gravity(kind: PairKind, gravity: ArrayLike) -> tuple[float, ...]:
-    """Return the argument `gravity` as a tuple of numbers."""
-    return tuple(one_constant("gravity", gravity, len(kind.gravity)).tolist())

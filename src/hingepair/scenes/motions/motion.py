@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.motion.run import Impact
 from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.motion.trajectory import LazyValue

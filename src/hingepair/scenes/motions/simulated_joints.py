@@ -14,7 +14,7 @@ from hingepair.errors import SimulationError
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad, stop_range
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.motion.given_motions import GivenJoint
 from hingepair.motion.simulated import SimulatedRobotMotion, simulate_robot
 from hingepair.numeric.arrays import Float64Array

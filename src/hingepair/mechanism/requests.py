@@ -1,0 +1,273 @@
+"""What can be asked of pairs and robots, and how a call of a method is answered.
+
+`TASKS` has a row for each method and each word of `prepare`: arguments, outputs, result, options. What an output is
+made of says `plans.trees.OUTPUTS`, its unit and shape `equations.quantities`.
+
+A method calls `ask`. A call that differs from an earlier one by its arrays alone goes to the kernel at once. Any
+other becomes a `Request`: the pair or the robot says what it computes and from what, and the call is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, NamedTuple, Protocol
+
+from numpy.typing import ArrayLike
+
+from hingepair.engine.backend import execution_of
+from hingepair.engine.results import Results
+from hingepair.equations.quantities import QUANTITIES
+from hingepair.errors import ArgumentError
+from hingepair.mechanism.options import (
+    BaseOptions,
+    DynamicsOptions,
+    EulerOptions,
+    ForwardOptions,
+    FrameOptions,
+    GravityOptions,
+    JacobianOptions,
+    LoopOptions,
+    OutOptions,
+    OutputOptions,
+    RunOptions,
+    WeightOptions,
+    WrenchOptions,
+    check_options,
+)
+from hingepair.mechanism.states import (
+    Accelerations,
+    Energy,
+    Forces,
+    HingeWrench,
+    JointWrenches,
+    MechanismAccelerations,
+    MechanismForces,
+    MechanismState,
+    Momentum,
+    PairState,
+    PlanarState,
+)
+from hingepair.numeric.arrays import one_constant
+from hingepair.plans.arguments import check_out
+from hingepair.plans.computation import Cache, Computation
+from hingepair.plans.derivatives import Derivative
+from hingepair.plans.pairs import ACCELERATIONS, FORCES, PLANE, SPACE, PairKind
+from hingepair.plans.trees import FRAME_OUTPUTS, JACOBIANS
+
+
+class Task(NamedTuple):
+    """What is computed under one name: by a method, or by a prepared call."""
+
+    given: tuple[str, ...]  # names of the arguments
+    outputs: tuple[str, ...]
+    result: type[Results] | None = None  # None: the only output as an array
+    options: type = OutOptions  # those of the method
+    derivative: str = ""  # in place of the outputs; a kind of `plans.derivatives.Derivative`
+    masses: tuple[str, ...] = ()  # bodies of a pair that need mass properties
+    hint: str = ""  # end of the message where body 1 has none: what to call instead
+
+
+MOTION_LEVELS: Final = ("pose", "velocity", "acceleration")  # tasks of motion, by the order of the time derivative
+ROWS: Final = ("q", "qd", "qdd")
+"""Names of all coordinates, and of their derivatives."""
+FREE_BASE_OUTPUTS: Final = ("a1", "alpha1")  # of forward dynamics, where forces move the base
+ALL_COORDINATES: Final = ("q_all", "qd_all", "qdd_all")  # of a closed mechanism; each is a task, with those before it
+_B, _F, _J, _W = BaseOptions, FrameOptions, JacobianOptions, WeightOptions
+
+ROBOT_TASKS: Final[Mapping[str, Task]] = {
+    **{
+        level: Task(ROWS[: k + 1], tuple(x for x in FRAME_OUTPUTS if QUANTITIES[x].order <= k), MechanismState, _F)
+        for k, level in enumerate(MOTION_LEVELS)
+    },
+    **{name: Task(("q",), (name,), None, _J) for name in JACOBIANS},
+    **{f"{name}_rate": Task(("q", "qd"), (name,), None, _J, "rate") for name in JACOBIANS},
+    "acceleration_bias": Task(("q", "qd"), ("acceleration_bias",), None, _J),
+    "inverse_dynamics": Task(ROWS, ("tau", "force1", "torque1"), MechanismForces, DynamicsOptions),
+    "inverse_dynamics_derivatives": Task(
+        ROWS, ("tau", "force1", "torque1"), None, DynamicsOptions, derivative="matrices"
+    ),
+    "joint_wrenches": Task(ROWS, ("force", "torque"), JointWrenches, WrenchOptions),
+    "torque_regressor": Task(ROWS, ("torque_regressor",), None, _W),
+    "forward_dynamics": Task(("q", "qd", "tau"), ("qdd", *FREE_BASE_OUTPUTS), MechanismAccelerations, ForwardOptions),
+    "forward_dynamics_derivatives": Task(
+        ("q", "qd", "tau"), ("qdd", *FREE_BASE_OUTPUTS), None, ForwardOptions, derivative="matrices"
+    ),
+    **{
+        name: Task(ROWS[:order], ALL_COORDINATES[:order], None, RunOptions)
+        for order, name in enumerate(ALL_COORDINATES, 1)
+    },
+    "struts": Task(("q", "qd"), ("strut_length", "strut_rate", "strut_force"), None, RunOptions),
+    **{name: Task(("q",), (name,), None, _B) for name in ("loop_jacobian", "loop_wrenches")},
+    "tree_tau": Task(ROWS, ("tree_tau",), None, LoopOptions),
+    "mass_matrix": Task(("q",), ("mass_matrix",), None, _B),
+    "bias_forces": Task(("q", "qd"), ("bias_forces",), None, _W),
+    "gravity_forces": Task(("q",), ("gravity_forces",), None, _W),
+    "centre_of_mass": Task(("q",), ("centre_of_mass",), None, _B),
+    "centre_of_mass_jacobian": Task(("q",), ("centre_of_mass_jacobian",), None, _B),
+    "centroidal_momentum_matrix": Task(("q",), ("centroidal_momentum_matrix",), None, _B),
+    "centroidal_momentum_matrix_rate": Task(("q", "qd"), ("centroidal_momentum_matrix",), None, _B, "rate"),
+    "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy, _W),
+    "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Momentum, _B),
+    **{
+        f"momentum_about_{point}": Task(("q", "qd"), ("linear", f"angular_about_{point}"), Momentum, _B)
+        for point in ("origin", "centre")
+    },
+}
+"""All that can be asked of a robot."""
+
+BODIES: Final = ("body1", "body2")  # attributes of a pair that hold its mass properties
+_MOVED: Final = ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd")  # arguments of inverse dynamics
+_PLACED: Final = ("R1", "S1", "v1", "omega1", "psi", "psid")  # arguments of energy and momentum
+_WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque")  # outputs of hinge_wrench
+_HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"  # where body 1 has no mass
+STATES: Final[Mapping[PairKind, type[PairState | PlanarState]]] = {SPACE: PairState, PLANE: PlanarState}
+"""Classes of the state of a pair."""
+
+
+def _of_pair(kind: PairKind, moved: tuple[str, ...], placed: tuple[str, ...], solved: Task) -> dict[str, Task]:
+    """Return what can be asked of pairs of a kind: `moved` are the arguments of inverse dynamics, `placed` those of
+    energy.
+    """
+    levels = enumerate(MOTION_LEVELS)
+    state = STATES[kind]
+    return {
+        **{level: Task(ROWS[: k + 1], kind.default_outputs(k), state, EulerOptions) for k, level in levels},
+        "inverse_dynamics": Task(moved, FORCES, Forces, GravityOptions, "", BODIES, _HINT),
+        "hinge_wrench": Task(moved, _WRENCH, HingeWrench, GravityOptions, "", ("body2",)),
+        "forward_dynamics": solved,
+        "energy": Task(placed, ("kinetic", "potential"), Energy, GravityOptions, "", ("body2",)),
+        "momentum": Task(placed, ("linear", "angular"), Momentum, OutOptions, "", BODIES),
+    }
+
+
+_OF_BODY1: Final = ("S1", "omega1", "psi", "psid")
+PAIR_TASKS: Final[Mapping[PairKind, Mapping[str, Task]]] = {
+    SPACE: {
+        **_of_pair(
+            SPACE, _MOVED, _PLACED,
+            Task((*_OF_BODY1, *FORCES), ACCELERATIONS, Accelerations, GravityOptions, "", BODIES),
+        ),
+        "from_body1": Task((), (), PairState, OutputOptions),
+        "jacobian": Task(("S1", "psi"), ("jacobian",)),
+        "acceleration_bias": Task(_OF_BODY1, ("acceleration_bias",)),
+        "constraint_jacobian": Task(("S1", "S2"), ("constraint_jacobian",)),
+        "constraint_bias": Task(("S1", "omega1", "S2", "omega2"), ("constraint_bias",)),
+        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), None, OutOptions, "", BODIES),
+    },
+    PLANE: {
+        **_of_pair(
+            PLANE, ROWS, ROWS[:2], Task(("q", "qd", *FORCES), ("qdd",), None, GravityOptions, "", BODIES)
+        ),
+        "mass_matrix": Task(("q",), ("mass_matrix",), None, OutOptions, "", BODIES),
+    },
+}  # fmt: skip
+"""All that can be asked of pairs in space and in the plane."""
+
+
+# ---- the call of a method
+
+Watch = Callable[[Any, Mapping[str, Any]], None]
+"""Function of results and arguments, which warns where a mass matrix is singular or loops cannot be closed."""
+
+
+class Request(NamedTuple):
+    """A call of a method: what is computed, and from what."""
+
+    computation: Computation
+    given: Mapping[str, Any]  # the arguments by input name
+    labels: Mapping[str, str]  # names of inputs in messages, where they differ
+    gravity: tuple[float, ...] | None  # where it matters
+    remade: Callable[[], Computation]  # makes the computation anew, and can be pickled
+    derivative: Derivative | None = None  # that is computed in place of the outputs
+    watch: Watch | None = None
+    lasts: bool = True  # whether the next such call is the same
+
+
+class Subject(Protocol):
+    """A pair or a robot."""
+
+    @property
+    def _cache(self) -> Cache:
+        """What is made once for it."""
+
+    @property
+    def _tasks(self) -> Mapping[str, Task]:
+        """What can be asked of it."""
+
+    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
+        """Return the request of a method's call."""
+
+
+def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names: tuple[str, ...] = ()) -> Any:
+    """Compute what a method returns.
+
+    Args:
+        subject: the pair or the robot.
+        task: name of the row of TASKS.
+        values: the arguments.
+        options: the options of the method.
+        names: names of the arguments; by default those of the row.
+    """
+    key: Any = task
+    out = None
+    if options or names:
+        out = options.pop("out", None)
+        asked = tuple(out) if type(out) is dict and "outputs" not in options else None  # outputs that `out` asks for
+        key = task, names, asked, *options, *options.values()
+    cache = subject._cache
+    try:
+        kept = cache.calls.get(key)
+    except TypeError:  # an option that cannot be hashed
+        kept, key = None, None
+    if kept is not None:
+        call, watch = kept
+        result = call.rows(*values) if out is None else call.rows(*values, out=check_out(out, call.outputs))
+        if result is not None:
+            if watch is not None:
+                watch(result, dict(zip(call.argument_shapes, values, strict=True)))
+            return result
+    row = subject._tasks[task]
+    check_options(task, options, row.options)
+    execution = execution_of(options.get("backend", "auto"), options.get("workers", 1))
+    given = dict(zip(names or row.given, values, strict=bool(names)))
+    request = subject._request(row, given, options, out)
+    lasts = request.lasts and key is not None and all(map(_lasts, options.values()))
+    result = request.computation.compute(
+        request.given, execution, request.gravity, out, derivative=request.derivative, labels=request.labels,
+        keep=(cache, key, request.watch) if lasts else None, remade=request.remade,
+    )  # fmt: skip
+    if request.watch is not None:
+        request.watch(result, given)
+    return result
+
+
+def _lasts(option: object) -> bool:
+    """Return whether an option means the same at the next call: others are arguments, or change."""
+    return type(option) in (str, bool, type(None)) or (
+        type(option) is tuple and all(type(one) is str for one in option)
+    )
+
+
+def read_gravity(gravity: ArrayLike, default: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the argument `gravity` as numbers, as many as the default has."""
+    return default if gravity is default else tuple(one_constant("gravity", gravity, len(default)).tolist())
+
+
+def motion_level(given: Mapping[str, Any] | Sequence[str]) -> str:
+    """Return the task of motion for which coordinates of these names suffice."""
+    return MOTION_LEVELS[sum(name in given for name in ROWS[1:])]
+
+
+def coordinate_rows(q: Any, qd: Any, qdd: Any) -> tuple[Any, ...]:
+    """Return q, qd and qdd as far as given.
+
+    Raises:
+        ArgumentError: second derivatives without first, or no coordinates.
+    """
+    if qdd is None:
+        if q is None:
+            raise ArgumentError("q", "coordinates", None)
+        return (q,) if qd is None else (q, qd)
+    if qd is None:
+        raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
+    return q, qd, qdd
