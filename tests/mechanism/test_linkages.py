@@ -64,7 +64,7 @@ def test_a_slider_crank_has_the_stroke_of_the_textbook() -> None:
     x = np.linspace(0.6, 1.2, 51)[1:-1, None]
     crank = np.arccos((x[:, 0] ** 2 + 0.09 - 0.81) / (0.6 * x[:, 0]))
     assert np.abs(pump.all_coordinates(x)[:, 0] - crank).max() < 1e-13  # some 100 U near the dead points
-    with pytest.warns(hp.DynamicsWarning, match="at 2 of 3 samples, first at piston = 0.59"):
+    with pytest.warns(hp.DynamicsWarning, match=r"at 2 of 3 samples, first at piston = 0.59: pin-piston cannot be"):
         assert np.isnan(pump.all_coordinates([[0.59], [0.9], [1.21]])).any(axis=1).tolist() == [True, False, True]
 
 
@@ -220,6 +220,45 @@ def test_a_page_shows_all_joints_of_a_closed_mechanism() -> None:
     assert caught.value.name == "q"
 
 
+def test_a_path_may_begin_at_another_assembly() -> None:
+    other = {"crank": 0.3, "coupler": -0.8, "rocker": -1.9}
+    mirrored = OPEN.closed(hp.Loop("a", "b"), coordinates="crank", at=other)
+    q = np.linspace(0.3, 1, 5)[:, None]
+    assert np.abs(FOUR_BAR.follow(q, guess=other) - mirrored.all_coordinates(q)).max() < 1e-14
+    assert np.abs(mirrored.all_coordinates(q)[:, 2] - FOUR_BAR.all_coordinates(q)[:, 2]).min() > 1
+
+
+def test_bars_in_line_are_assembled_next_to_it() -> None:
+    closed = OPEN.closed(hp.Loop("a", "b"), coordinates="crank")  # at 0 no step closes the gap along the bars
+    assert np.abs(closed.all_coordinates(TURN) - FOUR_BAR.all_coordinates(TURN)).max() < 1e-14
+
+
+def test_float32_and_many_turns_are_judged_by_their_rounding() -> None:
+    exact = FOUR_BAR.all_coordinates(TURN)
+    assert np.abs(FOUR_BAR.all_coordinates(TURN.astype(np.float32)) - exact).max() < 64 * 2**-24
+    for turns in (1e3, 1e6):
+        angle = 2 * np.pi * turns
+        off = FOUR_BAR.all_coordinates(TURN + angle)[:, 2] - exact[:, 2]
+        assert np.abs(off).max() < 4 * U * angle
+    long = open_four_bar(0.8, 0.5, 0.6).closed(hp.Loop("a", "b"), at={"crank": 0.3, "coupler": 0.8, "rocker": 2.2})
+    with pytest.warns(hp.DynamicsWarning, match=r"at 1 of 2 samples, first at crank = 2: a-b cannot be closed"):
+        assert np.isnan(long.all_coordinates(np.array([[2], [0.3]], np.float32))).any(axis=1).tolist() == [
+            True,
+            False,
+        ]
+
+
+def test_springs_and_dampers_act_at_joints_that_follow() -> None:
+    loads = {"rocker": hp.HingeLoad(stiffness=50.0, rest=1.5), "crank": hp.HingeLoad(stiffness=3.0)}
+    motion = hp.simulate(FOUR_BAR, np.linspace(0, 1, 11), [0.3], [1.0], gravity=GRAVITY, loads=loads)
+    energy = FOUR_BAR.energy(motion.q, motion.qd, gravity=GRAVITY)
+    q = FOUR_BAR.all_coordinates(motion.q)
+    total = energy.kinetic + energy.potential + 25 * (q[:, 2] - 1.5) ** 2 + 1.5 * q[:, 0] ** 2
+    assert np.ptp(total) < 1e-9 * np.ptp(energy.kinetic)
+    damped = hp.simulate(FOUR_BAR, [0, 1], [0.3], [1.0], loads={"coupler": hp.HingeLoad(damping=9.0)})
+    assert (np.diff(FOUR_BAR.energy(damped.q, damped.qd, gravity=(0, 0, 0)).kinetic) < -0.01).all()
+
+
 def excavator() -> tuple[hp.Mechanism, hp.Mechanism]:
     y = (0, 1, 0)
     joints = [bar("boom", (0, 0, 1), 4, y), bar("stick", (4, 0, 0), 2, y), bar("bucket", (2, 0, 0), 1, y)]
@@ -251,7 +290,24 @@ def test_cylinders_drive_an_excavator_by_their_lengths() -> None:
     assert np.abs(driven.forward_dynamics(lengths, qd, force).qdd - qdd).max() < 1e-11
 
 
+TWICE = hp.Mechanism(
+    [
+        bar("crank1", (0, 0, 0), 0.3), bar("coupler1", (0.3, 0, 0), 0.9), bar("crank2", (0, 0, 0), 0.3),
+        bar("coupler2", (0.3, 0, 0), 0.9), bar("rocker1", (1, 0, 0), 0.7), bar("rocker2", (1, 0, 0), 0.7),
+    ],
+    parents=[0, 1, 0, 3, 0, 0],
+)  # fmt: skip
+for k in "12":
+    TWICE = TWICE.with_frame(f"a{k}", f"coupler{k}", R=(0.9, 0, 0)).with_frame(f"b{k}", f"rocker{k}", R=(0.7, 0, 0))
+LOOPS = [hp.Loop(f"a{k}", f"b{k}") for k in "12"]
+ROCKER = {"loads": {"rocker": hp.HingeLoad(friction=1.0)}}
 REFUSED = {
+    "dependent": (
+        lambda: TWICE.closed(*LOOPS, coordinates=("crank1", "rocker1"), at={n + k: AT[n] for n in AT for k in "12"}),
+        "coordinates",
+    ),
+    "guess": (lambda: FOUR_BAR.follow([[0.3]], guess={"crnk": 1}), "guess"),
+    "friction": (lambda: hp.simulate(FOUR_BAR, [0, 1], [0.3], **ROCKER), "loads['rocker']"),
     "too few": (lambda: OPEN.closed(hp.Loop("a", "b"), coordinates=(), at=AT), "coordinates"),
     "too many": (lambda: OPEN.closed(hp.Loop("a", "b"), coordinates=("crank", "rocker"), at=AT), "coordinates"),
     "unknown": (lambda: OPEN.closed(hp.Loop("a", "b"), coordinates="crnk"), "coordinates"),

@@ -133,6 +133,7 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "strut_force": Quantity("Forces of the struts, which push where they are positive", "N", ("struts",), VELOCITY),
     "tree_tau": Quantity("Efforts of all joints without the forces in loops", "1", ("tree",), ACCELERATION),
     "loop_wrenches": Quantity("Force and torque by which each condition of a loop acts", "1", ("conditions", 6)),
+    "loop_gaps": Quantity("By how much each loop is open", "m", ("loops",)),
     "loop_jacobian": Quantity("Derivatives of the conditions of loops by q_all", "1", ("conditions", "tree")),
     "centre_of_mass": Quantity("Centre of mass", "m", _V),
     "centre_of_mass_jacobian": Quantity("Jacobian of the centre of mass", "1", (3, "velocities")),

@@ -62,8 +62,14 @@ Loads: TypeAlias = Mapping[str, tuple[Any, str]]
 ONE_FRAME: Final = ("acceleration_bias",)  # outputs that take a single frame
 OF_FRAMES: Final = (*FRAME_OUTPUTS, *JACOBIANS, *ONE_FRAME)  # outputs that take frames, and need no masses
 OF_STRUTS: Final = ROBOT_TASKS["struts"].outputs
-OF_LOOPS: Final = (*ALL_COORDINATES, "loop_jacobian", "loop_wrenches")  # like those of struts, without masses
+# These, like those of struts, need no masses.
+OF_LOOPS: Final = (*ALL_COORDINATES, "loop_gaps", "loop_jacobian", "loop_wrenches")
 OF_BODIES: Final = ("torque_regressor",)  # outputs that take the frames of all bodies, and need no masses
+_FORCED: Final = (
+    "inverse_dynamics", "forward_dynamics", "joint_wrenches", "bias_forces", "gravity_forces", "tree_tau"
+)  # fmt: skip
+FORCED_OUTPUTS: Final = frozenset(name for task in _FORCED for name in ROBOT_TASKS[task].outputs)
+"""Outputs that depend on forces."""
 
 # Class of the result, by output; None: a bare array.
 _RESULTS: Final = {

@@ -21,6 +21,7 @@ from hingepair.mechanism.samples import turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.bounded import UNIT_ROUNDOFF, BoundedDouble
+from hingepair.plans.closures import PRECISION
 from hingepair.plans.computation import Cache
 from hingepair.plans.struts import StrutForm
 from hingepair.plans.trees import Form, constant_place
@@ -91,13 +92,13 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
     numbers += base_thresholds
     closure = tree.closure
     if closure is not None:
-        numbers.append(closure.size)
+        numbers += [PRECISION, closure.size]
         for (first, second), loop in zip(closure.frames, closure.loops, strict=True):
             numbers += [*_numbers_of_frame(axes, first), *_numbers_of_frame(axes, second), loop.length or 0.0]
         numbers += closure.starts
     for strut in tree.struts:
         points = [_numbers_of_frame(axes, frame)[:3] for frame in strut.frames]
-        numbers += [*points[0], *points[1], *strut.law, *(number for knot in strut.knots for number in knot)]
+        numbers += [*points[0], *points[1], *strut.law.flat()]
     varied = _varied_numbers(tree, free, axes, numbers)
     folded, parameters = split_numbers(numbers, varied)
     form = Form(
@@ -106,7 +107,10 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
         _columns_of_joints(tree),
         folded,
         None if closure is None else closure.form,
-        tuple(StrutForm((one.frames[0].body, one.frames[1].body), len(one.knots)) for one in tree.struts),
+        tuple(
+            StrutForm((one.frames[0].body, one.frames[1].body), len(one.law.knots), len(one.law.terms))
+            for one in tree.struts
+        ),
     )
     by_column = np.zeros(form.tree_dof)
     for joint, column, value in zip(tree.joints, form.columns, thresholds[1:], strict=True):

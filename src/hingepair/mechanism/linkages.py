@@ -7,6 +7,7 @@ Newton steps in `plans.closures`. So every q has one assembly, whatever was comp
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,13 +22,14 @@ from hingepair.mechanism.constants import axes_along, frame_numbers, robot_const
 from hingepair.mechanism.tree import Frame, Tree, TreeClosure
 from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, one_constant, read_only
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.plans.closures import CONDITIONS, Chain, Chains, Closure
+from hingepair.plans.closures import CONDITIONS, PRECISION, Chain, Chains, Closure
 from hingepair.plans.trees import Request, TreeQuantities
 
 _GRID: Final = 256  # points of a full turn, or of a range, to which a start is fitted
 _MAX_TERMS: Final = 60  # of a series; more would cost more than further Newton steps
 _FIT_ERROR: Final = 1e-9  # from here one Newton step leads to rounding; a second is taken near dead points
 _LINE_STEPS: Final = 12  # from the assembly to q, where several coordinates move one chain
+_OFFSETS: Final = (0.0, 0.1, -0.1, 0.4, -0.4)  # of the starts from which loops are assembled [rad or m]
 _MAX_REACH: Final = 20.0  # multiples of its size [m] by which a length or a slider is followed
 
 
@@ -104,21 +106,22 @@ def _checked_loops(loops: Sequence[Any], names: Sequence[str]) -> list[Loop]:
     return list(loops)
 
 
-def _read_positions(tree: Tree, at: Mapping[str, float] | None) -> tuple[dict[int, float], dict[str, float]]:
+def _read_positions(
+    tree: Tree, at: Mapping[str, float] | None, label: str = "at"
+) -> tuple[dict[int, float], dict[str, float]]:
     """Return the argument `at`: coordinates of the tree by column, 0 where none is named; and lengths of struts."""
     names, struts = [joint.name for joint in tree.coordinates], [strut.name for strut in tree.struts]
     if at is not None and not isinstance(at, Mapping):
-        raise ArgumentError("at", "coordinates by joint", quoted(at))
+        raise ArgumentError(label, "coordinates by joint", quoted(at))
     values, lengths = dict.fromkeys(range(len(names)), 0.0), {}
     for name, value in (at or {}).items():
         if name in struts:
-            lengths[name] = finite_number(f"at[{name!r}]", value)
+            lengths[name] = finite_number(f"{label}[{name!r}]", value)
         elif name in names:
-            values[names.index(name)] = finite_number(f"at[{name!r}]", value)
+            values[names.index(name)] = finite_number(f"{label}[{name!r}]", value)
         else:
-            raise ArgumentError(
-                "at", choices([*names, *struts]) + nearest(str(name), [*names, *struts]), quoted(name)
-            )
+            known = [*names, *struts]
+            raise ArgumentError(label, choices(known) + nearest(str(name), known), quoted(name))
     return values, lengths
 
 
@@ -134,13 +137,14 @@ def _read_coordinates(tree: Tree, coordinates: str | Iterable[str]) -> tuple[str
     return wanted
 
 
-def follow_path(tree: Tree, q: Float64Array) -> Float64Array:
+def follow_path(tree: Tree, q: Float64Array, guess: Mapping[str, float] | None = None) -> Float64Array:
     """Return all coordinates of a closed mechanism along a path, (samples, joints), each from the sample before; NaN
     from where it cannot be followed on.
 
     Args:
         tree: the closed mechanism.
         q: its coordinates; shape (samples, dof).
+        guess: coordinates of the tree by joint near which the path begins; by default where it was assembled.
     """
     closure = tree.closure
     if closure is None:
@@ -148,8 +152,7 @@ def follow_path(tree: Tree, q: Float64Array) -> Float64Array:
     opened = replace(tree, closure=None)
     loops = [loop for loop in closure.loops if loop.name not in closure.names]
     assembly = _Assembly(opened, loops, closure.names)
-    values = {column: closure.assembled[joint.name] for column, joint in enumerate(opened.coordinates)}
-    values = assembly.assembled(values, {})
+    values = assembly.assembled(*_read_positions(opened, {**closure.assembled, **(guess or {})}, "guess"))
     found = np.full((len(q), len(opened.coordinates)), np.nan)
     for place, row in enumerate(q):
         following = assembly.followed(values, row) if np.isfinite(row).all() else None
@@ -192,7 +195,7 @@ class _Assembly:
         lengths += [np.linalg.norm(frame.R) for pair in self.frames for frame in pair]
         lengths += [loop.length or 0.0 for loop in loops]
         self.size = float(max(lengths)) or 1.0
-        self._numbers = [self.size]
+        self._numbers = [PRECISION, self.size]
         for (first, second), loop in zip(self.frames, self.loops, strict=True):
             self._numbers += [*frame_numbers(constants, first), *frame_numbers(constants, second), loop.length or 0.0]
         self._free_choice = names is None
@@ -288,25 +291,35 @@ class _Assembly:
         self._check_count(loosely)
         if self._free_choice:
             self._choose(self._found(loosely))
+        dependent = [column for column in start if column not in self._keys]
         known = asked + [
             place
             for name, place in zip(self.names, self.closure.lengths, strict=True)
             if place is not None and name in lengths
         ]
-        values = self._closed_near(known, values, [column for column in start if column not in self._keys])
+        try:
+            values = self._closed_near(known, values, dependent)
+        except ArgumentError:
+            self._check_independent(loosely, dependent)  # which says more
+            raise
         for key, place in zip(self._keys, self.closure.lengths, strict=True):
             if place is not None:  # a length that was not told is what it is
                 gaps, _ = self.conditions(self._chain([place]), values, ())
                 values[key] += float(gaps[0])
-        everything = self._chain(range(len(self.loops)))
-        dependent = [column for column in start if column not in self._keys]
-        _, A = self.conditions(everything, values, dependent)
+        rank = self._check_independent(values, dependent)
+        self.redundant = sum(CONDITIONS[kind] for kind in self.closure.loops) - rank
+        return values
+
+    def _check_independent(self, values: Mapping[int, float], dependent: Sequence[int]) -> int:
+        """Return the rank of the conditions by the dependent coordinates; refuse one that is not full."""
+        _, A = self.conditions(self._chain(range(len(self.loops))), values, dependent)
         rank = _rank(A)
         if rank < len(dependent):
-            expected = "coordinates that determine all others where it is assembled"
+            loose = np.linalg.svd(A)[2][rank:]  # motions of the others while the coordinates stand
+            free = [self._joints[c] for c, x in zip(dependent, np.abs(loose).max(axis=0), strict=True) if x > 1e-6]
+            expected = f"coordinates that determine all others; these do not hold {', '.join(free)}"
             raise ArgumentError("coordinates", expected, ", ".join(self.names))
-        self.redundant = len(A) - rank
-        return values
+        return rank
 
     def _found(self, values: Mapping[int, float]) -> list[str]:
         """Return names of joints that determine all others, those near the base first."""
@@ -334,12 +347,32 @@ class _Assembly:
     def _closed_near(
         self, places: Sequence[int], start: Mapping[int, float], columns: Sequence[int]
     ) -> dict[int, float]:
-        """Return values at which these loops are closed by the given columns, near the start."""
-        values = dict(start)
+        """Return values at which these loops are closed by the given columns, near the start.
+
+        Where all joints stand in line, no step closes a gap along this line: other starts close by are tried, too.
+        """
         if not places:
-            return values
+            return dict(start)
         chain = self._chain(places)
-        damping = 1e-3
+        for offset in _OFFSETS:
+            moved = {column: start[column] + offset * (1 + 0.3 * k) for k, column in enumerate(columns)}
+            values, gaps = self._approached(chain, {**start, **moved}, columns)
+            left = iter(gaps.tolist())
+            apart = [math.hypot(*itertools.islice(left, CONDITIONS[self.closure.loops[one]])) for one in chain.loops]
+            if max(apart) < 1e-10 * self.size:
+                return values
+            if not offset:
+                first = apart
+        worst = int(np.argmax(first))
+        expected = f"coordinates near which the loop {self.loops[chain.loops[worst]].name} can be closed"
+        raise ArgumentError("at", expected, f"{first[worst] * 1e3:.3g} mm apart")
+
+    def _approached(
+        self, chain: Chain, values: Mapping[int, float], columns: Sequence[int]
+    ) -> tuple[dict[int, float], Float64Array]:
+        """Return values near a start at which the gaps of a chain are least (Levenberg, Marquardt), and the gaps."""
+        values, damping = dict(values), 1e-3
+        longest = np.array([0.5 if self.turns[column] else 0.5 * self.size for column in columns])  # of one step
         gaps, A = self.conditions(chain, values, columns)
         for _ in range(200):
             if np.linalg.norm(gaps) < 1e-15 * self.size or not columns:
@@ -347,6 +380,7 @@ class _Assembly:
             scale = damping * max(float(np.linalg.norm(A, 2)), 1e-300) if damping > 1e-15 else 0.0
             padded = np.vstack((A, scale * np.eye(len(columns))))
             step = np.linalg.lstsq(padded, np.concatenate((gaps, np.zeros(len(columns)))), rcond=None)[0]
+            step /= max(1.0, float(np.abs(step / longest).max()))
             moved = values | {column: values[column] - float(x) for column, x in zip(columns, step, strict=True)}
             after, A_after = self.conditions(chain, moved, columns)
             if np.linalg.norm(after) < np.linalg.norm(gaps):
@@ -355,13 +389,7 @@ class _Assembly:
                 break
             else:
                 damping = max(damping, 1e-12) * 10
-        left = iter(gaps.tolist())
-        for place in chain.loops:
-            apart = math.hypot(*(next(left) for _ in range(CONDITIONS[self.closure.loops[place]])))
-            if not apart < 1e-10 * self.size:
-                expected = f"coordinates near which the loop {self.loops[place].name} can be closed"
-                raise ArgumentError("at", expected, f"{apart * 1e3:.3g} mm apart")
-        return values
+        return values, gaps
 
     def followed(self, values: Mapping[int, float], q: Sequence[float]) -> dict[int, float] | None:
         """Return the closed values with the coordinates q next to others; None where no short way leads there."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from hingepair.mechanism.tree import TreeClosure
 from hingepair.numeric.arrays import FloatArray
-from hingepair.plans.closures import CONDITIONS
+from hingepair.plans.closures import CONDITIONS, MAX_GAPS, MIN_TRANSMISSIONS
 
 _OPEN = 1e-6  # a component of which this much is open, of its largest possible value, counts as open
 _NO_RANK = 1e-10  # singular values below this share of the largest count as 0
@@ -36,6 +36,34 @@ def transmission(closure: TreeClosure, jacobian: FloatArray) -> FloatArray:
     finite = np.asarray(np.isfinite(A).all(axis=(-1, -2)))
     singular = np.linalg.svd(np.where(finite[..., None, None], A, 1.0), compute_uv=False)
     return np.asarray(np.where(finite, singular[..., -1] / singular[..., 0], np.nan))
+
+
+def open_samples(closure: TreeClosure, q: FloatArray, all_q: FloatArray, gaps: FloatArray) -> str | None:
+    """Return which loop is open or at a dead point, at how many samples, and where first; None where all are closed.
+
+    Args:
+        closure: the loops.
+        q: coordinates; shape (..., dof).
+        all_q: those of the tree, NaN where the loops cannot be closed; shape (..., tree).
+        gaps: by how much each loop is open [m]; shape (..., loops).
+    """
+    bad = np.isnan(all_q).any(axis=-1) & np.isfinite(q).all(axis=-1)
+    if not bad.any():
+        return None
+    all_q, gaps, q = all_q[bad][0], gaps[bad][0], q[bad][0]
+    chain = next(one for one in closure.form.chains if np.isnan(all_q[[*one.dependent]]).any())
+    apart = gaps[[*chain.loops]]
+    if (apart < MAX_GAPS[1] * closure.size).all():
+        loops = ", ".join(str(closure.loops[place].name) for place in chain.loops)
+        state = f"{loops} at a dead point, with a transmission below {MIN_TRANSMISSIONS[1]:g}"
+    else:
+        worst = int(np.argmax(np.nan_to_num(apart, nan=np.inf)))
+        state = f"{closure.loops[chain.loops[worst]].name} cannot be closed"
+        if np.isfinite(apart[worst]):
+            state += f", a gap of {apart[worst] * 1e3:.4g} mm is left"
+    where = ", ".join(f"{name} = {value:.6g}" for name, value in zip(closure.names, q, strict=True))
+    count = f"NaN at {int(bad.sum())} of {bad.size} samples, first" if bad.shape else "NaN"
+    return f"results are {count} at {where}: {state}"
 
 
 def loop_wrenches(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -462,10 +462,12 @@ class Mechanism(MechanismMethods):
         frame2: str,
         name: str,
         *,
-        force: GasSpring | ArrayLike | None = None,
+        force: GasSpring | ArrayLike | Callable[[Any, Any], ArrayLike] | None = None,
         stiffness: float = 0.0,
         free_length: float | None = None,
         damping: float = 0.0,
+        limits: ArrayLike | None = None,
+        stop_stiffness: float = 0.0,
     ) -> Mechanism:
         """Return a copy of the robot with a strut between two frames: a spring, a damper, a gas spring.
 
@@ -476,10 +478,15 @@ class Mechanism(MechanismMethods):
             frame1: name of a frame, link or joint, in whose origin the strut begins.
             frame2: where it ends.
             name: name of the strut.
-            force: a GasSpring, or a table (lengths [m], forces [N]) between whose lines the force is linear.
+            force: a GasSpring; a table (lengths [m], forces [N]) between whose lines the force is linear; or a
+                function force(length, rate) of arrays [m, m/s] that returns an array [N]. A function acts in the
+                methods and in `simulate`; prepared calls, derivatives and rollouts refuse it, and it has no energy.
             stiffness: of a spring [N/m].
             free_length: length [m] at which the spring exerts nothing, or the gas spring is extended.
             damping: of a damper [N s/m].
+            limits: least and greatest length [m]; shape (2,). Those of a gas spring are by default those of its
+                stroke. `simulate` ends where a strut reaches them, unless elastic stops stand there.
+            stop_stiffness: of elastic stops at the limits [N/m], which act everywhere; 0: none.
 
         >>> import hingepair as hp
         >>> lid = hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="lid")
@@ -489,7 +496,8 @@ class Mechanism(MechanismMethods):
         >>> round(float(hatch.struts([0.0])["gas"].length), 4)
         0.2828
         """
-        tree = add_strut(self._tree, (frame1, frame2), name, force, stiffness, free_length, damping)
+        ends = frame1, frame2
+        tree = add_strut(self._tree, ends, name, force, stiffness, free_length, damping, limits, stop_stiffness)
         return self._with_tree(tree)
 
     def closed(

@@ -21,6 +21,7 @@ from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.computations import (
     ALL_OUTPUTS,
+    FORCED_OUTPUTS,
     OF_BODIES,
     OF_FRAMES,
     ONE_FRAME,
@@ -33,7 +34,7 @@ from hingepair.mechanism.computations import (
 from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_query, read_solutions
 from hingepair.mechanism.linkages import follow_path
-from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, transmission
+from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, open_samples, transmission
 from hingepair.mechanism.options import (
     DEFAULT_GRAVITY,
     BaseOptions,
@@ -70,6 +71,7 @@ from hingepair.mechanism.states import (
     MechanismState,
     Momentum,
 )
+from hingepair.mechanism.strut_functions import function_force, with_function_wrenches
 from hingepair.mechanism.tree import Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, is_zero, set_frozen
 from hingepair.plans.arguments import Coordinates, renamed_out, requested_outputs
@@ -685,19 +687,21 @@ class MechanismMethods(Frozen, Shown):
         found = ask(self, outputs[-1], given, options)
         return found if len(given) == 1 else tuple(found[name] for name in outputs)
 
-    def follow(self, q: Coordinates) -> Float64Array:
+    def follow(self, q: Coordinates, guess: Mapping[str, float] | None = None) -> Float64Array:
         """Compute all joints of a closed mechanism along a path, each sample from the one before, shape (samples,
-        joints). It starts where the mechanism was assembled, and reaches what a straight line from there does not.
+        joints). It reaches what a straight line from the assembly does not.
 
         Samples are NaN from where the path cannot be followed. Arguments: see `Mechanism`.
 
         Args:
             q: coordinates along the path; shape (samples, dof).
+            guess: coordinates by joint near which the path begins, such as those of another assembly; by default
+                where the mechanism was assembled.
         """
         rows = self._tree.rows("q", q)
         if rows.ndim != 2:
             raise ShapeError("q", f"shape (samples, {rows.shape[-1]}), a path", str(rows.shape))
-        return follow_path(self._tree, rows)
+        return follow_path(self._tree, rows, guess)
 
     @with_options()
     def loop_wrenches(
@@ -749,9 +753,13 @@ class MechanismMethods(Frozen, Shown):
             qd: time derivatives of q; by default 0.
         """
         rates = (0.0,) * len(self._constants.names) if qd is None else qd
-        parts = [np.moveaxis(column, -1, 0) for column in ask(self, "struts", (q, rates), options).arrays().values()]
-        names = (strut.name for strut in self._tree.struts)
-        return {name: StrutState(*values) for name, *values in zip(names, *parts, strict=True)}
+        found, states = ask(self, "struts", (q, rates), options), {}
+        for k, strut in enumerate(self._tree.struts):
+            length, rate, force = (column[..., k] for column in found.arrays().values())
+            if strut.function is not None:
+                force = force + function_force(strut, length, rate)
+            states[strut.name] = StrutState(length, rate, force)
+        return states
 
     @with_options()
     def mass_matrix(
@@ -1136,6 +1144,8 @@ class MechanismMethods(Frozen, Shown):
             )
         else:
             output_names = self._prepared_outputs(given, names, outputs)
+        if self._calls_functions(output_names):
+            self._tree.refuse_functions()
         framed, links = not {*output_names}.isdisjoint(OF_FRAMES), self._links(wrenches)
         if framed and links:
             raise ArgumentError("wrenches", "() where an output is of frames", quoted(wrenches))
@@ -1176,7 +1186,13 @@ class MechanismMethods(Frozen, Shown):
     def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
         """Return the request of a method."""
         computed, default, names, derivative = self._wanted(task, options.get("outputs"), out)
-        loads, links = read_wrenches(options.get("wrenches"), self._tree.links)
+        wrenches, called = options.get("wrenches"), self._calls_functions(computed)
+        if called and derivative is not None:
+            self._tree.refuse_functions()
+        if called:
+            base_motion = options.get("base_motion")
+            wrenches = with_function_wrenches(self, self._tree, given["q"], given.get("qd"), base_motion, wrenches)
+        loads, links = read_wrenches(wrenches, self._tree.links)
         accepts = task.options.__annotations__
         if "force1" in accepts:
             loads = {**loads, **self._base_loads(options.get("force1", 0), options.get("torque1", 0))}
@@ -1195,8 +1211,12 @@ class MechanismMethods(Frozen, Shown):
             computation, arguments, labels, read_gravity(options.get("gravity", DEFAULT_GRAVITY), DEFAULT_GRAVITY),
             functools.partial(self._computation, *computation.asked), derivative, self._watch(computed, plain=True),
             # What the arrays of `out` ask for can be something else the next time.
-            lasts=options.get("outputs") is not None or names == default,
+            lasts=not called and (options.get("outputs") is not None or names == default),
         )  # fmt: skip
+
+    def _calls_functions(self, outputs: Iterable[str]) -> bool:
+        """Return whether outputs depend on struts whose force is a function."""
+        return self._tree.has_functions and not FORCED_OUTPUTS.isdisjoint(outputs)
 
     def _watch(self, outputs: Iterable[str], plain: bool = False) -> Watch | None:
         """Return what looks at the results of a call; None where nothing can be wrong with them."""
@@ -1234,17 +1254,9 @@ class MechanismMethods(Frozen, Shown):
         if closure is None or not any(np.isnan(array).any() for array in arrays):
             return
         rows = self._tree.rows("q", arguments["q"])
-        bad = np.isnan(self._computed(("q_all",), q=rows)).any(axis=-1)
-        bad &= np.isfinite(rows).all(axis=-1)
-        if bad.any():
-            first = rows.reshape(-1, rows.shape[-1])[int(np.argmax(bad))]
-            where = ", ".join(f"{name} = {value:.6g}" for name, value in zip(closure.names, first, strict=True))
-            loops = ", ".join(str(loop.name) for loop in closure.loops)
-            count = f"at {int(bad.sum())} of {bad.size} samples" if bad.shape else "here"
-            warn_of_dynamics(
-                f"{self._tree.name}: {loops} cannot be closed, or not moved from a dead point, {count}, "
-                f"first at {where}; results are NaN there"
-            )
+        all_q, gaps = (self._computed((name,), q=rows) for name in ("q_all", "loop_gaps"))
+        if (message := open_samples(closure, rows, all_q, gaps)) is not None:
+            warn_of_dynamics(f"{self._tree.name}: {message}")
 
     def _computation(
         self,

@@ -97,7 +97,7 @@ ROBOT_TASKS: Final[Mapping[str, Task]] = {
         for order, name in enumerate(ALL_COORDINATES, 1)
     },
     "struts": Task(("q", "qd"), ("strut_length", "strut_rate", "strut_force"), None, RunOptions),
-    **{name: Task(("q",), (name,), None, _B) for name in ("loop_jacobian", "loop_wrenches")},
+    **{name: Task(("q",), (name,), None, _B) for name in ("loop_gaps", "loop_jacobian", "loop_wrenches")},
     "tree_tau": Task(ROWS, ("tree_tau",), None, LoopOptions),
     "mass_matrix": Task(("q",), ("mass_matrix",), None, _B),
     "bias_forces": Task(("q", "qd"), ("bias_forces",), None, _W),

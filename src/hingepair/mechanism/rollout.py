@@ -250,6 +250,7 @@ def rolled_out(
         expected = "joints that move or a free base, and not too many joints for one program"
         raise ArgumentError("robot", expected, f"{dof}")
     tree = computation.constants.tree
+    tree.refuse_functions()
     starts = {"q": tree.rows("q0", q0), "qd": tree.rows("qd0", qd0)}
     known = {**RESTING_BASE, "constants": computation.known["constants"], "gravity": gravity}
     known["h"] = finite_number("dt", dt)

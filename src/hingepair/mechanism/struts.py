@@ -1,30 +1,40 @@
-"""Struts between two frames of a mechanism: springs, dampers, gas springs and forces by a table."""
+"""Struts between two frames of a mechanism: springs, dampers, gas springs, and forces by a table or a function."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hingepair.equations.series import chebyshev_integral, chebyshev_sum
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.tree import Tree, TreeStrut
-from hingepair.numeric.arrays import finite_number, number_not_below_0, vectors
+from hingepair.numeric.arrays import finite_number, number_not_below_0, one_constant, vectors
+from hingepair.plans.struts import Law
+
+_MAX_TERMS: Final = 60  # of the series of a gas law
+_SERIES_ERROR: Final = 1e-15  # of F2
 
 
 @dataclass(frozen=True, slots=True)
 class GasSpring:
     """A gas spring by the values of its data sheet; its force pushes the points of its strut apart.
 
-    The force on extension falls linearly from F2, compressed by the stroke, to F1, extended; on compression it is
-    larger by `friction`, and at rest by half of it.
+    The force on extension falls from F2, compressed by the stroke, to F1, extended; on compression it is larger by
+    `friction`, and at rest by half of it. Between F1 and F2 it is linear in the length, as data sheets draw it, or
+    with an exponent that of the enclosed gas, F1 (V1 / V)^exponent, whose volume V1 is such that F2 is met. A linear
+    force goes on beyond the stroke; that of the gas stays.
 
     Args:
         F1: force [N] extended, that is, at the `free_length` of the strut.
         F2: force [N] compressed by `stroke`.
         stroke: by how much it is compressed there [m].
         friction: force [N] by which compression exceeds extension.
+        exponent: polytropic exponent: 1 of slow motions, in which the gas keeps its temperature, to 1.4 of quick
+            ones; None for a linear force.
 
     >>> import hingepair as hp
     >>> hp.GasSpring(F1=300, F2=400, stroke=0.2).stroke
@@ -35,6 +45,7 @@ class GasSpring:
     F2: float
     stroke: float
     friction: float = 0.0
+    exponent: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("F1", "F2", "stroke", "friction"):
@@ -43,6 +54,10 @@ class GasSpring:
             raise ArgumentError("stroke", "a length above 0", quoted(self.stroke))
         if self.F2 < self.F1:
             raise ArgumentError("F2", "at least F1, since a compressed gas pushes harder", quoted(self.F2))
+        if self.exponent is not None and not finite_number("exponent", self.exponent) >= 0.5:
+            raise ArgumentError("exponent", "a number from 1 to 1.4, or None", quoted(self.exponent))
+        if self.exponent is not None and not 0 < self.F1 * 100 >= self.F2:
+            raise ArgumentError("F1", "a force above F2 / 100, since the gas has a law", quoted(self.F1))
 
 
 def add_strut(
@@ -53,6 +68,8 @@ def add_strut(
     stiffness: float,
     free_length: float | None,
     damping: float,
+    limits: ArrayLike | None,
+    stop_stiffness: float,
 ) -> Tree:
     """Return a copy of a tree with a strut between two frames."""
     if not isinstance(name, str) or not name:
@@ -65,42 +82,84 @@ def add_strut(
         raise ArgumentError("frame2", "a frame of another body than frame1's", got)
     if any(frame.samples is not None for frame in frames):
         raise ArgumentError("frame1", "frames that are the same for all samples", f"{ends[0]!r} and {ends[1]!r}")
-    law, knots = _law(force, stiffness, free_length, damping)
-    strut = TreeStrut(name, ends, (frames[0], frames[1]), law, knots)
+    function = force if callable(force) else None
+    law = _law(None if callable(force) else force, stiffness, free_length, damping)
+    ends_of_stroke = _limits(limits, force, free_length)
+    law = _with_stops(law, ends_of_stroke, number_not_below_0("stop_stiffness", stop_stiffness))
+    strut = TreeStrut(name, ends, (frames[0], frames[1]), law, ends_of_stroke, function)
     return replace(tree, struts=(*tree.struts, strut), source=None)
 
 
-def _law(
-    force: Any, stiffness: float, free_length: float | None, damping: float
-) -> tuple[tuple[float, ...], tuple[tuple[float, float], ...]]:
-    """Return the numbers of a strut's force: c0, c1, damping, friction and the constant of its energy; and its knots.
+def _limits(limits: ArrayLike | None, force: Any, free_length: float | None) -> tuple[float, float]:
+    """Return the least and the greatest length: those given, or those of a gas spring's stroke."""
+    if limits is not None:
+        low, high = one_constant("limits", limits, 2).tolist()
+        if not 0 <= low < high:
+            raise ArgumentError("limits", "the least and the greatest length", quoted((low, high)))
+        return low, high
+    if isinstance(force, GasSpring) and free_length is not None:
+        return free_length - force.stroke, free_length
+    return -math.inf, math.inf
 
-    The energy is 0 at the free length; of a table, where it begins.
+
+def _with_stops(law: Law, limits: tuple[float, float], stiffness: float) -> Law:
+    """Return a law with elastic stops at both ends of the stroke."""
+    if not stiffness:
+        return law
+    low, high = limits
+    if not math.isfinite(high - low):
+        raise ArgumentError("limits", "the lengths of the stops, since they have a stiffness", None)
+    # Below the stroke, the force grows as stiffness (low - l); the energy of it is 0 at `low`.
+    return law._replace(
+        at_zero=law.at_zero + stiffness * low,
+        slope=law.slope - stiffness,
+        energy=law.energy + stiffness * low * low / 2,
+        knots=(*law.knots, (low, stiffness), (high, -stiffness)),
+    )
+
+
+def _law(force: Any, stiffness: float, free_length: float | None, damping: float) -> Law:
+    """Return the law of a spring and a damper beside a force. Its energy is 0 at the free length; of a table, where
+    it begins.
     """
     k, d = number_not_below_0("stiffness", stiffness), number_not_below_0("damping", damping)
     length = None if free_length is None else finite_number("free_length", free_length)
     if length is None and (k or isinstance(force, GasSpring)):
-        raise ArgumentError(
-            "free_length", "the length [m] at which the spring is free, or the gas spring extended", None
-        )
-    c0, c1, friction, zero = k * (length or 0.0), -k, 0.0, length or 0.0
-    knots: tuple[tuple[float, float], ...] = ()
+        expected = "the length [m] at which the spring is free, or the gas spring extended"
+        raise ArgumentError("free_length", expected, None)
+    law, zero = Law(at_zero=k * (length or 0.0), slope=-k, damping=d), length or 0.0
     if isinstance(force, GasSpring):
-        slope = (force.F2 - force.F1) / force.stroke
-        c0 += force.F1 + force.friction / 2 + slope * zero
-        c1 -= slope
-        friction = force.friction / 2
-    elif callable(force):
-        raise ArgumentError("force", "a GasSpring, or a table (lengths, forces)", "a function")
+        law = _gas_law(law, force, zero)
     elif force is not None:
         lengths, forces = _table(force)
         slopes = np.diff(forces) / np.diff(lengths)
-        c0 += float(forces[0] - slopes[0] * lengths[0])
-        c1 += float(slopes[0])
-        changes = np.diff(slopes)
-        knots = tuple((float(at), float(change)) for at, change in zip(lengths[1:-1], changes, strict=True))
+        law = law._replace(
+            at_zero=law.at_zero + float(forces[0] - slopes[0] * lengths[0]),
+            slope=law.slope + float(slopes[0]),
+            knots=tuple(zip(lengths[1:-1].tolist(), np.diff(slopes).tolist(), strict=True)),
+        )
         zero = float(lengths[0])
-    return (c0, c1, d, friction, c0 * zero + c1 * zero * zero / 2), knots
+    return law._replace(energy=law.energy + law.at_zero * zero + law.slope * zero * zero / 2)
+
+
+def _gas_law(law: Law, gas: GasSpring, extended: float) -> Law:
+    """Return a law with the force of a gas spring."""
+    law = law._replace(at_zero=law.at_zero + gas.friction / 2, friction=gas.friction / 2)
+    if gas.exponent is None or gas.F1 == gas.F2:
+        slope = (gas.F2 - gas.F1) / gas.stroke
+        return law._replace(at_zero=law.at_zero + gas.F1 + slope * extended, slope=law.slope - slope)
+    power, rest = gas.exponent, 1 - (gas.F1 / gas.F2) ** (1 / gas.exponent)  # of the volume, what the stroke takes
+
+    def force(x: Any) -> Any:
+        return gas.F1 * (1 - rest * (1 - x) / 2) ** -power
+
+    for count in range(4, _MAX_TERMS + 1, 4):
+        terms = np.polynomial.chebyshev.chebinterpolate(force, count - 1)
+        if np.abs(terms[-2:]).max() < _SERIES_ERROR * gas.F2:
+            break
+    law = law._replace(middle=extended - gas.stroke / 2, scale=2 / gas.stroke, terms=tuple(terms.tolist()))
+    work = chebyshev_sum(chebyshev_integral(terms.tolist()), 1.0) * gas.stroke / 2
+    return law._replace(energy=law.energy + float(work))
 
 
 def _table(force: ArrayLike) -> tuple[Any, Any]:
@@ -108,7 +167,8 @@ def _table(force: ArrayLike) -> tuple[Any, Any]:
     try:
         lengths, forces = (vectors("force", row).ravel() for row in force)  # type: ignore[union-attr]
     except (TypeError, ValueError):
-        raise ArgumentError("force", "a GasSpring, or a table (lengths, forces)", quoted(force)) from None
+        expected = "a GasSpring, a table (lengths, forces) or a function of (length, rate)"
+        raise ArgumentError("force", expected, quoted(force)) from None
     if lengths.shape != forces.shape or len(lengths) < 2 or not np.isfinite([lengths, forces]).all():
         raise ArgumentError(
             "force", "two finite lengths or more, and as many forces", f"{len(lengths)} and {len(forces)}"

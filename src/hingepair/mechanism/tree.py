@@ -18,7 +18,7 @@ program, so that an entry which should be one of them must be it to the last bit
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -35,6 +35,7 @@ from hingepair.mechanism.samples import Samples
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
 from hingepair.plans.closures import Closure
+from hingepair.plans.struts import Law
 
 BASE_KINDS = ("fixed", "free")
 """Accepted values of the argument `base`."""
@@ -158,8 +159,10 @@ class TreeStrut(Frozen):
     name: str
     ends: tuple[str, str]  # names of its frames
     frames: tuple[Frame, Frame]
-    law: tuple[float, ...]  # numbers of its force, as `plans.struts.Strut` has them
-    knots: tuple[tuple[float, float], ...]  # lengths [m] and changes of the force's slope there [N/m]
+    law: Law  # numbers of its force
+    limits: tuple[float, float] = (-np.inf, np.inf)  # least and greatest length [m]
+    # further force [N] of arrays length [m] and rate [m/s], which no program contains
+    function: Callable[[Any, Any], Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,6 +209,18 @@ class Tree(Frozen):
     """Loops that are closed; None of a tree."""
     struts: tuple[TreeStrut, ...] = ()
 
+    @property
+    def has_functions(self) -> bool:
+        """Whether the force of a strut is a function, which no program contains."""
+        return any(strut.function is not None for strut in self.struts)
+
+    def refuse_functions(self) -> None:
+        """Refuse struts whose force is a function, where programs would have to call it."""
+        for strut in self.struts:
+            if strut.function is not None:
+                expected = "struts whose force is a GasSpring, a spring or a table; this needs more than its values"
+                raise ArgumentError("robot", expected, f"a function as the force of {strut.name!r}")
+
     def single(self) -> Tree:
         """Return this tree where it is one robot; refuse masses or lengths that differ from sample to sample."""
         if self.samples is not None:
@@ -228,7 +243,8 @@ class Tree(Frozen):
         if self.closure is None:
             return own
         pairs = zip(self.closure.names, self.closure.form.columns, strict=True)
-        return tuple(_length(name) if column is None else own[column] for name, column in pairs)
+        struts = {strut.name: strut for strut in self.struts}
+        return tuple(_length(struts[name]) if column is None else own[column] for name, column in pairs)
 
     @property
     def own_coordinates(self) -> tuple[Joint, ...]:
@@ -277,11 +293,11 @@ class Tree(Frozen):
         return frame
 
 
-def _length(name: str) -> Joint:
+def _length(strut: TreeStrut) -> Joint:
     """Return the record of a length that is a coordinate."""
-    zero = read_only(np.zeros(3))
+    zero, axis = read_only(np.zeros(3)), read_only(np.array([0.0, 0.0, 1.0]))
     return Joint(
-        name, "slider", 0, zero, read_only(np.eye(3)), read_only(np.array([0.0, 0.0, 1.0])), ZERO_MASS_PROPERTIES
+        strut.name, "slider", 0, zero, read_only(np.eye(3)), axis, ZERO_MASS_PROPERTIES, position_limits=strut.limits
     )
 
 

@@ -21,6 +21,7 @@ from hingepair.mechanism.bodies.hinge_load import (
 from hingepair.mechanism.computations import read_wrenches
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Mimic
+from hingepair.motion.linkage_loads import efforts_of_followers, with_strut_loads
 from hingepair.motion.loads import (
     ON_BASE,
     GivenLoad,
@@ -69,6 +70,10 @@ def robot_loads(
     fall = tuple(one_constant("gravity", gravity, 3).tolist())
     joint_loads = loads_by_joint(robot, loads)
     efforts = GivenLoad("tau", _efforts(tau, robot), robot.dof)
+    if (further := efforts_of_followers(robot, loads or {})) is not None:
+        alone = efforts
+        efforts = GivenLoad("tau", lambda t, now: alone.at(t, now) + further(now), robot.dof)
+    wrenches = with_strut_loads(robot, wrenches)
     on_links, links = read_wrenches(wrenches, tree_of(robot).links)
     vectors = {name: GivenLoad(name, _vector(name, load)) for name, load in on_base.items()}
     wrench_names = {link: (f"force_{link}", f"torque_{link}") for link in links}
@@ -118,7 +123,7 @@ def loads_by_joint(robot: Mechanism, loads: Any) -> tuple[HingeLoad, ...]:
     Raises:
         ArgumentError: they are no HingeLoads by the joint's name.
     """
-    joints = {joint.name: joint for joint in tree_of(robot).joints}
+    joints = {joint.name: joint for joint in (*tree_of(robot).joints, *tree_of(robot).coordinates)}
     if loads is not None and not isinstance(loads, Mapping):
         raise ArgumentError("loads", "HingeLoads by the joint's name", quoted(loads))
     for name, load in (loads or {}).items():

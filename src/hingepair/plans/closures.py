@@ -12,6 +12,7 @@ in a plane, cost nothing. Coordinates are NaN where the loops do not close, or w
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -20,11 +21,16 @@ from hingepair.engine.trace import arc_tangent, square_root, where_less
 from hingepair.equations import constraints
 from hingepair.equations import trees as eq
 from hingepair.equations.derivatives import WORLD_UNIT_VECTORS
+from hingepair.equations.series import chebyshev_sum, clenshaw
 from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, cross, dot, rotate, scale, subtract
 from hingepair.numeric.blocks import cosine, sine
 
-MAX_GAP: Final = 1e-12  # of the size of the mechanism; loops with a larger one count as open
-MIN_TRANSMISSION: Final = 1e-8  # least pivot of A over the entries of A and B; less is a dead point
+# Loops with a larger gap, over the size of the mechanism, count as open; of float32 and float64. At an angle of many
+# radians, whose rounding is larger, the gap may be larger in proportion.
+MAX_GAPS: Final = (1e-4, 1e-12)
+# Least pivots of A over the entries of A and B; less is a dead point.
+MIN_TRANSMISSIONS: Final = (1e-3, 1e-8)
+PRECISION: Final = 1 + 2.0**-30  # which is 1 in float32
 _IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 CONDITIONS: Final = {"ball": 3, "hinge": 5, "weld": 6, "distance": 1}
 """Kinds of loops - a shared point, point and axis, or frame, and two points at a distance - and their conditions."""
@@ -61,7 +67,7 @@ class Closure(NamedTuple):
     @property
     def size(self) -> int:
         """How many numbers `Chains` takes."""
-        return 1 + 25 * len(self.loops) + sum(start_size(chain) for chain in self.chains)
+        return 2 + 25 * len(self.loops) + sum(start_size(chain) for chain in self.chains)
 
 
 def start_size(chain: Chain) -> int:
@@ -92,8 +98,8 @@ class Chains:
 
     Args:
         closure: structure of the loops.
-        numbers: the size of the mechanism; of each loop, R and S of both frames in the axes of their bodies, and the
-            length; of each chain the numbers of its start.
+        numbers: `PRECISION` and the size of the mechanism; of each loop, R and S of both frames in the axes of their
+            bodies, and the length; of each chain the numbers of its start.
         links: the joints of the tree.
         ratios: for each joint its multiplier and offset.
         joint_columns: for each joint its column among the tree's coordinates.
@@ -116,7 +122,7 @@ class Chains:
         def take(count: int) -> tuple[Scalar, ...]:
             return tuple(next(left) for _ in range(count))
 
-        (self._size,) = take(1)
+        self._precision, self._size = take(2)
         self._frames = [((take(3), take(9)), (take(3), take(9)), take(1)[0]) for _ in closure.loops]
         self._starts = [take(start_size(chain)) for chain in closure.chains]
         self._width = max(joint_columns, default=-1) + 1
@@ -221,8 +227,8 @@ class Chains:
             for _ in chain.dependent:
                 winding, mean = next(numbers), next(numbers)
                 a, b = ([next(numbers) for _ in range(chain.terms)] for _ in range(2))
-                u1, u2 = _clenshaw(a, cos)
-                v1, _ = _clenshaw(b, cos)
+                u1, u2 = clenshaw(a, cos)
+                v1, _ = clenshaw(b, cos)
                 starts.append(mean + winding * s + (cos * u1 - u2) + sin * v1)
             return starts
         x = (s - next(numbers)) * next(numbers)
@@ -232,11 +238,7 @@ class Chains:
         starts = []
         for _ in chain.dependent:
             a, b = ([next(numbers) for _ in range(chain.terms)] for _ in range(2))
-            sums = []
-            for terms in (a, b):
-                u1, u2 = _clenshaw(terms[1:], x)
-                sums.append(terms[0] + (x * u1 - u2))
-            starts.append(sums[0] + root * sums[1])
+            starts.append(chebyshev_sum(a, x) + root * chebyshev_sum(b, x))
         return starts
 
     def _along_line(self, chain: Chain, numbers: Any) -> list[Scalar]:
@@ -279,6 +281,7 @@ class Chains:
         self._q: dict[int, Scalar] = {self.closure.key(k): value for k, value in enumerate(self._given)}
         self._G: dict[int, dict[int, Scalar]] = {self.closure.key(k): {k: 1.0} for k in range(len(self._given))}
         self._factors = []
+        self._gaps: dict[int, Scalar] = {}
         for place, chain in enumerate(self.closure.chains):
             found = self._start(place)
             for _ in range(chain.steps):
@@ -292,8 +295,9 @@ class Chains:
             for k in chain.driving:
                 sides.append([-row.get(self.closure.key(k), 0.0) for row in linear.rows])
             by_driving, pivots = _least_squares(matrix, sides)
-            doubt = self._doubt(linear.gaps, [*matrix, *sides], pivots)
+            doubt = self._doubt(chain, linear.gaps, [*matrix, *sides], pivots)
             self._factors.append((chain, matrix))
+            self._gaps |= self._gaps_by_loop(chain, linear.gaps)
             for i, (column, value) in enumerate(zip(chain.dependent, found, strict=True)):
                 self._q[column] = value + doubt
                 self._G[column] = {k: by_driving[j][i] + doubt for j, k in enumerate(chain.driving)}
@@ -302,21 +306,30 @@ class Chains:
     def _by_dependent(self, chain: Chain, linear: Linear) -> list[list[Scalar]]:
         return [[row.get(column, 0.0) for column in chain.dependent] for row in linear.rows]
 
+    def _gaps_by_loop(self, chain: Chain, gaps: Sequence[Scalar]) -> dict[int, Scalar]:
+        """Return by how much each loop of a chain is open [m], by its place."""
+        left = iter(gaps)
+        counts = ((place, CONDITIONS[self.closure.loops[place]]) for place in chain.loops)
+        return {place: square_root(_total(x * x for x in itertools.islice(left, count))) for place, count in counts}
+
     def _doubt(
-        self, gaps: Sequence[Scalar], derivatives: Sequence[Sequence[Scalar]], pivots: Sequence[Scalar]
+        self,
+        chain: Chain,
+        gaps: Sequence[Scalar],
+        derivatives: Sequence[Sequence[Scalar]],
+        pivots: Sequence[Scalar],
     ) -> Scalar:
         """Return NaN where a loop is open, or at a dead point, else 0."""
-        limit = (MAX_GAP * MAX_GAP) * (self._size * self._size)
-        open_by = _total(gap * gap for gap in gaps)
-        doubt: Scalar = 0.0
-        if not isinstance(open_by, float):
-            doubt = doubt + where_less(open_by, limit, 0.0, math.nan)
-        elif open_by:
-            doubt = 0.0 if open_by < limit else math.nan
+        max_gap, min_transmission = (
+            where_less(1.0, self._precision, double * double, single * single)
+            for single, double in (MAX_GAPS, MIN_TRANSMISSIONS)
+        )
+        turned = _total(self._given[k] * self._given[k] for k in chain.driving if self.closure.turning[k])
+        limit = max_gap * (self._size * self._size) * (1.0 + turned)
+        doubt = where_less(_total(gap * gap for gap in gaps), limit, 0.0, math.nan)
         largest = _total(entry * entry for row in derivatives for entry in row)
-        least = largest * (MIN_TRANSMISSION * MIN_TRANSMISSION)
         for pivot in pivots:
-            doubt = doubt + where_less(least, pivot, 0.0, math.nan)
+            doubt = doubt + where_less(largest * min_transmission, pivot, 0.0, math.nan)
         return doubt
 
     # ---- what users of the chains ask for
@@ -325,6 +338,11 @@ class Chains:
         """Return all coordinates of the tree."""
         self._solve()
         return tuple(self._q[column] for column in range(self._width))
+
+    def gaps(self) -> tuple[Scalar, ...]:
+        """Return by how much each loop is open [m], with angles times the size of the mechanism."""
+        self._solve()
+        return tuple(self._gaps[place] for place in range(len(self.closure.loops)))
 
     def transfer(self) -> list[dict[int, Scalar]]:
         """Return for each coordinate of the tree its derivatives by those in q on which it depends, a row of G."""
@@ -444,16 +462,6 @@ def _condition_biases(
 def _columns(pose: eq.Pose) -> tuple[Vector, Vector, Vector]:
     S = pose.S
     return (S[0], S[3], S[6]), (S[1], S[4], S[7]), (S[2], S[5], S[8])
-
-
-def _clenshaw(coefficients: Sequence[Scalar], x: Scalar) -> tuple[Scalar, Scalar]:
-    """Return u1 and u2 of Clenshaw's recurrence u_k = a_k + 2 x u_(k+1) - u_(k+2), for a_1, a_2, ..."""
-    after: Scalar = 0.0
-    now: Scalar = 0.0
-    double = x + x
-    for a in reversed(coefficients):
-        now, after = a + (double * now - after), now
-    return now, after
 
 
 def _least_squares(

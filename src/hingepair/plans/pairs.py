@@ -226,7 +226,7 @@ class PairKind:
 
 def _sample_shapes(coordinates: int) -> dict[str, ArrayShape]:
     sizes = {"coordinates": coordinates, "velocities": _VELOCITIES, "joints": 1, "parameters": 20}
-    sizes |= {"tree": 1, "conditions": 0, "struts": 0}  # of mechanisms with loops and struts
+    sizes |= {"tree": 1, "loops": 0, "conditions": 0, "struts": 0}  # of mechanisms with loops and struts
     return {name: sample_shape(name, sizes) for name in QUANTITIES} | {"pivots": (_VELOCITIES,)}
 
 

@@ -2,9 +2,10 @@
 
 The force of a strut of the length l pushes its points apart where it is positive:
 
-    F = c0 + c1 l + sum of d_k max(l - l_k, 0) - damping l' - friction sign(l')
+    F = c0 + c1 l + sum of d_k max(l - l_k, 0) + sum of b_j T_j(x) - damping l' - friction sign(l')
 
-which is a spring, a gas spring or a table of forces by length, and what opposes the motion.
+which is a spring, a gas spring, a table of forces by length, stops, and what opposes the motion. T_j are Chebyshev
+polynomials of x, which is the length between -1 and 1 over the stroke, and stays there beyond.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from hingepair.engine.trace import square_root, where_less
+from hingepair.equations.series import chebyshev_integral, chebyshev_sum
 from hingepair.equations.spatial import Scalar, Vector, dot, scale, subtract
 
 
@@ -21,11 +23,30 @@ class StrutForm(NamedTuple):
 
     bodies: tuple[int, int]  # numbers of the bodies of its points
     knots: int  # lengths at which the slope of the force changes
+    terms: int  # polynomials
 
     @property
     def size(self) -> int:
-        """How many numbers it has: both points, five of the force, and two of each knot."""
-        return 11 + 2 * self.knots
+        """How many numbers it has: both points, those of a `Law`."""
+        return 6 + 7 + 2 * self.knots + self.terms
+
+
+class Law(NamedTuple):
+    """Numbers of the force of a strut."""
+
+    at_zero: Scalar = 0.0  # c0 [N]
+    slope: Scalar = 0.0  # c1 [N/m]
+    damping: Scalar = 0.0  # [N s/m]
+    friction: Scalar = 0.0  # [N]
+    energy: Scalar = 0.0  # constant of the potential energy [J]
+    middle: Scalar = 0.0  # length [m] where x is 0
+    scale: Scalar = 0.0  # of x [1/m]
+    knots: tuple[tuple[Scalar, Scalar], ...] = ()  # l_k [m] and d_k [N/m]
+    terms: tuple[Scalar, ...] = ()  # b_j [N]
+
+    def flat(self) -> list[Scalar]:
+        """Return all numbers in a row."""
+        return [*self[:7], *(number for knot in self.knots for number in knot), *self.terms]
 
 
 class Strut(NamedTuple):
@@ -34,19 +55,15 @@ class Strut(NamedTuple):
     form: StrutForm
     first: Vector
     second: Vector
-    at_zero: Scalar  # c0 [N]
-    slope: Scalar  # c1 [N/m]
-    damping: Scalar  # [N s/m]
-    friction: Scalar  # [N]
-    energy: Scalar  # constant of the potential energy [J]
-    knots: tuple[tuple[Scalar, Scalar], ...]  # l_k [m] and d_k [N/m]
+    law: Law
 
     @classmethod
     def of_numbers(cls, form: StrutForm, numbers: Sequence[Scalar]) -> Strut:
         """Return a strut from its numbers in order."""
-        x1, y1, z1, x2, y2, z2, at_zero, slope, damping, friction, energy, *knots = numbers
+        x1, y1, z1, x2, y2, z2, *law = numbers
+        plain, knots, terms = law[:7], law[7 : 7 + 2 * form.knots], law[7 + 2 * form.knots :]
         pairs = tuple(zip(knots[::2], knots[1::2], strict=True))
-        return cls(form, (x1, y1, z1), (x2, y2, z2), at_zero, slope, damping, friction, energy, pairs)
+        return cls(form, (x1, y1, z1), (x2, y2, z2), Law._make([*plain, pairs, tuple(terms)]))
 
     def points(self) -> tuple[tuple[int, Vector], tuple[int, Vector]]:
         """Return the bodies of both points, and the points in their axes."""
@@ -54,21 +71,35 @@ class Strut(NamedTuple):
 
     def force(self, length: Scalar, rate: Scalar) -> Scalar:
         """Return the force [N] at a length and its rate."""
-        force = self.at_zero + self.slope * length - self.damping * rate
-        for knot, change in self.knots:
+        law = self.law
+        force = law.at_zero + law.slope * length - law.damping * rate
+        for knot, change in law.knots:
             force = force + change * _above(length, knot)
-        if type(self.friction) is float and self.friction == 0:
+        if law.terms:
+            force = force + chebyshev_sum(law.terms, self._place(length))
+        if type(law.friction) is float and law.friction == 0:
             return force
-        still = where_less(rate, 0.0, self.friction, 0.0)
-        return force + where_less(0.0, rate, -self.friction, still)
+        still = where_less(rate, 0.0, law.friction, 0.0)
+        return force + where_less(0.0, rate, -law.friction, still)
 
     def potential(self, length: Scalar) -> Scalar:
         """Return the potential energy [J] of the part of the force that depends on the length alone."""
-        work = self.at_zero * length + self.slope * (length * length * 0.5)
-        for knot, change in self.knots:
+        law = self.law
+        work = law.at_zero * length + law.slope * (length * length * 0.5)
+        for knot, change in law.knots:
             above = _above(length, knot)
             work = work + change * (above * above * 0.5)
-        return self.energy - work
+        if law.terms:
+            x = self._place(length)
+            beyond = (length - law.middle) - x / law.scale
+            work = work + chebyshev_sum(chebyshev_integral(law.terms), x) / law.scale
+            work = work + chebyshev_sum(law.terms, x) * beyond
+        return law.energy - work
+
+    def _place(self, length: Scalar) -> Scalar:
+        """Return x of a length, between -1 and 1."""
+        x = (length - self.law.middle) * self.law.scale
+        return where_less(x, -1.0, -1.0, where_less(1.0, x, 1.0, x))
 
 
 def _above(length: Scalar, knot: Scalar) -> Scalar:

@@ -840,7 +840,7 @@ def output_shape(name: str, form: Form, request: Request) -> ArrayShape:
     """Return the shape of one sample of an output."""
     sizes = {"coordinates": form.dof, "velocities": velocity_count(form, request), "joints": len(form.parents)}
     sizes |= {"tree": form.tree_dof, "conditions": 0 if form.closure is None else condition_count(form.closure)}
-    sizes["struts"] = len(form.struts)
+    sizes |= {"struts": len(form.struts), "loops": 0 if form.closure is None else len(form.closure.loops)}
     sizes["parameters"] = 10 * len(request.frames)  # of the torque regressor, which has a frame for each body
     shape = sample_shape(name, sizes)
     of_frames = name in FRAME_OUTPUTS or (name in JACOBIANS and len(request.frames) != 1)
@@ -899,6 +899,7 @@ OUTPUTS: Final[Mapping[str, Output]] = {
     "qdd_all": Output(("q", "qd", "qdd"), lambda c: tuple(c.tree_qdd)),
     "tree_tau": Output(_INVERSE_INPUTS, TreeQuantities.tree_efforts),
     "loop_wrenches": Output(_POSE_INPUTS, lambda c: () if c.chains is None else c.chains.wrenches(c.poses)),
+    "loop_gaps": Output(("q",), lambda c: () if c.chains is None else c.chains.gaps()),
     "loop_jacobian": Output(("q",), lambda c: () if c.chains is None else c.chains.loop_jacobian()),
     "strut_length": Output(_POSE_INPUTS, lambda c: tuple(length for length, _ in c.strut_lines)),
     "strut_rate": Output(_RATE_INPUTS, lambda c: tuple(c.strut_rates)),
