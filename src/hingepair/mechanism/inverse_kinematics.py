@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Unpack
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from hingepair.inverse_kinematics.search import MAX_TRIALS, Solutions, Solver, T
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.computations import RobotComputation
 from hingepair.mechanism.constants import RobotConstants
+from hingepair.mechanism.options import SEARCH_DEFAULTS, SearchOptions, check_options
 from hingepair.mechanism.states import FrameState
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import (
@@ -114,48 +115,33 @@ class _FrameTargets(NamedTuple):
 
 
 def read_query(
-    tree: Tree,
-    constants: RobotConstants,
-    R: Any,
-    S: Any,
-    *,
-    frame: str | None,
-    direction: Any,
-    axis: Any,
-    q0: Any,
-    limits: Any,
-    prefer: Any,
-    weights: Any,
-    position_tolerance: float,
-    angle_tolerance: float,
-    base_motion: BodyMotion | None,
-    seed: int,
-    workers: int,
-    path: bool = False,
+    tree: Tree, constants: RobotConstants, R: Any, S: Any, method: str, **options: Unpack[SearchOptions]
 ) -> Query:
-    """Return the checked arguments of inverse kinematics; with `path`, all but q0 have an axis of samples."""
+    """Return the checked arguments of a method of inverse kinematics; all but q0 of paths have samples."""
+    check_options(method, options, SearchOptions)
+    path = method == "inverse_kinematics_path"
+    given: dict[str, Any] = {**SEARCH_DEFAULTS, **options}
+    q0, prefer, base_motion, seed = (given[name] for name in ("q0", "prefer", "base_motion", "seed"))
     if not constants.names:
         raise ArgumentError("robot", "a joint that moves", "none")
     if tree.samples is not None and tree.samples.lengths:
         tree.single()
-    workers = execution_of("auto", workers).workers
+    workers = execution_of("auto", given["workers"]).workers
     if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
         raise ArgumentError("seed", "an integer from 0", quoted(seed))
-    tolerances = (
-        number_not_below_0("position_tolerance", position_tolerance),
-        number_not_below_0("angle_tolerance", angle_tolerance),
-    )
-    by_frame = any(isinstance(value, Mapping) for value in (R, S, direction))
+    tolerances = [number_not_below_0(name, given[name]) for name in ("position_tolerance", "angle_tolerance")]
+    wanted = {"R": R, "S": S, "direction": given["direction"]}
+    by_frame = any(isinstance(value, Mapping) for value in wanted.values())
     frames = {
-        name: _read_target(tree, number, name, R, S, direction, axis, by_frame)
-        for number, name in enumerate(_frame_names(tree, frame, {"R": R, "S": S, "direction": direction}))
+        name: _read_target(tree, number, name, R, S, given["direction"], given["axis"], by_frame)
+        for number, name in enumerate(_frame_names(tree, given["frame"], wanted))
     }
     shapes = {label: shape for target in frames.values() for label, shape in target.shapes().items()}
     near = posture = None
     if q0 is not None:
         near = _read_posture("q0", q0, tree, path)
         shapes["q0"] = near.shape[:-1]
-    box = _read_limits(limits, tree)
+    box = _read_limits(given["limits"], tree)
     if isinstance(prefer, str):
         check_choice("prefer", prefer, ("middle",))
     elif prefer is not None:
@@ -169,7 +155,8 @@ def read_query(
     if path and not shape:
         raise ShapeError("R", "an axis of samples, shape (..., samples, 3)", "one target")
 
-    solver = _solver(constants, frames, box, {name: _reach(tree, one.frame) for name, one in frames.items()}, weights)
+    reaches = {name: _reach(tree, one.frame) for name, one in frames.items()}
+    solver = _solver(constants, frames, box, reaches, given["weights"])
     size = len(constants.names)
     if isinstance(prefer, str):
         posture = solver.middle

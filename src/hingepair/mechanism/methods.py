@@ -37,12 +37,14 @@ from hingepair.mechanism.linkages import follow_path
 from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, open_samples, transmission
 from hingepair.mechanism.options import (
     DEFAULT_GRAVITY,
+    SEARCH_DEFAULTS,
     BaseOptions,
     DynamicsOptions,
     ForwardOptions,
     FrameOptions,
     LoopOptions,
     RunOptions,
+    SearchOptions,
     WeightOptions,
     Wrenches,
     WrenchOptions,
@@ -231,25 +233,15 @@ class MechanismMethods(Frozen, Shown):
         """
         return ask(self, "acceleration_bias", (q, qd), {"frames": frames, **options})
 
+    @with_options(**SEARCH_DEFAULTS)
     def inverse_kinematics(
         self,
         R: Any = None,
         S: Any = None,
         *,
-        frame: str | None = None,
-        direction: Any = None,
-        axis: Any = (0, 0, 1),
-        q0: Coordinates | None = None,
-        limits: bool | ArrayLike = True,
-        prefer: str | Coordinates | None = None,
         select: str = "any",
         solutions: int | None = None,
-        weights: Any = None,
-        position_tolerance: float = 1e-9,
-        angle_tolerance: float = 1e-9,
-        base_motion: BodyMotion | None = None,
-        seed: int = 0,
-        workers: int = 1,
+        **options: Unpack[SearchOptions],
     ) -> InverseKinematics:
         """Compute coordinates q at which frames have wanted poses, for one target or many.
 
@@ -297,32 +289,18 @@ class MechanismMethods(Frozen, Shown):
         >>> found.q.shape, bool(found.ok.all())
         ((100, 6), True)
         """
-        count = read_solutions(solutions, select, q0)
-        query = read_query(
-            self._tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
-            prefer=prefer, weights=weights, position_tolerance=position_tolerance, angle_tolerance=angle_tolerance,
-            base_motion=base_motion, seed=seed, workers=workers,
-        )  # fmt: skip
+        count = read_solutions(solutions, select, options.get("q0"))
+        query = read_query(self._tree, self._constants, R, S, "inverse_kinematics", **options)
         return query.solve(count, select == "nearest")
 
+    @with_options(**SEARCH_DEFAULTS)
     def inverse_kinematics_path(
         self,
         R: Any = None,
         S: Any = None,
         *,
-        frame: str | None = None,
-        direction: Any = None,
-        axis: Any = (0, 0, 1),
-        q0: Coordinates | None = None,
-        limits: bool | ArrayLike = True,
-        prefer: str | Coordinates | None = None,
         max_change: float = 0.5,
-        weights: Any = None,
-        position_tolerance: float = 1e-9,
-        angle_tolerance: float = 1e-9,
-        base_motion: BodyMotion | None = None,
-        seed: int = 0,
-        workers: int = 1,
+        **options: Unpack[SearchOptions],
     ) -> InverseKinematicsPath:
         """Compute coordinates along paths of targets, each from the sample before.
 
@@ -350,11 +328,7 @@ class MechanismMethods(Frozen, Shown):
         >>> found.q.shape, bool(found.ok.all()), int(found.jumps.sum())
         ((200, 6), True, 0)
         """
-        query = read_query(
-            self._tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
-            prefer=prefer, weights=weights, position_tolerance=position_tolerance, angle_tolerance=angle_tolerance,
-            base_motion=base_motion, seed=seed, workers=workers, path=True,
-        )  # fmt: skip
+        query = read_query(self._tree, self._constants, R, S, "inverse_kinematics_path", **options)
         return query.follow(read_max_change(max_change))
 
     def error_bounds(
@@ -412,11 +386,7 @@ class MechanismMethods(Frozen, Shown):
 
     @with_options()
     def inverse_dynamics(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        qdd: Coordinates,
-        **options: Unpack[DynamicsOptions],
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[DynamicsOptions]
     ) -> MechanismForces:
         """Compute the torques and forces of the joints, and on the base, that a motion requires (T1-T3). Arguments
         not listed: see `Mechanism`.
@@ -440,11 +410,7 @@ class MechanismMethods(Frozen, Shown):
 
     @with_options()
     def forward_dynamics(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        tau: Coordinates,
-        **options: Unpack[ForwardOptions],
+        self, q: Coordinates, qd: Coordinates, tau: Coordinates, **options: Unpack[ForwardOptions]
     ) -> MechanismAccelerations:
         """Compute the accelerations of the robot under given torques and forces (T5, T6). Arguments not listed: see
         `Mechanism`.
@@ -471,11 +437,7 @@ class MechanismMethods(Frozen, Shown):
 
     @with_options()
     def joint_wrenches(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        qdd: Coordinates,
-        **options: Unpack[WrenchOptions],
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[WrenchOptions]
     ) -> JointWrenches:
         """Compute what each joint's carrying body exerts on the joint's body during a motion, at the joint's point
         (T1-T3). Arguments not listed: see `inverse_dynamics`.
@@ -502,11 +464,7 @@ class MechanismMethods(Frozen, Shown):
 
     @with_options()
     def torque_regressor(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        qdd: Coordinates,
-        **options: Unpack[WeightOptions],
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[WeightOptions]
     ) -> FloatArray:
         """Compute the regressor Y in tau = Y @ p + armature * qdd (T13), shape (..., dof, 10 * bodies), where p are
         the robot's `inertial_parameters`; for a free base in (force1, torque1, tau) = Y @ p + (0, 0, armature * qdd),
@@ -527,11 +485,7 @@ class MechanismMethods(Frozen, Shown):
 
     @with_options()
     def inverse_dynamics_derivatives(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        qdd: Coordinates,
-        **options: Unpack[DynamicsOptions],
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[DynamicsOptions]
     ) -> MechanismDerivatives:
         """Compute the derivatives of the torques of `inverse_dynamics` by q, qd and qdd, exactly up to rounding.
 
@@ -562,11 +516,7 @@ class MechanismMethods(Frozen, Shown):
 
     @with_options()
     def forward_dynamics_derivatives(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        tau: Coordinates,
-        **options: Unpack[ForwardOptions],
+        self, q: Coordinates, qd: Coordinates, tau: Coordinates, **options: Unpack[ForwardOptions]
     ) -> MechanismDerivatives:
         """Compute the derivatives of the accelerations of `forward_dynamics` by q, qd and tau, exactly up to rounding
         (T11).
@@ -705,11 +655,7 @@ class MechanismMethods(Frozen, Shown):
 
     @with_options()
     def loop_wrenches(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        qdd: Coordinates,
-        **options: Unpack[LoopOptions],
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[LoopOptions]
     ) -> dict[str, LoopWrench]:
         """Compute what the body of each loop's first frame exerts on that of the second during a motion, world axes.
 
@@ -741,10 +687,7 @@ class MechanismMethods(Frozen, Shown):
 
     @with_options()
     def struts(
-        self,
-        q: Coordinates,
-        qd: Coordinates | None = None,
-        **options: Unpack[RunOptions],
+        self, q: Coordinates, qd: Coordinates | None = None, **options: Unpack[RunOptions]
     ) -> dict[str, StrutState]:
         """Compute the lengths of all struts [m], their rates [m/s] and forces [N], by name. Arguments not listed: see
         `Mechanism`.
@@ -762,11 +705,7 @@ class MechanismMethods(Frozen, Shown):
         return states
 
     @with_options()
-    def mass_matrix(
-        self,
-        q: Coordinates,
-        **options: Unpack[BaseOptions],
-    ) -> FloatArray:
+    def mass_matrix(self, q: Coordinates, **options: Unpack[BaseOptions]) -> FloatArray:
         """Compute the mass matrix M in M @ qdd + bias = tau (T4), shape (..., dof, dof); for a free base in M @ (a1,
         alpha1, qdd) + bias = (force1, torque1, tau), world axes, shape (..., 6 + dof, 6 + dof). `bias_forces` is the
         bias.
@@ -782,12 +721,7 @@ class MechanismMethods(Frozen, Shown):
         return ask(self, "mass_matrix", (q,), options)
 
     @with_options()
-    def bias_forces(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        **options: Unpack[WeightOptions],
-    ) -> FloatArray:
+    def bias_forces(self, q: Coordinates, qd: Coordinates, **options: Unpack[WeightOptions]) -> FloatArray:
         """Compute the generalized forces at zero acceleration, the bias in tau = M @ qdd + bias (T1-T3), shape (...,
         dof); for a free base (force1, torque1, tau), shape (..., 6 + dof).
 
@@ -804,11 +738,7 @@ class MechanismMethods(Frozen, Shown):
         return ask(self, "bias_forces", (q, qd), options)
 
     @with_options()
-    def gravity_forces(
-        self,
-        q: Coordinates,
-        **options: Unpack[WeightOptions],
-    ) -> FloatArray:
+    def gravity_forces(self, q: Coordinates, **options: Unpack[WeightOptions]) -> FloatArray:
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3), shape (..., dof); for a
         free base (force1, torque1, tau), shape (..., 6 + dof).
 
@@ -822,11 +752,7 @@ class MechanismMethods(Frozen, Shown):
         return ask(self, "gravity_forces", (q,), options)
 
     @with_options()
-    def centre_of_mass(
-        self,
-        q: Coordinates,
-        **options: Unpack[BaseOptions],
-    ) -> FloatArray:
+    def centre_of_mass(self, q: Coordinates, **options: Unpack[BaseOptions]) -> FloatArray:
         """Compute the robot's centre of mass, world axes [m]; shape (..., 3). The base counts only if it is free. NaN
         if nothing has mass.
 
@@ -840,11 +766,7 @@ class MechanismMethods(Frozen, Shown):
         return ask(self, "centre_of_mass", (q,), options)
 
     @with_options()
-    def centre_of_mass_jacobian(
-        self,
-        q: Coordinates,
-        **options: Unpack[BaseOptions],
-    ) -> FloatArray:
+    def centre_of_mass_jacobian(self, q: Coordinates, **options: Unpack[BaseOptions]) -> FloatArray:
         """Compute the Jacobian J of the centre of mass, whose velocity is J @ qd if the base is at rest, shape (...,
         3, dof); for a free base J @ (v1, omega1, qd), world axes, shape (..., 3, 6 + dof).
 
@@ -858,11 +780,7 @@ class MechanismMethods(Frozen, Shown):
         return ask(self, "centre_of_mass_jacobian", (q,), options)
 
     @with_options()
-    def centroidal_momentum_matrix(
-        self,
-        q: Coordinates,
-        **options: Unpack[BaseOptions],
-    ) -> FloatArray:
+    def centroidal_momentum_matrix(self, q: Coordinates, **options: Unpack[BaseOptions]) -> FloatArray:
         """Compute the matrix A of the momentum about the centre of mass, (linear, angular) = A @ qd if the base is at
         rest, shape (..., 6, dof) (T12); for a free base A @ (v1, omega1, qd), world axes, shape (..., 6, 6 + dof).
 
@@ -879,10 +797,7 @@ class MechanismMethods(Frozen, Shown):
 
     @with_options()
     def centroidal_momentum_matrix_rate(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        **options: Unpack[BaseOptions],
+        self, q: Coordinates, qd: Coordinates, **options: Unpack[BaseOptions]
     ) -> FloatArray:
         """Compute the time derivative of `centroidal_momentum_matrix`, of the same shape. Of `base_motion`, S and
         omega are used.
@@ -898,12 +813,7 @@ class MechanismMethods(Frozen, Shown):
         return ask(self, "centroidal_momentum_matrix_rate", (q, qd), options)
 
     @with_options()
-    def energy(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        **options: Unpack[WeightOptions],
-    ) -> Energy:
+    def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[WeightOptions]) -> Energy:
         """Compute the kinetic energy and the potential energy in uniform gravity [J] (T7); the latter is 0 for a mass
         at the world's origin.
 
@@ -919,12 +829,7 @@ class MechanismMethods(Frozen, Shown):
 
     @with_options()
     def momentum(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        *,
-        about: str = "origin",
-        **options: Unpack[BaseOptions],
+        self, q: Coordinates, qd: Coordinates, *, about: str = "origin", **options: Unpack[BaseOptions]
     ) -> Momentum:
         """Compute the linear and the angular momentum of the robot, world axes (T8).
 
@@ -1259,11 +1164,7 @@ class MechanismMethods(Frozen, Shown):
             warn_of_dynamics(f"{self._tree.name}: {message}")
 
     def _computation(
-        self,
-        outputs: tuple[str, ...],
-        frames: tuple[str, ...] = (),
-        loaded: int = 0,
-        joint_loads: bool = False,
+        self, outputs: tuple[str, ...], frames: tuple[str, ...] = (), loaded: int = 0, joint_loads: bool = False
     ) -> RobotComputation:
         """Return the computation of outputs, which is made once; wrenches act on the first `loaded` frames."""
         key = outputs, frames, loaded, joint_loads

@@ -13,6 +13,7 @@ from typing import Any, Final, TypeAlias, TypedDict, TypeVar
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.plans.arguments import Coordinates
 from hingepair.plans.pairs import SPACE
 
 Out: TypeAlias = Mapping[str, NDArray[Any]] | NDArray[Any] | None
@@ -106,6 +107,36 @@ class LoopOptions(TypedDict, total=False):
     backend: str
 
 
+class SearchOptions(TypedDict, total=False):
+    """Options of inverse kinematics."""
+
+    frame: str | None
+    direction: Any
+    axis: Any
+    q0: Coordinates | None
+    limits: bool | ArrayLike
+    prefer: str | Coordinates | None
+    weights: Any
+    position_tolerance: float
+    angle_tolerance: float
+    base_motion: BodyMotion | None
+    seed: int
+    workers: int
+
+
+SEARCH_DEFAULTS: Final[dict[str, Any]] = {
+    **dict.fromkeys(("frame", "direction")),
+    "axis": (0, 0, 1),
+    "q0": None,
+    "limits": True,
+    **dict.fromkeys(("prefer", "weights")),
+    "position_tolerance": 1e-9,
+    "angle_tolerance": 1e-9,
+    "base_motion": None,
+    "seed": 0,
+    "workers": 1,
+}
+"""Defaults of inverse kinematics, in the order of signatures."""
 _DEFAULTS: Final[dict[str, Any]] = {
     "frames": None,
     "outputs": None,
@@ -138,7 +169,7 @@ def with_options(**defaults: Any) -> Callable[[Method], Method]:
         kind = inspect.Parameter.KEYWORD_ONLY
         shown = [
             inspect.Parameter(one, kind, default=value, annotation=annotations[one].__forward_arg__)
-            for one, value in (_DEFAULTS | defaults).items()
+            for one, value in {**defaults, **_DEFAULTS, **defaults}.items()
             if one in annotations
         ]
         method.__signature__ = signature.replace(parameters=[*own, *shown])  # type: ignore[attr-defined]

@@ -359,12 +359,7 @@ class HingePair(Frozen, Shown):
         return accuracy.error_bounds(self._constants, given, len(given) - 1, outputs, sequence)
 
     @with_options()
-    def mass_matrix(
-        self,
-        body1: BodyMotion,
-        psi: ArrayLike,
-        **options: Unpack[OutOptions],
-    ) -> FloatArray:
+    def mass_matrix(self, body1: BodyMotion, psi: ArrayLike, **options: Unpack[OutOptions]) -> FloatArray:
         """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (T4).
 
         It is symmetric; shape (..., 7, 7) [kg, kg m, kg m^2]. force1 and torque1 are those of `inverse_dynamics`.
@@ -381,12 +376,7 @@ class HingePair(Frozen, Shown):
 
     @with_options()
     def inverse_dynamics(
-        self,
-        body1: BodyMotion,
-        psi: ArrayLike,
-        psid: ArrayLike,
-        psidd: ArrayLike,
-        **options: Unpack[GravityOptions],
+        self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike, **options: Unpack[GravityOptions]
     ) -> Forces:
         """Compute the force and torque on body 1 and the hinge torque that a motion requires beside gravity (T1-T3).
 
@@ -449,12 +439,7 @@ class HingePair(Frozen, Shown):
 
     @with_options()
     def hinge_wrench(
-        self,
-        body1: BodyMotion,
-        psi: ArrayLike,
-        psid: ArrayLike,
-        psidd: ArrayLike,
-        **options: Unpack[GravityOptions],
+        self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike, **options: Unpack[GravityOptions]
     ) -> HingeWrench:
         """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3); body 1 needs no mass.
 
@@ -474,13 +459,7 @@ class HingePair(Frozen, Shown):
         return self._ask("hinge_wrench", given, options)
 
     @with_options()
-    def energy(
-        self,
-        body1: BodyMotion,
-        psi: ArrayLike,
-        psid: ArrayLike,
-        **options: Unpack[GravityOptions],
-    ) -> Energy:
+    def energy(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, **options: Unpack[GravityOptions]) -> Energy:
         """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
         1 has no mass properties.
 
@@ -498,13 +477,7 @@ class HingePair(Frozen, Shown):
         return self._ask("energy", given, options)
 
     @with_options()
-    def momentum(
-        self,
-        body1: BodyMotion,
-        psi: ArrayLike,
-        psid: ArrayLike,
-        **options: Unpack[OutOptions],
-    ) -> Momentum:
+    def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, **options: Unpack[OutOptions]) -> Momentum:
         """Compute the momentum of the pair: linear, and angular about the world's origin (T8).
 
         Arguments: see `HingePair`; of body1, R, S, v and omega are used.
@@ -559,12 +532,7 @@ class HingePair(Frozen, Shown):
         return residuals.residuals(self._constants, self.name, body1, body2, tolerances, t)
 
     @with_options()
-    def jacobian(
-        self,
-        body1: BodyMotion,
-        psi: ArrayLike,
-        **options: Unpack[OutOptions],
-    ) -> FloatArray:
+    def jacobian(self, body1: BodyMotion, psi: ArrayLike, **options: Unpack[OutOptions]) -> FloatArray:
         """Compute the Jacobian J in (v2, omega2) = J @ (v1, omega1, psi'), world axes; shape (..., 6, 7) (E8, E2).
 
         Arguments: see `HingePair`; of body1, S is used.
@@ -579,11 +547,7 @@ class HingePair(Frozen, Shown):
 
     @with_options()
     def acceleration_bias(
-        self,
-        body1: BodyMotion,
-        psi: ArrayLike,
-        psid: ArrayLike,
-        **options: Unpack[OutOptions],
+        self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, **options: Unpack[OutOptions]
     ) -> FloatArray:
         """Compute the bias in (a2, alpha2) = J @ (a1, alpha1, psi'') + bias, with J of `jacobian`, world axes: a2
         [m/s^2], then alpha2 [rad/s^2]; shape (..., 6) (E9).
@@ -660,12 +624,7 @@ class HingePair(Frozen, Shown):
         return tolerances.propagate_covariance(self._constants, body1, psi, covariance, points, **given)
 
     @with_options()
-    def constraint_jacobian(
-        self,
-        body1: BodyMotion,
-        body2: BodyMotion,
-        **options: Unpack[OutOptions],
-    ) -> FloatArray:
+    def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion, **options: Unpack[OutOptions]) -> FloatArray:
         """Compute the Jacobian G of the hinge constraints, (gap', tilt') = G @ (v1, omega1, v2, omega2): three rows
         of gap', two of tilt'; shape (..., 5, 12) (E1, E2).
 
@@ -686,12 +645,7 @@ class HingePair(Frozen, Shown):
         return self._ask("constraint_jacobian", given, options)
 
     @with_options()
-    def constraint_bias(
-        self,
-        body1: BodyMotion,
-        body2: BodyMotion,
-        **options: Unpack[OutOptions],
-    ) -> FloatArray:
+    def constraint_bias(self, body1: BodyMotion, body2: BodyMotion, **options: Unpack[OutOptions]) -> FloatArray:
         """Compute the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, with G of `constraint_jacobian`:
         three components of gap'' [m/s^2], two of tilt'' [1/s^2]; shape (..., 5) (E1, E2).
 

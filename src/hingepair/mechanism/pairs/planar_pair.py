@@ -173,11 +173,7 @@ class PlanarPair(Frozen, Shown):
         return requests.prepare(self, given, outputs, None, gravity, execution_of(backend, workers))
 
     def error_bounds(
-        self,
-        q: Coordinates,
-        qd: Coordinates | None = None,
-        qdd: Coordinates | None = None,
-        outputs: Outputs = None,
+        self, q: Coordinates, qd: Coordinates | None = None, qdd: Coordinates | None = None, outputs: Outputs = None
     ) -> dict[str, NDArray[np.float64]]:
         """Compute rigorous bounds on the rounding errors of `forward_kinematics` at every sample, as
         `HingePair.error_bounds` does.
@@ -213,11 +209,7 @@ class PlanarPair(Frozen, Shown):
         )  # fmt: skip
 
     @with_options()
-    def mass_matrix(
-        self,
-        q: Coordinates,
-        **options: Unpack[OutOptions],
-    ) -> FloatArray:
+    def mass_matrix(self, q: Coordinates, **options: Unpack[OutOptions]) -> FloatArray:
         """Compute the mass matrix M in M @ (x'', y'', phi'', psi'') + bias = (force1, torque1, hinge_torque) (T4),
         symmetric; shape (..., 4, 4) [kg, kg m, kg m^2]. Arguments: see `PlanarPair`.
 
@@ -230,11 +222,7 @@ class PlanarPair(Frozen, Shown):
 
     @with_options(gravity=PLANAR_GRAVITY)
     def inverse_dynamics(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        qdd: Coordinates,
-        **options: Unpack[GravityOptions],
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[GravityOptions]
     ) -> Forces:
         """Compute the force and torque on body 1 and the hinge torque that a motion requires beside gravity (T1-T3).
 
@@ -251,11 +239,7 @@ class PlanarPair(Frozen, Shown):
 
     @with_options(gravity=PLANAR_GRAVITY)
     def hinge_wrench(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        qdd: Coordinates,
-        **options: Unpack[GravityOptions],
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[GravityOptions]
     ) -> HingeWrench:
         """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3); body 1 needs no mass.
         hinge_torque is the torque, bearing_torque 0.
@@ -309,12 +293,7 @@ class PlanarPair(Frozen, Shown):
         return ask(self, "forward_dynamics", tuple(given.values()), options, tuple(given))
 
     @with_options(gravity=PLANAR_GRAVITY)
-    def energy(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        **options: Unpack[GravityOptions],
-    ) -> Energy:
+    def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[GravityOptions]) -> Energy:
         """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
         1 has no mass properties. Arguments: see `PlanarPair`.
 
@@ -326,12 +305,7 @@ class PlanarPair(Frozen, Shown):
         return ask(self, "energy", (q, qd), options)
 
     @with_options()
-    def momentum(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        **options: Unpack[OutOptions],
-    ) -> Momentum:
+    def momentum(self, q: Coordinates, qd: Coordinates, **options: Unpack[OutOptions]) -> Momentum:
         """Compute the momentum of the pair: linear, and angular about the world's origin (T8). Arguments: see
         `PlanarPair`.
 
