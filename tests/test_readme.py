@@ -24,6 +24,7 @@ def test_code_prints_what_the_readme_says(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_linked_files_and_headings_exist() -> None:
     links = re.findall(r"\]\((?!http)([^)#]*)#?([^)]*)\)", README)
+    links += [(file, "") for file in re.findall(r'<img src="([^"]*)"', README)]
     assert ("models/hinge_pair.svg", "") in links
     for file, heading in links:
         path = ROOT / file if file else ROOT / "README.md"

@@ -1,0 +1,79 @@
+"""Draw the pictures of README and of the first page: `python docs/pictures.py` writes them into docs/_static.
+
+Two of them are the figures of gallery scripts, drawn smaller.
+"""
+
+import runpy
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from PIL import Image
+
+import hingepair as hp
+
+DOCS = Path(__file__).parent
+
+
+def trailer(axes):
+    """Draw the area that a truck and its trailer sweep."""
+    drive = runpy.run_path(str(DOCS / "gallery" / "plot_trailer.py"))
+    for outline in (*drive["trailer"][::3], *drive["truck"][::3]):
+        axes.fill(*outline.T, color="lightsteelblue", lw=0)
+    for now in (0, 140, 290):
+        axes.fill(*drive["trailer"][now].T, fc="w", ec="navy", lw=1)
+        axes.fill(*drive["truck"][now].T, fc="gold", ec="k", lw=1)
+    axes.set(aspect="equal", title="The path that a trailer sweeps")
+    axes.axis("off")
+
+
+def knee(axes):
+    """Draw the angle of a knee that was identified from recorded markers."""
+    walk = runpy.run_path(str(DOCS / "gallery" / "plot_knee.py"))
+    fit = walk["fit"]
+    error = np.degrees(fit.std["psi"])
+    axes.errorbar(100 * walk["share"], np.degrees(fit.psi), error, fmt=".", ms=3, ecolor="lightsteelblue")
+    axes.set(title="A knee from recordings, with +- values", xlabel="gait cycle [%]", ylabel="flexion [degrees]")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def robot(axes):
+    """Show the web page of a robot."""
+    with Image.open(DOCS.parent / "models" / "page.gif") as page:
+        page.seek(page.n_frames // 2)
+        axes.imshow(page.convert("RGB").crop((0, 0, int(0.67 * page.width), int(0.9 * page.height))))
+    axes.set(title="A robot on its web page")
+    axes.axis("off")
+
+
+def four_bar(axes):
+    """Draw a four-bar and the curve of a point of its coupler."""
+    bars = [("crank", (0, 0, 0)), ("coupler", (0.3, 0, 0)), ("rocker", (1, 0, 0))]
+    joints = [hp.HingePair(u1, (0, 0, 0), (0, 0, 1), name=name) for name, u1 in bars]
+    tree = hp.Mechanism(joints, parents=[0, 1, 0]).with_frame("a", "coupler", R=(0.9, 0, 0))
+    tree = tree.with_frame("b", "rocker", R=(0.7, 0, 0)).with_frame("tip", "coupler", R=(0.5, 0.35, 0))
+    linkage = tree.closed(hp.Loop("a", "b"), coordinates="crank", at={"crank": 0.3, "coupler": 0.8, "rocker": 1.9})
+    turn = linkage.forward_kinematics(np.linspace(0, 2 * np.pi, 200)[:, None], frames=("tip", "coupler", "b"))
+    axes.plot(*turn["tip"].R[:, :2].T, "C1", lw=2)
+    tip, joint, end = (turn[name].R[25, :2] for name in ("tip", "coupler", "b"))
+    axes.plot(*np.transpose([(0, 0), joint, end, (1, 0)]), "o-", color="navy", lw=3, ms=5)
+    axes.fill(*np.transpose([joint, tip, end]), color="navy", alpha=0.25, lw=0)
+    axes.plot([0, 1], [0, 0], "k^", ms=9, zorder=0)
+    axes.set(aspect="equal", title="The coupler curve of a four-bar")
+    axes.axis("off")
+
+
+def main():
+    """Write all pictures."""
+    plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
+    figure, panels = plt.subplots(1, 4, figsize=(12, 2.9), layout="constrained")
+    for draw, axes in zip((trailer, knee, robot, four_bar), panels, strict=True):
+        draw(axes)
+    figure.savefig(DOCS / "_static" / "examples.png", dpi=100, pil_kwargs={"optimize": True})
+
+
+if __name__ == "__main__":
+    main()
