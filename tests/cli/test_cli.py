@@ -269,14 +269,14 @@ def test_an_input_is_not_written_over(short_scene: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_a_simulated_scene_is_viewed_as_it_moves_and_derived_as_any_motion(tmp_path: Path) -> None:
+def test_a_simulated_scene_is_viewed_as_it_moves_and_derived_as_any_motion_of_its_hinge(tmp_path: Path) -> None:
     path = tmp_path / "fall.toml"
     path.write_text(
         "[pair]\nu1 = [0, 0, 0]\nu2 = [-0.5, 0, 0]\nn = [0, 1, 0]\nbody2 = { mass = 2, inertia = [0.1, 1, 1] }\n"
         "[dynamics]\nbase = 'fixed'\n[time]\nstart = 0\nstop = 0.1\nsamples = 7\n"
     )
     assert "(7 instants;" in run_command("view", path, "-o", tmp_path / "fall.html").stdout
-    assert "v2_x = x'" in run_command("derive", path, "--outputs", "v2").stdout
+    assert "v2_x = -psid*sin(psi)/2" in run_command("derive", path, "--outputs", "v2").stdout
 
 
 def test_a_robot_without_a_joint_is_exported_whole(tmp_path: Path) -> None:
@@ -309,8 +309,8 @@ def test_a_robots_frame_is_derived_by_name_or_from_a_urdf(tmp_path: Path) -> Non
         np.testing.assert_allclose(module["R"](q), robot.forward_kinematics(q, frames="tool0")["tool0"].R, atol=1e-15)
         np.testing.assert_allclose(module["jacobian"](q), robot.jacobian(q, "tool0"), rtol=0, atol=1e-15)
     as_written = run_command("derive", "ur5_robot", "--frame", "tool0", "--snap", "0", "--outputs", "R").stdout
-    assert "c_2 = cos(1.57079632679 + q_2)" in as_written
     assert "--snap" not in as_written
+    assert "e-12" in as_written
     latex = run_command(
         "derive", "ur5_robot", "--frame", "tool0", "--symbolic", "u", "--latex", "--outputs", "R"
     ).stdout

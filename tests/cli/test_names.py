@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 import hingepair as hp
 from hingepair.symbolic.expressions import constant_name_fault
-from hingepair.symbolic.printers import latex_name
+from hingepair.symbolic.writing import latex_name
 from support.commands import run_command
 
 few = settings(

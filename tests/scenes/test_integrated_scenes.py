@@ -11,7 +11,8 @@ import pytest
 import sympy
 
 import hingepair as hp
-from hingepair.symbolic.exact_expressions import time_symbol, to_sympy
+from hingepair.symbolic.exact import TIME as INSTANT
+from hingepair.symbolic.exact import to_sympy
 from hingepair.symbolic.expressions import parse_expression
 from support.spins import U
 
@@ -122,7 +123,7 @@ def test_planar_rates_are_two_integrals(tmp_path):
 @pytest.mark.parametrize("rate", ["t**2 - 3", "2*cos(3*t) + 1", "exp(-t/4) - sin(0.5 - 2*t)", "7", "pi*t**5/3"])
 def test_sums_are_as_good_as_antiderivatives(rate, tmp_path):
     scene = scene_of(tmp_path, GOOD.replace("psi_dot = 10", f'psi_dot = "{rate}"\npsi_0 = 0.5'))
-    t = time_symbol()
+    t = INSTANT
     whole = sympy.integrate(to_sympy("rate", parse_expression("rate", rate)), t)
     for instant, found in zip(scene.times()[::10], scene.motion.source.psi[::10], strict=True):
         exact = 0.5 + float((whole.subs(t, instant) - whole.subs(t, 0)).evalf(30))

@@ -19,8 +19,7 @@ from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.scenes.pair_scene import FURTHER_OUTPUTS
 
 if TYPE_CHECKING:
-    from hingepair.symbolic.derivation import Derivation
-    from hingepair.symbolic.written_forms import WrittenForms
+    from hingepair.symbolic.closed_forms import ClosedForms, PairForms
 
 _DERIVED = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """Outputs that are derived unless --outputs or the scene names others."""
@@ -48,10 +47,6 @@ def derive_command(
     ] = None,
     body1_frame: Body1FrameOption = None,
     body2_frame: Body2FrameOption = None,
-    unicode: Annotated[
-        bool,
-        typer.Option("--unicode", help="Print formulas with Unicode symbols, one line a component (the default)."),
-    ] = False,
     latex: Annotated[bool, typer.Option("--latex", help="Print LaTeX: an align* environment (amsmath).")] = False,
     python: Annotated[bool, typer.Option("--python", help="Print a Python module that needs only NumPy.")] = False,
     c: Annotated[bool, typer.Option("--c", help="Print C functions (C99), one for each output.")] = False,
@@ -73,8 +68,8 @@ def derive_command(
         bool | None,
         typer.Option(
             "--short/--full",
-            help="--short abbreviates sines and repeated terms, --full writes them out; default: --short for a "
-            "robot, and for a pair if lines are long.",
+            help="--short abbreviates repeated terms, and a robot's sines; --full writes them out; default: --short "
+            "if lines are long.",
         ),
     ] = None,
     out: TextFileOption = None,
@@ -86,8 +81,8 @@ def derive_command(
     or with a simulated one, and a hinge of a robot, give the formulas of an arbitrary motion. A whole robot gives R,
     S, jacobian, v and omega of a frame, in terms of the joint coordinates q_1, q_2 and so on.
     """
-    if unicode + latex + python + c + as_json > 1:
-        raise HingePairError("--unicode, --latex, --python, --c and --json exclude each other; give one of them")
+    if latex + python + c + as_json > 1:
+        raise HingePairError("--latex, --python, --c and --json exclude each other; give one of them")
     check_output("--out", out, [source])
     output_format = "latex" if latex else "python" if python else "c" if c else "json" if as_json else "text"
     symbols, output_names = split_names("--symbolic", symbolic) or (), split_names("--outputs", outputs)
@@ -95,7 +90,7 @@ def derive_command(
     named.print_suspicions()
     robot = _load_snapped_robot(named, snap) if named.is_whole else None
     if robot is not None:
-        from hingepair.symbolic.frame_forms import FrameForms
+        from hingepair.symbolic.closed_forms import FrameForms
 
         mechanism, notes = robot
         text = _write(FrameForms(mechanism, frame, symbols, notes), output_names, output_format, short)
@@ -109,7 +104,7 @@ def derive_command(
 
 
 class _PairForms(NamedTuple):
-    forms: Derivation
+    forms: PairForms
     title: str
     outputs: tuple[str, ...]  # those that the scene names
 
@@ -131,7 +126,7 @@ def _pair_forms(source: Source, symbols: Sequence[str]) -> _PairForms:
 
 
 def _write_pair(derived: _PairForms, outputs: Sequence[str] | None, output_format: str, short: bool | None) -> str:
-    """Return the formulas of a pair in a format; text that would be long is abbreviated unless `short` is given."""
+    """Return the formulas of a pair in a format."""
     from hingepair.equations.quantities import ACCELERATION
     from hingepair.plans.arguments import check_outputs
     from hingepair.plans.pairs import PLANE
@@ -141,13 +136,11 @@ def _write_pair(derived: _PairForms, outputs: Sequence[str] | None, output_forma
     usual = named or (PLANE.default_outputs(ACCELERATION) if planar else _DERIVED)
     of_points = () if named else tuple(name for name in forms.names if name not in forms.kind.levels)
     names = (*usual, *of_points) if outputs is None else check_outputs(outputs, forms.names)
-    text = _write(forms, names, output_format, short, title)
-    is_long = short is None and output_format == "text" and "\n      " in text
-    return forms.to_text(names, short=True) if is_long else text
+    return _write(forms, names, output_format, short, title)
 
 
 def _write(
-    forms: WrittenForms, names: Sequence[str] | None, output_format: str, short: bool | None, title: str = ""
+    forms: ClosedForms, names: Sequence[str] | None, output_format: str, short: bool | None, title: str = ""
 ) -> str:
     """Return formulas in a format: "text", "latex", "python", "c" or "json"."""
     match output_format:

@@ -12,21 +12,28 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
+from hingepair.plans.pairs import PLANE, SPACE
+from hingepair.rotations.euler import matrix_to_euler
 from hingepair.scenes.load import SceneFile
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.robot_scene import RobotScene
 from hingepair.scenes.tables import Table
-from hingepair.symbolic.derivation import SYMBOLIC_CONSTANTS, Derivation
-from hingepair.symbolic.exact_constants import axis_rotation, exact_unit_axis, roll_pitch_yaw_rotation
-from hingepair.symbolic.exact_expressions import SYMPY_ERRORS, to_sympy
+from hingepair.symbolic.closed_forms import SYMBOLIC_CONSTANTS, FrameForms, PairForms, point_key
+from hingepair.symbolic.exact import (
+    SYMPY_ERRORS,
+    Expr,
+    axis_rotation,
+    exact,
+    exact_unit_axis,
+    roll_pitch_yaw_rotation,
+    to_sympy,
+)
 from hingepair.symbolic.expressions import Expression
-from hingepair.symbolic.frame_forms import FrameForms
-from hingepair.symbolic.kinks import Expr, constant_value
-from hingepair.symbolic.pair_equations import point_vector
+from hingepair.symbolic.writing import constant_value
 
 
 @overload
-def derive(scene_or_pair: PairScene | HingePair | PlanarPair, symbolic: Iterable[str] = ()) -> Derivation: ...
+def derive(scene_or_pair: PairScene | HingePair | PlanarPair, symbolic: Iterable[str] = ()) -> PairForms: ...
 @overload
 def derive(
     scene_or_pair: RobotScene | Mechanism, symbolic: Iterable[str] = (), frame: str | None = None
@@ -35,8 +42,8 @@ def derive(
     scene_or_pair: PairScene | RobotScene | HingePair | PlanarPair | Mechanism,
     symbolic: Iterable[str] = (),
     frame: str | None = None,
-) -> Derivation | FrameForms:
-    r"""Return closed forms as SymPy expressions. A Scene, a HingePair or a PlanarPair gives a Derivation with the
+) -> PairForms | FrameForms:
+    r"""Return closed forms as SymPy expressions. A Scene, a HingePair or a PlanarPair gives a PairForms with the
     equations E1-E11 (docs/concepts/equations.md). A Mechanism, or its scene, gives the FrameForms of one
     link, joint or frame.
 
@@ -49,12 +56,11 @@ def derive(
     written. A float becomes the number that its shortest decimal form shows: 0.1 becomes 1/10. The components of a
     normalised axis become exact roots if their squares are rational numbers with denominators up to 1000: the axis
     (1, 1, 0) has the components sqrt(2)/2, sqrt(2)/2 and 0. A product of sines and cosines becomes a sum if the sum
-    is not longer. The written forms (text, LaTeX, Python) show a constant as an exact expression unless its decimal
-    form with 17 digits is shorter.
+    is not longer. Text and LaTeX show constants other than simple fractions and roots as decimals.
 
     The base of a robot rests at the origin. For joints with parallel axes, the matrices contain cosines and sines of
-    sums of angles, such as cos(q_2 + q_3). The written forms abbreviate them: c_23 is cos(q_2 + q_3), and s_23 is
-    sin(q_2 + q_3). The written forms also name sums of terms that occur several times: k_1, k_2 and so on. If a URDF
+    sums of angles, such as cos(q_2 + q_3). Written forms with long lines abbreviate them: c_23 is cos(q_2 + q_3),
+    and s_23 is sin(q_2 + q_3). They also name terms that occur several times: k_1, k_2 and so on. If a URDF
     file rounds right angles, such as 1.5708 for pi/2, load the robot with `snap=1e-5`: an angle within this tolerance
     [rad] of a multiple of pi/2 is then replaced by that multiple.
 
@@ -71,12 +77,12 @@ def derive(
             name is required if several links have no children. Only for a robot.
 
     Returns:
-        For a scene or a pair, a Derivation: `.R2`, `.omega2` and so on are SymPy matrices in the symbol `.t`; of a
+        For a scene or a pair, a PairForms: `.R2`, `.omega2` and so on are SymPy matrices in the symbol `.t`; of a
         point named tip also `.tip`, `.tip_v` and `.tip_a`. For a planar pair, `.phi2`, `.omega2` and `.alpha2` are
         SymPy expressions. For a robot, FrameForms: position `.R`, rotation `.S`, `.jacobian`, velocity `.v` and
         angular velocity `.omega` of the frame, in world axes, are SymPy matrices in the symbols `.q` and `.qd`. A
-        Derivation and a FrameForms have the methods `.to_text()`, `.to_latex()` and `.to_python()`, which return the
-        forms as text.
+        PairForms and a FrameForms have the methods `.to_text()`, `.to_latex()` `.to_python()` and `.to_c()`, which
+        return the forms as text.
 
     Raises:
         ArgumentError: the derivatives of an expression are too long. The message names the argument.
@@ -115,24 +121,32 @@ def derive(
         symbolic_constants = tuple(name for name in names if name in scene.constants)
         motion = scene.functions().expressions(symbolic_constants)
         written = _exact_pair_values(scene.pair, scene.tables, symbolic_constants)
-        return Derivation(scene.pair, motion, scene.sequence, names, written)
+        return PairForms(scene.pair, motion, scene.sequence, names, written)
     pair = scene_or_pair
     if not isinstance(pair, HingePair | PlanarPair):
         raise ArgumentError("scene_or_pair", "a Scene, a HingePair, a PlanarPair or a Mechanism", quoted(pair))
-    return Derivation(pair, symbolic=_symbolic_names(symbolic, pair, ()))
+    return PairForms(pair, symbolic=_symbolic_names(symbolic, pair, ()))
 
 
-def derive_any_motion(file: SceneFile, symbolic: Iterable[str] = ()) -> Derivation:
-    """Return the Derivation of the pair in a scene file with coordinates that are unspecified functions of t.
+def derive_any_motion(file: SceneFile, symbolic: Iterable[str] = ()) -> PairForms:
+    """Return the PairForms of the pair in a scene file with coordinates that are unspecified functions of t, those of
+    a fixed body 1 apart.
 
     Args:
         file: the scene file, whose motion is ignored.
         symbolic: as for `derive`.
     """
-    pair, constants = file.pair, file.tables.constants
+    pair, constants, setup = file.pair, file.tables.constants, file.dynamics
     names = _symbolic_names(symbolic, pair, constants)
     symbolic_constants = tuple(name for name in names if name in constants)
-    return Derivation(pair, symbolic=names, exact_values=_exact_pair_values(pair, file.tables, symbolic_constants))
+    motion: dict[str, Expr] = {}
+    if setup is not None and setup.base == "fixed" and setup.body1 is not None:
+        x, y, z, *phi = map(exact, (*setup.body1.R.tolist(), *matrix_to_euler(setup.body1.S).tolist()))
+        given = (x, y, phi[2]) if isinstance(pair, PlanarPair) else (x, y, z, *phi)
+        kind = PLANE if isinstance(pair, PlanarPair) else SPACE
+        motion = dict(zip(kind.coordinates[:-1], given, strict=True))
+    written = _exact_pair_values(pair, file.tables, symbolic_constants)
+    return PairForms(pair, motion, symbolic=names, exact_values=written)
 
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
@@ -154,7 +168,7 @@ def _exact_pair_values(
     """Return u1, u2, n and home (row by row) as [pair] writes them, by key, where the pair has the same values."""
     table, planar = tables.table("pair"), isinstance(pair, PlanarPair)
     # Of a scene whose pair was replaced, not those of the file.
-    points = {point_vector(name): position.tolist() for name, position in {**pair.points1, **pair.points2}.items()}
+    points = {point_key(name): position.tolist() for name, position in {**pair.points1, **pair.points2}.items()}
     arrays = {key: array.ravel().tolist() for key, array in constants_of(pair).arrays.items()}
     numbers = {**arrays, **points}
     same = {
@@ -181,7 +195,7 @@ def _pair_expressions(
         points = table.table(key, required=False)
         for name in points.values:
             position = points.expressions(name, 2 if planar else 3, symbolic_constants=symbolic_constants)
-            written[point_vector(name)] = _in_sympy(name, position)
+            written[point_key(name)] = _in_sympy(name, position)
     if any(isinstance(component, str) for component in table.values.get("n", ())):
         written["n"] = exact_unit_axis(exact("n", 3))
     if isinstance(table.values.get("home"), list):

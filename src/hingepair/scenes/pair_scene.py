@@ -34,7 +34,7 @@ from hingepair.scenes.scene import Residual, Scene, ScenePlan, SceneResult
 
 if TYPE_CHECKING:
     from hingepair.scenes.motions.functions import FunctionsOfTime
-    from hingepair.symbolic.kinks import Expr
+    from hingepair.symbolic.exact import Expr
     from hingepair.validation.report import CrossValidation
 
 COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")

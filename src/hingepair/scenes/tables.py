@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import re
 import reprlib
@@ -11,12 +12,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, NoReturn, TypeAlias
 
+import numpy as np
+
+from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, SceneError, choices, line_with_caret, nearest, quoted
 from hingepair.mechanism.results import RESULT_FILE_SUFFIXES
 from hingepair.numeric.arrays import check_choice, finite_number
-from hingepair.numeric.unit_vectors import finite_axis
-from hingepair.symbolic.constants import roll_pitch_yaw_matrix, rotation_matrix
-from hingepair.symbolic.expressions import Expression, Number, in_radians, parse_constant
+from hingepair.numeric.unit_vectors import finite_axis, unit_axis
+from hingepair.rotations.sequences import find_sequence
+from hingepair.symbolic.expressions import (
+    Expression,
+    constant_cosine,
+    constant_sine,
+    in_radians,
+    parse_constant,
+)
 from hingepair.symbolic.expressions import number as exact_number
 
 MAX_BYTES: Final = 1_000_000
@@ -84,7 +94,7 @@ class Table(NamedSource):
     #: values by key, as the TOML parser returns them
     values: dict[str, Any]
     #: values by name of the constants that expressions may use
-    constants: Mapping[str, Number]
+    constants: Mapping[str, float | Expression]
 
     def read(self, reader_by_key: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
         """Return what the readers, functions of (table, key), make of the keys that the table has or that are
@@ -191,17 +201,23 @@ class Table(NamedSource):
         return read(self.values[key])
 
     def rotation(self, key: str) -> list[list[float]]:
-        """Return the rotation matrix under a key as three lists of three floats; exact entries are rounded once. The
+        """Return the rotation matrix under a key as three lists of three floats; turns by right angles are exact. The
         value is a matrix, { axis, deg | rad } or { rpy_deg | rpy }. Only the shape of a matrix is checked.
         """
         if isinstance(self.values.get(key), list):
             return self.numbers(key, 3, 3)
         axis, angles = self.turns(key)
-        numbers = [angle.constant for angle in angles if angle.constant]
+        numbers = [angle.constant for angle in angles if angle.constant is not None]
         if axis:
-            entries = rotation_matrix([c.constant for c in axis if c.constant], numbers[0])
+            sine, cosine = constant_sine(numbers[0]), constant_cosine(numbers[0])
+            versine = sine * sine / (1 + cosine) if cosine > 0 else 1 - cosine
+            n = unit_axis("axis", np.array([float(c) for c in axis])).tolist()
+            entries = eq.hinge_rotation(tuple(n), (sine, versine))
         else:
-            entries = roll_pitch_yaw_matrix(numbers)
+            sequence = find_sequence("xyz")
+            canonical = sequence.angles((numbers[0], numbers[1], numbers[2]))
+            trig = [(constant_sine(angle), constant_cosine(angle)) for angle in canonical]
+            entries = sequence.attitude(tuple(itertools.chain(*trig)))
         return [list(entries[:3]), list(entries[3:6]), list(entries[6:])]
 
     def turns(

@@ -1,8 +1,7 @@
 """Parser of expressions in t, from text to a tree of operations, without running the text.
 
 Python's own parser makes the syntax tree, whose nodes are converted one by one; only the functions and names listed
-here are known. Numbers stay exact: 0.1 is 1/10. Expressions that would take too long or too much memory are refused
-before they are computed.
+here are known. Constant parts are computed at once: decimals exactly, so that 0.1*3 is 0.3, functions as floats.
 """
 
 from __future__ import annotations
@@ -10,17 +9,16 @@ from __future__ import annotations
 import ast
 import keyword
 import math
+import operator
 import re
 import warnings
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
-from typing import Final, NoReturn, TypeAlias
+from typing import Any, Final, NoReturn, TypeAlias
 
 from hingepair.errors import ArgumentError, line_with_caret, nearest
-from hingepair.symbolic import constants as exactly
-from hingepair.symbolic.constants import MAX_EXPONENT, Constant, LimitError, shown_fraction
 
 MAX_CHARACTERS: Final = 10_000
 """Largest number of characters of a text."""
@@ -28,6 +26,11 @@ MAX_DEPTH: Final = 50
 """Largest number of nested parentheses, calls and powers; a sum or a product of any length is one level."""
 MAX_NODES: Final = 3_000
 """Largest number of numbers, names and operations, those of constants included."""
+MAX_EXPONENT: Final = 1_000
+"""Largest size of the exponent of a power, and of the exponent of ten in a decimal number."""
+MAX_ROOT: Final = 10_000
+"""Largest denominator of the exponent of a power: t**0.1234 has 5000."""
+_MAX_BITS = 4_096  # of an exact number; a longer one becomes a float
 
 SMOOTH_FUNCTIONS: Final = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
@@ -81,23 +84,29 @@ _NUMBER = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"  # no pa
 # Two operands without an operator between them: 2t, 2 sin(t), (1 + t)(2 - t), pi t.
 _MISSING_OPERATOR = re.compile(rf"({_NUMBER}|\)|\b{_WORD}(?=\s+\w))\s*({_WORD}|\(|(?<=\s)\d)")
 
+_U = 2.0**-53  # half the distance of 1 to the next float
+
+Number: TypeAlias = "Fraction | float"
+"""Value without t: exact, or a float."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expression:
     """Expression in t: an operation on parts, or a leaf."""
 
-    #: add, mul, div, pow, a function, a comparison <= or <, and, or, not; of a leaf "number" or a name
+    #: add, mul, div, pow, a function, a comparison <= or < of its part with 0, and, or, not; of a leaf "number" or a
+    #: name
     operation: str
     parts: tuple[Expression, ...] = ()
-    #: the value if the expression contains neither t nor symbols; of a condition 1 or 0
-    constant: Constant | None = None
+    #: the value if the expression contains neither t nor symbols; of a condition True or False
+    constant: Number | None = None
     #: numbers, names and operations as they are written
     nodes: int = 1
 
     @property
     def names(self) -> frozenset[str]:
         """Names of the symbols: t and those that have no value."""
-        if self.constant:
+        if self.constant is not None:
             return frozenset()
         if not self.parts:
             return frozenset({self.operation})
@@ -106,27 +115,25 @@ class Expression:
     def __float__(self) -> float:
         if self.constant is None:
             raise TypeError("the expression depends on t")
-        return float(self.constant)
+        try:
+            return float(self.constant)
+        except OverflowError:
+            return math.inf if self.constant > 0 else -math.inf
 
 
-BUILTIN_CONSTANTS: Final = MappingProxyType({
-    "pi": Expression("pi", (), exactly.PI),
-    "tau": Expression("tau", (), exactly.multiply((Constant(Fraction(2)), exactly.PI))),
-    "e": Expression("e", (), exactly.E),
-})  # fmt: skip
+BUILTIN_CONSTANTS: Final = MappingProxyType(
+    {name: Expression(name, (), value) for name, value in (("pi", math.pi), ("tau", math.tau), ("e", math.e))}
+)
 """Constants that every expression knows, by name."""
 
-Number: TypeAlias = float | Expression
-"""Value of a constant."""
 
-
-def number(value: float | Fraction) -> Expression:
+def number(value: Number) -> Expression:
     """Return a finite number as an expression; of a float, the number that its shortest decimal form shows."""
-    return Expression("number", (), Constant(value if isinstance(value, Fraction) else shown_fraction(value)))
+    return Expression("number", (), Fraction(repr(float(value))) if isinstance(value, float) else Fraction(value))
 
 
 def parse_expression(
-    name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
+    name: str, text: str, constants: Mapping[str, float | Expression] | None = None, symbols: Collection[str] = ()
 ) -> Expression:
     """Return an expression in t.
 
@@ -136,7 +143,7 @@ def parse_expression(
     Args:
         name: name of the expression, for messages: `motion.psi`.
         text: the expression.
-        constants: values of further names, finite numbers or expressions without t; see `constant_name_fault`.
+        constants: values of further names, finite numbers or expressions; see `constant_name_fault`.
         symbols: further names, which stay symbols.
 
     Raises:
@@ -151,7 +158,7 @@ def parse_expression(
 
 
 def parse_constant(
-    name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
+    name: str, text: str, constants: Mapping[str, float | Expression] | None = None, symbols: Collection[str] = ()
 ) -> Expression:
     """Return an expression without t, such as `pi/6`, as `parse_expression` does.
 
@@ -181,11 +188,13 @@ def constant_name_fault(name: str) -> str | None:
 class _Builder:
     """Converter of one text to an Expression; its errors name the expression and show the text with a caret."""
 
-    def __init__(self, name: str, text: str, constants: Mapping[str, Number], symbols: Collection[str]) -> None:
+    def __init__(
+        self, name: str, text: str, constants: Mapping[str, float | Expression], symbols: Collection[str]
+    ) -> None:
         self.name = name
         self.line = re.sub(r"\s", " ", text, flags=re.ASCII)
         self.text = self.line.strip(" ")
-        self.names: dict[str, Number] = {
+        self.names: dict[str, float | Expression] = {
             "t": Expression("t"),
             **BUILTIN_CONSTANTS,
             **constants,
@@ -240,10 +249,7 @@ class _Builder:
         source = self._source_of(node) if isinstance(node.value, float) else str(node.value)
         if abs(int(source.lower().partition("e")[2] or 0)) > MAX_EXPONENT:
             self._refuse(node, f"a power of ten of at most {MAX_EXPONENT}")
-        constant = Constant(Fraction(source))
-        if exactly.bit_length(constant.value) > exactly.MAX_BITS:
-            self._refuse(node, f"exact numbers of at most {exactly.MAX_BITS} bits")
-        return self._folded(node, "number", (), lambda: constant)
+        return self._operation(node, "number", (), Fraction(source))
 
     def _name(self, node: ast.Name) -> Expression:
         """Return t, a symbol or the value of a constant; refuse unknown names, and functions without a call."""
@@ -275,65 +281,38 @@ class _Builder:
         operands.append((inverted, current))
         parts = [(inverted, self.build(operand, depth)) for inverted, operand in reversed(operands)]
         if ast.Add in kinds:
-            return self._sum(node, [self._product(node, (_MINUS_ONE, x)) if minus else x for minus, x in parts])
-        return self._product(node, [x for under, x in parts if not under], [x for under, x in parts if under])
+            return self._joined(node, "add", [self._negative(node, x) if minus else x for minus, x in parts])
+        over, under = ([x for inverted, x in parts if inverted == below] for below in (False, True))
+        over += [self._operation(node, "div", (_ONE, x)) for x in under if x.constant is not None]
+        varying = [x for x in under if x.constant is None]
+        top = self._joined(node, "mul", over)
+        return Expression("div", (top, self._joined(node, "mul", varying))) if varying else top
 
-    def _sum(self, node: ast.expr, terms: Sequence[Expression]) -> Expression:
-        return self._joined(node, "add", terms, exactly.add)
+    def _negative(self, node: ast.expr, x: Expression) -> Expression:
+        return self._joined(node, "mul", (_MINUS_ONE, x))
 
-    def _product(self, node: ast.expr, over: Sequence[Expression], under: Sequence[Expression] = ()) -> Expression:
-        """Return the product of `over` divided by that of `under`; the constants are one factor."""
-        over = [*over, *(self._inverse(node, part) for part in under if part.constant)]
-        top = self._joined(node, "mul", over, exactly.multiply)
-        if any(x.constant and not x.constant.value for x in top.parts) and all(map(_is_always_real, (*over, *under))):
-            top = _ZERO
-        varying = [part for part in under if not part.constant]
-        if not varying:
-            return top
-        return Expression("div", (top, self._joined(node, "mul", varying, exactly.multiply)))
-
-    def _inverse(self, node: ast.expr, x: Expression) -> Expression:
-        return self._folded(node, "div", (_ONE, x), lambda: exactly.divide(*_values((_ONE, x))))
-
-    def _joined(
-        self,
-        node: ast.expr,
-        operation: str,
-        parts: Sequence[Expression],
-        fold: Callable[[Sequence[Constant]], Constant],
-    ) -> Expression:
+    def _joined(self, node: ast.expr, operation: str, parts: Sequence[Expression]) -> Expression:
         """Return the sum or product of parts, whose constants are folded into the first."""
-        fixed = [part for part in parts if part.constant]
-        if len(fixed) > 1 or len(fixed) == len(parts) > 1:
-            parts = [
-                self._folded(node, operation, tuple(fixed), lambda: fold(_values(fixed))),
-                *(part for part in parts if not part.constant),
-            ]
-        return parts[0] if len(parts) == 1 else Expression(operation, tuple(parts))
+        fixed = tuple(part for part in parts if part.constant is not None)
+        if len(fixed) > 1:
+            varying = (part for part in parts if part.constant is None)
+            parts = [self._operation(node, operation, fixed), *varying]
+        if operation == "mul" and any(part.constant == 0 for part in parts) and all(map(_is_always_real, parts)):
+            return _ZERO
+        return parts[0] if len(parts) == 1 else self._operation(node, operation, tuple(parts))
 
     def _power(self, node: ast.expr, base: Expression, exponent: Expression) -> Expression:
         """Return a power; refuse one that takes too long, or has a varying exponent and no base above 0."""
-        if exponent.constant is None:
-            if base.constant and base.constant.value <= 0:
-                self._refuse(node, "a base above 0 where the exponent varies")
-            return Expression("pow", (base, exponent))
-        if base.constant is None:
-            try:
-                exactly.check_power(None, exponent.constant)
-            except LimitError as error:
-                self._refuse(node, str(error))
-            if exponent.constant.value == Fraction(1, 2):
-                return self._square_root(base)
-            return Expression("pow", (base, exponent))
-        return self._folded(node, "pow", (base, exponent), lambda: exactly.power(*_values((base, exponent))))
+        if exponent.constant is None and base.constant is not None and base.constant <= 0:
+            self._refuse(node, "a base above 0 where the exponent varies")
+        k = exponent.constant
+        if isinstance(k, Fraction) and (abs(k) > MAX_EXPONENT or k.denominator > MAX_ROOT):
+            self._refuse(node, f"an exponent of at most {MAX_EXPONENT}, with at most 4 decimals")
+        if k == Fraction(1, 2) and base.constant is None:
+            return _square_root(base)
+        return self._operation(node, "pow", (base, exponent))
 
-    @staticmethod
-    def _square_root(x: Expression) -> Expression:
-        """Return the square root of an expression in t; that of a square has a derivative from the right at 0."""
-        square = x.operation == "pow" and x.parts[1].constant and x.parts[1].constant.value == 2
-        return Expression("abs", (x.parts[0],)) if square else Expression("sqrt", (x,))
-
-    def _call(self, node: ast.Call, depth: int) -> Expression:  # noqa: PLR0911
+    def _call(self, node: ast.Call, depth: int) -> Expression:
         """Return the value of a function; refuse what is none, and another number of arguments than in CALLS."""
         if not isinstance(node.func, ast.Name):
             self._refuse(node, f"the name of a function before the parenthesis{self._syntax_hint()}")
@@ -351,21 +330,19 @@ class _Builder:
         parts = tuple(self.build(argument, depth) for argument in node.args)
         match name:
             case "step":
-                return _choice(self._compared(node, "<=", _ZERO, parts[0]), _ONE, _ZERO)
+                return _choice(self._operation(node, "<=", (self._negative(node, parts[0]),)), _ONE, _ZERO)
             case "ramp":
-                return self._function(node, "max", (parts[0], _ZERO))
+                name, parts = "max", (parts[0], _ZERO)
             case "clip":
-                return self._function(node, "min", (self._function(node, "max", parts[:2]), parts[2]))
+                name, parts = "min", (self._operation(node, "max", parts[:2]), parts[2])
             case "deg":
-                return self._product(node, (*parts, BUILTIN_CONSTANTS["pi"]), (number(180),))
-            case "mod" if not (parts[1].constant and parts[1].constant.value > 0):
+                in_turns = self._joined(node, "mul", (*parts, number(Fraction(1, 180))))
+                return self._joined(node, "mul", (in_turns, BUILTIN_CONSTANTS["pi"]))
+            case "mod" if parts[1].constant is None or parts[1].constant <= 0:
                 self._refuse(node, f"{call} with a period above 0 that does not depend on t")
-            case "sqrt" if not parts[0].constant:
-                return self._square_root(parts[0])
-        return self._function(node, name, parts)
-
-    def _function(self, node: ast.expr, name: str, parts: tuple[Expression, ...]) -> Expression:
-        return self._folded(node, name, parts, lambda: exactly.evaluate(name, _values(parts)))
+            case "sqrt" if parts[0].constant is None:
+                return _square_root(parts[0])
+        return self._operation(node, name, parts)
 
     def _condition(self, node: ast.expr, depth: int) -> Expression:
         """Return the expression of a condition, such as `0 <= t < 1`."""
@@ -375,40 +352,34 @@ class _Builder:
                 parts = tuple(self._condition(operand, depth + 1) for operand in node.values)
                 return _joined_condition("and" if isinstance(node.op, ast.And) else "or", parts)
             case ast.UnaryOp(op=ast.Not()):
-                return _joined_condition("not", (self._condition(node.operand, depth + 1),))
+                return self._operation(node, "not", (self._condition(node.operand, depth + 1),))
             case ast.Compare() if all(isinstance(sign, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for sign in node.ops):
                 sides = [self.build(side, depth + 1) for side in (node.left, *node.comparators)]
                 parts = ()
                 for sign, left, right in zip(node.ops, sides[:-1], sides[1:], strict=True):
                     low, high = (left, right) if isinstance(sign, ast.Lt | ast.LtE) else (right, left)
-                    strict = isinstance(sign, ast.Lt | ast.Gt)
-                    parts = (*parts, self._compared(node, "<" if strict else "<=", low, high))
+                    difference = self._joined(node, "add", (low, self._negative(node, high)))
+                    comparison = "<" if isinstance(sign, ast.Lt | ast.Gt) else "<="
+                    parts = (*parts, self._operation(node, comparison, (difference,)))
                 return parts[0] if len(parts) == 1 else _joined_condition("and", parts)
         self._refuse(node, "a condition: comparisons by < <= > >=, joined by and, or, not")
 
-    def _compared(self, node: ast.expr, sign: str, low: Expression, high: Expression) -> Expression:
-        """Return the condition low <= high or low < high, by the difference of the two."""
-        x, y = (low, high) if sign == "<" else (high, low)
-        difference = self._sum(node, (x, self._product(node, (_MINUS_ONE, y))))
-        holds = difference.constant and (difference.constant.value >= 0) == (sign == "<=")
-        constant = None if holds is None else Constant(Fraction(holds))
-        return Expression(sign, (difference,), constant)
-
-    def _folded(
-        self, node: ast.expr, operation: str, parts: tuple[Expression, ...], fold: Callable[[], Constant]
+    def _operation(
+        self, node: ast.expr, operation: str, parts: tuple[Expression, ...], constant: Number | None = None
     ) -> Expression:
         """Return an operation on parts, with its value if all parts have one; refuse a value that is not finite."""
-        if not all(part.constant for part in parts):
+        values = [part.constant for part in parts if part.constant is not None]
+        if len(values) < len(parts):
             return Expression(operation, parts)
         try:
-            constant = fold()
-        except LimitError as error:
-            self._refuse(node, str(error))
-        except (ArithmeticError, ValueError):
+            value = _CONSTANT[operation](*values) if constant is None else constant
+            if isinstance(value, Fraction) and _bits(value) > _MAX_BITS:
+                value = float(value)
+            if not math.isfinite(float(value)):
+                self._refuse(node, _FINITE)
+        except (ArithmeticError, ValueError, TypeError):  # TypeError: a complex power
             self._refuse(node, _FINITE)
-        if not math.isfinite(constant):
-            self._refuse(node, _FINITE)
-        return Expression(operation, parts, constant, 1 + sum(part.nodes for part in parts))
+        return Expression(operation, parts, value, 1 + sum(part.nodes for part in parts))
 
     def _count(self, node: ast.expr, depth: int = 0, count: int = 1) -> None:
         """Add `count` to the numbers, names and operations so far; refuse too many, or too deep a node."""
@@ -479,29 +450,94 @@ _ALWAYS_REAL: Final = frozenset({"add", "mul", "sin", "cos", "atan", "tanh", "ab
 
 def _is_always_real(expression: Expression) -> bool:
     """Return whether an expression certainly has a real value at every t."""
-    if expression.constant or not expression.parts:
+    if expression.constant is not None or not expression.parts:
         return True
     return expression.operation in _ALWAYS_REAL and all(map(_is_always_real, expression.parts))
 
 
-def _values(parts: Iterable[Expression]) -> list[Constant]:
-    return [part.constant for part in parts if part.constant]
+def _square_root(x: Expression) -> Expression:
+    """Return the square root of an expression in t; that of a square has a derivative from the right at 0."""
+    is_square = x.operation == "pow" and x.parts[1].constant == 2
+    return Expression("abs", (x.parts[0],)) if is_square else Expression("sqrt", (x,))
 
 
 def _choice(condition: Expression, x: Expression, y: Expression) -> Expression:
     """Return x where the condition holds and y elsewhere."""
-    if condition.constant:
-        return x if condition.constant.value else y
+    if condition.constant is not None:
+        return x if condition.constant else y
     return Expression("where", (condition, x, y))
 
 
 def _joined_condition(operation: str, parts: tuple[Expression, ...]) -> Expression:
-    """Return conditions joined by "and", "or" or "not"; those that are known are left out, or decide."""
-    known = {bool(part.constant.value) for part in parts if part.constant}
+    """Return conditions joined by "and" or "or"; those that are known are left out, or decide."""
     decisive = operation == "or"
-    if operation == "not" and known:
-        return Expression("not", parts, Constant(Fraction(not known.pop())))
-    if decisive in known or len(_values(parts)) == len(parts):
-        return Expression(operation, parts, Constant(Fraction(decisive if decisive in known else not decisive)))
-    open_parts = tuple(part for part in parts if not part.constant)
-    return open_parts[0] if len(open_parts) == 1 and operation != "not" else Expression(operation, open_parts)
+    known = {bool(part.constant) for part in parts if part.constant is not None}
+    if decisive in known:
+        return Expression(operation, parts, decisive)
+    varying = tuple(part for part in parts if part.constant is None)
+    if not varying:
+        return Expression(operation, parts, not decisive)
+    return varying[0] if len(varying) == 1 else Expression(operation, varying)
+
+
+# ---- values of constant parts
+
+
+def _bits(value: Fraction) -> int:
+    return max(value.numerator.bit_length(), value.denominator.bit_length())
+
+
+def _power(base: Number, exponent: Number) -> Number:
+    """Return a power, exact where it is short; a complex one raises a ValueError."""
+    rough = math.pow(base, exponent)  # raises an OverflowError before many digits are computed
+    if isinstance(base, Fraction) and isinstance(exponent, Fraction) and exponent.denominator == 1:
+        return Fraction(base**exponent) if _bits(base) * abs(exponent) <= _MAX_BITS else rough
+    return rough
+
+
+def _remainder(x: Number, period: Number) -> Number:
+    """Return the remainder; 0 of a multiple of the period within rounding, as in mod(3*pi, pi)."""
+    if isinstance(x, Fraction) and isinstance(period, Fraction):
+        return x % period
+    periods = float(x) / float(period)
+    return Fraction(0) if abs(periods - round(periods)) <= 4 * _U * (1 + abs(periods)) else float(x) % float(period)
+
+
+def constant_sine(angle: Number) -> float:
+    """Return the sine of an angle [rad]; 0 where the angle is a multiple of pi within rounding."""
+    return 0.0 if _is_rounding(math.sin(angle), angle) else math.sin(angle)
+
+
+def constant_cosine(angle: Number) -> float:
+    """Return the cosine of an angle [rad]; 0 where the angle is an odd multiple of pi/2 within rounding."""
+    return 0.0 if _is_rounding(math.cos(angle), angle) else math.cos(angle)
+
+
+def _tangent(angle: Number) -> float:
+    if not constant_cosine(angle):
+        raise ValueError("a pole")
+    return 0.0 if not constant_sine(angle) else math.tan(angle)
+
+
+def _is_rounding(value: float, angle: Number) -> bool:
+    return not isinstance(angle, Fraction) and abs(value) <= 2 * _U * abs(angle)
+
+
+_CONSTANT: Final[Mapping[str, Callable[..., Any]]] = {  # values of operations on constants
+    **{name: getattr(math, name) for name in SMOOTH_FUNCTIONS},
+    "sin": constant_sine,
+    "cos": constant_cosine,
+    "tan": _tangent,
+    "add": lambda *terms: sum(terms, Fraction()),
+    "mul": lambda *factors: math.prod(factors, start=Fraction(1)),
+    "div": operator.truediv,
+    "pow": _power,
+    "mod": _remainder,
+    "abs": abs,
+    "min": min,
+    "max": max,
+    "sign": lambda x: Fraction((x > 0) - (x < 0)),
+    "<=": lambda x: x <= 0,
+    "<": lambda x: x < 0,
+    "not": operator.not_,
+}

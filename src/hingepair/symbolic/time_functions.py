@@ -1,28 +1,26 @@
 """Functions of time: expressions in t with their first and second derivatives, computed at many instants at once.
 
-Each operation has a rule for a jet: a value with its first and second derivative by t. A part that occurs several
-times is computed once. What does not depend on t is a Python float, which the equations use once and not once per
-sample; a product with the float 0.0 is 0.0.
+Derivatives are expressions, too, by the rules of this file. What does not depend on t is a Python float, which the
+equations use once and not once per sample.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Sequence
+from fractions import Fraction
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.symbolic.expressions import Expression
+from hingepair.symbolic.expressions import SMOOTH_FUNCTIONS, Expression, Number, number
 
 TimeValue: TypeAlias = float | NDArray[np.float64]
 """Samples of a function of time, or a float where it is constant."""
 TimeDerivatives: TypeAlias = tuple[tuple[TimeValue, ...], ...]
 """Values, first derivatives, and so on; each a tuple with one entry per expression."""
-
-_Jet: TypeAlias = tuple[Any, ...]  # value, first and second derivative, or the value alone
-_SideJet: TypeAlias = tuple[Any, Any]  # 1 or -1, or NaN: whether a condition holds at t, and just after t
 
 _BLOCK = 2_048  # samples that are computed at a time; intermediate results stay in the cache
 
@@ -41,11 +39,17 @@ class TimeFunctions:
     """
 
     def __init__(self, expressions: Sequence[Expression], symbols: Sequence[str] = ()) -> None:
-        # Operations with the places of their operands, which come first; a constant is a float.
-        self._steps: list[tuple[str, tuple[int, ...]] | float] = []
-        self._places: dict[tuple[str, tuple[int, ...]] | float, int] = {}
+        self._expressions = tuple(expressions)
         self._symbols = ("t", *symbols)
-        self._results = [self._place(expression) for expression in expressions]
+        self._rates = _Rates()
+
+    @functools.cached_property
+    def _programs(self) -> list[_Program]:
+        """Programs of the values, of these with the first and of these with the second derivatives."""
+        rows = [self._expressions]
+        for _ in range(2):
+            rows.append(tuple(map(self._rates.of, rows[-1])))
+        return [_Program(sum(rows[: order + 1], ())) for order in range(3)]
 
     def derivatives(self, t: ArrayLike, order: int = 2) -> TimeDerivatives:
         """Return the values and the derivatives up to `order` at the instants t: one tuple for each order, with one
@@ -59,18 +63,17 @@ class TimeFunctions:
             order: order of the highest derivative, at most 2.
         """
         times = np.asarray(t, dtype=np.float64)
-        flat = times.reshape(-1)
+        flat, count = times.reshape(-1), len(self._expressions)
         rows: list[TimeValue] = []
         for start in range(0, max(1, flat.size), _BLOCK):
-            jets, _ = self._evaluate(flat[start : start + _BLOCK], differentiate=order > 0)
-            parts = [jets[place][k] for k in range(order + 1) for place in self._results]
+            block = slice(start, start + _BLOCK)
+            parts = self._programs[order].results({"t": flat[block]})
             rows = rows or [part if isinstance(part, float) else np.empty(flat.shape) for part in parts]
-            for row, part in zip(rows, parts, strict=True):
+            for k, (row, part) in enumerate(zip(rows, parts, strict=True)):
                 if isinstance(row, np.ndarray):
-                    row[start : start + _BLOCK] = part
+                    row[block] = np.where(np.isnan(parts[k % count]), np.nan, part)
         shaped = (row if isinstance(row, float) else row.reshape(times.shape) for row in rows)
         values = [row if times.ndim else float(row) for row in shaped]
-        count = len(self._results)
         return tuple(tuple(values[k * count : (k + 1) * count]) for k in range(order + 1))
 
     def values(self, *instants_and_values: ArrayLike) -> tuple[TimeValue, ...]:
@@ -79,8 +82,12 @@ class TimeFunctions:
         Args:
             instants_and_values: the instants t, then the values of each further symbol; arrays of one shape.
         """
-        jets, _ = self._evaluate(*map(np.asarray, instants_and_values), differentiate=False)
-        return tuple(jets[place][0] for place in self._results)
+        given = dict(zip(self._symbols, map(np.asarray, instants_and_values), strict=True))
+        return tuple(self._values_alone.results(given))
+
+    @functools.cached_property
+    def _values_alone(self) -> _Program:
+        return _Program(self._expressions)
 
     def switches(self, t: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return whether an expression has a kink or a jump between neighbouring instants.
@@ -94,270 +101,259 @@ class TimeFunctions:
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         for start in range(0, switched.size, _BLOCK):
             block = slice(start, start + _BLOCK)
-            instants = t[start : start + _BLOCK + 1]
-            for sides in self._evaluate(instants)[1]:
-                # False for NaN.
-                switched[block] |= np.abs(np.diff(np.broadcast_to(sides, instants.shape))) > 0
+            for branches in self._values_alone.branches({"t": t[start : start + _BLOCK + 1]}):
+                switched[block] |= np.abs(np.diff(branches)) > 0  # False for NaN
         return switched
+
+
+class _Program:
+    """Operations that compute expressions, each once, with the places of their operands, which come first."""
+
+    def __init__(self, expressions: Sequence[Expression]) -> None:
+        self.steps: list[tuple[str, tuple[int, ...]] | float] = []
+        self._places: dict[tuple[str, tuple[int, ...]] | float, int] = {}
+        self._seen: dict[Expression, int] = {}
+        self._results = [self._place(expression) for expression in expressions]
 
     def _place(self, expression: Expression) -> int:
         """Return the place of an expression among the steps; equal ones have the same."""
-        if expression.constant:
-            step: tuple[str, tuple[int, ...]] | float = float(expression.constant)
-        else:
-            step = expression.operation, tuple(self._place(part) for part in expression.parts)
-        if step not in self._places:
-            self._places[step] = len(self._steps)
-            self._steps.append(step)
-        return self._places[step]
+        if expression not in self._seen:
+            step: tuple[str, tuple[int, ...]] | float
+            if expression.constant is not None:
+                step = float(expression)
+            else:
+                step = expression.operation, tuple(map(self._place, expression.parts))
+            if step not in self._places:
+                self._places[step] = len(self.steps)
+                self.steps.append(step)
+            self._seen[expression] = self._places[step]
+        return self._seen[expression]
 
-    def _evaluate(self, *samples: NDArray[np.float64], differentiate: bool = True) -> tuple[list[_Jet], list[Any]]:
-        """Return the jets of all steps, and samples that change where an expression has a kink or a jump."""
-        given: dict[str, _Jet] = dict(zip(self._symbols, ((sample,) for sample in samples), strict=True))
-        if differentiate:
-            given["t"] = (samples[0], 1.0, 0.0)
-        jets: list[_Jet] = []
-        switches: list[Any] = []
+    def results(self, given: dict[str, NDArray[np.float64]]) -> list[Any]:
+        """Return the values of the expressions: arrays, or floats of constants."""
+        values = self._evaluate(given)
+        return [values[place] for place in self._results]
+
+    def branches(self, given: dict[str, NDArray[np.float64]]) -> list[Any]:
+        """Return samples that change where an operation has a kink or a jump."""
+        values = self._evaluate(given)
+        kinked = [(*step, i) for i, step in enumerate(self.steps) if isinstance(step, tuple) and step[0] in _BRANCHES]
         with np.errstate(all="ignore"):
-            for step in self._steps:
+            return [_BRANCHES[operation](*(values[place] for place in places)) for operation, places, _ in kinked]
+
+    def _evaluate(self, given: dict[str, NDArray[np.float64]]) -> list[Any]:
+        values: list[Any] = []
+        with np.errstate(all="ignore"):
+            for step in self.steps:
                 if isinstance(step, float):
-                    jets.append((step, 0.0, 0.0) if differentiate else (step,))
-                    continue
-                operation, places = step
-                operands = [jets[place] for place in places]
-                if not places:
-                    jet = given[operation]
-                elif operation in _CONDITIONS:
-                    jet = _CONDITIONS[operation](*operands)
-                elif operation in _KINKED:
-                    jet, switch = _KINKED[operation](*operands)
-                    switches.append(switch)
+                    values.append(step)
+                elif not step[1]:
+                    values.append(given[step[0]])
                 else:
-                    jet = _SMOOTH[operation](*operands)
-                jets.append(jet)
-            for place in self._results if differentiate else ():
-                jets[place] = tuple(_real_parts(jets[place]))
-        return jets, switches
+                    values.append(_FUNCTIONS[step[0]](*(values[place] for place in step[1])))
+        return values
 
 
-def _real_parts(jet: _Jet) -> Iterator[Any]:
-    """Yield the value and the derivatives, which are NaN where the value is."""
-    value, *derivatives = jet
-    unknown = np.isnan(value)
-    yield value
-    for derivative in derivatives:
-        yield np.where(unknown, np.nan, derivative) if isinstance(derivative, np.ndarray) else derivative
+# ---- values. A condition is 1 where it holds, -1 where it does not, NaN where it is not known.
 
 
-def _times(a: Any, b: Any) -> Any:
-    """Return a * b, 0.0 if one of them does not depend on t and is 0."""
-    if (isinstance(a, float) and a == 0) or (isinstance(b, float) and b == 0):
-        return 0.0
-    return a * b
+def _side(*derivatives: Any) -> Any:
+    """Return 1 where a function is at most 0, else -1; with its derivatives, just after t."""
+    x, *rates = derivatives
+    falls = np.where(rates[0] != 0, np.sign(rates[0]), np.where(rates[1] > 0, 1.0, -1.0)) if rates else -1.0
+    return -np.where(x != 0, np.sign(x), falls)
 
 
-def _add(*terms: _Jet) -> _Jet:
-    if len(terms[0]) == 1:
-        return (sum(term[0] for term in terms),)
-    return tuple(functools.reduce(_plus, parts) for parts in zip(*terms, strict=True))
+def _where(condition: Any, x: Any, y: Any) -> Any:
+    return np.where(condition > 0, x, np.where(condition < 0, y, np.nan))
 
 
-def _plus(a: Any, b: Any) -> Any:
-    return b if isinstance(a, float) and a == 0 else a if isinstance(b, float) and b == 0 else a + b
+def _below(*derivatives: Any) -> Any:
+    """Return 1 where a function is below 0, else -1; with its derivatives, just after t."""
+    return -_side(*(-x for x in derivatives))
 
 
-def _multiply(*factors: _Jet) -> _Jet:
-    return functools.reduce(_product, factors)
-
-
-def _product(a: _Jet, b: _Jet) -> _Jet:
-    value = a[0] * b[0]
-    if len(a) == 1:
-        return (value,)
-    cross = _times(2.0, _times(a[1], b[1]))
-    return (
-        value,
-        _plus(_times(a[1], b[0]), _times(a[0], b[1])),
-        _plus(_plus(_times(a[2], b[0]), cross), _times(a[0], b[2])),
-    )
-
-
-def _divide(a: _Jet, b: _Jet) -> _Jet:
-    value = a[0] / b[0]
-    if len(a) == 1:
-        return (value,)
-    # From a = value * b.
-    first = _plus(a[1], -_times(value, b[1])) / b[0]
-    second = _plus(_plus(a[2], -_times(2.0, _times(first, b[1]))), -_times(value, b[2])) / b[0]
-    return value, first, second
-
-
-def _chain(value: Any, slope: Any, bend: Any, x: _Jet) -> _Jet:
-    """Return the jet of f(x) from f(x), f'(x) and f''(x)."""
-    return value, _times(slope, x[1]), _plus(_times(slope, x[2]), _times(bend, _times(x[1], x[1])))
-
-
-_Slopes: TypeAlias = Callable[[Any, Any], tuple[Any, Any]]  # f'(x) and f''(x) from x and f(x)
-
-
-def _function(function: Callable[[Any], Any], slopes: _Slopes) -> Callable[[_Jet], _Jet]:
-    """Return a function of jets from a function of one number and its derivatives."""
-
-    def rule(x: _Jet) -> _Jet:
-        value = function(x[0])
-        return (value,) if len(x) == 1 else _chain(value, *slopes(x[0], value), x)
-
-    return rule
-
-
-def _arc(radicand: Callable[[Any], Any], sign: float, bend: float) -> _Slopes:
-    """Return the derivatives sign / sqrt(radicand) and sign bend x / sqrt(radicand)^3 of an inverse function."""
-
-    def slopes(x: Any, _: Any) -> tuple[Any, Any]:
-        slope = 1 / np.sqrt(radicand(x))
-        return sign * slope, sign * bend * x * slope**3
-
-    return slopes
-
-
-def _power(x: _Jet, exponent: _Jet) -> _Jet:
-    """Return x**exponent; if the exponent varies, the derivatives are NaN where x is below 0."""
-    value = x[0] ** exponent[0]
-    if len(x) == 1:
-        return (value,)
-    k = exponent[0]
-    if isinstance(k, float):
-        return _chain(value, _times(k, _raised(x[0], k - 1)), _times(k * (k - 1), _raised(x[0], k - 2)), x)
-    log = _SMOOTH["log"](x) if isinstance(x[0], np.ndarray) else (float(np.log(x[0])), 0.0, 0.0)
-    return _chain(value, value, value, _product(exponent, log))
-
-
-def _raised(x: Any, k: float) -> Any:
-    return 1.0 if k == 0 else x if k == 1 else x**k
-
-
-def _atan2(y: _Jet, x: _Jet) -> _Jet:
-    value = np.arctan2(y[0], x[0])
-    if len(x) == 1:
-        return (value,)
-    # The angle turns at (x y' - y x') / r^2.
-    square = _plus(_times(x[0], x[0]), _times(y[0], y[0]))
-    first = _plus(_times(x[0], y[1]), -_times(y[0], x[1])) / square
-    growth = _times(2.0, _plus(_times(x[0], x[1]), _times(y[0], y[1])))
-    second = (_plus(_times(x[0], y[2]), -_times(y[0], x[2])) - _times(first, growth)) / square
-    return value, first, second
-
-
-_SMOOTH: Final[dict[str, Callable[..., _Jet]]] = {  # smooth operations, as functions of jets
-    "add": _add,
-    "mul": _multiply,
-    "div": _divide,
-    "pow": _power,
-    "atan2": _atan2,
-    "sin": _function(np.sin, lambda x, y: (np.cos(x), -y)),
-    "cos": _function(np.cos, lambda x, y: (-np.sin(x), -y)),
-    "tan": _function(np.tan, lambda _, y: (1 + y * y, 2 * y * (1 + y * y))),
-    "asin": _function(np.arcsin, _arc(lambda x: (1 - x) * (1 + x), 1.0, 1.0)),
-    "acos": _function(np.arccos, _arc(lambda x: (1 - x) * (1 + x), -1.0, 1.0)),
-    "atan": _function(np.arctan, lambda x, _: (1 / (1 + x * x), -2 * x / (1 + x * x) ** 2)),
-    "sinh": _function(np.sinh, lambda x, y: (np.cosh(x), y)),
-    "cosh": _function(np.cosh, lambda x, y: (np.sinh(x), y)),
-    "tanh": _function(np.tanh, lambda x, y: (1 / np.cosh(x) ** 2, -2 * y / np.cosh(x) ** 2)),
-    "asinh": _function(np.arcsinh, _arc(lambda x: 1 + x * x, 1.0, -1.0)),
-    "acosh": _function(np.arccosh, _arc(lambda x: (x - 1) * (x + 1), 1.0, -1.0)),
-    "atanh": _function(np.arctanh, lambda x, _: (1 / ((1 - x) * (1 + x)), 2 * x / ((1 - x) * (1 + x)) ** 2)),
-    "exp": _function(np.exp, lambda _, y: (y, y)),
-    "log": _function(np.log, lambda x, _: (1 / x, -1 / x**2)),
-    "sqrt": _function(np.sqrt, lambda x, y: (0.5 / y, -0.25 / (x * y))),
-}
-
-
-def _side(x: _Jet) -> Any:
-    """Return 1 where x is at least 0 just after t, -1 where it is below 0, NaN where it is NaN."""
-    if len(x) == 1:
-        return np.sign(x[0]) + (x[0] == 0)
-    falls = np.where(x[1] != 0, np.sign(x[1]), np.where(x[2] < 0, -1.0, 1.0))
-    return np.where(x[0] != 0, np.sign(x[0]), falls)
-
-
-def _at_least_0(x: _Jet) -> _SideJet:
-    now = _side(x[:1])
-    return now, now if len(x) == 1 else _side(x)
-
-
-def _negated(condition: _SideJet) -> _SideJet:
-    return -condition[0], -condition[1]
-
-
-def _joined(function: Callable[[Any, Any], Any]) -> Callable[..., _SideJet]:
-    """Return a function that joins conditions by the smallest (and) or the largest (or) of their sides."""
-
-    def rule(*parts: _SideJet) -> _SideJet:
-        now, after = (functools.reduce(function, sides) for sides in zip(*parts, strict=True))
-        return now, after
-
-    return rule
-
-
-_CONDITIONS: Final[dict[str, Callable[..., _SideJet]]] = {  # sides of conditions, from jets or from other sides
-    "<=": _at_least_0,
-    "<": lambda x: _negated(_at_least_0(x)),
-    "not": _negated,
-    "and": _joined(np.minimum),
-    "or": _joined(np.maximum),
-}
-
-
-def _chosen(side: Any, x: Any, y: Any) -> Any:
-    """Return x where the side is 1, y where it is -1, else NaN; a float if both are the same one."""
-    if isinstance(x, float) and isinstance(y, float) and x == y:
-        return x
-    return np.where(side > 0, x, np.where(side < 0, y, np.nan))
-
-
-def _where(condition: _SideJet, x: _Jet, y: _Jet) -> tuple[_Jet, Any]:
-    now, after = condition
-    value, *derivatives = (_chosen(after if k else now, a, b) for k, (a, b) in enumerate(zip(x, y, strict=True)))
-    return (value, *derivatives), after
-
-
-def _extreme(function: Callable[[Any, Any], Any], sense: float) -> Callable[..., tuple[_Jet, Any]]:
-    """Return the operation max (sense 1) or min (sense -1) on jets."""
-
-    def rule(*parts: _Jet) -> tuple[_Jet, Any]:
-        if len(parts[0]) == 1:
-            return (functools.reduce(function, [part[0] for part in parts]),), 0.0
-        switches = []
-        best, *rest = parts
-        for part in rest:
-            side = _side(tuple(sense * (a - b) for a, b in zip(best, part, strict=True)))
-            (_, *derivatives), _ = _where((side, side), best, part)
-            best = (function(best[0], part[0]), *derivatives)
-            switches.append(side)
-        return best, functools.reduce(lambda a, b: 2 * a + b, switches)
-
-    return rule
-
-
-def _absolute(x: _Jet) -> tuple[_Jet, Any]:
-    side = 0.0 if len(x) == 1 else _side(x)
-    return (np.abs(x[0]), *(_times(side, part) for part in x[1:])), side
-
-
-def _sign(x: _Jet) -> tuple[_Jet, Any]:
-    return (np.sign(x[0]), 0.0, 0.0)[: len(x)], _side(x)
-
-
-def _remainder(x: _Jet, period: _Jet) -> tuple[_Jet, Any]:
-    return (np.mod(x[0], period[0]), *x[1:]), np.floor(x[0] / period[0])
-
-
-# Operations with kinks and jumps: the jet, and samples that change at them.
-_KINKED: Final[dict[str, Callable[..., tuple[_Jet, Any]]]] = {
+_FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {
+    **{name: getattr(np, name.replace("a", "arc", 1) if name[0] == "a" else name) for name in SMOOTH_FUNCTIONS},
+    "add": lambda *terms: functools.reduce(np.add, terms),
+    "mul": lambda *factors: functools.reduce(np.multiply, factors),
+    "div": np.divide,
+    "pow": np.power,
+    "abs": np.abs,
+    "sign": np.sign,
+    "min": lambda *parts: functools.reduce(np.minimum, parts),
+    "max": lambda *parts: functools.reduce(np.maximum, parts),
+    "mod": np.mod,
     "where": _where,
-    "max": _extreme(np.maximum, 1.0),
-    "min": _extreme(np.minimum, -1.0),
-    "abs": _absolute,
-    "sign": _sign,
-    "mod": _remainder,
+    "<=": _side,
+    "<": _below,
+    "not": np.negative,
+    "and": lambda *parts: functools.reduce(np.minimum, parts),
+    "or": lambda *parts: functools.reduce(np.maximum, parts),
+}
+_BRANCHES: Final[dict[str, Callable[..., Any]]] = {  # which branch of an operation with kinks holds
+    "where": lambda condition, *_: condition,
+    "abs": _below,
+    "sign": _below,
+    "max": lambda *parts: np.argmax(np.broadcast_arrays(*parts), axis=0),
+    "min": lambda *parts: np.argmin(np.broadcast_arrays(*parts), axis=0),
+    "mod": lambda x, period: np.floor(x / period),
+}
+
+
+# ---- derivatives
+
+
+class _Rates:
+    """Derivatives of expressions by t, each found once."""
+
+    def __init__(self) -> None:
+        self._found: dict[Expression, Expression] = {}
+
+    def of(self, x: Expression) -> Expression:
+        """Return the derivative of an expression; at a kink that from the right."""
+        if x not in self._found:
+            self._found[x] = self._differentiate(x)
+        return self._found[x]
+
+    def _differentiate(self, x: Expression) -> Expression:  # noqa: PLR0911
+        parts = x.parts
+        if x.constant is not None or (not parts and x.operation != "t"):
+            return _ZERO
+        match x.operation:
+            case "t":
+                return _ONE
+            case "add":
+                return _sum(*map(self.of, parts))
+            case "mul":
+                a, b = _halves("mul", parts)
+                return _sum(_product(self.of(a), b), _product(a, self.of(b)))
+            case "div":
+                return _quotient(_sum(self.of(parts[0]), _negative(_product(x, self.of(parts[1])))), parts[1])
+            case "pow":
+                return self._of_power(x, *parts)
+            case "atan2":
+                v, u = parts
+                turned = _sum(_product(u, self.of(v)), _negative(_product(v, self.of(u))))
+                return _quotient(turned, _sum(_product(u, u), _product(v, v)))
+            case "where":
+                return _where_after(self._just_after(parts[0]), *map(self.of, parts[1:]))
+            case "min" | "max":
+                a, b = _halves(x.operation, parts)
+                low, high = (a, b) if x.operation == "min" else (b, a)
+                a_counts = self._just_after(Expression("<=", (_sum(low, _negative(high)),)))
+                return _where_after(a_counts, self.of(a), self.of(b))
+            case "abs":
+                below = self._just_after(Expression("<", (parts[0],)))
+                return _where_after(below, _negative(self.of(parts[0])), self.of(parts[0]))
+            case "mod":
+                return self.of(parts[0])
+            case "sign":
+                return _ZERO
+        return _product(_SLOPES[x.operation](parts[0], x), self.of(parts[0]))
+
+    def _of_power(self, x: Expression, base: Expression, exponent: Expression) -> Expression:
+        if exponent.constant is not None:
+            lower = _power(base, number(exponent.constant - 1))
+            return _product(number(exponent.constant), lower, self.of(base))
+        log = _log(base)
+        return _product(x, _sum(_product(self.of(exponent), log), _product(exponent, self.of(log))))
+
+    def _just_after(self, condition: Expression) -> Expression:
+        """Return a condition as it is just after t, from its function and the derivatives of it."""
+        if condition.operation in {"<", "<="}:
+            x = condition.parts[0]
+            return Expression(condition.operation, (x, self.of(x), self.of(self.of(x))))
+        return Expression(condition.operation, tuple(map(self._just_after, condition.parts)))
+
+
+_ZERO, _ONE, _TWO = map(number, (0, 1, 2))
+
+
+def _sum(*terms: Expression) -> Expression:
+    terms = tuple(term for term in terms if term.constant != 0)
+    if all(term.constant is not None for term in terms):
+        return number(sum((term.constant for term in terms if term.constant is not None), Fraction()))
+    return terms[0] if len(terms) == 1 else Expression("add", terms)
+
+
+def _product(*factors: Expression) -> Expression:
+    """Return a product; one with 0 is 0."""
+    known: Number = math.prod((x.constant for x in factors if x.constant is not None), start=Fraction(1))
+    varying = tuple(factor for factor in factors if factor.constant is None)
+    if not varying or known == 0:
+        return number(known)
+    factors = varying if known == 1 else (number(known), *varying)
+    return factors[0] if len(factors) == 1 else Expression("mul", factors)
+
+
+def _negative(x: Expression) -> Expression:
+    return _product(number(-1), x)
+
+
+def _quotient(x: Expression, y: Expression) -> Expression:
+    return _ZERO if x.constant == 0 else Expression("div", (x, y))
+
+
+def _power(x: Expression, k: Expression) -> Expression:
+    return _ONE if k.constant == 0 else x if k.constant == 1 else Expression("pow", (x, k))
+
+
+def _log(x: Expression) -> Expression:
+    return Expression("log", (x,)) if x.constant is None else number(float(np.log(float(x))))
+
+
+def _where_after(condition: Expression, x: Expression, y: Expression) -> Expression:
+    same = x is y or (x.constant is not None and x.constant == y.constant)
+    return x if same else Expression("where", (condition, x, y))
+
+
+def _halves(operation: str, parts: Sequence[Expression]) -> list[Expression]:
+    """Return an operation on many parts as two, so that a derivative of many parts is not nested deeply."""
+    half = len(parts) // 2
+    sides = tuple(parts[:half]), tuple(parts[half:])
+    return [side[0] if len(side) == 1 else Expression(operation, side) for side in sides]
+
+
+def _call(name: str, x: Expression) -> Expression:
+    return Expression(name, (x,))
+
+
+def _square(x: Expression) -> Expression:
+    return _product(x, x)
+
+
+def _plus(x: Expression) -> Expression:
+    return _sum(_ONE, x)
+
+
+def _minus(x: Expression) -> Expression:
+    return _sum(_ONE, _negative(x))
+
+
+def _inverse(x: Expression) -> Expression:
+    return _quotient(_ONE, x)
+
+
+def _inverse_root(x: Expression) -> Expression:
+    return _inverse(_call("sqrt", x))
+
+
+_Slope: TypeAlias = Callable[[Expression, Expression], Expression]
+_SLOPES: Final[dict[str, _Slope]] = {  # f'(x) from x and y = f(x)
+    "sin": lambda x, _: _call("cos", x),
+    "cos": lambda x, _: _negative(_call("sin", x)),
+    "tan": lambda _, y: _plus(_square(y)),
+    "asin": lambda x, _: _inverse_root(_product(_minus(x), _plus(x))),
+    "acos": lambda x, _: _negative(_inverse_root(_product(_minus(x), _plus(x)))),
+    "atan": lambda x, _: _inverse(_plus(_square(x))),
+    "sinh": lambda x, _: _call("cosh", x),
+    "cosh": lambda x, _: _call("sinh", x),
+    "tanh": lambda x, _: _inverse(_square(_call("cosh", x))),
+    "asinh": lambda x, _: _inverse_root(_plus(_square(x))),
+    "acosh": lambda x, _: _inverse_root(_product(_sum(x, number(-1)), _plus(x))),
+    "atanh": lambda x, _: _inverse(_product(_minus(x), _plus(x))),
+    "exp": lambda _, y: y,
+    "log": lambda x, _: _inverse(x),
+    "sqrt": lambda _, y: _inverse(_product(_TWO, y)),
 }

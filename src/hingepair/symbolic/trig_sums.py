@@ -13,8 +13,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import sympy
 
-from hingepair.symbolic.exact_constants import value_without_nested_roots
-from hingepair.symbolic.kinks import Expr
+from hingepair.symbolic.exact import Expr, value_without_nested_roots
 
 MAX_TERMS: Final = 200
 """Largest number of terms of a sum; a longer one would not be readable."""

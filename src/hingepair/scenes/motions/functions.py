@@ -29,7 +29,7 @@ from hingepair.symbolic.expressions import Expression, number, parse_expression
 from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
 
 if TYPE_CHECKING:
-    from hingepair.symbolic.kinks import Expr
+    from hingepair.symbolic.exact import Expr
 
 _TOL: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
@@ -74,7 +74,7 @@ class FunctionsOfTime:
         """Return the functions as a dict of SymPy expressions by name, parsed again so that the constants named in
         `symbolic_constants` stay symbols. The value of a function by way points is None.
         """
-        from hingepair.symbolic.exact_expressions import to_sympy
+        from hingepair.symbolic.exact import to_sympy
 
         found: dict[str, Expr | None] = {}
         for name, function in zip(self.names, self.functions, strict=True):

@@ -1,0 +1,591 @@
+"""Closed forms: the equations evaluated on SymPy expressions, of a pair in t and of a robot's frame in q.
+
+After every equation, products of sines and cosines are converted to sums of sines and cosines where these have fewer
+symbols.
+"""
+
+from __future__ import annotations
+
+import itertools
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any, Final
+
+import sympy
+
+from hingepair.equations import spatial as eq
+from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.pairs.geometry import check_single_pair, constants_of
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
+from hingepair.mechanism.tree import Joint
+from hingepair.numeric.names import Names
+from hingepair.plans.arguments import check_outputs
+from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_among
+from hingepair.rotations.sequences import find_sequence
+from hingepair.symbolic import writing
+from hingepair.symbolic.exact import TIME, Expr, exact, exact_axis, exact_entry, rate, real_symbol
+from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, trig_sum
+from hingepair.symbolic.writing import count_symbols
+
+Exprs = tuple[Expr, ...]
+"""Components of a vector, or entries of a matrix row by row."""
+
+MAX_SYMBOLS: Final = 20_000
+"""Largest number of symbols in a component, with repetition; a longer one is of no use."""
+SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
+"""Constants of a pair that can stay symbols."""
+POINTS: Final = "u"
+"""Name of the constants of a robot that can stay symbols: the points of its joints and the frame's origin."""
+FRAME_OUTPUTS: Final = {
+    "R": "position of the frame's origin, world axes [m]",
+    "S": "rotation from the frame's axes to those of the world",
+    "jacobian": "(v, omega) = jacobian @ qd, world axes",
+    "v": "velocity of the frame's origin, world axes [m/s]",
+    "omega": "angular velocity of the frame, world axes [rad/s]",
+}
+"""What the outputs of a robot's frame are, by name."""
+
+_IDENTITY = (1, 0, 0, 0, 1, 0, 0, 0, 1)
+_ZERO_LENGTH = 4 * 2.0**-53  # of a component of a point beside its largest one: rounding
+
+
+class ClosedForms(ABC):
+    """Closed forms, whose outputs are attributes: immutable SymPy matrices, or expressions of planar angles. Methods
+    write them as text, LaTeX, Python, C and SymPy source.
+
+    An output is derived at the first access, and intermediate results are kept.
+    """
+
+    names: tuple[str, ...]
+    title: str
+    notes: Sequence[str] = ()
+    #: values of symbols that stand for numbers
+    numbers: Mapping[Expr, float]
+    #: coordinates of a robot and their rates, which are arguments of generated functions
+    q: Exprs = ()
+    qd: Exprs = ()
+    #: the coordinates that move the frame
+    moving: Collection[Expr] = ()
+    #: names of rates, with the coordinate and the order of the derivative
+    rates: Mapping[str, tuple[str, int]]
+
+    def __init__(self) -> None:
+        self._found: dict[str, Any] = {}
+        self.numbers = {}
+
+    @abstractmethod
+    def _derive(self, name: str) -> Any:
+        """Return a quantity, derived from others by the equations."""
+
+    @abstractmethod
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of an output."""
+
+    @abstractmethod
+    def description(self, name: str) -> str:
+        """Return what an output is, or its unit, as it stands behind its name."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name not in self.names:
+            raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {', '.join(self.names)}")
+        parts, shape = self.entries(name), self.shape(name)
+        return parts[0] if not shape else sympy.ImmutableMatrix(shape[0], len(parts) // shape[0], parts)
+
+    def __dir__(self) -> list[str]:
+        return [*object.__dir__(self), *self.names]
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__} of {', '.join(self.names)}"
+
+    def entries(self, name: str) -> Exprs:
+        """Return the components of an output.
+
+        Raises:
+            ArgumentError: no such output, or its closed form is too long to be of use.
+        """
+        check_outputs((name,), self.names)
+        value = self.form(name)
+        return tuple(map(_displayed, value if isinstance(value, tuple) else (value,)))
+
+    def labels(self, name: str) -> list[str]:
+        """Return the labels of the components of an output: omega1_x, S2_xy, phi2."""
+        axes = ("xyz"[:size] for size in self.shape(name))
+        return [f"{name}_{place}" if place else name for place in map("".join, itertools.product(*axes))]
+
+    def form(self, name: str) -> Any:
+        """Return a quantity: an expression, or a tuple of them."""
+        if name not in self._found:
+            value = self._derive(name)
+            parts = value if isinstance(value, tuple) else (value,)
+            short = tuple(map(_shorter, map(sympy.sympify, parts)))
+            longest = max(map(count_symbols, short))
+            if longest > MAX_SYMBOLS:
+                expected = f"an output whose components have at most {MAX_SYMBOLS} symbols"
+                raise ArgumentError("outputs", expected, f"{name} with {longest}")
+            self._found[name] = short if isinstance(value, tuple) else short[0]
+        return self._found[name]
+
+    def _checked(self, names: Iterable[str] | None) -> tuple[str, ...]:
+        return self.names if names is None else check_outputs(tuple(names), self.names)
+
+    def to_text(self, names: Iterable[str] | None = None, *, short: bool | None = None, width: int = 100) -> str:
+        """Return the equations as text, as SymPy writes them: `omega1_x = 5*sin(t) + 3`; the derivatives of x by t
+        are xd and xdd. Equal components share a line, and those that are 0 stand in the last one.
+
+        Args:
+            names: names of outputs, out of `names`; None for all.
+            short: whether repeated terms are abbreviated (k_1; of a robot also c_1, s_12); by default where a line
+                would be longer than `width`.
+            width: largest number of characters of a line; longer equations go on in the next.
+
+        Raises:
+            ArgumentError: an unknown output, or one whose closed form is too long.
+        """
+        return writing.text(self, self._checked(names), short, width)
+
+    def to_latex(self, names: Iterable[str] | None = None, *, short: bool | None = None) -> str:
+        r"""Return the equations as a LaTeX align* environment (amsmath); the arguments are those of `to_text`."""
+        return writing.latex(self, self._checked(names), short)
+
+    def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
+        """Return the source of a Python module that needs only NumPy, with one vectorised function for each output.
+
+        The arguments of the functions of a pair are t and the symbols: constants, coordinates such as x, phi_x, psi,
+        their rates xd, phi_xd, psid, and so on. Those of a robot are q, or q and qd; symbols of points have the
+        robot's numbers as defaults.
+
+        Args:
+            names: names of outputs, out of `names`; None for all.
+            title: stands in the docstring of the module.
+
+        Raises:
+            ArgumentError: an unknown output, or one whose closed form is too long.
+        """
+        return writing.python(self, self._checked(names), title)
+
+    def to_c(self, names: Iterable[str] | None = None, title: str = "") -> str:
+        """Return C source (C99) with a function `void NAME(arguments, double out[])` for each output. It takes one
+        state, with the arguments of `to_python`, and writes the components of the output to `out`, row by row.
+
+        Args:
+            names: names of outputs, out of `names`; None for all.
+            title: stands in the comment at the top.
+
+        Raises:
+            ArgumentError: an unknown output, or one whose closed form is too long.
+        """
+        return writing.c(self, self._checked(names), title)
+
+    def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
+        """Return the components as text that `sympy.sympify` reads, by their labels, such as omega1_x or S2_xy.
+        Symbols have no assumptions.
+
+        Args:
+            names: names of outputs, out of `names`; None for all.
+
+        Raises:
+            ArgumentError: an unknown output, or one whose closed form is too long.
+        """
+        return writing.sympy_source(self, self._checked(names))
+
+
+def _shorter(expr: Expr) -> Expr:
+    """Return the form of an expression with the fewest symbols: itself, a sum of sines and cosines, or such a sum
+    times the factor that all terms share.
+    """
+    forms = [expr, trig_sum(expr)]
+    terms = [{*sympy.Mul.make_args(term)} for term in sympy.Add.make_args(expr)]
+    shared = [factor for factor in set.intersection(*terms) if not factor.is_number]
+    if shared and len(terms) > 1:
+        rest = trig_sum(sympy.Add(*(sympy.Mul(*(factors.difference(shared))) for factors in terms)))
+        forms.append(rest and rest * sympy.Mul(*shared))
+    return min((form for form in forms if form is not None), key=count_symbols)
+
+
+def _displayed(expr: Expr) -> Expr:
+    """Return an expression, or its sum of sines and cosines if that has as many symbols."""
+    as_sum = trig_sum(expr)
+    return expr if as_sum is None or count_symbols(as_sum) > count_symbols(expr) else as_sum
+
+
+# ---- a pair
+
+
+class PairForms(ClosedForms):
+    """Closed forms of a pair's motion (E1-E11) as functions of `t`.
+
+    The outputs are `R2`, `S2`, `d`, `v2`, `omega2`, `a2`, `alpha2`, `R1`, `S1`, `v1`, `omega1`, `a1`, `alpha1`, and
+    of a point `tip` also `tip`, `tip_v`, `tip_a`; of a planar pair those that `names` lists. Vectors of a planar pair
+    have two components, and its angles, angular velocities and accelerations are expressions.
+
+    Args:
+        pair: one pair; its numbers are made exact as `hingepair.derive` describes.
+        motion: coordinates as expressions in t, by name. A coordinate that is missing or None is an unspecified
+            function of t. By default all are.
+        sequence: sequence of the Euler angles; ignored in the plane.
+        symbolic: names of constants, out of u1, u2 and n, that stay symbols; n counts as having length 1.
+        exact_values: exact components of u1, u2, n (of length 1), home and points, by name, where they are known.
+
+    Raises:
+        ArgumentError: `pair` holds more than one pair.
+    """
+
+    t: Final = TIME
+    """The SymPy symbol of time [s]."""
+
+    def __init__(
+        self,
+        pair: HingePair | PlanarPair,
+        motion: Mapping[str, Expr | None] | None = None,
+        sequence: str | None = "XYZ",
+        symbolic: Collection[str] = (),
+        exact_values: Mapping[str, Exprs] | None = None,
+    ) -> None:
+        super().__init__()
+        check_single_pair(pair)
+        points = constants_of(pair).points
+        self.planar, self.title = isinstance(pair, PlanarPair), pair.name or ""
+        self.names = (*self.kind.levels, *point_outputs(points))
+        self.rates = {f"{name}{'d' * k}": (name, k) for name in self.kind.coordinates for k in (1, 2)}
+        self._bodies = {point.name: point.body for point in points}
+        given = {name: expr for name, expr in (motion or {}).items() if expr is not None}
+        values = {key: tuple(map(sympy.sympify, exprs)) for key, exprs in (exact_values or {}).items()}
+        renamed = self._renamed([*given.values(), *itertools.chain(*values.values())], given, symbolic)
+        coordinates = [
+            given[name].xreplace(renamed) if name in given else sympy.Function(name, real=True)(TIME)
+            for name in self.kind.coordinates
+        ]
+        values = {key: tuple(expr.xreplace(renamed) for expr in exprs) for key, exprs in values.items()}
+        self._found |= self._constants(pair, symbolic, values)
+        *R1, psi = coordinates
+        if self.planar:
+            self._found |= {"R1": (*R1[:2], sympy.S.Zero), "phi1": R1[2], "psi": psi}
+        else:
+            self._found |= {"R1": tuple(R1[:3]), "phi": tuple(R1[3:]), "psi": psi}
+            self._order = find_sequence(sequence or "XYZ")
+
+    @property
+    def kind(self) -> PairKind:
+        """Kind of motion of the pair, PLANE or SPACE."""
+        return PLANE if self.planar else SPACE
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of an output."""
+        shape = self.kind.shapes.get(name)
+        return (3 - self.planar,) if shape is None else shape
+
+    def description(self, name: str) -> str:
+        """Return the unit of an output."""
+        unit = unit_among(self.names, name)
+        return f" [{unit}]" if unit != "1" else ""
+
+    def entries(self, name: str) -> Exprs:
+        """Return the components of an output; in the plane those of the plane alone."""
+        parts = super().entries(name)
+        if self.planar and len(parts) == 3:
+            return parts[:2] if self.shape(name) else parts[2:]
+        return parts
+
+    def _renamed(self, exprs: Iterable[Expr], given: Collection[str], symbolic: Collection[str]) -> dict[Expr, Expr]:
+        """Return the symbols that replace the constants in expressions of a scene; names in use get an underscore.
+        `given` are the names of the coordinates, `symbolic` those of the pair's constants that are symbols.
+        """
+        used = ["t", *itertools.chain(*map(self.labels, self.names))]
+        used += [name + "d" * order for name in self.kind.coordinates if name not in given for order in range(3)]
+        used += [f"{key}_{axis}" for key in symbolic for axis in "xyz"]
+        names = Names(used, writing.latex_name)
+        constants = set().union(*(expr.free_symbols for expr in exprs)) - {TIME}
+        taken = names.take_all(sorted(symbol.name for symbol in constants))
+        return {symbol: real_symbol(taken[symbol.name]) for symbol in constants}
+
+    def _constants(
+        self, pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, Exprs]
+    ) -> dict[str, Exprs]:
+        """Return u1, u2, n, home and points: symbols, `exact_values`, or exact numbers made of the pair's floats."""
+        constants = constants_of(pair)
+        floats = {key: tuple(array.ravel().tolist()) for key, array in constants.arrays.items()}
+        floats |= {point_key(name): tuple(R.tolist()) for name, R in {**pair.points1, **pair.points2}.items()}
+        found: dict[str, Exprs] = {"n": (0, 0, 1), "home": _IDENTITY}
+        for key, value in floats.items():
+            if key == "home" and not constants.has_home:
+                continue
+            if key in symbolic:
+                found[key] = tuple(real_symbol(f"{key}_{axis}") for axis in "xyz"[: len(value)])
+            elif key in exact_values:
+                found[key] = exact_values[key]
+            else:
+                found[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
+            if len(found[key]) == 2:
+                found[key] = (*found[key], 0)
+        return found
+
+    def _derive(self, name: str) -> Any:
+        point, _, ending = name.rpartition("_") if name.endswith(("_v", "_a")) else (name, "", "R")
+        if point in self._bodies:
+            return self._of_point(ending, point, self._bodies[point])
+        return _PAIR[name](self)
+
+    def _of_point(self, letter: str, point: str, body: int) -> Exprs:
+        """Return R = R_i + S_i p, or its velocity or acceleration (E1, E8, E9)."""
+        form = self.form
+        arm = eq.rotate(form(f"S{body}"), form(point_key(point)))
+        if letter == "R":
+            return eq.add(form(f"R{body}"), arm)
+        omega = form(f"omega{body}")
+        if letter == "v":
+            return eq.add(form(f"v{body}"), eq.cross(omega, arm))
+        return eq.add(form(f"a{body}"), eq.point_acceleration(omega, form(f"alpha{body}"), arm))
+
+
+def point_key(name: str) -> str:
+    """Return the name of the vector to a point, which its output has to be told from."""
+    return f"vector to {name}"
+
+
+def _trig(angle: Expr) -> tuple[Expr, Expr]:
+    """Return sine and versine of an angle."""
+    return sine_expression(angle), 1 - cosine_expression(angle)
+
+
+def _rates(expr: Any) -> Any:
+    return tuple(map(rate, expr)) if isinstance(expr, tuple) else rate(expr)
+
+
+def _attitude1(pair: PairForms) -> Any:
+    if pair.planar:
+        return eq.hinge_rotation((0, 0, 1), _trig(pair.form("phi1")))
+    return pair._order.attitude(pair.form("trig"))
+
+
+def _omega1(pair: PairForms) -> Any:
+    if pair.planar:
+        return 0, 0, rate(pair.form("phi1"))
+    return pair._order.angular_velocity(pair._order.axes(pair.form("trig")), _rates(pair.form("phi")))
+
+
+def _canonical_trig(pair: PairForms) -> Any:
+    angles = pair._order.angles(pair.form("phi"))
+    return tuple(function(angle) for angle in angles for function in (sine_expression, cosine_expression))
+
+
+# Every quantity, of the others (E5-E10). d = r1 - r2 with r_i = S_i u_i.
+_PAIR: Final[Mapping[str, Callable[[PairForms], Any]]] = {
+    "trig": _canonical_trig,
+    "S1": _attitude1,
+    "omega1": _omega1,
+    "alpha1": lambda pair: _rates(pair.form("omega1")),
+    "v1": lambda pair: _rates(pair.form("R1")),
+    "a1": lambda pair: _rates(pair.form("v1")),
+    "psid": lambda pair: rate(pair.form("psi")),
+    "psidd": lambda pair: rate(pair.form("psid")),
+    "Sh": lambda pair: eq.hinge_rotation(pair.form("n"), _trig(pair.form("psi"))),
+    "relative": lambda pair: eq.compose(pair.form("Sh"), pair.form("home")),
+    "S2": lambda pair: eq.compose(pair.form("S1"), pair.form("relative")),
+    "lever": lambda pair: eq.subtract(pair.form("u1"), eq.rotate(pair.form("relative"), pair.form("u2"))),
+    "r1": lambda pair: eq.rotate(pair.form("S1"), pair.form("u1")),
+    "r2": lambda pair: eq.rotate(pair.form("S2"), pair.form("u2")),
+    "d": lambda pair: eq.rotate(pair.form("S1"), pair.form("lever")),
+    "R2": lambda pair: eq.position2(pair.form("R1"), pair.form("d")),
+    "axis": lambda pair: eq.rotate(pair.form("S1"), pair.form("n")),
+    "phi2": lambda pair: pair.form("phi1") + pair.form("psi"),
+    "omega2": lambda pair: eq.angular_velocity2(pair.form("omega1"), pair.form("axis"), pair.form("psid")),
+    "v2": lambda pair: eq.add(
+        pair.form("v1"),
+        eq.subtract(eq.cross(pair.form("omega1"), pair.form("r1")), eq.cross(pair.form("omega2"), pair.form("r2"))),
+    ),
+    "alpha2": lambda pair: eq.angular_acceleration2(*map(pair.form, ("alpha1", "omega1", "axis", "psid", "psidd"))),
+    "a2": lambda pair: eq.add(
+        pair.form("a1"),
+        eq.subtract(
+            eq.point_acceleration(*map(pair.form, ("omega1", "alpha1", "r1"))),
+            eq.point_acceleration(*map(pair.form, ("omega2", "alpha2", "r2"))),
+        ),
+    ),
+}
+
+
+# ---- a frame of a robot
+
+
+class FrameForms(ClosedForms):
+    """Closed forms of the motion of one frame of a robot whose base rests at the origin (E2, E5, E7), in the symbols
+    `q` and `qd` of the robot's coordinates and rates: `R` (3, 1), `S` (3, 3), `jacobian` (6, dof) with the rows of v
+    before those of omega, `v` (3, 1) and `omega` (3, 1), all in world axes.
+
+    Each number of the robot is the rational number that its shortest decimal form shows. An entry of a rotation that
+    equals 0, 1, -1 or the root of a simple fraction within rounding is exactly that number.
+
+    Args:
+        robot: a robot with a fixed base.
+        frame: name of a link, a joint or another frame; None means the last link, if there is only one.
+        symbolic: (), or ("u",) to keep the components of joint points and of the frame's origin as symbols, except
+            zeros; `numbers` has their values.
+        notes: sentences on the robot's numbers, which the output shows above the equations.
+
+    Raises:
+        ArgumentError: the base is free, there is no such frame, or `symbolic` is neither () nor ("u",).
+    """
+
+    names = tuple(FRAME_OUTPUTS)
+
+    def __init__(
+        self, robot: Mechanism, frame: str | None = None, symbolic: Iterable[str] = (), notes: Sequence[str] = ()
+    ) -> None:
+        super().__init__()
+        if robot.base != "fixed":
+            expected = "a robot with base='fixed': the motion of its frames relative to its base"
+            raise ArgumentError("scene_or_pair", expected, f"base={robot.base!r}")
+        symbols = symbolic if isinstance(symbolic, str) or not isinstance(symbolic, Iterable) else tuple(symbolic)
+        if symbols not in ((), (POINTS,)):
+            raise ArgumentError(
+                "symbolic", f"({POINTS!r},): points of a robot's joints, or nothing", quoted(symbolic)
+            )
+        self._tree = tree_of(robot)
+        last = self._tree.plain().tips
+        if frame is None and len(last) != 1:
+            which = f"the name of a link or joint, since {robot.name} ends in {len(last)} links: {choices(last)}"
+            raise ArgumentError("frame", which, "none")
+        name = last[0] if frame is None else frame
+        self._frame = self._tree.known_frame("frame", name)
+        self.title = f"frame {name} of {robot.name}"
+        moving = self._tree.coordinates
+        self.q = tuple(real_symbol(f"q_{number}") for number in range(1, len(moving) + 1))
+        self.qd = tuple(real_symbol(f"qd_{number}") for number in range(1, len(moving) + 1))
+        self._columns = {joint.name: column for column, joint in enumerate(moving)}
+        self._path = self._joints_to(self._frame.body)
+        self.moving = {self.q[self._column(joint)] for joint in self._path}
+        self.rates = {str(rate): (str(q), 1) for q, rate in zip(self.q, self.qd, strict=True)}
+        self._points_are_symbols, self._rounded = bool(symbols), 0.0
+        self._points = [self._point(*named) for named in self._named_points()]
+        if self._rounded:
+            notes = (*notes, f"lengths of at most {self._rounded:.2g} m, which rounding left, are taken for 0")
+        self.notes = (self._legend(), *notes)
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of an output."""
+        return {"S": (3, 3), "jacobian": (6, len(self.q))}.get(name, (3,))
+
+    def description(self, name: str) -> str:
+        """Return what an output is."""
+        return f": {FRAME_OUTPUTS[name]}"
+
+    def labels(self, name: str) -> list[str]:
+        """Return the labels of the components of an output: R_x, S_xy, Jv_x1, Jomega_z6."""
+        if name != "jacobian":
+            return super().labels(name)
+        rows = [f"{row}_{axis}" for row in ("Jv", "Jomega") for axis in "xyz"]
+        return [f"{row}{column}" for row in rows for column in range(1, len(self.q) + 1)]
+
+    def _legend(self) -> str:
+        """Return a text on which joint each coordinate q_1, q_2, ... belongs to."""
+        moving, coordinates = self.moving, zip(self.q, self._tree.coordinates, strict=True)
+        joints = [f"{q} {joint.name}{' [m]' * (joint.unit == 'm')}" for q, joint in coordinates if q in moving]
+        others = ["the other joints do not move the frame"] * (0 < len(moving) < len(self.q))
+        return f"{self.title}: {'; '.join((*joints, *others)) or 'no joint moves the frame'}"
+
+    def _joints_to(self, body: int) -> list[Joint]:
+        joints: list[Joint] = []
+        while body:
+            joints.append(self._tree.joints[body - 1])
+            body = joints[-1].parent
+        return joints[::-1]
+
+    def _column(self, joint: Joint) -> int:
+        leader = joint if joint.mimic is None else self._tree.joints[joint.mimic.leader - 1]
+        return self._columns[leader.name]
+
+    def _position(self, joint: Joint) -> Expr:
+        """Return the coordinate of a joint, in that of its leader where it follows one."""
+        q = self.q[self._column(joint)]
+        return q if joint.mimic is None else exact(joint.mimic.multiplier) * q + exact(joint.mimic.offset)
+
+    def _named_points(self) -> list[tuple[str, Sequence[float]]]:
+        """Return the points of the joints, then the frame's origin, with the beginnings of their symbols' names."""
+        marks = [
+            f"u_m{self._tree.joints.index(joint) + 1}" if joint.mimic is not None else f"u_{self._column(joint) + 1}"
+            for joint in self._path
+        ]
+        vectors = [*(joint.u for joint in self._path), self._frame.R]
+        return [(mark, vector.tolist()) for mark, vector in zip((*marks, "p_"), vectors, strict=True)]
+
+    def _point(self, name: str, point: Sequence[float]) -> Exprs:
+        """Return a point [m] as exact numbers, or symbols whose names begin with `name`; what rounding left is 0."""
+        parts: list[Expr] = []
+        for axis, value in zip("xyz", point, strict=True):
+            if abs(value) <= _ZERO_LENGTH * max(map(abs, point)):
+                self._rounded = max(self._rounded, abs(value))
+                parts.append(sympy.S.Zero)
+            elif self._points_are_symbols:
+                parts.append(real_symbol(f"{name}{axis}"))
+                self.numbers = {**self.numbers, parts[-1]: value}
+            else:
+                parts.append(exact(value))
+        return tuple(parts)
+
+    def _derive(self, name: str) -> Any:
+        what, _, number = name.partition(" ")
+        return getattr(self, f"_find_{what}")(*map(int, number.split()))
+
+    def _find_R(self) -> Exprs:
+        lever: Exprs = self.form("lever 0")
+        return lever
+
+    def _find_S(self) -> Exprs:
+        return eq.compose(self.form(f"attitude {len(self._path)}"), _entries(self._frame.S))
+
+    def _find_jacobian(self) -> Exprs:
+        linear = [part.diff(q) for part in self.form("R") for q in self.q]
+        return (*linear, *(spin[row] for row in range(3) for spin in self._spins()))
+
+    def _find_v(self, first_row: int = 0) -> Exprs:
+        jacobian, dof = self.form("jacobian"), len(self.q)
+        rows = range(first_row, first_row + 3)
+        return tuple(sum(jacobian[row * dof + k] * qd for k, qd in enumerate(self.qd)) for row in rows)
+
+    def _find_omega(self) -> Exprs:
+        return self._find_v(3)
+
+    def _find_attitude(self, number: int) -> Exprs:
+        """Return the attitude of the body behind so many joints (E5)."""
+        if not number:
+            return _IDENTITY
+        return eq.compose(self.form(f"attitude {number - 1}"), self._turn(self._path[number - 1]))
+
+    def _turn(self, joint: Joint) -> Exprs:
+        """Return the rotation from the axes of a joint's body to those of its parent (E5)."""
+        turns = joint.axis.turns
+        if not turns:
+            return _entries(joint.S)
+        angle = exact(turns) * self._position(joint)
+        return eq.compose(_entries(joint.S), eq.hinge_rotation(_axis(joint), _trig(angle)))
+
+    def _find_lever(self, number: int) -> Exprs:
+        """Return the frame's origin in the axes of the body behind so many joints, from its reference point (E7)."""
+        point: Exprs = self._points[number]
+        if number == len(self._path):
+            return point
+        joint = self._path[number]
+        behind = eq.rotate(self._turn(joint), self.form(f"lever {number + 1}"))
+        shift = exact(joint.axis.shifts) * self._position(joint)
+        along = eq.scale(eq.rotate(_entries(joint.S), _axis(joint)), shift)
+        return eq.add(point, eq.add(along, behind))
+
+    def _spins(self) -> list[Exprs]:
+        """Return the angular velocity of the frame for each coordinate's rate (E2)."""
+        spins: list[Any] = [(0, 0, 0)] * len(self.q)
+        for number, joint in enumerate(self._path):
+            column, position = self._column(joint), self._position(joint)
+            axis = eq.rotate(self.form(f"attitude {number}"), eq.rotate(_entries(joint.S), _axis(joint)))
+            ratio = exact(joint.axis.turns) * position.diff(self.q[column])
+            spins[column] = eq.add(spins[column], eq.scale(axis, ratio))
+        return spins
+
+
+def _entries(S: Any) -> Exprs:
+    return tuple(map(exact_entry, S.ravel().tolist()))
+
+
+def _axis(joint: Joint) -> Exprs:
+    return tuple(map(exact_entry, joint.n.tolist()))

@@ -1,0 +1,398 @@
+"""Closed forms as text, LaTeX, Python, C and SymPy source."""
+
+from __future__ import annotations
+
+import builtins
+import functools
+import itertools
+import keyword
+import math
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import sympy
+from sympy.core.function import AppliedUndef
+from sympy.printing.c import C99CodePrinter
+from sympy.printing.latex import LatexPrinter
+from sympy.printing.numpy import NumPyPrinter
+from sympy.printing.str import StrPrinter
+
+from hingepair.numeric.names import Names
+from hingepair.symbolic.exact import TIME, Expr, real_symbol
+
+if TYPE_CHECKING:
+    from hingepair.symbolic.closed_forms import ClosedForms
+
+_MAX_DENOMINATOR = 12  # 5/12 reads better than 0.41666...; other fractions are written as decimals
+_MAX_CHARACTERS = 8  # of an exact constant, or of a repeated term that is not abbreviated
+_INDENT = " " * 6  # of continued lines of text
+
+# Names that are in use in generated functions, and words of Python and C.
+_TAKEN_NAMES: Final = (
+    *("t", "numpy", "float", "parts", "part", "shape", "__debug__", "out", "double", "const", "void", "NAN"),
+    *keyword.kwlist,
+    *("auto", "case", "char", "default", "do", "enum", "extern", "goto", "inline", "int", "long", "register"),
+    *("restrict", "short", "signed", "sizeof", "static", "struct", "switch", "typedef", "union", "unsigned"),
+    *("volatile", "main", "j0", "j1", "jn", "y0", "y1", "yn", "gamma"),
+)
+
+
+class _Sheet(NamedTuple):
+    """Equations, and what the symbols in them mean."""
+
+    definitions: list[tuple[Expr, Expr]]
+    rows: list[tuple[list[str], Expr]]  # equal components, and their expression
+
+
+# ---- what is written
+
+
+@functools.lru_cache(maxsize=65536)
+def count_symbols(expr: Expr) -> int:
+    """Return the number of symbols in an expression, with repetition; x(t) and its derivatives count as symbols."""
+    if not expr.args or expr.is_Derivative or isinstance(expr, AppliedUndef):
+        return 0 if expr.is_number else 1
+    return sum(map(count_symbols, expr.args))
+
+
+def _with_symbols(exprs: Sequence[Expr]) -> list[Expr]:
+    """Return expressions with symbols in place of functions of t: psi, psid and psidd."""
+    functions = set().union(*(expr.atoms(AppliedUndef) for expr in exprs))
+    symbols = {f.diff((TIME, k)): real_symbol(f.func.__name__ + "d" * k) for f in functions for k in range(3)}
+    return [expr.xreplace(symbols) for expr in exprs]
+
+
+@functools.lru_cache(maxsize=4096)  # long forms repeat their parts
+def _with_decimals(expr: Expr) -> Expr:
+    """Return an expression with decimals in place of constants that are no simple fractions or roots."""
+    if not expr.free_symbols:
+        simple = len(str(expr)) <= _MAX_CHARACTERS and all(
+            x.q <= _MAX_DENOMINATOR for x in expr.atoms(sympy.Rational)
+        )
+        return expr if simple else sympy.Float(constant_value(expr), 17)
+    if not expr.args:
+        return expr
+    if expr.is_Pow and expr.exp.is_Rational:
+        return expr.func(_with_decimals(expr.base), expr.exp)
+    constants = [part for part in expr.args if not part.free_symbols] if expr.is_Add or expr.is_Mul else []
+    parts = [_with_decimals(expr.func(*constants))] if constants else []
+    return expr.func(*parts, *(_with_decimals(part) for part in expr.args if part not in constants))
+
+
+def constant_value(expr: Expr) -> float:
+    """Return the float nearest to an expression without symbols; NaN if it has no real value."""
+    number = expr.evalf(30)
+    if not number.is_Float:
+        return float(expr) if expr.is_Rational else math.nan
+    return 0.0 if number._prec == 1 else float(number)  # SymPy found no digit that differs from 0
+
+
+def _sheet(forms: ClosedForms, names: Sequence[str], short: bool) -> _Sheet:
+    """Return the equations of outputs, those of equal components together and zeros last."""
+    labelled = [pair for name in names for pair in zip(forms.labels(name), forms.entries(name), strict=True)]
+    still = tuple(f"{axis}{k}" for k, q in enumerate(forms.q, 1) if q not in forms.moving for axis in "xyz")
+    labels_by_expr: dict[Expr, list[str]] = {}
+    exprs = map(_with_decimals, _with_symbols([expr for _, expr in labelled]))
+    for (label, _), expr in zip(labelled, exprs, strict=True):
+        if not label.endswith(still):
+            labels_by_expr.setdefault(expr, []).append(label)
+    zeros = labels_by_expr.pop(sympy.S.Zero, None)
+    rows = [(labels, expr) for expr, labels in labels_by_expr.items()]
+    rows += [(zeros, sympy.S.Zero)] if zeros else []
+    used = set().union(*(expr.free_symbols for _, expr in rows))
+    definitions = [(symbol, sympy.Float(value, 17)) for symbol, value in forms.numbers.items() if symbol in used]
+    return _abbreviated(forms, _Sheet(definitions, rows)) if short else _Sheet(definitions, rows)
+
+
+def _abbreviated(forms: ClosedForms, sheet: _Sheet) -> _Sheet:
+    """Return the equations with symbols k_1, k_2 and so on in place of repeated terms, and of a robot with s_1 and
+    c_23 in place of sines and cosines.
+    """
+    exprs = [expr for _, expr in sheet.rows]
+    waves = _wave_symbols(forms.q, exprs)
+    exprs = [expr.xreplace(waves) for expr in exprs]
+    definitions = [*sheet.definitions, *((symbol, wave) for wave, symbol in waves.items())]
+    names = Names((symbol.name for expr in exprs for symbol in expr.free_symbols), latex_name)
+    letters = (name for name in (f"k_{i}" for i in itertools.count(1)) if names.free(name))
+    repeated, results = sympy.cse(exprs, symbols=(sympy.Dummy(real=True) for _ in itertools.count()))
+    shown: dict[Expr, Expr] = {}
+    for symbol, expr in repeated:
+        meaning = expr.xreplace(shown)
+        if len(_text(meaning)) > _MAX_CHARACTERS or meaning.is_Relational:
+            shown[symbol] = real_symbol(next(letters))
+            definitions.append((shown[symbol], meaning))
+        else:
+            shown[symbol] = meaning
+    rows = [(labels, expr.xreplace(shown)) for (labels, _), expr in zip(sheet.rows, results, strict=True)]
+    return _Sheet(definitions, rows)
+
+
+def _wave_symbols(q: Sequence[Expr], exprs: Iterable[Expr]) -> dict[Expr, Expr]:
+    """Return the symbols of sines and cosines of a robot's angles: s_23 of sin(q_2 + q_3)."""
+    waves = set().union(*(expr.atoms(sympy.sin, sympy.cos) for expr in exprs))
+    found: dict[Expr, Expr] = {}
+    taken = Names()
+    for wave in sorted(waves, key=lambda wave: (len(wave.free_symbols), str(wave.args[0]), wave.func.__name__)):
+        numbers = [str(k) for k, one in enumerate(q, 1) if one in wave.free_symbols]
+        if numbers:
+            indices = ("" if len(numbers[-1]) == 1 else ",").join(numbers)
+            name = f"{wave.func.__name__[0]}_{indices}"
+            found[wave] = real_symbol(taken.take(name, *(name + mark for mark in "abcdefghij")))
+    return found
+
+
+# ---- text and LaTeX
+
+
+class _Text(StrPrinter):  # type: ignore[misc]  # SymPy carries no types
+    """Printer of SymPy's text, with floats in their shortest form."""
+
+    def _print_Float(self, expr: Expr) -> str:
+        return repr(float(expr))
+
+
+class _Latex(LatexPrinter):  # type: ignore[misc]
+    """Printer of LaTeX, with floats in their shortest form."""
+
+    def _print_Float(self, expr: Expr) -> str:
+        mantissa, e, exponent = repr(float(expr)).partition("e")
+        return f"{mantissa} \\cdot 10^{{{int(exponent)}}}" if e else mantissa
+
+
+_text: Final = _Text().doprint
+
+
+def text(forms: ClosedForms, names: Sequence[str], short: bool | None, width: int) -> str:
+    """Return the equations as text; see `ClosedForms.to_text`."""
+    lines = _lines(_sheet(forms, names, bool(short)))
+    if short is None and any(len(line) > width for line in lines):
+        lines = _lines(_sheet(forms, names, True))
+    return "".join(
+        textwrap.fill(line, width, subsequent_indent=_INDENT, break_long_words=False, break_on_hyphens=False) + "\n"
+        for line in (*forms.notes, *lines)
+    )
+
+
+def _lines(sheet: _Sheet) -> list[str]:
+    lines = [f"{symbol} = {_text(meaning)}" for symbol, meaning in sheet.definitions]
+    return lines + [f"{' = '.join(labels)} = {_text(expr)}" for labels, expr in sheet.rows]
+
+
+_JACOBIANS = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # rows of the Jacobian for v and omega
+
+
+def latex_name(name: str) -> str:
+    r"""Return the LaTeX of a symbol's name: `u1_x` becomes u_{1,x}.
+
+    >>> latex_name("phi_x"), latex_name("u1_x"), latex_name("swing")
+    ('\\phi_{x}', 'u_{1,x}', '\\mathrm{swing}')
+    """
+    if not all(name.split("_")):  # _x, x_, x__y
+        escaped = name.replace("_", "\\_")
+        return f"\\mathrm{{{escaped}}}"
+    letter, _, index = name.partition("_")
+    index = index.replace("_", ",")
+    if letter[-1:].isdigit():
+        letter, index = letter[:-1], ",".join(filter(None, (letter[-1], index)))
+    if letter in _JACOBIANS:
+        letter = _JACOBIANS[letter]
+    elif letter in {"phi", "psi", "omega", "alpha"}:
+        letter = f"\\{letter}"
+    elif len(letter) != 1:
+        letter = f"\\mathrm{{{letter}}}"
+    return f"{letter}_{{{index}}}" if index else letter
+
+
+def _rate_name(name: str, order: int) -> str:
+    r"""Return the LaTeX of a derivative by its variable: \dot{\phi}_{x} of phi_x."""
+    letter, underscore, index = latex_name(name).partition("_")
+    return f"\\{'d' * order}ot{{{letter}}}{underscore}{index}"
+
+
+def latex(forms: ClosedForms, names: Sequence[str], short: bool | None) -> str:
+    """Return the equations as a LaTeX align* environment; see `ClosedForms.to_latex`."""
+    sheet = _sheet(forms, names, bool(short))
+    if short is None and any(len(line) > 100 for line in _lines(sheet)):
+        sheet = _sheet(forms, names, True)
+    exprs = [expr for _, expr in (*sheet.definitions, *sheet.rows)]
+    rates = {name: _rate_name(*of) for name, of in forms.rates.items()}
+    symbols = set().union(*(expr.free_symbols for expr in exprs), *(s.free_symbols for s, _ in sheet.definitions))
+    spelled = {symbol: rates.get(symbol.name) or latex_name(symbol.name) for symbol in symbols}
+    write = _Latex({"symbol_names": spelled}).doprint
+    lines = [f"{spelled[symbol]} &= {write(meaning)}" for symbol, meaning in sheet.definitions]
+    for labels, expr in sheet.rows:
+        lines += _latex_lines(" = ".join(map(latex_name, labels)), [write(term) for term in _terms(expr)])
+    notes = "".join(f"% {one_line(note)}\n" for note in forms.notes)
+    return f"{notes}\\begin{{align*}}  % \\usepackage{{amsmath}}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
+
+
+def _terms(expr: Expr) -> Sequence[Expr]:
+    return list(expr.as_ordered_terms()) if expr.is_Add else [expr]
+
+
+def _latex_lines(label: str, terms: Sequence[str], size: int = 8) -> list[str]:
+    """Return the lines of an equation, so many terms in each."""
+    signed = [terms[0], *(term if term.startswith("-") else f"+ {term}" for term in terms[1:])]
+    rows = [" ".join(signed[i : i + size]) for i in range(0, len(signed), size)]
+    return [f"{label} &= {rows[0]}", *(f"&\\quad {row}" for row in rows[1:])]
+
+
+# ---- source
+
+
+class _NumPySource(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
+    """Printer of NumPy source, with full names such as `numpy.sin`. A part without symbols is one number: an integer,
+    a fraction or a NumPy float, which overflows to inf where a Python number raises.
+    """
+
+    def _print(self, expr: Expr, **settings: Any) -> str:
+        if isinstance(expr, sympy.Expr) and not expr.free_symbols:
+            if expr.is_Rational and max(abs(expr.p), expr.q) < 2**53:
+                return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
+            value = constant_value(expr)
+            return f"numpy.float64({value!r})" if math.isfinite(value) else f"numpy.float64('{value!r}')"
+        return str(super()._print(expr, **settings))
+
+
+class _CSource(C99CodePrinter):  # type: ignore[misc]
+    """Printer of C source, with a part without symbols as one double."""
+
+    def _print(self, expr: Expr, **settings: Any) -> str:
+        if isinstance(expr, sympy.Expr) and not expr.free_symbols:
+            value = constant_value(expr)
+            return repr(value) if math.isfinite(value) else "NAN" if math.isnan(value) else "INFINITY"
+        return str(super()._print(expr, **settings))
+
+
+class _SymPySource(StrPrinter):  # type: ignore[misc]
+    """Printer of text that `sympy.sympify` reads; symbols with names of SymPy's own, such as gamma, say so."""
+
+    def _print_Symbol(self, expr: Expr) -> str:
+        known = hasattr(sympy, expr.name) or hasattr(builtins, expr.name)
+        return f"Symbol({expr.name!r})" if known else str(expr.name)
+
+
+numpy_source: Final = _NumPySource({"allow_unknown_functions": False}).doprint
+_c_expression: Final = _CSource({"allow_unknown_functions": False}).doprint
+_sympy_expression: Final = _SymPySource().doprint
+
+
+class _Function(NamedTuple):
+    """A function of floats that computes the components of one output."""
+
+    name: str
+    description: str
+    arguments: Sequence[str]
+    steps: list[tuple[str, Expr]]  # values by name, each of which may use earlier ones
+    results: list[Expr]
+    shape: tuple[int, ...]
+    vectors: Mapping[str, Sequence[tuple[str, int]]]  # components that are used, by arguments that are vectors
+    numbers: Mapping[str, float]  # values of further arguments
+    length: int  # of the vectors
+
+
+def _function(forms: ClosedForms, name: str) -> _Function:
+    """Return the function that computes an output."""
+    *exprs, _ = _with_symbols([*forms.entries(name), TIME])
+    used = set().union(*(expr.free_symbols for expr in exprs))
+    parts = {"q": forms.q, "qd": forms.qd} if name in {"v", "omega"} else {"q": forms.q}
+    vectors = {
+        v: [(s.name, i) for i, s in enumerate(symbols) if s in used] for v, symbols in parts.items() if symbols
+    }
+    if vectors:
+        arguments, renamed = list(vectors), {}
+    else:
+        names = Names(_TAKEN_NAMES).take_all(sorted(symbol.name for symbol in used - {TIME}))
+        renamed = {symbol: real_symbol(names[symbol.name]) for symbol in used - {TIME}}
+        arguments = ["t"] * (TIME in used or not names) + sorted(names.values())
+    letters = sympy.numbered_symbols("w", exclude={*used, *renamed.values()}, real=True)
+    steps, results = sympy.cse([e.xreplace(renamed) for e in exprs], symbols=letters, order="none", list=True)
+    numbers = {symbol.name: value for symbol, value in forms.numbers.items() if symbol in used}
+    named_steps = [(symbol.name, step) for symbol, step in steps]
+    described = forms.description(name)
+    return _Function(
+        name, described, arguments, named_steps, results, forms.shape(name), vectors, numbers, len(forms.q)
+    )
+
+
+def _heading(forms: ClosedForms, title: str) -> Iterator[str]:
+    """Yield the lines above the functions."""
+    shown = one_line(title or forms.title)
+    yield f"Closed forms{f': {shown}' if shown else ''}."
+    for note in map(one_line, forms.notes):
+        yield from textwrap.wrap(f"{note}.", 100, subsequent_indent=_INDENT)
+
+
+def one_line(text: str) -> str:
+    """Return a text as one line that a docstring or a comment can contain, without quotes and backslashes."""
+    return "".join(sign for sign in " ".join(text.split()) if sign.isprintable() and sign not in '"\\')
+
+
+def python(forms: ClosedForms, names: Sequence[str], title: str) -> str:
+    """Return the source of a Python module; see `ClosedForms.to_python`."""
+    first, *notes = _heading(forms, title)
+    heading = "\n".join((first, "", *notes)) + "\n" if notes else first
+    return "\n\n".join(
+        [f'"""{heading}"""\n\nimport numpy\n', *(_python_function(_function(forms, n)) for n in names)]
+    )
+
+
+def _python_function(function: _Function) -> str:
+    arguments, tail = function.arguments, function.shape
+    width = max(len(function.results) // tail[0], 1) if tail else 1
+    texts = [*map(numpy_source, function.results)]
+    if function.vectors:
+        shape = f"numpy.broadcast_shapes({', '.join(f'{v}.shape' for v in function.vectors)})[:-1]"
+        taken = f"{' and '.join(arguments)} of shape (..., {function.length}) give"
+    else:
+        shape = f"numpy.broadcast({', '.join(arguments)}).shape"
+        taken = "the arguments broadcast; shape (...) gives"
+    lines = [
+        f'"""{function.name}{function.description}; {taken} (..., {", ".join(map(str, tail))})."""'.replace(
+            ", )", ")"
+        ),
+        *(f"{argument} = numpy.asarray({argument}, dtype=float)" for argument in arguments),
+        *(f"{part} = {v}[..., {i}]" for v, parts in function.vectors.items() for part, i in parts),
+        *(f"{symbol} = {numpy_source(step)}" for symbol, step in function.steps),
+        "parts = (",
+        *(f"    {', '.join(texts[i : i + width])}," for i in range(0, len(texts), width)),
+        ")",
+        f"shape = {shape}",
+        "parts = [numpy.broadcast_to(part, shape) for part in parts]",
+        f"return numpy.stack(parts, axis=-1).reshape(shape + {tail})",
+    ]
+    defaults = [f"{symbol}={value!r}" for symbol, value in function.numbers.items()]
+    return f"def {function.name}({', '.join((*arguments, *defaults))}):\n" + "".join(
+        f"    {line}\n" for line in lines
+    )
+
+
+def c(forms: ClosedForms, names: Sequence[str], title: str) -> str:
+    """Return C source; see `ClosedForms.to_c`."""
+    comment = "\n * ".join(line.replace("*/", "* /") for line in _heading(forms, title))
+    functions = [_c_function(_function(forms, name)) for name in names]
+    return "\n".join([f"/* {comment} */\n\n#include <math.h>\n", *functions])
+
+
+def _c_function(function: _Function) -> str:
+    taken = [
+        f"const double {argument}[{function.length}]" if function.vectors else f"double {argument}"
+        for argument in function.arguments
+    ]
+    lines = [f"const double {symbol} = {value!r};" for symbol, value in function.numbers.items()]
+    lines += [f"const double {part} = {v}[{i}];" for v, parts in function.vectors.items() for part, i in parts]
+    lines += [f"const double {symbol} = {_c_expression(step)};" for symbol, step in function.steps]
+    lines += [f"out[{i}] = {_c_expression(result)};" for i, result in enumerate(function.results)]
+    body = "".join(f"    {line}\n" for line in lines)
+    taken.append(f"double out[{len(function.results)}]")
+    return f"/* {function.name}{function.description} */\nvoid {function.name}({', '.join(taken)})\n{{\n{body}}}\n"
+
+
+def sympy_source(forms: ClosedForms, names: Sequence[str]) -> dict[str, str]:
+    """Return the components as text that SymPy reads; see `ClosedForms.to_sympy`."""
+    return {
+        label: _sympy_expression(expr)
+        for name in names
+        for label, expr in zip(forms.labels(name), forms.entries(name), strict=True)
+    }
