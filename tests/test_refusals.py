@@ -333,6 +333,7 @@ CALLS = {
     ), [
         ("t", A, (0, 0)), ("tol", A, 0), ("base", A, "held"), ("body1", A, None), ("psi_0", A, NAN, None),
         ("gravity", S, (0, 0)), ("force2", S, (1, 2)), ("force2", A, lambda t, _: (0, 0, 1) if t < 1 else (0, 0, 0)),
+        ("force1", A, (1, 0, 0)), ("torque1", A, lambda t, _: np.zeros((len(t), 3))),
         ("hinge_torque", A, lambda *_: "much", lambda *_: None, lambda _t, psi, _: 3.0 if psi < 1 else 0.0, RIGID),
         ("breaks", A, [NAN], [[1.0]]), ("breaks", D, "now"),
         ("until", A, "closed", lambda _, now: 1.0 if now.psi > 0.3 else -1.0),
@@ -353,7 +354,7 @@ CALLS = {
         ("body1.v", A, C(body1=hp.BodyMotion(R=(0, 0, 0), S=EYE, v=(1, 0, 0)))),
     ]),
     "simulate a robot": (lambda q0=(0.0, 0.0), **k: hp.simulate(arm(), [0.0, 1.0], q0, **k), [
-        ("loads", A, {"j9": FINE}, {"j0": 3.0}),
+        ("loads", A, {"j9": FINE}, {"j0": "much"}),
         ("q0", A, {"loads": {"j0": hp.HingeLoad(stops=(1, 2), stop_restitution=0)}}),
         ("q0", S, [0.0]), ("tau", A, lambda t, _: np.zeros((len(t), 3))),
         ("tau", S, lambda _, now: -50 * now.q[0], lambda t, _: np.cos(t[0])),

@@ -87,7 +87,7 @@ def test_no_standing_rod_is_a_stable_equilibrium(offset):
     [
         (hp.HingeLoad(stops=(-1, 1.2), stop_restitution=0.5), "hinge_torque: .*between the stops"),
         (hp.HingeLoad(friction=0.1), "hinge_torque: .*friction"),
-        (lambda _t, psi, _: 50 * psi, "equilibrium: .*none near psi_0 = 1"),
+        (lambda _t, psi, _: 50 * psi, "equilibrium: .*none near"),
     ],
     ids=["rigid stop", "friction", "unstable"],
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from hingepair.motion.collocation import NODE_TIMES, NODES, WEIGHTS
 from hingepair.motion.run import Run, rate_jumps
-from hingepair.motion.trajectory import not_kept
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.tables.sheets import ruled_table
 
@@ -57,25 +56,6 @@ class EnergyBalance:
 
     def _energies(self) -> tuple[tuple[str, Array], ...]:
         return ("kinetic", self.kinetic), ("potential", self.potential)
-
-
-class LazyBalance:
-    """Callable that computes an `EnergyBalance` at the first call; a pickle holds it if it was computed."""
-
-    def __init__(self, balance: Callable[[], EnergyBalance] | EnergyBalance) -> None:
-        self._balance = balance
-
-    def __call__(self) -> EnergyBalance:
-        """Return the balance."""
-        if not isinstance(self._balance, EnergyBalance):
-            self._balance = self._balance()
-        return self._balance
-
-    def __reduce__(self) -> tuple[type, tuple[Any]]:
-        return type(self), (self._balance if isinstance(self._balance, EnergyBalance) else not_kept,)
-
-    def __deepcopy__(self, _: Any) -> LazyBalance:
-        return self
 
 
 def energy_balance(run: Run) -> EnergyBalance:

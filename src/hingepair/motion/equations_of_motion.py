@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from hingepair.equations import dynamics as dyn
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
+from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.motion.collocation import StepPolynomial
 from hingepair.motion.events import Side
-from hingepair.motion.given_motions import GivenBase, GivenJoint
+from hingepair.motion.given_motions import GivenMotion
 from hingepair.motion.loads import Loads, MotionAtInstants
 from hingepair.motion.methods import quaternion_product
 from hingepair.motion.robot_programs import RobotPrograms
@@ -105,22 +106,22 @@ class RobotMotion:
         self,
         robot: Mechanism,
         base: str,
-        base_motion: BodyMotion | GivenBase,
+        base_motion: BodyMotion | GivenMotion,
         q0: Array,
         qd0: Array,
         loads: Loads,
         programs: RobotPrograms,
-        driven: Mapping[int, GivenJoint] | None = None,
+        driven: Mapping[int, GivenMotion] | None = None,
     ) -> None:
         self.robot, self.loads, self.base, self._driven, self._programs = robot, loads, base, driven or {}, programs
-        self.joint_loads = loads.joint_loads
+        self.joint_loads = tuple(loads.joint_loads.values())
         self.dof = robot.dof
         self.has_momenta = base in ("free", "pinned")
-        self._given_base = base_motion if isinstance(base_motion, GivenBase) else None
+        self._given_base = base_motion if isinstance(base_motion, GivenMotion) else None
         self.side: Side = (np.zeros(self.dof), np.zeros(self.dof))
         self._resting: dict[int, dict[str, Array]] = {}  # motion of a base at rest, by the number of instants
         self.held: NDArray[np.bool_] = np.zeros(self.dof, np.bool_)
-        start = REST if isinstance(base_motion, GivenBase) else base_motion
+        start = REST if isinstance(base_motion, GivenMotion) else base_motion
         R, S, v, omega = (_ZERO if x is None else x for x in (start.R, start.S, start.v, start.omega))
         self._R, self._S = np.asarray(R, np.float64), np.asarray(S, np.float64)
         self.quat = matrix_to_quaternion(self._S)
@@ -157,10 +158,9 @@ class RobotMotion:
         self._check_masses()
 
     @property
-    def callable_names(self) -> tuple[str, ...]:
-        """Names of the arguments of `simulate` that are callables."""
-        base = [] if self._given_base is None else [self._given_base.label]
-        return (*self.loads.callable_names, *(joint.label for joint in self._driven.values()), *base)
+    def asks_callables(self) -> bool:
+        """Whether loads or motions are known only at the instants at which users' functions are called."""
+        return bool(self.loads.callable_names or self._driven or self._given_base)
 
     @property
     def _qd(self) -> slice:
@@ -319,8 +319,9 @@ class RobotMotion:
                 joint_loads=False,
             )  # fmt: skip
             powers["base"] = (support.force1 * now.v1 + support.torque1 * now.omega1).sum(axis=-1)
-        for name, part in self.loads.parts_of(loads).items():
-            powers[name] = (part * now.qd).sum(axis=-1)
+        for name in TORQUE_PARTS:
+            if name in loads:
+                powers[name] = (loads[name] * now.qd).sum(axis=-1)
         return powers
 
     # ---- the equations
@@ -347,7 +348,7 @@ class RobotMotion:
     def _now(self, t: Array, states: Array, *, with_base: bool = False) -> MotionAtInstants:
         """Return the motion in states of the present step; of the base only if loads or `with_base` ask for it."""
         q, qd, _ = self._joints(t, states)
-        if not (with_base or self.loads.need_motion):
+        if not (with_base or self.loads.callables):
             return MotionAtInstants(q, qd, *(_ZERO,) * 4)
         if not self.has_momenta:
             return MotionAtInstants(q, qd, *(self._base_inputs(t)[name] for name in MOTION))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -18,18 +17,28 @@ JointCallable: TypeAlias = Callable[[Array], Any]
 """Coordinate of a joint and its first two derivatives at instants (n,) [s]; (n,) each."""
 
 
-class GivenMotion(ABC):
-    """Motion that a callable prescribes; `label` names it in messages.
+class GivenMotion:
+    """Motion that a callable of time prescribes.
+
+    Args:
+        label: its name in messages.
+        motion: the callable.
+        rates: names of rates by the quantities of which they are the derivatives.
+        read: returns what the callable has returned at n instants as n rows by name, or refuses it.
 
     Raises:
         ArgumentError: it is no callable of t.
     """
 
-    rates: ClassVar[Mapping[str, str]]  # of what each is the derivative
-
-    def __init__(self, label: str, motion: Callable[[Array], Any]) -> None:
+    def __init__(
+        self,
+        label: str,
+        motion: Callable[[Array], Any],
+        rates: Mapping[str, str],
+        read: Callable[[str, Any, Array], dict[str, Array]],
+    ) -> None:
         check_callable(label, motion, "t")
-        self.label, self._motion = label, motion
+        self._label, self._motion, self._rates, self._read = label, motion, rates, read
 
     def at(self, t: Array) -> dict[str, Array]:
         """Return the motion at n instants, arrays of n rows by name.
@@ -37,45 +46,40 @@ class GivenMotion(ABC):
         Raises:
             ArgumentError: the callable returns something else.
         """
-        return self._read(call_with_arrays(self.label, self._motion, t), t)
+        return self._read(self._label, call_with_arrays(self._label, self._motion, t), t)
 
     def check(self, t: Array) -> None:
         """Raise an ArgumentError unless rates are derivatives and velocities do not jump, from t[0] to t[-1]."""
-        _check_rates(self.label, self.at, t, self.rates)
-
-    @abstractmethod
-    def _read(self, returned: Any, t: Array) -> dict[str, Array]:
-        """Return what the callable has returned as n rows by name; refuse anything else."""
+        _check_rates(self._label, self.at, t, self._rates)
 
 
-class GivenBase(GivenMotion):
-    """Motion of a base that moves as given: R1, S1, v1, omega1, a1 and alpha1."""
-
-    rates: ClassVar = {"v1": "R1", "omega1": "S1", "a1": "v1", "alpha1": "omega1"}
-
-    def _read(self, returned: Any, t: Array) -> dict[str, Array]:
-        arrays = motion_arrays(f"{self.label}1", returned, "R", "S", "v", "omega", "a", "alpha")
-        shapes = SPACE.shapes
-        try:
-            return {name: np.broadcast_to(x, (len(t), *shapes[name])) for name, x in arrays.items()}
-        except ValueError:
-            expected = f"a callable that returns the motion of the base at {len(t)} instants"
-            raise ArgumentError(self.label, expected, {name: array.shape for name, array in arrays.items()}) from None
+def given_base(label: str, motion: Callable[[Array], BodyMotion]) -> GivenMotion:
+    """Return the motion of a base: R1, S1, v1, omega1, a1 and alpha1."""
+    return GivenMotion(label, motion, {"v1": "R1", "omega1": "S1", "a1": "v1", "alpha1": "omega1"}, _read_base)
 
 
-class GivenJoint(GivenMotion):
-    """Motion of a joint that moves as given: psi, psid and psidd, in this order."""
+def given_joint(label: str, motion: JointCallable) -> GivenMotion:
+    """Return the motion of a joint: psi, psid and psidd, in this order."""
+    return GivenMotion(label, motion, {"psid": "psi", "psidd": "psid"}, _read_joint)
 
-    rates: ClassVar = {"psid": "psi", "psidd": "psid"}
 
-    def _read(self, returned: Any, t: Array) -> dict[str, Array]:
-        names = ("psi", *self.rates)
-        try:
-            values = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in returned)
-            return dict(zip(names, values, strict=True))
-        except (TypeError, ValueError):
-            expected = f"a callable that returns (psi, psi', psi'') at {len(t)} instants"
-            raise ArgumentError(self.label, expected, returned) from None
+def _read_base(label: str, returned: Any, t: Array) -> dict[str, Array]:
+    arrays = motion_arrays(f"{label}1", returned, "R", "S", "v", "omega", "a", "alpha")
+    try:
+        return {name: np.broadcast_to(x, (len(t), *SPACE.shapes[name])) for name, x in arrays.items()}
+    except ValueError:
+        expected = f"a callable that returns the motion of the base at {len(t)} instants"
+        raise ArgumentError(label, expected, {name: array.shape for name, array in arrays.items()}) from None
+
+
+def _read_joint(label: str, returned: Any, t: Array) -> dict[str, Array]:
+    try:
+        values = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in returned)
+        return dict(zip(("psi", "psid", "psidd"), values, strict=True))
+    except (TypeError, ValueError):
+        raise ArgumentError(
+            label, f"a callable that returns (psi, psi', psi'') at {len(t)} instants", returned
+        ) from None
 
 
 def check_rest(label: str, base: str, start: BodyMotion) -> None:

@@ -20,7 +20,6 @@ from hingepair.mechanism.requests import STATES
 from hingepair.motion.signals import R1_PARTS, SampledSignal, Signal, read_position, read_signal
 from hingepair.motion.solve import Solution, SolveOptions, solve, solve_together
 from hingepair.motion.trajectory import (
-    LazyValue,
     PlanarTrajectory,
     Trajectory,
     quaternions_to_matrices,
@@ -353,11 +352,6 @@ def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
         array = rows[0] if len(rows) == 1 else np.array(rows)
         return read_only(array.reshape(*motions, *shape))
 
-    def lazily(errors: Sequence[LazyValue]) -> LazyValue:
-        values = np.empty(len(errors), object)
-        values[:] = errors
-        return LazyValue(values.reshape(motions))
-
     count = len(t)
     orientations = stacked([one.orientations for one in solutions], *((count,) if request.is_planar else (count, 4)))
     psi = stacked([one.psi for one in solutions], count)
@@ -372,8 +366,7 @@ def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
         state=_compute_state(request, orientations, psi),
         method=METHODS[0],
         steps=read_only(steps.reshape(motions)) if motions else int(steps[0]),
-        _error=lazily([one.error for one in solutions]),
-        _psi_error=lazily([one.psi_error for one in solutions]),
+        _solutions=np.array(solutions, object).reshape(motions),
         **values,
     )
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
@@ -14,23 +14,26 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.mechanism.bodies.hinge_load import HingeLoad, HingeTorque, stop_range
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.options import DEFAULT_GRAVITY, Wrenches
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.motion.equations_of_motion import REST
-from hingepair.motion.given_loads import LoadArgument, hinge_load, loads_by_joint, pair_loads
-from hingepair.motion.given_motions import GivenBase
-from hingepair.motion.loads import Loads, MotionAtInstants, has_callable
-from hingepair.motion.simulate import BaseArgument, initial_state, read_base, robot_of_pair, to_spatial_pair
+from hingepair.motion.given_loads import EffortArgument, LoadArgument, loads_by_joint, robot_loads
+from hingepair.motion.given_motions import GivenMotion
+from hingepair.motion.loads import ON_BASE, MotionAtInstants, has_callable
+from hingepair.motion.pairs import BaseArgument, in_words_of_pairs, pair_as_robot
+from hingepair.motion.simulate import BaseMotion, base_of
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only, vectors
+from hingepair.rollouts.tracks import Feedback
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import ruled_table
 
 _STEP: Final = 1e-4  # of differences of order 4 [rad, m, rad/s, m/s]
 _DRIFT: Final = 1e-6  # of the largest pole: double poles at 0 come out as the root of rounding errors
 _MAX_CHANGE = 0.3  # rad: of an angle in one iteration towards an equilibrium
-_OUT_OF_PLANE: Final = ("R1_z", "phi_x", "phi_y", "v1_z", "omega1_x", "omega1_y")
+_OUT_OF_PLANE: Final = (2, 3, 4)  # of R1 and phi
+_PINNED: Final = (0, 1, 2)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,8 +149,11 @@ def linearize(
       friction without `friction_rate` is no load of a joint at rest here, which it holds.
     - `joint_loads`: whether springs, dampers and dry friction of the joints act, as for `inverse_dynamics`.
     - `wrenches`: loads on links, which keep their values in world axes, as for `inverse_dynamics`.
-    - `force1`, `torque1`: force and torque on a free base, as for `forward_dynamics`.
-    - `base_motion`: motion of the base, as for `forward_dynamics`.
+    - `force1`, `torque1`: force and torque on a free base, as for `forward_dynamics`. These, `tau` and `wrenches` may
+      also be callables of (t, now), as for `simulate`, about one state.
+    - `base`: as for `simulate`; by default that of the robot.
+    - `base_motion`: motion of the base, as for `forward_dynamics`, or a callable, as for `simulate`.
+    - `equilibrium`: as for pairs, about one state; tau is then 0 by default.
     - `workers`: number of threads.
 
     Args:
@@ -192,84 +198,80 @@ def linearize(
     >>> hp.linearize(hp.Mechanism([pair]), [np.pi / 2]).natural_frequencies.round(4)
     array([2.5573])
     """
-    space = to_spatial_pair(pair)
-    is_planar = space is not pair
-    if gravity is None:
-        gravity = PLANAR_GRAVITY if is_planar else DEFAULT_GRAVITY
-    held, instant = read_base(base), finite_number("t", t)
-    start = initial_state(held, body1, is_planar, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
-    if equilibrium and (start.v.any() or start.omega.any() or start.psid):
-        raise ArgumentError("psid_0, body1", "a state at rest, from which an equilibrium is sought", quoted(body1))
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-    loads = pair_loads(forces, HingeLoad(), gravity, is_planar=is_planar)
-    load = hinge_load(hinge_torque)
-    robot = robot_of_pair(space, held)
-    rest = {} if robot.base == "free" else {"a": np.zeros(3), "alpha": np.zeros(3)}
-    motion = motion_of_rotations(R=start.R, S=start.S, v=start.v, omega=start.omega, **rest)
-    if isinstance(held, GivenBase):
-        given = {name[:-1]: part[0] for name, part in held.at(np.array([instant])).items()}
-        motion = BodyMotion(**given)
-    q, qd, label = np.array([start.psi]), np.array([start.psid]), "hinge_torque"
-
-    def at(q: Array, motion: BodyMotion, *, search: bool = False) -> _SmallMotion:
-        efforts = _efforts(label, load, instant, q, qd, allow_stops=search)
-        return _pair_motion(robot, held, q, qd, motion, efforts, loads, instant, backend)
-
-    if equilibrium:
-        if load.sticking_friction:
-            raise ArgumentError(label, _NOT_SMOOTH, quoted(hinge_torque))
-        q, motion = _find_equilibrium(at, q, motion, load, is_planar=is_planar)
-    small = at(q, motion)
-    if is_planar:
-        small = small.select([name not in _OUT_OF_PLANE for name in small.names])
-    body1 = None if isinstance(held, GivenBase) else motion
-    return small.result(q, body1, B=small.B[:, -1])
+    start = [finite_number("psi_0", psi_0)], [finite_number("psid_0", psid_0)], 0.0
+    _, robot, given = pair_as_robot(pair, base, body1, hinge_torque, forces, gravity)
+    with in_words_of_pairs(base):
+        small = linearize_robot(
+            robot, *start, **given, t=t, equilibrium=equilibrium, backend=backend,
+            left_out=_OUT_OF_PLANE if isinstance(pair, PlanarPair) else (),
+        )  # fmt: skip
+    names = tuple("psid" if name == "psi_dot" else name for name in small.names)
+    return replace(small, names=names, B=small.B[:, -1])
 
 
-def _linearize_robot(
+def linearize_robot(
     robot: Mechanism,
     q: ArrayLike,
     qd: ArrayLike | None = None,
-    tau: ArrayLike | None = None,
+    tau: EffortArgument | None = None,
     *,
     loads: Mapping[str, HingeTorque] | None = None,
+    joint_loads: bool | None = None,
     t: float = 0.0,
     gravity: ArrayLike = DEFAULT_GRAVITY,
-    wrenches: Wrenches = None,
-    joint_loads: bool | None = None,
-    force1: ArrayLike = 0,
-    torque1: ArrayLike = 0,
-    base_motion: BodyMotion | None = None,
+    wrenches: Mapping[str, tuple[LoadArgument, LoadArgument]] | None = None,
+    force1: LoadArgument = 0,
+    torque1: LoadArgument = 0,
+    base: str | None = None,
+    base_motion: BaseMotion = None,
+    equilibrium: bool = False,
     workers: int = 1,
     backend: str = "auto",
+    left_out: Collection[int] = (),
 ) -> Linearization:
-    """Linearize the motion of a robot; `linearize` says what the arguments are."""
-    zeros = np.zeros(robot.dof)
-    q, qd = vectors("q", q, robot.dof), zeros if qd is None else vectors("qd", qd, robot.dof)
+    """Linearize the motion of a robot; `linearize` says what the arguments are. `left_out` are numbers of components
+    of R1 and phi in which nothing moves.
+    """
     if loads is not None and joint_loads is not None:
         raise ArgumentError("joint_loads", "None beside loads", quoted(joint_loads))
-    options: dict[str, Any] = {"gravity": gravity, "wrenches": wrenches, "workers": workers, "backend": backend}
+    zeros, instant = np.zeros(robot.dof), finite_number("t", t)
+    given_rates = zeros if qd is None else vectors("qd", qd, robot.dof)
+    q, qd = (np.asarray(x, np.float64) for x in np.broadcast_arrays(vectors("q", q, robot.dof), given_rates))
+    motion: Any = base_motion
+    if base is not None or callable(base_motion):
+        kind, motion = base_of(robot, base, base_motion)
+        if kind in ("free", "pinned"):
+            robot = robot.with_base("free")
+        left_out = (*_PINNED, *left_out) if kind == "pinned" else left_out
+    moves_as_given = isinstance(motion, GivenMotion)
+    if moves_as_given:
+        motion = BodyMotion(**{name[:-1]: rows[0] for name, rows in motion.at(np.array([instant])).items()})
+    options: dict[str, Any] = {"gravity": gravity, "workers": workers, "backend": backend}
     options["joint_loads"] = joint_loads if loads is None else False
-    on_base: dict[str, Any] = {"force1": force1, "torque1": torque1}
-    q, qd = np.broadcast_arrays(np.asarray(q, np.float64), np.asarray(qd, np.float64))
-    efforts = _no_efforts(q)
-    instant = finite_number("t", t)
-    for k, (name, load) in enumerate(zip(robot.names, loads_by_joint(robot, loads), strict=True)):
-        if load != HingeLoad():
-            own = _efforts(f"loads[{name!r}]", load, instant, q[..., k], qd[..., k])
-            for whole, part in zip(efforts, own, strict=True):
-                whole[..., k] = part
-    if tau is None:
-        motion = _falling(robot, q, qd, base_motion, on_base, options) if robot.base == "free" else base_motion
-        total = robot.inverse_dynamics(q, qd, zeros, outputs=("tau",), base_motion=motion, **options).tau
-    else:
-        total = vectors("tau", tau, robot.dof) + efforts.values
-    options["base_motion"] = base_motion
-    small = _small_motion(robot, q, qd, np.asarray(total, np.float64), on_base, options)
-    return small.add_efforts(efforts).result(q, base_motion)
+    given: dict[str, Any] = {"wrenches": wrenches, "force1": force1, "torque1": torque1}
+    given["tau"] = zeros if tau is None and equilibrium else tau
+    states = _States(robot, loads_by_joint(robot, loads), given, instant, options, left_out)
+    if equilibrium:
+        rates = (qd, *(getattr(motion, letter, None) for letter in ("v", "omega")))
+        if q.ndim > 1 or any(rate is not None and np.any(rate) for rate in rates):
+            raise ArgumentError(
+                "qd, base_motion", "one state at rest, from which an equilibrium is sought", quoted(qd)
+            )
+        q, motion = _find_equilibrium(states, q, motion)
+    small = states.small_motion(q, qd, motion)
+    parts = [("R1", "phi"), ("v1", "omega1")] if robot.base == "free" else [(), ()]
+    names = [
+        [f"{letter}_{axis}" for letter in letters for axis in "xyz"] + [name + ending for name in robot.names]
+        for letters, ending in zip(parts, ("", "_dot"), strict=True)
+    ]
+    kept = tuple(both[k] for both in names for k in small.kept)
+    return Linearization(
+        read_only(small.A), read_only(small.B), read_only(small.rates), kept, q, None if moves_as_given else motion
+    )
 
 
-linearize.register(Mechanism, cast(Any, _linearize_robot))
+linearize.register(Mechanism, cast(Any, linearize_robot))
 
 
 class _Efforts(NamedTuple):
@@ -281,36 +283,135 @@ class _Efforts(NamedTuple):
 
 
 class _SmallMotion(NamedTuple):
-    """Linearized motion: names and rates of the state, and their derivatives, as in `Linearization`."""
+    """Linearized motion: rates of the state, and their derivatives, as in `Linearization`."""
 
     A: Array
     B: Array
     rates: Array
-    names: tuple[str, ...]
+    kept: NDArray[np.intp]  # numbers of its velocities among all of the robot
+
+    def without(self, numbers: Collection[int]) -> _SmallMotion:
+        """Return the motion without some of all velocities, in which nothing moves."""
+        index = np.flatnonzero(~np.isin(self.kept, [*numbers]))
+        rows = np.concatenate((index, len(self.kept) + index))
+        return _SmallMotion(
+            self.A[..., rows[:, None], rows], self.B[..., rows, :], self.rates[..., rows], self.kept[index]
+        )
+
+
+class _States(NamedTuple):
+    """Motion of a robot about any states, under given loads.
+
+    Attributes:
+        robot: the robot.
+        joint_loads: HingeLoad of each joint.
+        given: wrenches, force1, torque1 and tau as users give them; tau None: what makes q'' = 0.
+        t: instant [s].
+        options: options of the robot's methods.
+        left_out: numbers of components of R1 and phi in which nothing moves.
+    """
+
+    robot: Mechanism
+    joint_loads: Mapping[str, HingeLoad]
+    given: Mapping[str, Any]
+    t: float
+    options: Mapping[str, Any]
+    left_out: Collection[int]
 
     @property
-    def size(self) -> int:
-        """Number of velocities."""
-        return len(self.names) // 2
+    def free(self) -> bool:
+        """Whether forces move the base."""
+        return bool(self.robot.base == "free")
 
-    def select(self, kept: list[bool]) -> _SmallMotion:
-        """Return the motion of some components of the state; the others do not move."""
-        index = np.flatnonzero(kept)
-        names = tuple(self.names[k] for k in index)
-        return _SmallMotion(self.A[..., index[:, None], index], self.B[..., index, :], self.rates[..., index], names)
+    @property
+    def pinned(self) -> bool:
+        """Whether a force keeps R1 where it is."""
+        return {*_PINNED} <= {*self.left_out}
 
-    def add_efforts(self, efforts: _Efforts) -> _SmallMotion:
-        """Return the motion where efforts at the joints change with the state."""
-        n, dof, A = self.size, efforts.values.shape[-1], self.A.copy()
-        by_tau = self.B[..., self.B.shape[-1] - dof :]
-        A[..., n - dof : n] += by_tau * efforts.by_q[..., None, :]
-        A[..., 2 * n - dof :] += by_tau * efforts.by_qd[..., None, :]
-        return self._replace(A=A)
+    def small_motion(self, q: Array, qd: Array, motion: BodyMotion | None, *, stops: bool = True) -> _SmallMotion:
+        """Return the linearized motion about states; `stops`: refuse those at rigid stops."""
+        efforts = self._efforts(q, qd, stops)
+        tau, on_base, wrenches, slopes = self._loads_at(q, qd, motion)
+        options = {**self.options, "wrenches": wrenches}
+        if tau is None:
+            still = self._held_stiff(q, qd, motion, on_base, options) if self.free else motion
+            tau = self.robot.inverse_dynamics(
+                q, qd, np.zeros_like(q), outputs=("tau",), base_motion=still, **options
+            ).tau  # fmt: skip
+        else:
+            tau = tau + efforts.values
+        options["base_motion"] = motion
+        small = _small_motion(self.robot, q, qd, tau, on_base, options)
+        n = len(small.kept)
+        if self.pinned:
+            reaction = -np.linalg.solve(small.B[..., n : n + 3, :3], small.rates[..., n : n + 3, None])[..., 0]
+            on_base["force1"] = on_base["force1"] + reaction
+            small = _small_motion(self.robot, q, qd, tau, on_base, options)
+        by_tau, A = small.B[..., 6 * self.free :], small.A + (0 if slopes is None else small.B @ slopes)
+        A[..., 6 * self.free : n] += by_tau * efforts.by_q[..., None, :]
+        A[..., n + 6 * self.free :] += by_tau * efforts.by_qd[..., None, :]
+        small = small._replace(A=A)
+        if self.pinned:  # a change of the state changes a1, and the force on R1 changes it back
+            share = small.B[..., :3] @ np.linalg.inv(small.B[..., n : n + 3, :3])
+            small = small._replace(A=A - share @ A[..., n : n + 3, :], B=small.B - share @ small.B[..., n : n + 3, :])
+        return small.without(self.left_out)
 
-    def result(self, q: Array, body1: BodyMotion | None, B: Array | None = None) -> Linearization:
-        """Return what users see."""
-        by_loads = self.B if B is None else B
-        return Linearization(read_only(self.A), read_only(by_loads), read_only(self.rates), self.names, q, body1)
+    def _loads_at(self, q: Array, qd: Array, motion: BodyMotion | None) -> tuple[Any, dict[str, Any], Any, Any]:
+        """Return tau, the loads on the base and the wrenches; and where any is a callable, the derivatives of the
+        generalized forces by the state, (velocities, 2 velocities), by differences of order 4.
+        """
+        tau, wrenches = self.given["tau"], self.given["wrenches"]
+        on_base = {name: self.given[name] for name in ON_BASE if self.free or np.any(self.given[name] != 0)}
+        loads = [tau, *on_base.values(), *(load for pair in (wrenches or {}).values() for load in pair)]
+        if not any(callable(load) or isinstance(load, Feedback) for load in loads):
+            if tau is not None:
+                tau = np.zeros(q.shape) + tau if isinstance(tau, float | int) else vectors("tau", tau, self.robot.dof)
+            return tau, on_base, wrenches, None
+        if q.ndim > 1:
+            raise ArgumentError("q", "one state beside loads that are callables", f"shape {q.shape}")
+        given = {name: self.given[name] for name in ON_BASE}
+        acting = robot_loads(self.robot, 0.0 if tau is None else tau, None, wrenches, given, self.options["gravity"])
+        size = 6 + self.robot.dof
+        columns = np.arange(2 * size).reshape(2, size)[:, 0 if self.free else 6 :].ravel()
+        steps = np.concatenate([k * _STEP * np.eye(2 * size)[columns] for k in (-2, -1, 1, 2)])
+        now = _beside(q, qd, REST if motion is None else motion, np.concatenate([np.zeros((1, 2 * size)), steps]))
+        t = np.full(len(now.q), self.t)
+        base, links = acting.on_bodies(t, now)
+        forces = np.concatenate([base, acting.efforts.at(t, now), links.reshape(len(t), -1)], axis=1)
+        two_before, before, after, two_after = forces[1:].reshape(4, len(columns), -1)
+        slopes = ((8 * (after - before) - (two_after - two_before)) / (12 * _STEP)).T
+        along: list[Any] = [np.eye(size)[:, 0 if self.free else 6 :]]
+        along += [self.robot.jacobian(q, link, base_motion=motion) for link in acting.wrenches]
+        on_base = {name: base[0, 3 * k : 3 * k + 3] for k, name in enumerate(ON_BASE) if name in on_base}
+        found = {link: (one[:3], one[3:]) for link, one in zip(acting.wrenches, links[0], strict=True)}
+        return None if tau is None else forces[0, 6:size], on_base, found, np.concatenate(along).T @ slopes
+
+    def _held_stiff(self, q: Array, qd: Array, motion: BodyMotion | None, on_base: Any, options: Any) -> BodyMotion:
+        """Return the motion of a base that forces move while all joints are stiff: M a = f - h of its rows (T4)."""
+        motion, zero = REST if motion is None else motion, np.zeros(3)
+        v, omega = (zero if rate is None else rate for rate in (motion.v, motion.omega))
+        still = motion_of_rotations(R=motion.R, S=motion.S, v=v, omega=omega, a=zero, alpha=zero)
+        h = self.robot.inverse_dynamics(q, qd, np.zeros_like(q), base_motion=still, **options)
+        run = {name: options[name] for name in ("workers", "backend")}
+        moving = [k for k in range(6) if k not in self.left_out]
+        M = self.robot.mass_matrix(q, base_motion=still, **run)[..., moving, :][..., moving]
+        force, torque = (np.asarray(on_base[name], np.float64) + zero for name in ON_BASE)
+        rest = np.concatenate(np.broadcast_arrays(force - h.force1, torque - h.torque1), axis=-1)
+        a = np.zeros(rest.shape)
+        a[..., moving] = np.linalg.solve(M, rest[..., moving, None])[..., 0]
+        return motion_of_rotations(R=motion.R, S=motion.S, v=v, omega=omega, a=a[..., :3], alpha=a[..., 3:])
+
+    def _efforts(self, q: Array, qd: Array, stops: bool) -> _Efforts:
+        """Return the efforts of all HingeLoads and their derivatives."""
+        found = _Efforts(*(np.zeros(q.shape) for _ in range(3)))
+        for k, (name, load) in enumerate(self.joint_loads.items()):
+            if load != HingeLoad():
+                label = f"loads[{name!r}]"
+                for whole, part in zip(
+                    found, _efforts(label, load, self.t, q[..., k], qd[..., k], stops), strict=True
+                ):
+                    whole[..., k] = part
+        return found
 
 
 def _small_motion(
@@ -334,47 +435,19 @@ def _small_motion(
         parts = [v1, omega1, qd, a.a1, a.alpha1, a.qdd]
     parts = [np.broadcast_to(part, (*lead, np.shape(part)[-1])) for part in parts]
     rates = np.asarray(np.concatenate(parts, axis=-1), np.float64)
-    base = [f"{letter}_{axis}" for letter in ("R1", "phi") for axis in "xyz"] if free else []
-    base_rates = [f"{letter}_{axis}" for letter in ("v1", "omega1") for axis in "xyz"] if free else []
-    return _SmallMotion(A, B, rates, (*base, *robot.names, *base_rates, *(f"{name}_dot" for name in robot.names)))
-
-
-def _falling(
-    robot: Mechanism, q: Array, qd: Array, base_motion: BodyMotion | None, on_base: Mapping[str, Any], options: Any
-) -> BodyMotion:
-    """Return the motion of a free base whose robot is held stiff: M a = f - h, of the rows of the base (T4)."""
-    motion = REST if base_motion is None else base_motion
-    zero = np.zeros(3)
-    known = {
-        letter: zero if getattr(motion, letter) is None else getattr(motion, letter) for letter in ("v", "omega")
-    }
-    still = _with_rates(motion, **known, a=zero, alpha=zero)
-    h = robot.inverse_dynamics(q, qd, np.zeros(robot.dof), base_motion=still, **options)
-    run = {name: options[name] for name in ("workers", "backend")}
-    M = robot.mass_matrix(q, base_motion=still, **run)[..., :6, :6]
-    force, torque = (np.asarray(on_base[name], np.float64) + zero for name in ("force1", "torque1"))
-    rest = np.concatenate(np.broadcast_arrays(force - h.force1, torque - h.torque1), axis=-1)
-    a = np.linalg.solve(M, rest[..., None])[..., 0]
-    return _with_rates(motion, **known, a=a[..., :3], alpha=a[..., 3:])
-
-
-def _with_rates(motion: BodyMotion, **rates: Any) -> BodyMotion:
-    """Return the pose of a motion with other rates."""
-    return motion_of_rotations(R=motion.R, S=motion.S, **rates)
-
-
-def _no_efforts(q: Array) -> _Efforts:
-    return _Efforts(*(np.zeros(q.shape) for _ in range(3)))
+    return _SmallMotion(A, B, rates, np.arange(n))
 
 
 _NOT_SMOOTH: Final = "a load with a linearization: friction that sticks (without friction_rate) or a stop holds it"
 
 
-def _efforts(label: str, load: HingeLoad, t: float, q: Array, qd: Array, *, allow_stops: bool = False) -> _Efforts:
-    """Return the effort of a HingeLoad at one joint in any number of states, and its derivatives."""
+def _efforts(label: str, load: HingeLoad, t: float, q: Array, qd: Array, stops: bool) -> _Efforts:
+    """Return the effort of a HingeLoad at one joint in any number of states, and its derivatives; `stops`: refuse
+    states at rigid stops.
+    """
     x, rate = q.ravel(), qd.ravel()
     lower, upper = stop_range(load, rigid=True)
-    at_stop = not allow_stops and bool(((x <= lower) | (x >= upper)).any())
+    at_stop = stops and bool(((x <= lower) | (x >= upper)).any())
     if at_stop or (load.sticking_friction and not rate.all()):
         raise ArgumentError(label, _NOT_SMOOTH, quoted(load))
     times = np.full(x.shape, t)
@@ -392,96 +465,38 @@ def _efforts(label: str, load: HingeLoad, t: float, q: Array, qd: Array, *, allo
     return _Efforts(*(np.asarray(part, np.float64).reshape(q.shape) for part in (at(0, 0), slope(1, 0), slope(0, 1))))
 
 
-def _pair_motion(
-    robot: Mechanism,
-    held: str | GivenBase,
-    q: Array,
-    qd: Array,
-    motion: BodyMotion,
-    efforts: _Efforts,
-    loads: Loads,
-    t: float,
-    backend: str,
-) -> _SmallMotion:
-    """Return the linearized motion of a pair as a robot of one joint, by its names for pairs."""
-    moves = held in ("free", "pinned")
-    base, links = loads.on_bodies(np.array([t]), _now(q, qd, motion, np.zeros((1, 14))))
-    wrenches = {link: (one[:3], one[3:]) for link, one in zip(loads.wrenches, links[0], strict=True)}
-    options: dict[str, Any] = {"gravity": loads.gravity, "wrenches": wrenches, "base_motion": motion}
-    options |= {"joint_loads": False, "backend": backend}
-    on_base: dict[str, Any] = {"force1": base[0, :3], "torque1": base[0, 3:]} if moves else {}
-    small = _small_motion(robot, q, qd, efforts.values, on_base, options)
-    pinned = held == "pinned"
-    if pinned:  # the force that keeps R1 where it is
-        n = small.size
-        reaction = -np.linalg.solve(small.B[n : n + 3, :3], small.rates[n : n + 3])
-        on_base["force1"] = on_base["force1"] + reaction
-        small = _small_motion(robot, q, qd, efforts.values, on_base, options)
-    if loads.callable_names:
-        small = _with_callables(small, robot, q, qd, motion, loads, t)
-    small = small.add_efforts(efforts)
-    names = dict.fromkeys(small.names)
-    names |= {robot.names[0]: "psi", f"{robot.names[0]}_dot": "psid"}
-    small = small._replace(names=tuple(new or name for name, new in names.items()))
-    return _pinned(small) if pinned else small
+def _beside(q: Array, qd: Array, motion: BodyMotion, changes: Array) -> MotionAtInstants:
+    """Return the motion beside a state; `changes` of R1, phi, q, v1, omega1 and qd, (m, 12 + 2 dof)."""
+    n = len(q)
+    R, turn, at, v, omega, rates = np.split(changes, (3, 6, 6 + n, 9 + n, 12 + n), axis=1)
+    S = np.asarray(rotation_exp(turn) @ motion.S, np.float64)
+    given = ((motion.R, R), (motion.v, v), (motion.omega, omega))
+    R1, v1, omega1 = (change if part is None else np.asarray(part, np.float64) + change for part, change in given)
+    return MotionAtInstants(q + at, qd + rates, R1, S, v1, omega1)
 
 
-def _pinned(small: _SmallMotion) -> _SmallMotion:
-    """Return the motion of a robot whose R1 is kept in place by a force that changes with the state."""
-    n = small.size
-    rows = slice(n, n + 3)  # of a1
-    # A change of the state changes a1, and the force changes it back.
-    share = small.B[:, :3] @ np.linalg.inv(small.B[rows, :3])
-    held = small._replace(A=small.A - share @ small.A[rows], B=small.B - share @ small.B[rows])
-    return held.select([not name.startswith(("R1_", "v1_")) for name in small.names])
-
-
-def _with_callables(
-    small: _SmallMotion, robot: Mechanism, q: Array, qd: Array, motion: BodyMotion, loads: Loads, t: float
-) -> _SmallMotion:
-    """Return the motion where forces on bodies are functions of the motion, by differences of these forces."""
-    free = robot.base == "free"
-    columns = np.arange(14) if free else np.array([6, 13])  # of R1, phi, psi, v1, omega1 and psid
-    changes = np.concatenate([k * _STEP * np.eye(14)[columns] for k in (-2, -1, 1, 2)])
-    now = _now(q, qd, motion, changes)
-    base, links = loads.on_bodies(np.full(len(changes), t), now)
-    forces = np.concatenate([base, links.reshape(len(changes), -1)], axis=1)
-    two_before, before, after, two_after = forces.reshape(4, len(columns), -1)
-    slopes = ((8 * (after - before) - (two_after - two_before)) / (12 * _STEP)).T
-    # What forces on bodies are at the joints and the base.
-    along: list[Any] = [np.eye(7)[:6] if free else np.zeros((6, 1))]
-    along += [robot.jacobian(q, link, base_motion=motion) for link in loads.wrenches]
-    return small._replace(A=small.A + small.B @ (np.concatenate(along).T @ slopes))
-
-
-def _now(q: Array, qd: Array, motion: BodyMotion, changes: Array) -> MotionAtInstants:
-    """Return the motion of a pair beside a state; `changes` (n, 14) of R1, phi, psi, v1, omega1 and psid."""
-    R, turn, psi, v, omega, psid = np.split(changes, (3, 6, 7, 10, 13), axis=1)
-    S = rotation_exp(turn) @ np.asarray(motion.S)
-    given = (np.asarray(part, np.float64) for part in (motion.R, motion.v, motion.omega))
-    R1, v1, omega1 = (part + change for part, change in zip(given, (R, v, omega), strict=True))
-    return MotionAtInstants(q + psi, qd + psid, R1, S, v1, omega1)
-
-
-def _find_equilibrium(
-    at: Callable[..., _SmallMotion], q: Array, motion: BodyMotion, load: HingeLoad, *, is_planar: bool
-) -> tuple[Array, BodyMotion]:
-    """Return psi and the motion of body 1 at the stable equilibrium near a state at rest, by Newton's method."""
-    start, (lower, upper) = float(q[0]), stop_range(load, rigid=True)
+def _find_equilibrium(states: _States, q: Array, motion: BodyMotion | None) -> tuple[Array, BodyMotion | None]:
+    """Return q and the motion of the base at the stable equilibrium near a state at rest, by Newton's method."""
+    start, offset = q, 6 * states.free
+    for name, load in states.joint_loads.items():
+        if load.sticking_friction:
+            raise ArgumentError(f"loads[{name!r}]", _NOT_SMOOTH, quoted(load))
+    ranges = [stop_range(load, rigid=True) for load in states.joint_loads.values()]
+    lower, upper = np.array(ranges).reshape(-1, 2).T
     for _ in range(200):
         q = np.clip(q, lower, upper)
-        small = at(q, motion, search=True)
-        if is_planar:
-            small = small.select([name not in _OUT_OF_PLANE for name in small.names])
-        n, coordinates = small.size, [k for k, name in enumerate(small.names) if name.startswith(("phi", "psi"))]
-        coordinates = [k for k in coordinates if k < n]
+        small = states.small_motion(q, np.zeros_like(q), motion, stops=False)
+        n, coordinates = len(small.kept), np.flatnonzero(small.kept >= offset // 2)  # phi and q
         accelerations, matrix = small.rates[n:], small.A[n:, coordinates]
-        # Forces along the coordinates, of which those of a drift of the whole pair vanish.
+        # Forces along the coordinates, of which those of a drift of the whole robot vanish.
         forces = np.linalg.lstsq(small.B[n:], accelerations, rcond=1e-12)[0]
-        forces = forces[[_FORCE_COLUMNS[small.names[k]] for k in coordinates]]
-        if q[0] in (lower, upper) and forces[-1] * (1 if q[0] == upper else -1) > 0:
-            raise ArgumentError("hinge_torque", "a torque with an equilibrium between the stops", "a stop that holds")
-        # Newton's step, by least squares where the whole pair may drift.
+        pressed = ((q == upper) & (forces[offset:] > 0)) | ((q == lower) & (forces[offset:] < 0))
+        if pressed.any():
+            name = states.robot.names[int(np.argmax(pressed))]
+            expected = "a load with an equilibrium between the stops"
+            raise ArgumentError(f"loads[{name!r}]", expected, "a stop that holds")
+        forces = forces[small.kept[coordinates]]
+        # Newton's step, by least squares where the whole robot may drift.
         change: Any = np.linalg.lstsq(matrix, -accelerations, rcond=1e-9)[0]
         size = float(np.abs(change).max())
         # At rest, and stable?
@@ -493,27 +508,26 @@ def _find_equilibrium(
         elif forces @ change <= 0:  # towards an unstable equilibrium, or nowhere
             change = forces
         else:
-            q, motion = _moved(q, motion, small.names, coordinates, change * min(1.0, _MAX_CHANGE / size))
+            q, motion = _moved(states, q, motion, small.kept[coordinates], change * min(1.0, _MAX_CHANGE / size))
             continue
         # Away by twice the distance of the unstable equilibrium, and by a hundredth of a radian at least.
         far = min(max(2 * size, 0.01), _MAX_CHANGE) / np.abs(change).max()
-        q, motion = _moved(q, motion, small.names, coordinates, change * far)
-    raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near psi_0 = {start:g}")
-
-
-# Columns of the derivatives by (force1, torque1, hinge_torque), by the coordinate along which a load acts.
-_FORCE_COLUMNS: Final = {"phi_x": 3, "phi_y": 4, "phi_z": 5, "psi": -1}
+        q, motion = _moved(states, q, motion, small.kept[coordinates], change * far)
+    raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near {start.tolist()}")
 
 
 def _moved(
-    q: Array, motion: BodyMotion, names: tuple[str, ...], coordinates: list[int], change: Array
-) -> tuple[Array, BodyMotion]:
-    """Return psi and the motion of body 1 after changes of coordinates."""
-    by_name = {names[k]: float(x) for k, x in zip(coordinates, change, strict=True)}
-    turn = np.array([by_name.get(f"phi_{axis}", 0.0) for axis in "xyz"])
-    S = rotation_exp(turn) @ np.asarray(motion.S)
-    rates = {letter: getattr(motion, letter) for letter in ("v", "omega", "a", "alpha")}
-    return q + by_name["psi"], motion_of_rotations(R=motion.R, S=S, **rates)
+    states: _States, q: Array, motion: BodyMotion | None, numbers: NDArray[np.intp], change: Array
+) -> tuple[Array, BodyMotion | None]:
+    """Return q and the motion of the base after changes of coordinates."""
+    offset = 6 * states.free
+    changes = np.zeros(offset + len(q))
+    changes[numbers] = change
+    if offset:
+        base = REST if motion is None else motion
+        rates = {letter: getattr(base, letter) for letter in ("v", "omega", "a", "alpha")}
+        motion = motion_of_rotations(R=base.R, S=rotation_exp(changes[3:6]) @ np.asarray(base.S), **rates)
+    return q + changes[offset:], motion
 
 
 def _growing_direction(A: Array) -> Array | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -90,18 +90,12 @@ class Loads:
     gravity: tuple[float, ...]
     #: efforts at all joints, to which those of HingeLoads are added
     efforts: GivenLoad
-    #: HingeLoad of each joint
-    joint_loads: tuple[HingeLoad, ...]
-    #: their names in messages
-    joint_labels: tuple[str, ...]
-    #: names of the coordinates in messages
-    coordinates: tuple[str, ...]
+    #: HingeLoad of each joint with a coordinate, by its name
+    joint_loads: Mapping[str, HingeLoad]
     #: forces and torques by their names in results, among them those on the base
     vectors: Mapping[str, GivenLoad]
     #: names of the force and the torque on each link on which a wrench acts
     wrenches: Mapping[str, tuple[str, str]]
-    #: whether callables are given the motion of the base
-    need_motion: bool
 
     @functools.cached_property
     def acts_on_bodies(self) -> bool:
@@ -109,33 +103,34 @@ class Loads:
         return bool(self.wrenches) or any(self.vectors[name].acts for name in ON_BASE)
 
     @functools.cached_property
-    def callable_names(self) -> tuple[str, ...]:
-        """Names of the loads that are known only at the instants at which they are called."""
-        return (*(load.label for load in self._callables), *(self.joint_labels[k] for k in self._callable_motors))
-
-    @functools.cached_property
-    def _callables(self) -> tuple[GivenLoad, ...]:
+    def callables(self) -> tuple[GivenLoad, ...]:
+        """Loads that are callables of (t, now), which are given the motion of the base."""
         return tuple(load for load in (self.efforts, *self.vectors.values()) if callable(load.value))
 
     @functools.cached_property
-    def _callable_motors(self) -> tuple[int, ...]:
-        return tuple(k for k in self._loaded if has_callable(self.joint_loads[k]))
+    def callable_names(self) -> tuple[str, ...]:
+        """Names of the loads that are known only at the instants at which they are called."""
+        return (*(load.label for load in self.callables), *self._callable_motors.values())
 
     @functools.cached_property
-    def _loaded(self) -> tuple[int, ...]:
-        """Joints with a HingeLoad that exerts something."""
-        return tuple(k for k, load in enumerate(self.joint_loads) if load != HingeLoad())
+    def _callable_motors(self) -> dict[int, str]:
+        return {k: name for k, name, load in self._acting if has_callable(load)}
+
+    @functools.cached_property
+    def _acting(self) -> tuple[tuple[int, str, HingeLoad], ...]:
+        """Number of each joint with a HingeLoad that exerts something, the load's name in messages, and the load."""
+        rows = [(k, f"loads[{name!r}]", load) for k, (name, load) in enumerate(self.joint_loads.items())]
+        return tuple(row for row in rows if row[2] != HingeLoad())
 
     def efforts_at(self, t: Array, motion: MotionAtInstants, side: Side) -> Array:
         """Return the efforts at the joints, (n, dof); `side` selects the branches of HingeLoads."""
         efforts = self.efforts.at(t, motion)
-        if self._loaded:
+        if self._acting:
             efforts = efforts.copy()
         angles, rates = side
-        for k in self._loaded:
-            branch = angles[..., k], rates[..., k]
-            value = self.joint_loads[k].smooth(branch, t, motion.q[:, k], motion.qd[:, k])
-            efforts[:, k] += broadcast_load(self.joint_labels[k], value, t.shape)
+        for k, label, load in self._acting:
+            value = load.smooth((angles[..., k], rates[..., k]), t, motion.q[:, k], motion.qd[:, k])
+            efforts[:, k] += broadcast_load(label, value, t.shape)
         return efforts
 
     def on_bodies(self, t: Array, motion: MotionAtInstants) -> tuple[Array, Array]:
@@ -148,8 +143,8 @@ class Loads:
     def callables_at(self, t: Array, motion: MotionAtInstants, side: Side) -> dict[str, Array]:
         """Return the loads that are callables, by their names in messages."""
         efforts = self.efforts_at(t, motion, side)
-        given = {load.label: load.at(t, motion) for load in self._callables}
-        return given | {self.joint_labels[k]: efforts[:, k] for k in self._callable_motors}
+        given = {load.label: load.at(t, motion) for load in self.callables}
+        return given | {label: efforts[:, k] for k, label in self._callable_motors.items()}
 
     def all_at(
         self, t: Array, motion: MotionAtInstants, side: Side, holding: Array, driven: tuple[int, ...]
@@ -161,26 +156,21 @@ class Loads:
         angles, rates = side
         motor = self.efforts.at(t, motion).copy()
         parts = {"motor": motor}
-        for k in self._loaded:
-            branch = angles[..., k], rates[..., k]
-            of_joint = self.joint_loads[k].parts(t, motion.q[:, k], motion.qd[:, k], branch)
+        for k, label, load in self._acting:
+            of_joint = load.parts(t, motion.q[:, k], motion.qd[:, k], (angles[..., k], rates[..., k]))
             for part, value in of_joint.items():
                 parts.setdefault(part, np.zeros(motor.shape))
-                parts[part][:, k] += broadcast_load(self.joint_labels[k], value, t.shape)
+                parts[part][:, k] += broadcast_load(label, value, t.shape)
         motor[:, driven] += holding[:, driven]
         held = holding.copy()
         held[:, driven] = 0.0
-        friction = np.array([load.sticking_friction for load in self.joint_loads])
+        friction = np.array([load.sticking_friction for load in self.joint_loads.values()])
         sticking = np.clip(held, -friction, friction)
         for part, value in (("friction", sticking), ("stop", held - sticking)):
             if part in parts:
                 parts[part] = parts[part] + value
         named: dict[str, Array] = {name: parts[name] for name in TORQUE_PARTS if name in parts}
         return {"tau": sum(parts.values(), np.zeros(motor.shape)), **named, **self._vectors_at(t, motion)}
-
-    def parts_of(self, loads: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the parts of the efforts out of the result of `all_at`, (n, dof) each."""
-        return {name: loads[name] for name in TORQUE_PARTS if name in loads}
 
     def wrenches_of(self, loads: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
         """Return the wrenches by link out of the result of `all_at`."""
@@ -228,20 +218,14 @@ def broadcast_load(name: str, value: Any, shape: tuple[int, ...]) -> Array:
         raise ArgumentError(name, expected, value) from None
 
 
-def check_start(loads: Loads, names: Sequence[str], q: Array) -> None:
+def check_start(loads: Loads, q: Array) -> None:
     """Refuse coordinates at the first instant, (dof,), that are not between the rigid stops."""
-    for name, load, x in zip(names, loads.joint_loads, q, strict=True):
+    for (name, load), x in zip(loads.joint_loads.items(), q, strict=True):
         lower, upper = stop_range(load, rigid=True)
         if not lower <= x <= upper:
-            raise ArgumentError(name, f"a coordinate between the rigid stops, {lower:g} to {upper:g}", float(x))
-
-
-def check_rigid_stops(label: str, load: HingeLoad, held_by: str) -> None:
-    """Refuse rigid stops that are too close together; `held_by` is the argument that holds a joint instead."""
-    lower, upper = stop_range(load, rigid=True)
-    if not upper - lower > 1e-9:  # impacts closer together could not be told apart
-        expected = f"rigid stops at least 1e-9 rad or m apart ({held_by}= holds a joint)"
-        raise ArgumentError(label, expected, f"{lower!r} to {upper!r}")
+            raise ArgumentError(
+                f"q0[{name!r}]", f"a coordinate between the rigid stops, {lower:g} to {upper:g}", float(x)
+            )
 
 
 def has_callable(torque: Any) -> bool:

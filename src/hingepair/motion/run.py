@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -115,38 +114,6 @@ def run_motion(motion: RobotMotion, t: Array, options: RunOptions) -> Run:
     return Run(motion, first_state, steps, _sample_steps(motion, first_state, steps, t), end is not None)
 
 
-class Simulation:
-    """A simulated motion, and a second run at its instants with a smaller tolerance, which tells its errors.
-
-    Args:
-        make_motion: makes the equations of motion, in their first state.
-        t: instants.
-        options: options of the first run.
-
-    Raises:
-        SimulationError: the motion cannot be continued.
-    """
-
-    def __init__(self, make_motion: Callable[[], RobotMotion], t: Array, options: RunOptions) -> None:
-        self._make_motion, self._options = make_motion, options
-        self.run = run_motion(make_motion(), t, options)
-        self.samples = self.run.samples
-
-    @functools.cached_property
-    def _finer(self) -> RobotSamples:
-        return run_motion(self._make_motion(), self.samples.t, self._options.finer).samples
-
-    def attitude_error(self) -> float:
-        """Return the error of the base's attitude at the worst instant [rad]."""
-        first, second = self.samples.quats, self._finer.quats
-        chord = np.minimum(np.linalg.norm(first - second, axis=-1), np.linalg.norm(first + second, axis=-1))
-        return float((4 * np.arcsin(np.minimum(chord / 2, 1))).max(initial=0.0))
-
-    def coordinate_error(self, joint: int) -> float:
-        """Return the error of a coordinate at the worst instant [rad or m]."""
-        return float(np.abs(self.samples.motion.q - self._finer.motion.q)[:, joint].max(initial=0.0))
-
-
 def joint_extremes(run: Run, joint: int) -> tuple[Extreme, Extreme]:
     """Return the smallest and the largest coordinate of a joint in a whole motion, between the instants too."""
     samples, column = run.samples, run.motion.q.start + joint
@@ -228,7 +195,7 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
     breaks = [float(x) for x in options.breaks - start if 0 <= x <= span]
     _check_memory(motion, start, motion.state)
     margin, bounds = 8 * np.spacing(max(abs(start), abs(start + span))), np.zeros(2)
-    checked = bool(motion.callable_names or options.until)
+    checked = motion.asks_callables or options.until is not None
     stepper = Stepper(
         lambda elapsed, states: motion.rates(start + np.clip(elapsed, *bounds), states),
         events if events.any_events else None,
@@ -314,7 +281,7 @@ def _sample_steps(motion: RobotMotion, first_state: Array, steps: list[StepRecor
 def _explain_failure(motion: RobotMotion, start: float, stepper: Stepper) -> str:
     """Return which load is no number or jumps at the present time and state, and what to do; "" if none does."""
     worst = (1e-3, "")
-    names = motion.loads.coordinates
+    names = motion.robot.names
     probes = [("t", -1, 1e-9)]
     for k, name in enumerate(names):
         probes += [(name, motion.q.start + k, 1e-9), (f"{name}'", motion.q.stop + k, 1e-6)]

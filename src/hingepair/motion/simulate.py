@@ -1,155 +1,48 @@
-"""Simulation: the motion of a pair under loads, from its start to any instant, by steps of Gauss collocation."""
+"""Simulation: the motion of a robot or a pair under loads, from its start to any instant, by steps of collocation."""
 
 from __future__ import annotations
 
 import functools
-import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple, TypeAlias, cast
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any, Final, TypeAlias, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import DynamicsWarning
-from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays, motion_of_rotations
-from hingepair.mechanism.bodies.hinge_load import HingeLoad, HingeTorque, stop_range
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
+from hingepair.mechanism.bodies.hinge_load import HingeTorque, check_callable, stop_range
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair, dynamics_in_space
-from hingepair.mechanism.pairs.requests import check_masses, pivot_limits
-from hingepair.mechanism.states import Energy, Momentum
-from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
-from hingepair.motion.equations_of_motion import RobotMotion, RobotSamples
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
+from hingepair.mechanism.tree import loads_note
+from hingepair.motion.equations_of_motion import REST, RobotMotion, RobotSamples
 from hingepair.motion.events import UserEvent
-from hingepair.motion.given_loads import BODY2, LoadArgument, loads_of_pair, pair_loads
-from hingepair.motion.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
+from hingepair.motion.given_loads import EffortArgument, LoadArgument, robot_loads
+from hingepair.motion.given_motions import GivenMotion, JointCallable, check_rest, given_base, given_joint
 from hingepair.motion.loads import Loads, check_start
+from hingepair.motion.pairs import BaseArgument, doubts_of_pair, in_words_of_pairs, pair_as_robot, words_of_pairs
 from hingepair.motion.robot_programs import RobotPrograms
-from hingepair.motion.run import Impact, Simulation, joint_impacts, joint_range, read_options
-from hingepair.motion.simulated import simulate_robot
-from hingepair.motion.trajectory import LazyValue, PlanarTrajectory, Trajectory
+from hingepair.motion.run import Impact, joint_impacts, joint_range, read_options
+from hingepair.motion.simulated import (
+    JOINT_OF_PAIR,
+    SimulatedMotion,
+    SimulatedPlanarMotion,
+    SimulatedRobotMotion,
+    Simulation,
+)
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, read_only
-from hingepair.plans.arguments import Outputs
+from hingepair.plans.arguments import Coordinates, Outputs
 from hingepair.tables.instants import instants_of
 from hingepair.tables.suspicions import suspicions
 
-BaseArgument: TypeAlias = str | Callable[[Array], BodyMotion]
-"""What holds body 1, as users give it: the name of a base, or a callable of t that returns the motion of body 1."""
-BASES: Final = ("free", "pinned", "fixed")  # what may hold body 1, beside a callable
-_PLANAR_START = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # in messages
-
-
-class InitialState(NamedTuple):
-    """Motion of body 1 and the hinge at the start."""
-
-    R: Array
-    S: Array
-    v: Array
-    omega: Array
-    psi: float  # [rad]
-    psid: float  # [rad/s]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class _SimulatedMotionBase:
-    """What simulated motions of spatial and of planar pairs share."""
-
-    body1: BodyMotion
-    psid: Array
-    psidd: Array
-    loads: Mapping[str, Array]
-    space: HingePair
-    gravity: tuple[float, ...]
-    base: str
-    psi: Array
-    psi_range: tuple[float, float]
-    impacts: tuple[Impact, ...]
-    ended_by_event: bool
-    _error: LazyValue
-    _balance: LazyBalance
-
-    @property
-    def error_estimate(self) -> float:
-        """Estimated error of body 1's attitude or angle phi at the worst instant [rad], from a second run with a
-        thousandth of the tolerance at first access; 0 if the base is fixed or prescribed. `psi_error_estimate` is
-        that of psi.
-        """
-        return float(self._error())
-
-    def __repr__(self) -> str:
-        text = super().__repr__()
-        return f"{text[:-1]}, ended by until)" if self.ended_by_event else text
-
-    def energy(self) -> Energy:
-        """Compute the kinetic and potential energy of all bodies that have mass properties, (N,) each."""
-        return self.space.energy(self.body1, self.psi, self.psid, gravity=self.gravity)
-
-    def energy_balance(self) -> EnergyBalance:
-        """Compute the energy balance at the first call, keep it, and return this EnergyBalance: the work of each load
-        since the first instant, and the energies. `print` shows it as a table.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
-        >>> start, load = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), hp.HingeLoad(friction=0.5)
-        >>> wheel = hp.simulate(pair, np.linspace(0, 4, 9), start, 0.0, 1.0, hinge_torque=load, base="fixed")
-        >>> wheel.energy_balance().work["friction"].round(6).tolist()
-        [0.0, -0.21875, -0.375, -0.46875, -0.5, -0.5, -0.5, -0.5, -0.5]
-        """
-        return self._balance()
-
-    def momentum(self) -> Momentum:
-        """Compute the linear and angular momentum, (N, 3) each.
-
-        Raises:
-            ArgumentError: a body has no mass properties.
-        """
-        return self.space.momentum(self.body1, self.psi, self.psid)
-
-    def _hinge_quantities(self) -> dict[str, Array]:
-        return {"psi": self.psi, "psid": self.psid, "psidd": self.psidd, "hinge_torque": self.loads["hinge_torque"]}
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SimulatedMotion(_SimulatedMotionBase, Trajectory):
-    """The motion of a pair, as `simulate` returns it: a `Trajectory` with rates and loads.
-
-    Attributes:
-        body1: motion of body 1 at the instants, with all its derivatives; shape (N,).
-        psid: hinge rate [rad/s]; shape (N,).
-        psidd: second derivative of psi [rad/s^2]; shape (N,).
-        loads: loads by name: hinge_torque, shape (N,), force1, torque1, force2 and torque2, (N, 3); and the parts of
-            hinge_torque: motor_torque, and spring_torque, damper_torque, friction_torque and stop_torque where there
-            are any, (N,).
-        space: the pair; for a PlanarPair, the HingePair with the same planar dynamics.
-        gravity: acceleration of free fall, world axes [m/s^2]; three components.
-        base: what holds body 1: "free", "pinned", "fixed", or "prescribed" if `base` was a callable.
-        psi_range: smallest and largest psi of the whole motion, between the instants too [rad].
-        impacts: impacts at rigid stops, in order of time, with the fields joint ("psi"), t [s], and the rates before
-            and after [rad/s]. `loads` are without their forces.
-        ended_by_event: whether `until` ended the motion before the last instant that was asked for.
-    """
-
-    def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return arrays (N, ...) by name: the outputs of the state, the motion of body 1, psi, psid, psidd and
-        hinge_torque.
-        """
-        body1 = {f"{letter}1": getattr(self.body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha")}
-        return {**self.state.arrays(), **body1, **self._hinge_quantities()}
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SimulatedPlanarMotion(_SimulatedMotionBase, PlanarTrajectory):
-    """The motion of a planar pair: a `PlanarTrajectory` with the further fields of a `SimulatedMotion`."""
-
-    def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return arrays (N, ...) by name: the outputs of the state, phi, psi, psid, psidd and hinge_torque."""
-        return {**self.state.arrays(), "phi": self.phi, **self._hinge_quantities()}
+BASES_OF_ROBOTS: Final = ("fixed", "free", "pinned", "moving")  # what may hold the base of a robot
+BaseMotion: TypeAlias = BodyMotion | Callable[[Array], BodyMotion] | None
+"""Start of a base, or a callable of t that returns the motion of a moving one."""
 
 
 @functools.singledispatch
@@ -304,188 +197,215 @@ def simulate(
     >>> found.ended_by_event, round(float(found.q[-1, 1]), 6)
     (True, 0.2)
     """
-    space = to_spatial_pair(pair)
-    instants = instants_of("t", t)
-    options = read_options(tol, breaks, until, max_steps)
-    is_planar = space is not pair
-    gravity = (PLANAR_GRAVITY if is_planar else DEFAULT_GRAVITY) if gravity is None else gravity
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-    held, driven = read_base(base), {} if isinstance(hinge, str) else {0: GivenJoint("hinge", hinge)}
-    loads = pair_loads(forces, HingeLoad() if driven else hinge_torque, gravity, is_planar=is_planar)
-    if driven:
-        initial_hinge = _given_start(driven[0], hinge_torque, instants, psi_0, psid_0)
+    space, robot, given = pair_as_robot(pair, base, body1, hinge_torque, forces, gravity)
+    start: tuple[Any, Any] = (0.0, 0.0)
+    if callable(hinge):
+        check_callable("hinge", hinge, "t")
+        for name, value in (("psi_0", psi_0), ("psid_0", psid_0)):
+            if value is not None:
+                raise ArgumentError(name, "None for a hinge that moves as given", quoted(value))
+        if callable(hinge_torque) or np.any(hinge_torque != 0):
+            raise ArgumentError("hinge_torque", "0 for a hinge that moves as given", quoted(hinge_torque))
+        given |= {"loads": {}, "driven": {JOINT_OF_PAIR: hinge}}
     else:
         check_choice("hinge", hinge, ("free",))
-        initial_hinge = finite_number("psi_0", psi_0), finite_number("psid_0", psid_0)
-    start = initial_state(held, body1, is_planar, *initial_hinge)
-    if isinstance(held, GivenBase):
-        held.check(instants)
-    check_start(loads, ["psi_0"], np.array([start.psi]))
-    found = Simulation(pair_motion(space, held, start, loads, backend, driven), instants, options)
-    samples = found.samples
-    psi_range, passed = joint_range(found.run, 0, "psi", space.limits or (-np.inf, np.inf), options.tol)
-    for sentence in (*_unit_doubts(space, held, start, stop_range(loads.joint_loads[0]), samples), *passed):
-        warnings.warn(sentence, DynamicsWarning, stacklevel=3)
-    body1_motion, psi, psid, psidd = samples.base, samples.motion.q[:, 0], samples.motion.qd[:, 0], samples.qdd[:, 0]
+        start = [finite_number("psi_0", psi_0)], [finite_number("psid_0", psid_0)]
+    with in_words_of_pairs(base):
+        moved = simulate_robot(
+            robot, t, *start, **given, breaks=breaks, until=until, tol=tol, max_steps=max_steps, backend=backend,
+            words=words_of_pairs,
+        )  # fmt: skip
+    for sentence in doubts_of_pair(space, moved.base):
+        warn_of_dynamics(sentence)
+    body1_motion, phi = moved.base_motion, moved.base_angle
+    psi, psid, psidd = (read_only(rows[:, 0]) for rows in (moved.q, moved.qd, moved.qdd))
     fields: dict[str, Any] = {
-        "t": read_only(samples.t),
-        "psi": read_only(psi),
-        "psi_range": psi_range,
-        "impacts": tuple(joint_impacts(found.run, 0, "psi")),
-        "method": "collocation",
-        "steps": samples.steps,
-        "ended_by_event": found.run.ended,
-        "_error": LazyValue(found.attitude_error),
-        "_psi_error": LazyValue(lambda: found.coordinate_error(0)),
-        "_balance": LazyBalance(lambda: energy_balance(found.run)),
-        "body1": body1_motion,
-        "psid": read_only(psid),
-        "psidd": read_only(psidd),
-        "loads": {name: read_only(np.array(load)) for name, load in loads_of_pair(samples.loads).items()},
-        "space": space,
-        "gravity": loads.gravity,
-        "base": "prescribed" if isinstance(held, GivenBase) else held,
+        **{"t": moved.t, "psi": psi, "method": "collocation", "steps": moved.steps},
+        **{"robot_motion": moved, "space": space},
     }
     if isinstance(pair, PlanarPair):
-        now = samples.motion
-        q, qd = (*now.R1.T[:2], samples.phi, psi), (*now.v1.T[:2], now.omega1[:, 2], psid)
-        qdd = (*samples.a1.T[:2], samples.alpha1[:, 2], psidd)
-        planar = pair.forward_kinematics(q, qd, qdd, outputs=outputs, backend=backend)
-        return SimulatedPlanarMotion(**fields, phi=read_only(samples.phi), state=planar)
+        R, v, omega, a, alpha = motion_arrays("body1", body1_motion, "R", "v", "omega", "a", "alpha").values()
+        rows = zip((R, v, a), (phi, omega[:, 2], alpha[:, 2]), (psi, psid, psidd), strict=True)
+        planar = pair.forward_kinematics(
+            *((*vector.T[:2], turn, angle) for vector, turn, angle in rows), outputs=outputs, backend=backend
+        )
+        return SimulatedPlanarMotion(**fields, phi=phi, state=planar)
     state = pair.forward_kinematics_from_body1(body1_motion, psi, psid, psidd, outputs=outputs, backend=backend)
-    return SimulatedMotion(**fields, quat_wxyz=read_only(samples.quats), R1=body1_motion.R, pair=pair, state=state)
+    return SimulatedMotion(**fields, quat_wxyz=moved.base_quat_wxyz, R1=body1_motion.R, pair=pair, state=state)
+
+
+def simulate_robot(
+    robot: Mechanism,
+    t: ArrayLike,
+    q0: Coordinates,
+    qd0: Coordinates | None = None,
+    *,
+    tau: EffortArgument = 0.0,
+    loads: Mapping[str, HingeTorque] | None = None,
+    joint_loads: bool | None = None,
+    driven: Mapping[str, JointCallable] | None = None,
+    wrenches: Mapping[str, tuple[LoadArgument, LoadArgument]] | None = None,
+    force1: LoadArgument = 0,
+    torque1: LoadArgument = 0,
+    gravity: ArrayLike = DEFAULT_GRAVITY,
+    base: str | None = None,
+    base_motion: BaseMotion = None,
+    breaks: ArrayLike = (),
+    until: UserEvent | None = None,
+    tol: float = 1e-10,
+    max_steps: int = 30_000,
+    frames: str | Iterable[str] | None = None,
+    backend: str = "auto",
+    words: Callable[[str], str] = str,
+) -> SimulatedRobotMotion:
+    """Simulate the motion of a robot; `hp.simulate` says what the arguments are. `words` turns warnings into those of
+    a pair.
+    """
+    if not isinstance(robot, Mechanism):
+        raise ArgumentError("robot", "a Mechanism", quoted(robot))
+    tree_of(robot).single()
+    if joint_loads is not None:
+        loads = _described_loads(robot, loads, joint_loads)
+    elif loads is None and (note := loads_note(tree_of(robot))):
+        warn_of_dynamics(f"{robot.name}: {note}; loads=robot.joint_loads counts them, loads={{}} is silent")
+    kind, start = base_of(robot, base, base_motion)
+    if kind in ("free", "pinned") and robot.base != "free":
+        robot = robot.with_base("free")
+    if not robot.dof and robot.base != "free":
+        raise ArgumentError("robot", "joints that move, or a base that is free or pinned", "none")
+    instants = instants_of("t", t)
+    options = read_options(tol, breaks, until, max_steps)
+    on_base = {"force1": force1, "torque1": torque1}
+    acting = robot_loads(robot, tau, loads, wrenches, on_base, gravity)
+    for name, load in on_base.items():
+        if robot.base != "free" and acting.vectors[name].acts:
+            raise ArgumentError(name, f"0: a base that is {kind} is not moved by forces", quoted(load))
+    moves = _driven(robot, driven, loads or {}, instants)
+    q, qd = (_read_start(name, value, robot) for name, value in (("q0", q0), ("qd0", 0.0 if qd0 is None else qd0)))
+    for k, move in moves.items():
+        first = move.at(instants[:1])
+        q[k], qd[k] = first["psi"][0], first["psid"][0]
+    check_start(acting, q)
+    if isinstance(start, GivenMotion):
+        start.check(instants)
+    robot.energy(q, qd)  # refuses missing masses, and warns of those that are assumed
+    programs = RobotPrograms(robot, kind, tuple(acting.wrenches), acting.gravity, backend)
+    make_motion = functools.partial(RobotMotion, robot, kind, start, q, qd, acting, programs, moves)
+    found = Simulation(make_motion, instants, options)
+    samples, q_range, impacts, passed = found.run.samples, list[Any](), list[Impact](), list[str]()
+    in_degrees = _unit_doubts(robot, acting, q, qd, start, samples)
+    for k, joint in enumerate(tree_of(robot).coordinates):
+        extremes, doubts = joint_range(found.run, k, joint.name, joint.position_limits, options.tol)
+        q_range.append(extremes)
+        impacts += joint_impacts(found.run, k, joint.name)
+        passed += doubts if f"q0[{joint.name!r}]" not in in_degrees else []  # degrees pass the limits, too
+    for sentence in filter(None, (*in_degrees.values(), *passed)):
+        warn_of_dynamics(words(sentence))
+    return SimulatedRobotMotion(
+        robot=robot,
+        t=read_only(samples.t),
+        q=read_only(samples.motion.q),
+        qd=read_only(samples.motion.qd),
+        qdd=read_only(samples.qdd),
+        base_motion=samples.base,
+        base_quat_wxyz=read_only(samples.quats),
+        base_angle=read_only(samples.phi),
+        loads={name: read_only(np.array(load)) for name, load in samples.loads.items()},
+        wrenches=acting.wrenches_of(samples.loads),
+        gravity=acting.gravity,
+        base=kind,
+        q_range=read_only(np.array(q_range, np.float64).reshape(-1, 2)),
+        impacts=tuple(sorted(impacts, key=lambda impact: impact.t)),
+        steps=samples.steps,
+        ended_by_event=found.run.ended,
+        _frames=None if frames is None else tuple([frames] if isinstance(frames, str) else frames),
+        _simulation=found,
+    )
 
 
 simulate.register(Mechanism, cast(Any, simulate_robot))
 
 
-def read_base(base: BaseArgument) -> str | GivenBase:
-    """Return what holds body 1: one of BASES, or a motion that is given."""
-    if callable(base):
-        return GivenBase("base", base)
-    check_choice("base", base, BASES)
-    return base
-
-
-def pair_motion(
-    pair: HingePair,
-    base: str | GivenBase,
-    start: InitialState,
-    loads: Loads,
-    backend: str,
-    driven: Mapping[int, GivenJoint] | None = None,
-) -> Callable[[], RobotMotion]:
-    """Return a function that makes the equations of motion of a pair, those of a robot of one joint, at its start.
-
-    Raises:
-        ArgumentError: a body that moves lacks mass properties, or nothing resists its motion.
-    """
-    robot = robot_of_pair(pair, base)
-    at_start = motion_of_rotations(R=start.R, S=start.S, v=start.v, omega=start.omega)
-    kind, base_motion = ("moving", base) if isinstance(base, GivenBase) else (base, at_start)
-    programs = RobotPrograms(robot, kind, tuple(loads.wrenches), loads.gravity, backend)
-    q, qd = np.array([start.psi]), np.array([start.psid])
-    return functools.partial(RobotMotion, robot, kind, base_motion, q, qd, loads, programs, driven)
-
-
-def robot_of_pair(pair: HingePair, base: str | GivenBase) -> Mechanism:
-    """Return a pair as a robot of one joint, whose base is free if `base` is "free" or "pinned".
-
-    Raises:
-        ArgumentError: a body that moves lacks mass properties, or nothing resists its motion.
-    """
-    moves_body1 = base in ("free", "pinned")
-    _check_masses(pair, moves_body1=moves_body1)
-    return Mechanism([replace(pair, name=BODY2)], base="free" if moves_body1 else "fixed")
-
-
-def to_spatial_pair(pair: object) -> HingePair:
-    """Return a HingePair itself, or for a PlanarPair the HingePair in space with the same motion in the plane.
-
-    Raises:
-        ArgumentError: no pair, or several pairs.
-    """
-    if isinstance(pair, PlanarPair):
-        check_single_pair(pair)
-        return dynamics_in_space(pair)
-    check_pair(pair)
-    check_single_pair(pair)
-    return pair  # type: ignore[return-value]
-
-
-def _given_start(
-    given: GivenJoint, hinge_torque: object, t: Array, psi_0: float | None, psid_0: float | None
-) -> tuple[float, float]:
-    """Check the motion of a hinge that moves as given, and return psi and psi' at the first instant."""
-    given.check(t)
-    for name, value in (("psi_0", psi_0), ("psid_0", psid_0)):
-        if value is not None:
-            raise ArgumentError(name, "None for a hinge that moves as given", quoted(value))
-    if callable(hinge_torque) or np.any(hinge_torque != 0):
-        raise ArgumentError("hinge_torque", "0 for a hinge that moves as given", quoted(hinge_torque))
-    first = given.at(t[:1])
-    return finite_number("psi_0", first["psi"][0]), finite_number("psid_0", first["psid"][0])
-
-
-def initial_state(base: str | GivenBase, body1: object, is_planar: bool, psi: float, psid: float) -> InitialState:
-    """Return the checked start, in which a body 1 that moves as given rests at the origin.
-
-    Raises:
-        ArgumentError: body1 cannot be used.
-    """
-    zero = np.zeros(3)
-    if isinstance(base, GivenBase):
-        if body1 is not None:
-            raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
-        return InitialState(zero, np.eye(3), zero, zero, psi, psid)
-    if not isinstance(body1, BodyMotion):
-        example = _PLANAR_START if is_planar else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
-        raise ArgumentError("body1", f"the start of body 1, a BodyMotion such as {example}", quoted(body1))
-    motion_arrays("body1", body1, "S")
-    if body1.shape != ():
-        example = _PLANAR_START if is_planar else "BodyMotion(R=(0, 0, 0), S=np.eye(3))"
-        expected = f"one start, such as {example}"
-        raise ArgumentError("body1", expected, f"shape {body1.shape}")
-    R, S, v, omega = (zero if x is None else x.astype(np.float64) for x in (body1.R, body1.S, body1.v, body1.omega))
-    check_rest("body1", base, body1)
-    if is_planar and (R[2] or v[2] or omega[:2].any() or S[2, 2] != 1):
-        example = _PLANAR_START
-        expected = f"a start in the plane, R and v with z = 0, S and omega about z, such as {example}"
-        raise ArgumentError("body1", expected, quoted(body1))
-    return InitialState(R, S, v, omega, psi, psid)
-
-
 def _unit_doubts(
-    pair: HingePair, base: str | GivenBase, start: InitialState, stops: tuple[float, float], samples: RobotSamples
-) -> list[str]:
-    """Return sentences on angles or rates that look like degrees, on instants that look like milliseconds, and on
-    inertias that are probably not in kg m^2.
+    robot: Mechanism, loads: Loads, q: Array, qd: Array, start: BodyMotion | GivenMotion, samples: RobotSamples
+) -> dict[str, str]:
+    """Return sentences, by argument, on angles and rates that look like degrees and instants like milliseconds. One
+    mistake in several joints is one sentence.
     """
-    finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
-    sentences = suspicions("written angles", "stops", finite_stops)
-    sentences += suspicions("written angles", "limits", pair.limits or ())
-    sentences += suspicions("sampled motion", "t", np.stack((samples.t, samples.motion.q[:, 0]), axis=-1))
-    sentences += suspicions("written angles", "psi_0", start.psi)
-    sentences += suspicions("written rates", "psid_0", start.psid)
-    sentences += suspicions("written rates", "body1.omega", start.omega[None])
-    bodies = {"body1": (pair.body1, pair.u1), "body2": (pair.body2, pair.u2)}
-    for name in ("body1", "body2") if base in BASES[:2] else ("body2",):
-        body, lever = bodies[name]
-        if body is not None:
-            levers = [float(np.linalg.norm(vector)) for vector in (lever, body.centre_of_mass)]
-            levers.append(float(np.linalg.norm(lever - body.centre_of_mass)))
-            radius = np.sqrt(np.linalg.eigvalsh(body.inertia)[-1] / body.mass)
-            sentences += suspicions("gyration", f"{name}.inertia", [radius, max(levers)])
-    return sentences
+    hinges = [k for k, joint in enumerate(tree_of(robot).coordinates) if joint.unit == "rad"]
+    found = dict[str, str]()
+    stops = [np.array(stop_range(load)) for load in loads.joint_loads.values()]
+    for kind, name, values in (
+        ("written angles", "loads[{!r}].stops", [one[np.isfinite(one)] for one in stops]),
+        ("written angles", "q0[{!r}]", q),
+        ("written rates", "qd0[{!r}]", qd),
+    ):
+        labels = [name.format(robot.names[k]) for k in hinges]
+        rows = [
+            (one, text) for k, one in zip(hinges, labels, strict=True) for text in suspicions(kind, one, values[k])
+        ]
+        for k, (label, sentence) in enumerate(rows):
+            others = f" So do {len(rows) - 1} further ones." if len(rows) > 1 else ""
+            found[label] = "" if k else sentence + others
+    instants = np.stack((samples.t, samples.motion.q[:, hinges[0]]), axis=-1) if hinges else np.empty((0, 2))
+    rows = [("t", sentence) for sentence in suspicions("sampled motion", "t", instants)]
+    omega = start.omega if isinstance(start, BodyMotion) else None
+    if omega is not None:
+        label = "base_motion.omega"
+        rows += [(label, sentence) for sentence in suspicions("written rates", label, omega[None])]
+    found |= dict(rows)
+    return found
 
 
-def _check_masses(pair: HingePair, *, moves_body1: bool) -> None:
-    """Refuse a pair of which a body that moves has no mass properties, or whose motion nothing resists."""
-    bodies = ({"body1": pair.body1} if moves_body1 else {}) | {"body2": pair.body2}
-    check_masses(bodies, "; or base='fixed', for which body 2 suffices")
-    of_hinge, *of_body1 = pivot_limits(constants_of(pair)) > 0  # sizes below which pivots are rounding
-    if of_hinge or (moves_body1 and any(of_body1)):
-        expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
-        raise ArgumentError(
-            "pair.body2", f"{expected} body's inertia is negligible relative to the other's", pair.body2
-        )
+def _described_loads(robot: Mechanism, loads: object, joint_loads: bool) -> Mapping[str, HingeTorque]:
+    """Return the loads of joints that a file describes, without stops; none unless `joint_loads` is true."""
+    if loads is not None:
+        raise ArgumentError("joint_loads", "None beside loads", quoted(joint_loads))
+    return {name: replace(load, stops=None) for name, load in robot.joint_loads.items()} if joint_loads else {}
+
+
+def base_of(robot: Mechanism, base: str | None, base_motion: Any) -> tuple[str, Any]:
+    """Return what holds the base, and its motion at the start or, of a moving base, a callable."""
+    kind = ("moving" if callable(base_motion) else robot.base) if base is None else base
+    check_choice("base", kind, BASES_OF_ROBOTS)
+    if callable(base_motion) != (kind == "moving"):
+        expected = "a callable of times that returns a BodyMotion, for base='moving' and no other"
+        raise ArgumentError("base_motion", expected, quoted(base_motion))
+    if callable(base_motion):
+        return kind, given_base("base_motion", base_motion)
+    start = REST if base_motion is None else base_motion
+    if not isinstance(start, BodyMotion) or start.shape != ():
+        raise ArgumentError("base_motion", "one BodyMotion, the start of the base", quoted(base_motion))
+    motion_arrays("base_motion", start, "S")
+    check_rest("base_motion", kind, start)
+    return kind, start
+
+
+def _driven(
+    robot: Mechanism, driven: Mapping[str, JointCallable] | None, loads: Mapping[str, Any], t: Array
+) -> dict[int, GivenMotion]:
+    """Return the motions of joints that move as given, by the joint's number."""
+    if driven is not None and not isinstance(driven, Mapping):
+        raise ArgumentError("driven", "callables by the joint's name", quoted(driven))
+    moves, leaders = {}, tree_of(robot).coordinate_names.leaders
+    for name, move in (driven or {}).items():
+        if name not in robot.names:
+            raise ArgumentError("driven", choices(robot.names) + nearest(str(name), robot.names), quoted(name))
+        for loaded in {name, *(follower for follower, leader in leaders.items() if leader == name)} & {*loads}:
+            raise ArgumentError(f"loads[{loaded!r}]", "no load at a joint that moves as given", quoted(loads[loaded]))
+        joint = moves[robot.names.index(name)] = given_joint(f"driven[{name!r}]", move)
+        joint.check(t)
+    return moves
+
+
+def _read_start(name: str, value: Any, robot: Mechanism) -> Array:
+    """Return the checked coordinates or rates at the first instant, a new array (dof,)."""
+    if isinstance(value, float | int) and not value:
+        return np.zeros(robot.dof)
+    array = tree_of(robot).rows(name, value).copy()
+    if array.ndim > 1:
+        raise ArgumentError(name, f"one start, shape ({robot.dof},)", f"shape {array.shape}")
+    for joint, x in zip(robot.names, array.tolist(), strict=True):
+        finite_number(f"{name}[{joint!r}]", x)
+    return array

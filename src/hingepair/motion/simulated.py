@@ -1,42 +1,61 @@
-"""Simulation of robots: the argument of each load by joint or link, and the motion of joints, frames and base."""
+"""Simulated motions as `simulate` returns them: of a robot, and of a pair, which is a robot of one joint."""
 
 from __future__ import annotations
 
 import functools
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.bodies.body import DynamicsWarning
-from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
-from hingepair.mechanism.bodies.hinge_load import HingeTorque
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.options import DEFAULT_GRAVITY
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.results import Result
 from hingepair.mechanism.states import Energy, FrameState, MechanismForces, MechanismState, Momentum
-from hingepair.mechanism.tree import loads_note
-from hingepair.motion.energy_balance import EnergyBalance, LazyBalance, energy_balance
-from hingepair.motion.equations_of_motion import REST, RobotMotion
-from hingepair.motion.events import UserEvent
-from hingepair.motion.given_loads import EffortArgument, LoadArgument, robot_loads
-from hingepair.motion.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
-from hingepair.motion.loads import check_start
-from hingepair.motion.robot_programs import RobotPrograms
-from hingepair.motion.run import Impact, Simulation, joint_impacts, joint_range, read_options
-from hingepair.motion.trajectory import LazyValue
+from hingepair.motion.energy_balance import EnergyBalance, energy_balance
+from hingepair.motion.equations_of_motion import RobotMotion
+from hingepair.motion.loads import ON_BASE
+from hingepair.motion.run import Impact, RunOptions, run_motion
+from hingepair.motion.trajectory import Deferred, PlanarTrajectory, Trajectory
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import Frozen, check_choice, finite_number, read_only
-from hingepair.plans.arguments import Coordinates
-from hingepair.tables.instants import instants_of
-from hingepair.tables.suspicions import suspicions
+from hingepair.numeric.arrays import Frozen, read_only
 
-BASES = ("fixed", "free", "pinned", "moving")  # what may hold the base of a robot
-BaseArgument = BodyMotion | Callable[[Array], BodyMotion] | None
+
+class Simulation(Deferred):
+    """A run, and what is computed from it when it is first asked for.
+
+    Args:
+        make_motion: makes the equations of motion, in their first state.
+        t: instants.
+        options: options of the run.
+
+    Raises:
+        SimulationError: the motion cannot be continued.
+    """
+
+    def __init__(self, make_motion: Callable[[], RobotMotion], t: Array, options: RunOptions) -> None:
+        self._make_motion, self._options = make_motion, options
+        self.run = run_motion(make_motion(), t, options)
+
+    @functools.cached_property
+    def errors(self) -> Array:
+        """Errors of the base's attitude [rad] and of each coordinate at the worst instant, by a second run with a
+        thousandth of the tolerance.
+        """
+        samples = self.run.samples
+        finer = run_motion(self._make_motion(), samples.t, self._options.finer).samples
+        chords = [np.linalg.norm(samples.quats + sign * finer.quats, axis=-1) for sign in (-1, 1)]
+        attitude = 4 * np.arcsin(np.minimum(np.minimum(*chords) / 2, 1)).max(initial=0.0)
+        return np.append(attitude, np.abs(samples.motion.q - finer.motion.q).max(axis=0, initial=0.0))
+
+    @functools.cached_property
+    def balance(self) -> EnergyBalance:
+        """The energy balance."""
+        return energy_balance(self.run)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,6 +74,10 @@ class SimulatedRobotMotion(Frozen, Result):
     qdd: Array
     #: motion of the base with all its derivatives; shape (N,)
     base_motion: BodyMotion
+    #: attitude of the base as unit quaternions with the scalar first and without jumps of sign; shape (N, 4)
+    base_quat_wxyz: Array
+    #: angle of the base about the world's z axis, which counts turns if it turns about no other [rad]; shape (N,)
+    base_angle: Array
     #: loads by name: "tau", the sum of the efforts at each joint, (N, dof); its parts "motor" and, of HingeLoads,
     #: "spring", "damper", "friction" and "stop", (N, dof); force1 and torque1 on the base, and those on links, such
     #: as force_hand and torque_hand, (N, 3)
@@ -75,8 +98,7 @@ class SimulatedRobotMotion(Frozen, Result):
     #: whether `until` ended the motion before the last instant that was asked for
     ended_by_event: bool
     _frames: tuple[str, ...] | None
-    _errors: LazyValue
-    _balance: LazyBalance
+    _simulation: Simulation
 
     @property
     def described(self) -> str:
@@ -93,17 +115,17 @@ class SimulatedRobotMotion(Frozen, Result):
         """Estimated error of each coordinate at the worst instant [rad, m], shape (dof,), from a second run with a
         thousandth of the tolerance at first access.
         """
-        return np.asarray(self._errors()[1:])
+        return self._simulation.errors[1:]
 
     @property
     def attitude_error_estimate(self) -> float:
         """Estimated error of the base's attitude at the worst instant [rad]; 0 if the base is fixed or moving."""
-        return float(self._errors()[0])
+        return float(self._simulation.errors[0])
 
     @property
     def error_estimate(self) -> float:
         """Largest of the estimated errors of all coordinates and of the base's attitude [rad, m]."""
-        return float(np.max(self._errors()))
+        return float(self._simulation.errors.max())
 
     def state(self, frames: str | Iterable[str] | None = None) -> MechanismState:
         """Compute the motion of frames at the instants, with accelerations; by default those that `simulate` was
@@ -124,7 +146,7 @@ class SimulatedRobotMotion(Frozen, Result):
         """Compute the energy balance at the first call, keep it, and return this EnergyBalance: the work of each load
         since the first instant, and the energies. `print` shows it as a table.
         """
-        return self._balance()
+        return self._simulation.balance
 
     def momentum(self) -> Momentum:
         """Compute the linear and angular momentum, about the world's origin, (N, 3) each."""
@@ -171,145 +193,144 @@ class SimulatedRobotMotion(Frozen, Result):
         return f"SimulatedRobotMotion({self.robot.name!r}, {len(self.t)} instants, {span}, steps={self.steps}{ended})"
 
 
-def simulate_robot(
-    robot: Mechanism,
-    t: ArrayLike,
-    q0: Coordinates,
-    qd0: Coordinates | None = None,
-    *,
-    tau: EffortArgument = 0.0,
-    loads: Mapping[str, HingeTorque] | None = None,
-    joint_loads: bool | None = None,
-    driven: Mapping[str, JointCallable] | None = None,
-    wrenches: Mapping[str, tuple[LoadArgument, LoadArgument]] | None = None,
-    force1: LoadArgument = 0,
-    torque1: LoadArgument = 0,
-    gravity: ArrayLike = DEFAULT_GRAVITY,
-    base: str | None = None,
-    base_motion: BaseArgument = None,
-    breaks: ArrayLike = (),
-    until: UserEvent | None = None,
-    tol: float = 1e-10,
-    max_steps: int = 30_000,
-    frames: str | Iterable[str] | None = None,
-    backend: str = "auto",
-) -> SimulatedRobotMotion:
-    """Simulate the motion of a robot; `hp.simulate` says what the arguments are."""
-    if not isinstance(robot, Mechanism):
-        raise ArgumentError("robot", "a Mechanism", quoted(robot))
-    tree_of(robot).single()
-    if joint_loads is not None:
-        loads = _described_loads(robot, loads, joint_loads)
-    elif loads is None and (note := loads_note(tree_of(robot))):
-        sentence = f"{robot.name}: {note}; loads=robot.joint_loads counts them, loads={{}} is silent"
-        warnings.warn(sentence, DynamicsWarning, stacklevel=3)
-    kind, start = _base_of(robot, base, base_motion)
-    if not robot.dof and kind not in ("free", "pinned"):
-        raise ArgumentError("robot", "joints that move, or a base that is free or pinned", "none")
-    if kind in ("free", "pinned") and robot.base != "free":
-        robot = robot.with_base("free")
-    instants = instants_of("t", t)
-    options = read_options(tol, breaks, until, max_steps)
-    on_base = {"force1": force1, "torque1": torque1}
-    for name, load in on_base.items():
-        if kind not in ("free", "pinned") and (callable(load) or np.any(load)):
-            raise ArgumentError(name, f"0: a base that is {kind} is not moved by forces", quoted(load))
-    all_loads = robot_loads(robot, tau, loads, wrenches, on_base, gravity)
-    moves = _driven(robot, driven, loads or {}, instants)
-    q, qd = (_read_start(name, value, robot) for name, value in (("q0", q0), ("qd0", 0.0 if qd0 is None else qd0)))
-    for k, move in moves.items():
-        first = move.at(instants[:1])
-        q[k], qd[k] = first["psi"][0], first["psid"][0]
-    check_start(all_loads, [f"q0[{name!r}]" for name in robot.names], q)
-    if isinstance(start, GivenBase):
-        start.check(instants)
-    programs = RobotPrograms(robot, kind, tuple(all_loads.wrenches), all_loads.gravity, backend)
-    robot.energy(q, qd)  # refuses missing masses, and warns of those that are assumed
-    make_motion = functools.partial(RobotMotion, robot, kind, start, q, qd, all_loads, programs, moves)
-    found = Simulation(make_motion, instants, options)
-    samples, q_range, in_degrees = found.samples, [], list[str]()
-    impacts = list[Impact]()
-    for k, joint in enumerate(tree_of(robot).coordinates):
-        extremes, doubts = joint_range(found.run, k, joint.name, joint.position_limits, options.tol)
-        q_range.append(extremes)
-        impacts += joint_impacts(found.run, k, joint.name)
-        degrees = suspicions("written angles", f"q0[{joint.name!r}]", q[k]) if joint.unit == "rad" else []
-        in_degrees += degrees
-        for sentence in doubts if not degrees else ():  # degrees pass the limits, too
-            warnings.warn(sentence, DynamicsWarning, stacklevel=3)
-    if in_degrees:  # one mistake, one warning
-        others = f" So do {len(in_degrees) - 1} further angles of q0." if len(in_degrees) > 1 else ""
-        warnings.warn(in_degrees[0] + others, DynamicsWarning, stacklevel=3)
-    errors = [found.attitude_error, *(functools.partial(found.coordinate_error, k) for k in range(robot.dof))]
-    return SimulatedRobotMotion(
-        robot=robot,
-        t=read_only(samples.t),
-        q=read_only(samples.motion.q),
-        qd=read_only(samples.motion.qd),
-        qdd=read_only(samples.qdd),
-        base_motion=samples.base,
-        loads={name: read_only(np.array(load)) for name, load in samples.loads.items()},
-        wrenches=all_loads.wrenches_of(samples.loads),
-        gravity=all_loads.gravity,
-        base=kind,
-        q_range=read_only(np.array(q_range, np.float64).reshape(-1, 2)),
-        impacts=tuple(sorted(impacts, key=lambda impact: impact.t)),
-        steps=samples.steps,
-        ended_by_event=found.run.ended,
-        _frames=None if frames is None else tuple([frames] if isinstance(frames, str) else frames),
-        _errors=LazyValue(errors),
-        _balance=LazyBalance(lambda: energy_balance(found.run)),
-    )
+JOINT_OF_PAIR: Final = "psi"
+"""Name of the joint, and of body 2, in the robot that stands for a pair."""
+_ON_BODY2: Final = {f"force_{JOINT_OF_PAIR}": "force2", f"torque_{JOINT_OF_PAIR}": "torque2"}
+_ON_BODIES: Final = {**{name: name for name in ON_BASE}, **_ON_BODY2}
 
 
-def _described_loads(robot: Mechanism, loads: object, joint_loads: bool) -> Mapping[str, HingeTorque]:
-    """Return the loads of joints that a file describes, without stops; none unless `joint_loads` is true."""
-    if loads is not None:
-        raise ArgumentError("joint_loads", "None beside loads", quoted(joint_loads))
-    return {name: replace(load, stops=None) for name, load in robot.joint_loads.items()} if joint_loads else {}
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class _SimulatedPair:
+    """What simulated motions of spatial and of planar pairs share: those of the robot of one joint."""
+
+    #: the motion as that of a robot of one joint, psi
+    robot_motion: SimulatedRobotMotion
+    #: the pair; for a PlanarPair, the HingePair with the same planar dynamics
+    space: HingePair
+    psi: Array
+
+    @property
+    def body1(self) -> BodyMotion:
+        """Motion of body 1 at the instants, with all its derivatives; shape (N,)."""
+        return self.robot_motion.base_motion
+
+    @property
+    def psid(self) -> Array:
+        """Hinge rate [rad/s]; shape (N,)."""
+        return self.robot_motion.qd[:, 0]
+
+    @property
+    def psidd(self) -> Array:
+        """Second derivative of psi [rad/s^2]; shape (N,)."""
+        return self.robot_motion.qdd[:, 0]
+
+    @functools.cached_property
+    def loads(self) -> dict[str, Array]:
+        """Loads by name: hinge_torque, shape (N,), force1, torque1, force2 and torque2, (N, 3); and the parts of
+        hinge_torque: motor_torque, and spring_torque, damper_torque, friction_torque and stop_torque where there are
+        any, (N,).
+        """
+        loads, nothing = self.robot_motion.loads, read_only(np.zeros((len(self.psi), 3)))
+        bodies = {name: loads.get(key, nothing) for key, name in _ON_BODIES.items()}
+        parts = {f"{name}_torque": loads[name][:, 0] for name in TORQUE_PARTS if name in loads}
+        return {**bodies, "hinge_torque": loads["tau"][:, 0], **parts}
+
+    @property
+    def gravity(self) -> tuple[float, ...]:
+        """Acceleration of free fall, world axes [m/s^2]; three components."""
+        return self.robot_motion.gravity
+
+    @property
+    def base(self) -> str:
+        """What holds body 1: "free", "pinned", "fixed", or "prescribed" if `base` was a callable."""
+        return "prescribed" if self.robot_motion.base == "moving" else self.robot_motion.base
+
+    @property
+    def psi_range(self) -> tuple[float, float]:
+        """Smallest and largest psi of the whole motion, between the instants too [rad]."""
+        lowest, highest = self.robot_motion.q_range[0].tolist()
+        return lowest, highest
+
+    @property
+    def impacts(self) -> tuple[Impact, ...]:
+        """Impacts at rigid stops, in order of time, with the fields joint ("psi"), t [s], and the rates before and
+        after [rad/s]. `loads` are without their forces.
+        """
+        return self.robot_motion.impacts
+
+    @property
+    def ended_by_event(self) -> bool:
+        """Whether `until` ended the motion before the last instant that was asked for."""
+        return self.robot_motion.ended_by_event
+
+    @property
+    def error_estimate(self) -> float:
+        """Estimated error of body 1's attitude or angle phi at the worst instant [rad], from a second run with a
+        thousandth of the tolerance at first access; 0 if the base is fixed or prescribed. `psi_error_estimate` is
+        that of psi.
+        """
+        return self.robot_motion.attitude_error_estimate
+
+    @property
+    def psi_error_estimate(self) -> float:
+        """Estimated error of psi at the worst instant [rad], as `error_estimate`."""
+        return float(self.robot_motion.q_error_estimate[0])
+
+    def __repr__(self) -> str:
+        text = super().__repr__()
+        return f"{text[:-1]}, ended by until)" if self.ended_by_event else text
+
+    def energy(self) -> Energy:
+        """Compute the kinetic and potential energy of all bodies that have mass properties, (N,) each."""
+        return self.space.energy(self.body1, self.psi, self.psid, gravity=self.gravity)
+
+    def energy_balance(self) -> EnergyBalance:
+        """Compute the energy balance at the first call, keep it, and return this EnergyBalance: the work of each load
+        since the first instant, and the energies. `print` shows it as a table.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
+        >>> start, load = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), hp.HingeLoad(friction=0.5)
+        >>> wheel = hp.simulate(pair, np.linspace(0, 4, 9), start, 0.0, 1.0, hinge_torque=load, base="fixed")
+        >>> wheel.energy_balance().work["friction"].round(6).tolist()
+        [0.0, -0.21875, -0.375, -0.46875, -0.5, -0.5, -0.5, -0.5, -0.5]
+        """
+        return self._balance
+
+    @functools.cached_property
+    def _balance(self) -> EnergyBalance:
+        balance = self.robot_motion.energy_balance()
+        return replace(balance, work={_ON_BODY2.get(name, name): work for name, work in balance.work.items()})
+
+    def momentum(self) -> Momentum:
+        """Compute the linear and angular momentum, (N, 3) each.
+
+        Raises:
+            ArgumentError: a body has no mass properties.
+        """
+        return self.space.momentum(self.body1, self.psi, self.psid)
+
+    def _hinge_quantities(self) -> dict[str, Array]:
+        return {"psi": self.psi, "psid": self.psid, "psidd": self.psidd, "hinge_torque": self.loads["hinge_torque"]}
 
 
-def _base_of(robot: Mechanism, base: str | None, base_motion: Any) -> tuple[str, Any]:
-    """Return what holds the base, and its motion at the start or, of a moving base, a callable."""
-    kind = ("moving" if callable(base_motion) else robot.base) if base is None else base
-    check_choice("base", kind, BASES)
-    if callable(base_motion) != (kind == "moving"):
-        expected = "a callable of times that returns a BodyMotion, for base='moving' and no other"
-        raise ArgumentError("base_motion", expected, quoted(base_motion))
-    if callable(base_motion):
-        return kind, GivenBase("base_motion", base_motion)
-    start = REST if base_motion is None else base_motion
-    if not isinstance(start, BodyMotion) or start.shape != ():
-        raise ArgumentError("base_motion", "one BodyMotion, the start of the base", quoted(base_motion))
-    motion_arrays("base_motion", start, "S")
-    check_rest("base_motion", kind, start)
-    return kind, start
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SimulatedMotion(_SimulatedPair, Trajectory):
+    """The motion of a pair, as `simulate` returns it: a `Trajectory` with rates and loads."""
+
+    def recorded(self) -> dict[str, NDArray[Any]]:
+        """Return arrays (N, ...) by name: the outputs of the state, the motion of body 1, psi, psid, psidd and
+        hinge_torque.
+        """
+        body1 = {f"{letter}1": getattr(self.body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha")}
+        return {**self.state.arrays(), **body1, **self._hinge_quantities()}
 
 
-def _driven(
-    robot: Mechanism, driven: Mapping[str, JointCallable] | None, loads: Mapping[str, Any], t: Array
-) -> dict[int, GivenJoint]:
-    """Return the motions of joints that move as given, by the joint's number."""
-    if driven is not None and not isinstance(driven, Mapping):
-        raise ArgumentError("driven", "callables by the joint's name", quoted(driven))
-    moves, leaders = {}, tree_of(robot).coordinate_names.leaders
-    for name, move in (driven or {}).items():
-        if name not in robot.names:
-            raise ArgumentError("driven", choices(robot.names) + nearest(str(name), robot.names), quoted(name))
-        for loaded in {name, *(follower for follower, leader in leaders.items() if leader == name)} & {*loads}:
-            raise ArgumentError(f"loads[{loaded!r}]", "no load at a joint that moves as given", quoted(loads[loaded]))
-        joint = moves[robot.names.index(name)] = GivenJoint(f"driven[{name!r}]", move)
-        joint.check(t)
-    return moves
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SimulatedPlanarMotion(_SimulatedPair, PlanarTrajectory):
+    """The motion of a planar pair: a `PlanarTrajectory` with the further attributes of a `SimulatedMotion`."""
 
-
-def _read_start(name: str, value: Any, robot: Mechanism) -> Array:
-    """Return the checked coordinates or rates at the first instant, a new array (dof,)."""
-    if isinstance(value, float | int) and not value:
-        return np.zeros(robot.dof)
-    array = tree_of(robot).rows(name, value).copy()
-    if array.ndim > 1:
-        raise ArgumentError(name, f"one start, shape ({robot.dof},)", f"shape {array.shape}")
-    for joint, x in zip(robot.names, array.tolist(), strict=True):
-        finite_number(f"{name}[{joint!r}]", x)
-    return array
+    def recorded(self) -> dict[str, NDArray[Any]]:
+        """Return arrays (N, ...) by name: the outputs of the state, phi, psi, psid, psidd and hinge_torque."""
+        return {**self.state.arrays(), "phi": self.phi, **self._hinge_quantities()}

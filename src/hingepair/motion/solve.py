@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from hingepair.motion.integrals import AngleIntegral, AttitudeIntegral, Integral
 from hingepair.motion.signals import Signal
 from hingepair.motion.step_selection import select_steps
 from hingepair.motion.stepping import Steps
-from hingepair.motion.trajectory import LazyValue
+from hingepair.motion.trajectory import Deferred
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number
 from hingepair.rotations.matrices import matrix_to_quaternion
@@ -43,26 +44,57 @@ class SolveOptions(NamedTuple):
         return AttitudeIntegral(names[0], omega, self.execution, self.omega_in_body_axes), hinge
 
 
-class Solution(NamedTuple):
-    """The motion of a pair at the instants."""
+class Solution(Deferred):
+    """The motion of a pair at the instants, and estimates of its errors, made when they are first asked for.
 
-    orientations: Array  # of body 1: unit quaternions (N, 4) without a jump of sign; in the plane angles (N,) [rad]
-    psi: Array  # hinge angles [rad]; shape (N,)
-    steps: int  # number of steps
-    error: LazyValue  # estimate of the largest error of the orientations [rad]
-    psi_error: LazyValue  # of psi [rad]
+    Args:
+        steps: steps of integration.
+        integrals: those of the orientation of body 1 and of psi.
+        values: their values at the ends of the steps.
+        errors: measured errors of the steps, as far as there are.
+    """
+
+    def __init__(
+        self,
+        steps: Steps,
+        integrals: tuple[Integral, AngleIntegral],
+        values: tuple[Array, Array],
+        errors: Mapping[Integral, StepErrors],
+    ) -> None:
+        self._steps, self._integrals, self._values, self._errors = steps, integrals, values, errors
+        #: of body 1: unit quaternions (N, 4) without a jump of sign; in the plane angles (N,) [rad]
+        self.orientations = steps.at_instants(values[0])
+        #: hinge angles [rad]; shape (N,)
+        self.psi = steps.at_instants(values[1])
+        #: number of steps
+        self.steps = steps.step_count
+
+    @functools.cached_property
+    def error(self) -> float:
+        """Estimate of the largest error of the orientations [rad]."""
+        return self._estimate(0)
+
+    @functools.cached_property
+    def psi_error(self) -> float:
+        """Estimate of the largest error of psi [rad]."""
+        return self._estimate(1)
 
     @property
     def largest_error(self) -> float:
         """The larger of both error estimates [rad]; NaN if one of them is."""
-        return float(np.maximum(self.error(), self.psi_error()))
+        return float(np.maximum(self.error, self.psi_error))
+
+    def _estimate(self, k: int) -> float:
+        integral = self._integrals[k]
+        estimate = estimate_error(integral, self._steps, self._values[k], self._errors.get(integral))
+        return min(estimate, integral.max_error)
 
     def check_tolerance(self, options: SolveOptions) -> None:
         """Raise an ArgumentError if there is a tolerance and an error estimate is above it or NaN."""
         if options.tol is not None and not self.largest_error <= options.tol:
-            errors = (self.error(), self.psi_error())
             each = ", ".join(
-                f"{name} leaves {error:.2g}" for name, error in zip(options.rate_names, errors, strict=True)
+                f"{name} leaves {error:.2g}"
+                for name, error in zip(options.rate_names, (self.error, self.psi_error), strict=True)
             )
             raise ArgumentError(
                 "tol", f"at least the error that is left, {self.largest_error:.2g} rad ({each})", options.tol
@@ -113,12 +145,4 @@ def solve(
         for integral, values in zip(integrals, integrated, strict=True):
             integral.check_finite(values.reshape(len(values), -1), steps)
 
-    def error(integral: Integral, values: Array, measured: StepErrors | None) -> float:
-        return min(estimate_error(integral, steps, values, measured), integral.max_error)
-
-    estimates = [
-        LazyValue(functools.partial(error, integral, values, errors.get(integral)))
-        for integral, values in zip(integrals, integrated, strict=True)
-    ]
-    at_instants = [steps.at_instants(values) for values in integrated]
-    return Solution(at_instants[0], at_instants[1], steps.step_count, estimates[0], estimates[1])
+    return Solution(steps, integrals, integrated, errors)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from inspect import Signature
@@ -24,52 +25,23 @@ from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.tables.sheets import instant_text
 
 
-class LazyValue:
-    """A number, or an array of numbers, each of which is computed when it is first asked for.
-
-    Args:
-        values: a number, a function that returns it, or an array of these.
-
-    >>> value = LazyValue(lambda: 6.0 * 7)
-    >>> value(), LazyValue([1.0, lambda: 2.0])[1]()
-    (42.0, 2.0)
+class Deferred:
+    """Base class of what computes values when they are first asked for, by cached properties. A pickle holds these
+    values as far as they were computed, and nothing else: what computes them is the whole integration, and often a
+    lambda.
     """
 
-    __slots__ = ("_values",)
+    def __getstate__(self) -> dict[str, Any]:
+        kind = type(self)
+        return {n: x for n, x in vars(self).items() if isinstance(getattr(kind, n, None), functools.cached_property)}
 
-    def __init__(self, values: Any) -> None:
-        self._values = np.asarray(values, object)
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise ArgumentError("motion", "estimates and energy balance computed before the motion was pickled", "none")
 
-    def __call__(self) -> Any:
-        """Return the number, or a read-only array of the numbers."""
-        # Two threads may both compute a number, which is then the same.
-        for index in np.ndindex(self._values.shape):
-            value = self._values[index]
-            self._values[index] = float(value()) if callable(value) else value
-        return float(self._values[()]) if self._values.ndim == 0 else read_only(self._values.astype(np.float64))
-
-    @property
-    def is_computed(self) -> bool:
-        """Whether all numbers have been computed already."""
-        return not any(callable(value) for value in self._values.flat)
-
-    def __getitem__(self, index: Any) -> LazyValue:
-        """Return some of the numbers, which are computed once for both."""
-        part = LazyValue(0.0)
-        part._values = self._values[(*(index if isinstance(index, tuple) else (index,)), ...)]
-        return part
-
-    def __reduce__(self) -> tuple[type[LazyValue], tuple[Any]]:
-        """Pickle what is computed already; the functions hold the whole integration, and often a lambda."""
-        return LazyValue, (np.frompyfunc(lambda value: not_kept if callable(value) else value, 1, 1)(self._values),)
-
-    def __deepcopy__(self, _: Any) -> LazyValue:
+    def __deepcopy__(self, _: Any) -> Self:
         return self
-
-
-def not_kept() -> Any:
-    """Refuse to compute what a pickle does not hold."""
-    raise ArgumentError("motion", "estimates and energy balance computed before the motion was pickled", "none")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -85,8 +57,7 @@ class _TrajectoryBase(Frozen, Result):
     state: Any
     method: str
     steps: Any
-    _error: Any
-    _psi_error: Any
+    _solutions: Any = None  # array of a Solution for each motion, which tells its errors
 
     @property
     def described(self) -> str:
@@ -120,11 +91,11 @@ class _TrajectoryBase(Frozen, Result):
             raise ArgumentError("index of the trajectory", expected, quoted(index))
         psi = self.psi[key]
         state = type(self.state)({name: array[key] for name, array in self.state.arrays().items()}, psi.shape)
-        names = {one.name for one in fields(self)} & {"quat_wxyz", "R1", "phi", "_error", "_psi_error"}
+        names = {one.name for one in fields(self)} & {"quat_wxyz", "R1", "phi"}
         steps = self.steps[key]
         values = {name: getattr(self, name)[key] for name in names}
         steps = int(steps) if isinstance(steps, np.integer) else steps
-        return replace(self, psi=psi, state=state, steps=steps, **values)
+        return replace(self, psi=psi, state=state, steps=steps, _solutions=self._solutions[(*key, ...)], **values)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return the arrays of one motion by name, the instants on the first axis: the outputs that were computed,
@@ -166,12 +137,16 @@ class _TrajectoryBase(Frozen, Result):
         the error of interpolation where the motion is smooth. It is NaN for fewer than 4 samples. It does not include
         noise, rounded time stamps, nor motion that leaves no trace in the samples.
         """
-        return self._error()
+        return self._estimates("error")
 
     @property
     def psi_error_estimate(self) -> Any:
         """Estimate of the largest error of psi at any instant [rad], as `error_estimate`."""
-        return self._psi_error()
+        return self._estimates("psi_error")
+
+    def _estimates(self, name: str) -> Any:
+        found = np.array([getattr(one, name) for one in self._solutions.flat]).reshape(self.motions)
+        return read_only(found) if self.motions else float(found)
 
     def __getattr__(self, name: str) -> Any:
         state = object.__getattribute__(self, "state")
@@ -180,11 +155,11 @@ class _TrajectoryBase(Frozen, Result):
         raise missing_attribute_error(self, name)
 
     def __repr__(self) -> str:
-        t, method, steps, error, psi = (
-            object.__getattribute__(self, name) for name in ("t", "method", "steps", "_error", "psi")
+        t, method, steps, solutions, psi = (
+            object.__getattribute__(self, name) for name in ("t", "method", "steps", "_solutions", "psi")
         )
-        computed = error.is_computed and psi.size > 0
-        estimate = f", error_estimate={np.max(error()):.2g}" if computed else ""
+        computed = solutions is not None and psi.size > 0 and all("error" in vars(one) for one in solutions.flat)
+        estimate = f", error_estimate={np.max(self.error_estimate):.2g}" if computed else ""
         names = ", ".join(object.__getattribute__(self, "state").outputs)
         motions = f"motions={psi.shape[:-1]}, " if psi.ndim > 1 else ""
         counts = f"steps={_describe_steps(steps)}, {motions}{describe_instants(t)}{estimate}"

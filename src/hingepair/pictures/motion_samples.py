@@ -12,7 +12,7 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.mechanism.pairs.geometry import check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.motion.simulate import SimulatedPlanarMotion
+from hingepair.motion.simulated import SimulatedPlanarMotion
 from hingepair.motion.trajectory import Trajectory
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.pair_scene import PairResult, PairScene

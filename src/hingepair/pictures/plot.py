@@ -16,8 +16,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.results import MAX_HELD_INSTANTS, Record, Result
-from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
-from hingepair.motion.simulated import SimulatedRobotMotion
+from hingepair.motion.simulated import SimulatedMotion, SimulatedPlanarMotion, SimulatedRobotMotion
 from hingepair.pictures.curves import (
     PATHS,
     XYZ_COLOURS,

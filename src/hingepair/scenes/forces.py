@@ -20,7 +20,7 @@ from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
 from hingepair.mechanism.results import Record
 from hingepair.mechanism.states import MechanismForces
 from hingepair.mechanism.tree import Joint, loads_note
-from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
+from hingepair.motion.simulated import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.scenes.motions.joints import JointMotion, KnownJointMotion
 from hingepair.scenes.motions.known import MotionByBody1

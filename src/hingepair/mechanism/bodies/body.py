@@ -32,7 +32,7 @@ class DynamicsWarning(UserWarning):
 def warn_of_dynamics(message: str) -> None:
     """Issue a DynamicsWarning that points at the line which called the package."""
     frame, level = sys._getframe(), 1
-    while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("hingepair."):
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith(("hingepair.", "functools")):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, DynamicsWarning, level)
 

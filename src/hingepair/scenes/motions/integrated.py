@@ -11,11 +11,11 @@ from hingepair.engine.backend import execution_of_steps
 from hingepair.motion.integrate import METHODS, RATE_FRAME_NAMES
 from hingepair.motion.signals import Signal
 from hingepair.motion.solve import SolveOptions, solve
-from hingepair.motion.trajectory import LazyValue, quaternions_to_matrices, rotate_to_world
+from hingepair.motion.trajectory import quaternions_to_matrices, rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import check_rotation
 from hingepair.scenes.motions.known import MotionByCoordinates, motion_by_body1
-from hingepair.scenes.motions.motion import PairMotion
+from hingepair.scenes.motions.motion import LazyValue, PairMotion
 from hingepair.scenes.tables import Table
 
 
@@ -55,7 +55,7 @@ def integrate_motion(
         solution = solve(options, *signals, start, table.number("psi_0", 0.0))
         if "tol" in table.values:
             solution.check_tolerance(options)
-        error = LazyValue(solution.largest_error)
+        error = LazyValue(lambda: solution.largest_error)
     arrays = {**arrays, "psi": solution.psi}
     if planar:
         rows = (("R1", "phi", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -17,8 +18,8 @@ from hingepair.mechanism.pairs.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.motion.run import Impact
-from hingepair.motion.simulate import SimulatedMotion, SimulatedPlanarMotion
-from hingepair.motion.trajectory import LazyValue
+from hingepair.motion.simulated import SimulatedMotion, SimulatedPlanarMotion
+from hingepair.motion.trajectory import Deferred
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.motions.known import KnownMotion
@@ -49,6 +50,25 @@ class PairMotionSource(MotionSource, Protocol):
 
     def part(self, rows: Rows, order: int, /) -> KnownMotion:
         """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
+
+
+class LazyValue(Deferred):
+    """A number that is computed when it is first asked for.
+
+    >>> LazyValue(lambda: 6.0 * 7)()
+    42.0
+    """
+
+    def __init__(self, compute: Callable[[], float]) -> None:
+        self._compute = compute
+
+    @functools.cached_property
+    def _value(self) -> float:
+        return float(self._compute())
+
+    def __call__(self) -> float:
+        """Return the number."""
+        return self._value
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -20,20 +20,16 @@ from hingepair.mechanism.bodies.hinge_load import HingeLoad, stop_range
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.motion.loads import MotionAtInstants
-from hingepair.motion.simulate import (
-    BASES,
-    SimulatedMotion,
-    SimulatedPlanarMotion,
-    simulate,
-)
-from hingepair.motion.trajectory import LazyValue
+from hingepair.motion.pairs import BASES
+from hingepair.motion.simulate import simulate
+from hingepair.motion.simulated import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.functions import read_coordinate_functions
 from hingepair.scenes.motions.known import MotionByBody1, MotionByCoordinates
-from hingepair.scenes.motions.motion import PRESCRIBED, PairMotion, impact_sentences
+from hingepair.scenes.motions.motion import PRESCRIBED, LazyValue, PairMotion, impact_sentences
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 from hingepair.symbolic.expressions import number, parse_expression
 from hingepair.symbolic.time_functions import TimeFunctions

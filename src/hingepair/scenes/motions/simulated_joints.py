@@ -15,8 +15,9 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad, stop_range
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.motion.given_motions import GivenJoint
-from hingepair.motion.simulated import SimulatedRobotMotion, simulate_robot
+from hingepair.motion.given_motions import given_joint
+from hingepair.motion.simulate import simulate_robot
+from hingepair.motion.simulated import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.joints import (
@@ -204,7 +205,7 @@ def _read_driven(motion: Table, robot: Mechanism, t: Float64Array) -> dict[str, 
     driven = {name: partial(_driven, functions, k) for k, name in enumerate(names)}
     for name, move in driven.items():
         with motion.naming(name):
-            GivenJoint(name, move).check(t)
+            given_joint(name, move).check(t)
     return driven
 
 
