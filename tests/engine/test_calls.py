@@ -13,7 +13,7 @@ import time
 import numpy as np
 import pytest
 
-from hingepair.engine import ufunc
+from hingepair.engine import direct, ufunc
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind, bind_constant
 from hingepair.engine.calls import Call
@@ -126,15 +126,13 @@ def test_constants_are_sorted_once_for_all_calls(backend):
     np.testing.assert_allclose(state.y, expected(*given)[0], atol=1e-14)
 
 
-@pytest.mark.parametrize("value", [(0.0, 1.0, 2.5), np.array([0.0, 1.0, 2.5]), (np.array(3.0), -1.0, 0.5)], ids=repr)
-@pytest.mark.parametrize("moving", [False, True])
-def test_constants_that_were_sorted_once_are_bound_as_they_are(value, moving):
-    spec = (("k", (3,)), ("x", ()))
-    once = bind_constant("k", (3,), value)
-    x = np.ones(4)
-    plain, other = (bind(spec, {"k": k, "x": x}, single_samples_vary=moving) for k in (value, once))
-    assert (plain.pattern, plain.constants) == (other.pattern, other.constants)
-    assert len(plain.arrays) == len(other.arrays)
+def test_known_numbers_fold_and_those_in_arrays_are_parameters():
+    assert bind_constant((3,), (0.0, 1.0, 2.5)) == ((0.0, 1.0, None), (2.5,))
+    assert bind_constant((3,), np.array([0.0, 1.0, 2.5])) == ((None,) * 3, (0.0, 1.0, 2.5))
+    assert bind_constant((3,), (np.array(3.0), -1.0, 0.5)) == ((None, -1.0, None), (3.0, 0.5))
+    varying = np.zeros((4, 3))
+    assert bind_constant((3,), varying) is varying
+    assert bind((("k", (3,)), ("x", ())), {"k": (0.0, 2.5, varying[:, 0]), "x": varying[:, 1]}).numbers == [2.5]
 
 
 @pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
@@ -303,7 +301,7 @@ def test_threads_that_compile_at_once_get_one_kernel():
         gate.wait()
         one = Call(loop, GIVEN, CONSTANTS, Product, backend="compiled")
         for _ in range(50):
-            made.append((id(one._kernel("d", False).ufunc._borrowed[-1]), one.rows(*given).y))
+            made.append((id(one.machine_code("d").kernel), one.rows(*given).y))
 
     threads = [threading.Thread(target=work) for _ in range(4)]
     for thread in threads:
@@ -325,6 +323,65 @@ def test_a_quick_call_owns_its_machine_code():
     for _ in range(3):  # code that was freed is likely to be written over
         Call(Loop("other", product, dict(LOOP.inputs), OUTPUTS), GIVEN, CONSTANTS, Product, backend="compiled")
     np.testing.assert_array_equal(quick(*given).y, before)
+
+
+UNFIT = {
+    "strided": lambda a: np.repeat(a, 2, axis=-1)[..., ::2],
+    "float32": lambda a: a.astype(np.float32),
+    "swapped": lambda a: a.astype(">f8"),
+    "misaligned": lambda a: np.frombuffer(b" " + a.tobytes(), np.uint8)[1:].view(np.float64).reshape(a.shape),
+    "a subclass": lambda a: a.view(np.recarray),
+    "other samples": lambda a: np.concatenate([a, a]),
+    "one component less": lambda a: np.ascontiguousarray(a[..., 1:]),
+    "no samples": lambda a: a[:0],
+    "a list": lambda a: a.tolist(),
+    "many samples": lambda a: np.repeat(a, 1000, axis=0),
+}
+
+
+@pytest.mark.parametrize("place", [0, 1, 2, 3, 4])
+@pytest.mark.parametrize("kind", UNFIT)
+def test_direct_calls_take_what_fits_and_leave_the_rest_alone(kind, place):
+    """Arguments and arrays to write into: whatever else they are, nothing is written."""
+    code, lead = call().machine_code("d"), (9,)
+    make, fill = direct.direct_calls(code.kernel, "d", code.constants, 50, freeze=True)
+    given, out = arrays([lead] * 3), [np.full((*lead, 3), 7.0), np.full(lead, 7.0)]
+    made = make(*given)
+    for found, wanted in zip(made, expected(*given), strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-14, atol=1e-14)
+        assert (found.shape, found.flags.writeable, found.flags.owndata) == (wanted.shape, False, True)
+    values = [*given, *out]
+    values[place] = UNFIT[kind](values[place])
+    if place < 3 and kind != "no samples":
+        assert make(*values[:3]) is None
+    assert fill(*values) is None
+    assert (np.asarray(values[3]) == 7).all()
+    assert (np.asarray(values[4]) == 7).all()
+    assert fill(*given, *out)[0] is out[0]
+    np.testing.assert_array_equal(out[0], made[0])
+
+
+def test_direct_calls_broadcast_single_samples_and_refuse_shared_memory():
+    code = call().machine_code("d")
+    make, fill = direct.direct_calls(code.kernel, "d", code.constants, 50, freeze=False)
+    given = [np.ones((4, 2)), np.eye(3), np.arange(4.0)]
+    y, trace = make(*given)
+    np.testing.assert_allclose(y, expected(*given)[0])
+    assert trace.flags.writeable
+    memory = np.zeros(20)
+    y, trace = memory[:12].reshape(4, 3), memory[12:16]
+    assert fill(*given, y, trace) is not None  # side by side
+    for other in (memory[11:15], given[2]):
+        assert fill(*given, y, other) is None
+    y.flags.writeable = False
+    assert fill(*given, y, trace) is None
+    assert make(*given[:2]) is make(*given, y) is make() is None
+
+
+def test_without_the_known_offsets_numpys_ufunc_computes(monkeypatch):
+    monkeypatch.setattr(direct, "_offsets_are_known", lambda: False)
+    one, given = call(), arrays([(9,)] * 3)
+    np.testing.assert_allclose(one.rows(*given).y, expected(*given)[0], rtol=1e-14, atol=1e-14)
 
 
 def test_a_long_call_lets_other_threads_go_on():

@@ -1,33 +1,35 @@
 """Calls: a loop with its constants, called with arrays of one state or of many.
 
 call = Call(loop, {"psi": ()}, {"n": (0.0, 0.0, 1.0)}, Results)
-call.rows(np.zeros(5))                         # arguments that are one array each: a ufunc of NumPy
+call.rows(np.zeros(5))                         # arguments that are one array each
 call.run({"psi": np.zeros(5)}, {"psi": (5,)})  # arguments by components too, and the backend "numpy"
+
+Few samples in arrays that need no conversion are computed by `direct`, others by a ufunc, in slices. What has no
+kernel for its arguments is left to the loop.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import Execution
-from hingepair.engine.binding import ArrayShape, BoundConstant, ComponentSource, bind_constant
+from hingepair.engine.binding import ArrayShape, ComponentSource, Constant, bind_constant
+from hingepair.engine.direct import Direct, direct_calls
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, output_arrays
 from hingepair.engine.results import Results
-from hingepair.engine.rows import Output, Rows, rows_function
 from hingepair.engine.slices import run_slices
-from hingepair.engine.ufunc import MAX_OPERANDS, Layout, Operand, Ufunc
+from hingepair.engine.ufunc import MAX_OPERANDS, Layout, Ufunc
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
 from hingepair.numeric.caching import lock_free_cached_property
 
-if TYPE_CHECKING:
-    from hingepair.engine.llvm.native import Kernel
+Rows = Callable[..., Any]
 
 _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 _READ_CHARACTERS = frozenset("dfbhilqBHILQ")  # characters of the dtypes that are computed in float64 or float32
@@ -36,23 +38,30 @@ _SEQUENCES, _NUMBERS = {list, tuple}, {float, int, np.float64}
 _WEAK = {float, int}  # numbers that take the dtype of the arrays beside them
 # Samples below which calls share one kernel, in which no constant is folded, and components are joined for it.
 _FEW_SAMPLES: Final = 20_000
+_DIRECT_SAMPLES: Final = 2_000  # computed at most without letting other threads of Python go on, in some 0.1 ms
+
+
+class _Code(NamedTuple):
+    """A kernel, its arrays and its constants."""
+
+    kernel: Any  # a `Kernel`; None if LLVM cannot compile it, where the backend may do without
+    layout: Layout
+    constants: NDArray[Any]
 
 
 class _Compiled(NamedTuple):
-    """A kernel of a call, for one dtype."""
+    """What calls a kernel, for one dtype."""
 
     ufunc: Ufunc
-    rows: Rows
-    most: int  # samples that `rows` computes, at most
+    direct: Rows  # for few samples; returns None for what it does not take
 
 
 class _Read(NamedTuple):
-    """Arguments that are one array each, and what a call by a kernel needs to know of them."""
+    """Arguments that are one array each."""
 
     arrays: list[NDArray[Any]]
     shape: ArrayShape  # of the samples
     dtype: np.dtype[Any]  # to compute in
-    alike: bool  # whether no array is broadcast
 
 
 class Call:
@@ -105,20 +114,17 @@ class Call:
         self._limits, self._on_limit = dict(limits or {}), on_limit
         self.outputs = tuple(name for name, _ in loop.outputs if name not in self._limits)
         self._bound_constants = {
-            name: bind_constant(name, tail, self._constants[name])
-            for name, tail in loop.inputs
-            if name in self._constants
+            name: bind_constant(tail, self._constants[name]) for name, tail in loop.inputs if name in self._constants
         }
-        self._tails = tuple(self.argument_shapes.values())
-        tails = [*self._tails, *(tail for _, tail in loop.outputs)]
+        tails = [*self.argument_shapes.values(), *(tail for _, tail in loop.outputs)]
         self.has_kernels = (
             backend != "numpy"
-            and loop.traced
+            and loop.compiles
             and shape == ()
-            and len(tails) <= MAX_OPERANDS
             and not any(0 in tail for tail in tails)
-            and all(isinstance(one, BoundConstant) for one in self._bound_constants.values())
+            and all(isinstance(one, Constant) for one in self._bound_constants.values())
         )
+        self._calls_kernels = self.has_kernels and len(tails) <= MAX_OPERANDS
         self._shared = shared and backend == "auto"
         self._compiled: dict[tuple[str, bool], _Compiled] = {}  # by dtype, and whether other calls share the kernel
         self.rows: Rows = self._any_rows
@@ -136,32 +142,25 @@ class Call:
         """Return the program for arguments that all vary, and its constant numbers, of which `shared` folds none."""
         places = {name: k for k, name in enumerate(self._used)}
         pattern: list[ComponentSource] = []
-        constants: list[float] = []
+        numbers: list[float] = []
         for name, tail in self.loop.inputs:
-            count = math.prod(tail)
             bound = self._bound_constants.get(name)
-            if name in places:
-                pattern += [(places[name], k) for k in range(count)]
-            elif not isinstance(bound, BoundConstant):  # constants that vary by sample: only for what is said of it
-                pattern += [(len(places), k) for k in range(count)]
-                places[name] = len(places)
+            if not isinstance(bound, Constant):  # an argument; constants that vary by sample for what is said of it
+                place = places.setdefault(name, len(places))
+                pattern += [(place, k) for k in range(math.prod(tail))]
             elif shared:
-                pattern += [None] * count
-                constants += np.array(bound.value, np.float64).ravel().tolist()
+                pattern += [None] * len(bound.sources)
+                numbers += np.array(self._constants[name], np.float64).ravel().tolist()
             else:
-                pattern += bound.pattern
-                constants += bound.constants
-        return self.loop.program(tuple(pattern)), constants
+                pattern += bound.sources
+                numbers += bound.numbers
+        return self.loop.program(tuple(pattern)), numbers
 
     @lock_free_cached_property
     def _used(self) -> list[str]:
         """Arguments that the loop needs, in the order of the arguments."""
         needed = {name for name, _ in self.loop.inputs}
         return [name for name in self.argument_shapes if name in needed]
-
-    def _layout(self, has_constants: bool) -> Layout:
-        inputs = tuple(Operand(tail, name in self._used) for name, tail in self.argument_shapes.items())
-        return Layout(inputs, tuple(Operand(tail) for _, tail in self.loop.outputs), has_constants)
 
     def compile(self) -> None:
         """Compile the kernel now; for the backend "auto" that is the one of calls of any number of samples.
@@ -170,59 +169,54 @@ class Call:
             CompilationError: LLVM fails, and the backend is "compiled".
         """
         self._shared = False
-        if self.has_kernels:
+        if self._calls_kernels:
             self._kernel("d", False)
+
+    def machine_code(self, char: str) -> _Code:
+        """Return the kernel for a dtype, its arrays and its constants.
+
+        Raises:
+            CompilationError: LLVM fails.
+        """
+        return self._code(char, False, Program.kernel)
+
+    def _code(self, char: str, shared: bool, compiled: Callable[[Program, Layout, str], Any]) -> _Code:
+        program, numbers = self._program(shared)
+        inputs = [(tail, name in self._used) for name, tail in self.argument_shapes.items()]
+        layout = program.layout(inputs, bool(numbers))
+        with np.errstate(over="ignore"):
+            return _Code(compiled(program, layout, char), layout, np.array(numbers, char))
 
     def _check_constants(self, char: str) -> None:
         """Refuse constants that are infinite in float32 if that is the dtype to compute in."""
         if char != "f":
             return
         most = float(np.finfo(np.float32).max)
-        for bound in self._bound_constants.values():
-            value = bound.value if isinstance(bound, BoundConstant) else bound
+        for value in self._constants.values():
             parts = value if isinstance(value, tuple) else (value,)
             largest = max((float(np.abs(part).max(initial=0.0)) for part in map(np.asarray, parts)), default=0.0)
             if most < largest < math.inf:
                 expected = "numbers below 3.4e38, since the arguments are float32"
                 raise ArgumentError(self._constants_name, expected, largest)
 
-    def machine_code(self, char: str, shared: bool = False) -> tuple[Kernel, Layout, NDArray[Any] | None] | None:
-        """Return the kernel for a dtype, its arrays, and its constants, if it has any; None if LLVM cannot compile it
-        and the backend is "auto".
-        """
-        self._check_constants(char)
-        program, numbers = self._program(shared)
-        layout = self._layout(bool(numbers))
-        kernel = (program.kernel if self._backend == "compiled" else program.kernel_or_none)(layout, char)
-        return None if kernel is None else (kernel, layout, np.array(numbers, char) if numbers else None)
-
     def _kernel(self, char: str, shared: bool) -> _Compiled | None:
         """Return the kernel for a dtype; None if LLVM cannot compile it and the backend is "auto"."""
         compiled = self._compiled.get((char, shared))
         if compiled is not None:
             return compiled
-        code = self.machine_code(char, shared)
-        if code is None:
+        self._check_constants(char)
+        compiles = Program.kernel if self._backend == "compiled" else Program.kernel_or_none
+        kernel, layout, constants = self._code(char, shared, compiles)
+        if kernel is None:
             return None
-        kernel, layout, constants = code
-        ufunc, packed = (
-            Ufunc(self.loop.name, one, [(char, kernel.address(symbol), constants)], kernel)
-            for one, symbol in ((layout, "loop"), (layout.packed, "packed"))
-        )
-        dtype = np.dtype(char)
-        outputs = [
-            Output(name, tail, self._limits[name][dtype.itemsize] if name in self._limits else None)
-            for name, tail in self.loop.outputs
-        ]
-        width = max(math.prod(tail) for _, tail in self.loop.outputs) * dtype.itemsize
-        most = min(_FEW_SAMPLES, MIN_REUSED_BYTES // max(1, width))  # of larger results the memory is used again
-        rows = rows_function(
-            layout, outputs, dtype, self.result, kernel=ufunc, packed=packed, most=most,
-            general=self._any_rows, refuse=self._refuse,
-        )  # fmt: skip
+        ufunc = Ufunc(self.loop.name, layout, [(char, kernel, constants)])
+        width = max(math.prod(tail) for _, tail in self.loop.outputs) * constants.itemsize
+        most = min(_DIRECT_SAMPLES, MIN_REUSED_BYTES // width)  # of larger results the memory is used again
+        direct = direct_calls(kernel, char, constants, most, self.result is not None)
+        few = self._direct_rows(direct, char, lambda *_, **__: None)
+        compiled = self._compiled[char, shared] = _Compiled(ufunc, few)
         if char == "d" and shared == self._shared:
-            self.rows = rows
-        compiled = self._compiled[char, shared] = _Compiled(ufunc, rows, most)
+            self.rows = self._direct_rows(direct, char, self._any_rows)
         return compiled
 
     @lock_free_cached_property
@@ -238,34 +232,74 @@ class Call:
             outputs = {name: tail for name, tail in loop.outputs if name in self.outputs}
             loop = Loop(loop.name, loop.function, dict(loop.inputs), outputs, form=loop.form)
         call = Call(loop, self.argument_shapes, self._constants, None, shape=self._shape)
-        if not call.has_kernels:
+        if not call._calls_kernels:
             raise ArgumentError("ufunc", "a call of single arrays of at least one number each", quoted(self.outputs))
-        program, constants = call._program(False)
-        layout, loops, kernels = call._layout(bool(constants)), [], []
-        for char in "df":
-            kernels.append(program.kernel(layout, char))
-            with np.errstate(over="ignore"):
-                numbers = np.array(constants, char)
-            loops.append((char, kernels[-1].address("loop"), numbers if constants else None))
+        codes = {char: call.machine_code(char) for char in "df"}
+        loops = [(char, one.kernel, one.constants) for char, one in codes.items()]
         doc = f"{', '.join(self.argument_shapes)} -> {', '.join(self.outputs)}"
-        return Ufunc(self.loop.name, layout, loops, kernels, doc).publish()
+        return Ufunc(self.loop.name, codes["d"].layout, loops, doc).publish()
 
     # ---- arguments that are one array each
 
+    def _direct_rows(self, direct: Direct, char: str, general: Rows) -> Rows:
+        """Return a function of the arguments in order, `out` and `workers`, which calls a kernel directly, and leaves
+        to `general` what that does not take.
+        """
+        (make, fill), refuse, array, empty = direct, self._refuse, np.array, np.empty
+        tails, names = [*self.argument_shapes.values()], [name for name, _ in self.loop.outputs]
+        rank, takes_numbers = len(tails[0]) if tails else 0, () in tails
+        size = np.dtype(char).itemsize
+        limits = [(k, self._limits[name][size]) for k, name in enumerate(names) if name in self._limits]
+        count, result_of = len(self.outputs), self._result_maker()
+
+        def rows(*given: Any, out: Any = None, workers: int = 1) -> Any:
+            arrays = [array(x) if type(x) is float else x for x in given] if takes_numbers else given
+            found = None
+            if out is None:
+                found = make(*arrays)
+                if found is None and list in map(type, given):
+                    arrays = [_row(x) if type(x) is list else x for x in arrays]
+                    found = make(*arrays)
+            elif type(out) is dict and len(out) == count:
+                written = [out.get(name) for name in names]
+                for k, _ in limits:
+                    written[k] = empty(np.shape(arrays[0])[: np.ndim(arrays[0]) - rank], char)
+                found = fill(*arrays, *written)
+            if found is None:
+                return general(*given, out=out, workers=workers)
+            for k, limit in limits:
+                if (found[k] > limit).any():
+                    refuse(given, out is not None)
+            first = arrays[0]
+            return result_of(found, first.shape[: first.ndim - rank], out is None)
+
+        return rows
+
+    def _result_maker(self) -> Callable[..., Any]:
+        """Return a function that makes the result of all outputs, their leading shape, and whether they are new."""
+        kept = [k for k, (name, _) in enumerate(self.loop.outputs) if name not in self._limits]
+        if self.result is None:
+            return lambda found, *_: found[kept[0]]
+        make = self.result.maker([self.loop.outputs[k] for k in kept])
+        if len(kept) == len(self.loop.outputs):
+            return make
+        return lambda found, *rest: make(tuple([found[k] for k in kept]), *rest)
+
     def _any_rows(self, *arguments: Any, out: Out = None, workers: int = 1) -> Any:
         """Return the results for single arrays, lists or numbers; None if `run` has to look at the arguments."""
-        read = self._read(arguments) if self.has_kernels else None
+        read = self._read(arguments) if self._calls_kernels else None
         if read is None or (out is not None and not (type(out) is dict and out.keys() <= {*self.outputs})):
             return None
-        arrays, shape, dtype, alike = read
-        shared = self._shared and math.prod(shape) < _FEW_SAMPLES
-        kernel = self._kernel(dtype.char, shared)
+        arrays, shape, dtype = read
+        samples = math.prod(shape)
+        kernel = self._kernel(dtype.char, self._shared and samples < _FEW_SAMPLES)
         if kernel is None:
             return None
-        if out is None and alike and workers == 1 and math.prod(shape) < kernel.most:
-            return kernel.rows(*[
-                one if one.dtype is dtype and one.flags.c_contiguous else _copied(one, dtype) for one in arrays
-            ])  # fmt: skip
+        if out is None and samples < _DIRECT_SAMPLES:
+            plain = (x if x.dtype is dtype and x.flags.c_contiguous else _copied(x, dtype) for x in arrays)
+            result = kernel.direct(*plain)
+            if result is not None:
+                return result
         outputs = self._output_arrays(shape, dtype, out, dict(zip(self.argument_shapes, arrays, strict=True)))
         self._run_kernel(kernel.ufunc, arrays, outputs, shape, workers)
         self._check_limits(outputs, arguments, out)
@@ -273,10 +307,10 @@ class Call:
 
     def _read(self, arguments: Sequence[Any]) -> _Read | None:
         """Return arguments as arrays; None where one is something else, or has another shape or dtype."""
-        if len(arguments) != len(self._tails):
+        if len(arguments) != len(self.argument_shapes):
             return None
         arrays, leads, chars = [], [], set()
-        for value, tail in zip(arguments, self._tails, strict=True):
+        for value, tail in zip(arguments, self.argument_shapes.values(), strict=True):
             array = value if type(value) is np.ndarray else _state_array(value, tail)
             if array is None:
                 return None
@@ -289,12 +323,11 @@ class Call:
             arrays.append(array)
             if type(value) not in _WEAK:
                 chars.add(array.dtype.char)
-        alike = len(set(leads)) == 1
         try:
-            shape = leads[0] if alike else np.broadcast_shapes(*leads)
+            shape = np.broadcast_shapes(*leads)
         except ValueError:
             return None
-        return None if 0 in shape else _Read(arrays, shape, _FLOAT32 if chars == {"f"} else _FLOAT64, alike)
+        return None if 0 in shape else _Read(arrays, shape, _FLOAT32 if chars == {"f"} else _FLOAT64)
 
     def _run_kernel(
         self,
@@ -305,10 +338,9 @@ class Call:
         workers: int,
     ) -> None:
         """Compute the outputs of all samples into their arrays."""
-        ranks = [*map(len, self._tails), *(len(tail) for _, tail in self.loop.outputs)]
         targets = [outputs[name] for name, _ in self.loop.outputs]
         operations = self.program.weighted_operations if workers > 1 else 1
-        run_slices(ufunc, arrays, targets, ranks, shape, operations=operations, workers=workers)
+        run_slices(ufunc, arrays, targets, shape, operations=operations, workers=workers)
 
     # ---- any arguments
 
@@ -340,7 +372,7 @@ class Call:
         named = {labels.get(name, name): value for name, value in values.items()} if out and labels else values
         outputs = self._output_arrays(shape, dtype, out, named)
         kernel, few = None, math.prod(shape) < _FEW_SAMPLES
-        if self.has_kernels and 0 not in shape and (few or not any(type(one) is tuple for one in values.values())):
+        if self._calls_kernels and 0 not in shape and (few or not any(type(one) is tuple for one in values.values())):
             kernel = self._kernel(dtype.char, self._shared and few)
         if kernel is not None:
             arrays = [_joined(values[name], tail, dtype) for name, tail in self.argument_shapes.items()]
@@ -405,6 +437,14 @@ def _copied(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
     copied = np.empty(array.shape, dtype)
     copied[...] = array
     return copied
+
+
+def _row(numbers: list[Any]) -> Any:
+    """Return a list of numbers as a row of float64, and any other list as it is."""
+    try:
+        return np.array(numbers, np.float64) if _NUMBERS.issuperset(map(type, numbers)) else numbers
+    except OverflowError:
+        return numbers
 
 
 def _state_array(value: Any, tail: ArrayShape) -> NDArray[Any] | None:

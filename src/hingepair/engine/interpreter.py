@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,15 @@ _FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {
 }
 
 
-def interpreter(inputs: Sequence[TracedValue], results: Sequence[Operand]) -> Callable[..., list[Any]]:
-    """Return a function of the inputs, numbers or arrays of NumPy, that computes the results.
+class Interpreter(NamedTuple):
+    """A trace as a function of its inputs, numbers or arrays of NumPy, that computes the results."""
+
+    run: Callable[..., list[Any]]
+    width: int  # most values that it holds at a time
+
+
+def interpreter(inputs: Sequence[TracedValue], results: Sequence[Operand]) -> Interpreter:
+    """Return the function of a trace.
 
     A register holds each value until its last use, and then another one: a block's arrays stay in the cache.
     """
@@ -67,4 +74,4 @@ def interpreter(inputs: Sequence[TracedValue], results: Sequence[Operand]) -> Ca
             values[target] = function(operands_of(values)) if is_single else function(*operands_of(values))
         return [values[k] for k in ends]
 
-    return run
+    return Interpreter(run, len(registers))

@@ -420,7 +420,7 @@ def _call_loop(f: FunctionBuilder, name: str, layout: Layout, number_bytes: int)
     for k, buffer in enumerate(buffers):
         f.do(f"store ptr {f.load_word(buffer, _DATA, 'ptr')}, ptr {f.pointer_at('%args', 8 * k)}, align 8")
     for k, step in enumerate(steps):
-        f.do(f"store i64 {step}, ptr {f.pointer_at('%steps', 8 * k)}, align 8")
+        f.store_word(step, "%steps", 8 * k)
     f.do("store i64 1, ptr %count, align 8")
     dimensions = f.load_word(buffers[-1], _DIMENSIONS, "ptr")
     axes = f.put(f"sub i64 {f.load_word(buffers[-1], _RANK)}, {len(operands[-1].sample_shape)}")

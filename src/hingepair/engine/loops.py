@@ -13,38 +13,23 @@ import functools
 import itertools
 import math
 import warnings
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import Execution, compiler_lock, kernel_pays
-from hingepair.engine.binding import (
-    ArrayShape,
-    BoundInputs,
-    InputPattern,
-    NamedShapes,
-    bind,
-    component_views,
-)
-from hingepair.engine.interpreter import interpreter
+from hingepair.engine.binding import ArrayShape, Bound, InputPattern, NamedShapes, bind
+from hingepair.engine.direct import direct_ir
+from hingepair.engine.interpreter import Interpreter, interpreter
 from hingepair.engine.llvm import object_cache
 from hingepair.engine.llvm.ir import kernel_ir
 from hingepair.engine.llvm.scan import scan_ir
 from hingepair.engine.llvm.schedule import ComponentGroup
 from hingepair.engine.slices import run_slices
 from hingepair.engine.threads import run_in_threads
-from hingepair.engine.trace import (
-    FUNCTIONS,
-    Sampled,
-    Trace,
-    TracedValue,
-    needed_values,
-    operation_count,
-    sampled_value,
-)
+from hingepair.engine.trace import FUNCTIONS, Trace, TracedValue, needed_values, operation_count
 from hingepair.engine.trace import Operand as TracedOperand
 from hingepair.engine.ufunc import FLOAT_TYPES, MAX_OPERANDS, Layout, Operand, Ufunc, check_numpy, loop_ir
 from hingepair.errors import CompilationError, ShapeError
@@ -58,8 +43,8 @@ if TYPE_CHECKING:
 Buffers: TypeAlias = Mapping[str, NDArray[Any]]
 
 _BLOCK: Final = 2048  # samples that NumPy computes at a time: 16 kB for each component
-_STACKED_BYTES: Final = 4_000_000  # copied into one array at a time, where arrays are too many for a ufunc
-_UNTRACED_NUMBERS: Final = 30_000_000  # held at a time if not traced, 240 MB: of outputs, and some four an input
+_HELD_NUMBERS: Final = 30_000_000  # of values that NumPy holds at a time, 240 MB
+_JOINED_BYTES: Final = 4_000_000  # copied into one array at a time, where arrays are too many for a ufunc
 
 
 class OperationCounts(NamedTuple):
@@ -86,15 +71,15 @@ class Loop:
 
     Args:
         name: name of the generated code.
-        function: takes values by name, traced or not, and returns results by name.
+        function: takes traced values by name, and returns results by name.
         inputs: shape of one sample of each input.
         outputs: shape of one sample of each output.
         exact: whether the compiled code may not fuse products with sums (FMA), which breaks compensated arithmetic.
         form: what the function is made of, if that and the sources of `object_cache.TRACED_PACKAGES` decide what it
             computes: numbers, texts and tuples, whose `repr` says all. Then a process that finds the kernel on disk
             need not trace the function.
-        traced: whether `run` traces the function. If not, the function computes with arrays of samples itself, one
-            operation after the other: for functions of so many operations that straight-line code takes long to make.
+        compiles: whether kernels may compute it. If not, NumPy does: LLVM takes long for a function of very many
+            operations.
     """
 
     def __init__(
@@ -106,7 +91,7 @@ class Loop:
         *,
         exact: bool = False,
         form: object = None,
-        traced: bool = True,
+        compiles: bool = True,
     ) -> None:
         self.name = name
         self.function = function
@@ -114,7 +99,7 @@ class Loop:
         self.outputs: NamedShapes = tuple(outputs.items())
         self.exact = exact
         self.form = form
-        self.traced = traced
+        self.compiles = compiles
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
 
     def run(
@@ -134,43 +119,21 @@ class Loop:
         if 0 in shape:
             return
         bound = bind(self.inputs, values)
-        if self.traced and not bound.arrays and execution.backend == "compiled":
-            bound = bind(self.inputs, values, single_samples_vary=True)  # rounded as many samples are
-        if self.traced and self.program(bound.pattern).run_kernel(bound, out, shape, dtype, execution):
-            return
-        views = [view for name, tail in self.outputs for view in component_views(out[name], tail)]
-        targets = [view[..., k] for view in views for k in range(view.shape[-1])]
-        inputs = [array[..., k] for array in bound.arrays for k in range(array.shape[-1])]
-        size = _BLOCK
-        function: Callable[..., Sequence[Any]]
-        if not self.traced:
-            function = functools.partial(self._compute, bound.pattern, len(bound.constants))
-            size = min(size, max(1, _UNTRACED_NUMBERS // (len(targets) + 4 * len(bound.pattern) + 1)))
-        else:
-            function = self.program(bound.pattern).on_arrays
-        constants = [dtype.type(x) for x in bound.constants]
-        on_samples = functools.partial(function, *constants)
-        blocks: list[Block] = [*split_into_blocks(shape, size)] if inputs else [()]
-        run_in_threads(
-            lambda block: fill_blocks(on_samples, inputs, targets, dtype, [block]), blocks, execution.workers
-        )
+        program = self.program(bound.pattern)
+        if not program.run_kernel(bound, out, shape, dtype, execution):
+            program.run_numpy(bound, out, shape, dtype, execution.workers)
 
-    def _compute(self, pattern: InputPattern, constant_count: int, *numbers: Any) -> list[Any]:
-        """Return the components of all outputs by the function itself, from the numbers of constants, then arrays."""
-        constants, arrays = iter(numbers[:constant_count]), numbers[constant_count:]
-        counts = Counter(source[0] for source in {one for one in pattern if isinstance(one, tuple)})
-        starts = [0, *itertools.accumulate(counts[k] for k in range(len(counts)))]
-        rest, values = iter(pattern), {}
-        for name, tail in self.inputs:
-            group: list[Any] = []
-            for source in itertools.islice(rest, math.prod(tail)):
-                if isinstance(source, tuple):
-                    group.append(Sampled(arrays[starts[source[0]] + source[1]]))
-                else:
-                    group.append(Sampled(next(constants)) if source is None else source)
-            values[name] = tuple(group) if tail else group[0]
-        results = self.function(values)
-        return [sampled_value(one) for name, _ in self.outputs for one in components(results[name])]
+    @lock_free_cached_property
+    def joined(self) -> Loop:
+        """The same function with all outputs one behind the other in one vector, for where they are too many."""
+        size = sum(math.prod(tail) for _, tail in self.outputs)
+
+        def function(values: dict[str, Any]) -> dict[str, Any]:
+            found = self.function(values)
+            return {"joined": tuple(itertools.chain(*(components(found[name]) for name, _ in self.outputs)))}
+
+        form = None if self.form is None else ("joined", self.outputs, self.form)
+        return Loop(self.name, function, dict(self.inputs), {"joined": (size,)}, exact=self.exact, form=form)
 
     def count_operations(self, values: Mapping[str, Any]) -> OperationCounts:
         """Count the operations for these inputs, of which arrays vary and numbers are known."""
@@ -199,97 +162,84 @@ class _TracedFunction(NamedTuple):
 
 
 class Program:
-    """A loop's function, traced and folded for one pattern of inputs, with its generated functions and kernels."""
+    """A loop's function, traced and folded for one pattern of inputs, with its kernels."""
 
     def __init__(self, loop: Loop, pattern: InputPattern) -> None:
         self.loop = loop
         self.pattern = pattern
         self._kernels: dict[tuple[Layout, str], Kernel] = {}
-        self._ufuncs: dict[tuple[Layout, str, bool], Ufunc] = {}
         self._compiles = True  # until LLVM fails
 
-    # ---- kernels
+    # ---- runs over samples
 
     def run_kernel(
-        self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
+        self, bound: Bound, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> bool:
         """Compute the outputs by a kernel if the backend has one and it pays; return whether it did. There is none of
         an output without components, as of a robot without joints.
         """
-        backend, samples = execution.backend, math.prod(shape)
-        if not bound.arrays or backend == "numpy" or any(0 in tail for _, tail in self.loop.outputs):
+        backend, outputs = execution.backend, self.loop.outputs
+        if not self.loop.compiles or not bound.arrays or backend == "numpy" or any(0 in tail for _, tail in outputs):
             return False
-        if backend == "auto" and not kernel_pays(self.weighted_operations, samples):
+        if backend == "auto" and not kernel_pays(self.weighted_operations, math.prod(shape)):
             return False
-        if len(bound.arrays) + len(self.loop.outputs) >= MAX_OPERANDS:
-            return self._run_stacked(bound, out, shape, dtype, execution)
-        return self._run_kernel(bound, out, shape, dtype, execution)
-
-    def _run_kernel(
-        self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
-    ) -> bool:
-        """Compute the outputs by a kernel; return False if the backend may do without, and LLVM fails."""
-        inputs = self._kernel_inputs(bound, dtype)
-        ufunc = self._ufunc(inputs, dtype, execution, packed=False)
-        if ufunc is None:
+        if len(bound.arrays) + len(outputs) > MAX_OPERANDS:
+            return self._run_joined(bound, out, shape, dtype, execution)
+        layout = self.layout([(tail, True) for tail in bound.tails], bool(bound.numbers))
+        kernel = (self.kernel if backend == "compiled" else self.kernel_or_none)(layout, dtype.char)
+        if kernel is None:
             return False
-        outputs, tails = [out[name] for name, _ in self.loop.outputs], [tail for _, tail in self.loop.outputs]
-        ranks = [*(1 for _ in inputs), *map(len, tails)]
+        ufunc = Ufunc(self.loop.name, layout, [(dtype.char, kernel, np.array(bound.numbers, dtype))])
         run_slices(
-            ufunc, inputs, outputs, ranks, shape, operations=self.weighted_operations, workers=execution.workers
-        )
+            ufunc, bound.arrays, [out[name] for name, _ in outputs], shape,
+            operations=self.weighted_operations, workers=execution.workers,
+        )  # fmt: skip
         return True
 
-    def _kernel_inputs(self, bound: BoundInputs, dtype: np.dtype[Any]) -> list[NDArray[Any]]:
-        constants = [np.array(bound.constants, dtype)] if bound.constants else []
-        return [*constants, *bound.arrays]
-
-    def _ufunc(
-        self, inputs: Sequence[NDArray[Any]], dtype: np.dtype[Any], execution: Execution, packed: bool
-    ) -> Ufunc | None:
-        """Return the ufunc of these inputs, which returns all outputs in one array if `packed`; None if the backend
-        may do without, and LLVM fails.
-        """
-        tails = [tail for _, tail in self.loop.outputs]
-        layout = Layout(tuple(Operand(one.shape[-1:]) for one in inputs), tuple(map(Operand, tails)), False)
-        key = layout, dtype.char, packed
-        ufunc = self._ufuncs.get(key)
-        if ufunc is None:
-            compiled = self.kernel if execution.backend == "compiled" else self.kernel_or_none
-            kernel = compiled(layout, dtype.char)
-            if kernel is None:
-                return None
-            loops = [(dtype.char, kernel.address("packed" if packed else "loop"), None)]
-            own = layout.packed if packed else layout
-            ufunc = self._ufuncs[key] = Ufunc(self.loop.name, own, loops, kernel)
-        return ufunc
-
-    def _run_stacked(
-        self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
+    def _run_joined(
+        self, bound: Bound, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> bool:
         """Compute what has more arrays than a ufunc takes: block by block, from one array of all components of the
         inputs to one of all outputs.
         """
-        starts = [0, *itertools.accumulate(one.shape[-1] for one in bound.arrays)]
-        stacked = BoundInputs()
-        stacked.sources = [(0, starts[one[0]] + one[1]) if isinstance(one, tuple) else one for one in self.pattern]
-        stacked.constants = bound.constants
-        program = self.loop.program(stacked.pattern)
-        sizes = [math.prod(tail) for _, tail in self.loop.outputs]
-        ends = [*itertools.accumulate(sizes)]
-        for block in split_into_blocks(shape, max(1, _STACKED_BYTES // (dtype.itemsize * (starts[-1] + ends[-1])))):
+        widths = [math.prod(tail) for tail in bound.tails]
+        starts = [0, *itertools.accumulate(widths)]
+        pattern = tuple((0, starts[one[0]] + one[1]) if isinstance(one, tuple) else one for one in self.pattern)
+        program = self.loop.joined.program(pattern)
+        ((_, (total,)),) = self.loop.joined.outputs
+        for block in split_into_blocks(shape, max(1, _JOINED_BYTES // (dtype.itemsize * (starts[-1] + total)))):
             block_shape = tuple(axis.stop - axis.start for axis in block)
-            parts = [load(one, (*block, slice(one.shape[-1])), dtype) for one in bound.arrays]
-            wide = [np.broadcast_to(one, (*block_shape, one.shape[-1])) for one in parts]
-            stacked.arrays = [np.concatenate(wide, axis=-1)]
-            inputs = program._kernel_inputs(stacked, dtype)
-            ufunc = program._ufunc(inputs, dtype, execution, packed=True)
-            if ufunc is None:
+            whole = np.empty((*block_shape, starts[-1]), dtype)
+            for array, tail, width, start in zip(bound.arrays, bound.tails, widths, starts, strict=False):
+                part = load(array, (*block, *map(slice, tail)), dtype)
+                lead = part.shape[: part.ndim - len(tail)]
+                whole[..., start : start + width] = part.reshape(*lead, width)
+            found = np.empty((*block_shape, total), dtype)
+            joined = Bound(pattern, bound.numbers, [whole], [(starts[-1],)])
+            if not program.run_kernel(joined, {"joined": found}, block_shape, dtype, execution):
                 return False
-            found = np.reshape(ufunc.call(*inputs), (*block_shape, ends[-1]))
-            for (name, tail), end, size in zip(self.loop.outputs, ends, sizes, strict=True):
-                out[name][block] = found[..., end - size : end].reshape(*block_shape, *tail)
+            end = 0
+            for name, tail in self.loop.outputs:
+                start, end = end, end + math.prod(tail)
+                out[name][block] = found[..., start:end].reshape(*block_shape, *tail)
         return True
+
+    def run_numpy(self, bound: Bound, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], workers: int) -> None:
+        """Compute the outputs operation by operation, over blocks of samples."""
+        inputs = [one for array, tail in zip(bound.arrays, bound.tails, strict=True) for one in _views(array, tail)]
+        targets = [one for name, tail in self.loop.outputs for one in _views(out[name], tail)]
+        run, width = self.interpreter
+        on_samples = functools.partial(run, *(dtype.type(x) for x in bound.numbers))
+        size = min(_BLOCK, max(1, _HELD_NUMBERS // (width + 1)))
+        blocks: list[Block] = [*split_into_blocks(shape, size)] if inputs else [()]
+        run_in_threads(lambda block: fill_blocks(on_samples, inputs, targets, dtype, [block]), blocks, workers)
+
+    # ---- kernels
+
+    def layout(self, inputs: Iterable[tuple[ArrayShape, bool]], constants: bool) -> Layout:
+        """Return the arrays of a ufunc: inputs, by the shape of one sample and whether the kernel reads them."""
+        outputs = tuple(Operand(tail) for _, tail in self.loop.outputs)
+        return Layout(tuple(Operand(*one) for one in inputs), outputs, constants)
 
     def kernel_or_none(self, layout: Layout, char: str) -> Kernel | None:
         """Return the kernel for a layout and a dtype. If LLVM fails, warn once, return None, and do not try again."""
@@ -361,18 +311,17 @@ class Program:
         inputs += map(ComponentGroup, traced.arrays)
         outputs = [ComponentGroup(components(traced.results[name])) for name, _ in self.loop.outputs]
         kernel = kernel_ir(inputs, outputs, float_type=FLOAT_TYPES[char], fuse=self.fuses)
-        return f"{kernel}\n{loop_ir(layout, FLOAT_TYPES[char])}"
+        calls = loop_ir(layout, FLOAT_TYPES[char]), direct_ir(layout, FLOAT_TYPES[char])
+        return "\n".join([kernel, *calls])
 
-    # ---- without a compiler
+    # ---- operations
 
     @lock_free_cached_property
-    def on_arrays(self) -> Callable[..., Sequence[Any]]:
-        """Function of the constants and then the inputs, numbers or arrays of NumPy."""
+    def interpreter(self) -> Interpreter:
+        """The trace as a function of the constants and then the inputs, numbers or arrays of NumPy."""
         traced = self._traced
         inputs = [*traced.constants, *itertools.chain(*traced.arrays)]
         return interpreter(inputs, traced.output_components(self.loop.outputs))
-
-    # ---- operations
 
     @lock_free_cached_property
     def weighted_operations(self) -> int:
@@ -417,3 +366,8 @@ class Program:
         results = self.loop.function(values)
         ordered = tuple(tuple(columns[k] for k in sorted(columns)) for _, columns in sorted(arrays.items()))
         return _TracedFunction(tuple(constants), ordered, results)
+
+
+def _views(array: NDArray[Any], tail: ArrayShape) -> list[NDArray[Any]]:
+    """Return views of the components of one sample, in order."""
+    return [array[(..., *index)] for index in np.ndindex(*tail)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -32,6 +32,26 @@ class Results(Shown):
 
     def __init__(self, arrays: Mapping[str, Any], shape: tuple[int, ...]) -> None:
         _set_attribute(self, "_content", (tuple(arrays), tuple(arrays.values()), shape))
+
+    @classmethod
+    def maker(cls, outputs: Iterable[tuple[str, tuple[int, ...]]]) -> Callable[..., Any]:
+        """Return a function that makes results quickly: of the arrays in a tuple, their leading shape, and whether
+        they are read-only already. `outputs` are names and shapes of one sample.
+        """
+        names, tails = zip(*outputs, strict=True)
+        new, set_content = cls.__new__, Results.__dict__["_content"].__set__
+        slots = [(k, cls.__dict__[name].__set__) for k, name in enumerate(names) if name in cls.__slots__]
+        has_numbers = () in tails
+
+        def make(arrays: tuple[Any, ...], shape: tuple[int, ...], frozen: bool) -> Any:
+            made = new(cls)
+            set_content(made, (names, arrays, shape))
+            if frozen and (shape or not has_numbers):  # else each is made when it is asked for
+                for k, put in slots:
+                    put(made, arrays[k])
+            return made
+
+        return make
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -41,9 +41,9 @@ class Scan:
         self._ranks: dict[str, int] = {}  # of one sample, in the order of the table
         for name, tail in loop.inputs:
             if name in known:
-                bound = bind_constant(name, tail, known[name])
-                pattern += bound.pattern
-                constants += bound.constants
+                bound = bind_constant(tail, known[name])
+                pattern += bound.sources
+                constants += bound.numbers
             elif 0 not in tail:  # the coordinates of a robot without joints have no components
                 pattern += [(len(self._ranks), k) for k in range(math.prod(tail))]
                 self._ranks[name] = len(tail)

@@ -27,7 +27,6 @@ def run_slices(
     ufunc: Ufunc,
     inputs: Arrays,
     outputs: Arrays,
-    ranks: Sequence[int],
     shape: tuple[int, ...],
     *,
     operations: int,
@@ -39,12 +38,12 @@ def run_slices(
         ufunc: takes the inputs; threads keep it, since NumPy's ufunc alone does not own its machine code.
         inputs: arrays whose leading axes broadcast to the samples.
         outputs: arrays of the dtype in which the ufunc computes.
-        ranks: number of axes of one sample of each input and output.
         shape: shape of the samples.
         operations: of one sample.
         workers: threads at most.
     """
     size, dtype = math.prod(shape), outputs[0].dtype
+    ranks = [len(one.sample_shape) for one in ufunc.layout.operands]
     input_ranks, output_ranks = ranks[: len(inputs)], ranks[len(inputs) :]
     blocks: list[Block] = [tuple(slice(0, n) for n in shape)]
     short = _short_axes((*inputs, *outputs), ranks, shape) if len(shape) > 1 else []

@@ -14,8 +14,6 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from hingepair.numeric.blocks import cosine, sine
-
 Operand: TypeAlias = "TracedValue | float"
 
 FUNCTIONS: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
@@ -155,74 +153,10 @@ def operation_count(values: Iterable[TracedValue], varying: bool | None = None) 
     return sum(v.operation != "input" and varying in {None, v.varies} for v in values)
 
 
-class Sampled:
-    """A number at each sample. A product with the number 0 is 0, with 1 the other factor, as in a trace: NaN of one
-    joint does not reach what does not depend on it.
-    """
-
-    __array_ufunc__ = None  # NumPy's numbers leave sums and products with it to the methods below
-    __slots__ = ("value",)
-
-    def __init__(self, value: Any) -> None:
-        self.value = value
-
-    def __add__(self, other: Sampled | float) -> Sampled:
-        if type(other) is Sampled:
-            return Sampled(self.value + other.value)
-        return self if other == 0 else Sampled(self.value + other)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Sampled | float) -> Sampled:
-        if type(other) is Sampled:
-            return Sampled(self.value - other.value)
-        return self if other == 0 else Sampled(self.value - other)
-
-    def __rsub__(self, other: float) -> Sampled:
-        return Sampled(-self.value if other == 0 else other - self.value)
-
-    def __mul__(self, other: Sampled | float) -> Sampled | float:
-        if type(other) is Sampled:
-            return Sampled(self.value * other.value)
-        if other == 0:
-            return 0.0
-        if other == 1:
-            return self
-        return Sampled(-self.value if other == -1 else self.value * other)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Sampled | float) -> Sampled:
-        if type(other) is Sampled:
-            return Sampled(self.value / other.value)
-        return self if other == 1 else Sampled(self.value / other)
-
-    def __rtruediv__(self, other: float) -> Sampled | float:
-        return 0.0 if other == 0 else Sampled(other / self.value)
-
-    def __neg__(self) -> Sampled:
-        return Sampled(-self.value)
-
-    def sine(self) -> Sampled:
-        """Return the sine [rad]."""
-        return Sampled(sine(self.value))
-
-    def cosine(self) -> Sampled:
-        """Return the cosine [rad]."""
-        return Sampled(cosine(self.value))
-
-
-def sampled_value(number: Sampled | float) -> Any:
-    """Return the values of a number at its samples."""
-    return number.value if type(number) is Sampled else number
-
-
 def square_root(x: Any) -> Any:
     """Return the square root of a number, an array or a traced value."""
     if isinstance(x, TracedValue):
         return x.trace.record("sqrt", x)
-    if isinstance(x, Sampled):
-        return Sampled(square_root(x.value))
     return np.sqrt(x)
 
 
@@ -250,6 +184,4 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     for operand in (a, b):
         if isinstance(operand, TracedValue):
             return operand.trace.record("where", operand.trace.record("<", a, b), then, otherwise)
-        if isinstance(operand, Sampled):
-            return Sampled(where_less(*map(sampled_value, (a, b, then, otherwise))))
     return np.where(a < b, then, otherwise)

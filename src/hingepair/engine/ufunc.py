@@ -13,7 +13,7 @@ import itertools
 import math
 import platform
 from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -21,12 +21,15 @@ from hingepair.engine.llvm.builder import NUMBER_BYTES, FunctionBuilder
 from hingepair.engine.llvm.ir import ROW_WORDS
 from hingepair.errors import CompilationError
 
+if TYPE_CHECKING:
+    from hingepair.engine.llvm.native import Kernel
+
 MAX_OPERANDS: Final = 64  # that a ufunc takes and returns (NPY_MAXARGS)
 FLOAT_TYPES: Final = {"d": "double", "f": "float"}  # LLVM's name of a type, by the character of the dtype
 
 _LOOP = "(ptr %args, ptr %dims, ptr %steps, ptr %data)"  # parameters of NumPy's inner loops
 _CREATE_UFUNC = 31  # entry of NumPy's table of functions, frozen in its ABI: PyUFunc_FromFuncAndDataAndSignature
-_TYPE_NUMBERS = {"f": 11, "d": 12}  # NPY_FLOAT, NPY_DOUBLE
+TYPE_NUMBERS: Final = {"f": 11, "d": 12}  # NPY_FLOAT, NPY_DOUBLE
 _DEFAULT_MXCSR = 0x1F80  # round to nearest, no traps, no flags
 
 
@@ -65,80 +68,49 @@ class Layout(NamedTuple):
         used = (k for k, one in enumerate(self.operands) if one.used)
         return {k: row for row, k in enumerate(used, int(self.constants))}
 
-    @property
-    def packed(self) -> Layout:
-        """The same arguments with one result, which holds all outputs behind each other: in rows as long as those of
-        the outputs if all of these have the same length.
-        """
-        if len(self.outputs) == 1:
-            return self
-        size = sum(math.prod(one.sample_shape) for one in self.outputs)
-        widths = {one.sample_shape[-1:] for one in self.outputs}
-        (width,) = widths if len(widths) == 1 else ((),)
-        return self._replace(outputs=(Operand((size // math.prod(width), *width)),))
-
 
 def loop_ir(layout: Layout, float_type: str) -> str:
-    """Return the LLVM code of `loop`, the inner loop of a ufunc with this layout, and of `packed`, that of its packed
-    layout, which call the function `kernel` of the same module.
+    """Return the LLVM code of `loop`, the inner loop of a ufunc with this layout, which calls the function `kernel`
+    of the same module.
 
-    They compute with the default floating-point environment and restore that of the caller, flags included: a NaN
+    It computes with the default floating-point environment and restores that of the caller, flags included: a NaN
     stays in its sample in silence.
     """
     f = FunctionBuilder(f"void @loop{_LOOP}")
     declarations, restore = default_float_environment(f)
     count = f.load_word("%dims", 0)
-    _begin_table(f, layout, float_type)
-    dense = [one for k, row in layout.rows.items() for one in _store_operand(f, layout, k, row, float_type)]
-    call = f"call void @kernel(ptr %table, i64 {count})"
+    number_bytes = NUMBER_BYTES[float_type]
+    table = begin_table(f, layout, "%data", number_bytes)
+    dense = [one for k, row in layout.rows.items() for one in _store_operand(f, layout, table, k, row, number_bytes)]
+    call = f"call void @kernel(ptr {table}, i64 {count})"
     copied = []
     if dense:
         with f.when_else(functools.reduce(lambda x, y: f.put(f"and i1 {x}, {y}"), dense)) as otherwise:
             f.do(call)
             otherwise()
-            f.do(f"call void @copied(ptr %table, ptr %args, ptr %steps, i64 {count})")
+            f.do(f"call void @copied(ptr {table}, ptr %args, ptr %steps, i64 {count})")
         copied = ["declare i64 @llvm.umin.i64(i64, i64)", _copied_ir(layout, float_type)]
     else:
         f.do(call)
     restore()
     f.do("ret void")
-    return "\n\n".join([*declarations, *copied, f.text(), _packed_ir(layout, float_type)]) + "\n"
+    return "\n\n".join([*declarations, *copied, f.text()]) + "\n"
 
 
-def _packed_ir(layout: Layout, float_type: str) -> str:
-    """Return the function `packed`, which trusts that matrices and the result are contiguous."""
-    f = FunctionBuilder(f"void @packed{_LOOP}")
-    _, restore = default_float_environment(f)
-    _begin_table(f, layout, float_type)
-    packed, last, number_bytes = layout.packed, len(layout.inputs), NUMBER_BYTES[float_type]
-    for k, row in layout.rows.items():
-        if k < last:
-            _store_operand(f, packed, k, row, float_type)
-    address, step, offset = f.load_word("%args", 8 * last), f.load_word("%steps", 8 * last), 0
-    for k, one in enumerate(layout.outputs, last):
-        place = f.put(f"add i64 {address}, {offset}") if offset else address
-        _store_row(f, layout.rows[k], place, step, str(number_bytes))
-        offset += number_bytes * math.prod(one.sample_shape)
-    f.do(f"call void @kernel(ptr %table, i64 {f.load_word('%dims', 0)})")
-    restore()
-    f.do("ret void")
-    return f.text()
-
-
-def _begin_table(f: FunctionBuilder, layout: Layout, float_type: str) -> None:
-    """Append the allocation of the kernel's table, and fill the row of the constants."""
-    count = len(layout.rows) + layout.constants
-    f.do(f"%table = alloca [{count * ROW_WORDS} x i64], align 64")
+def begin_table(f: FunctionBuilder, layout: Layout, constants: str, number_bytes: int) -> str:
+    """Return the address of the kernel's table, in which the row of the constants is filled."""
+    table = f.buffer(8 * ROW_WORDS * (len(layout.rows) + layout.constants))
     if layout.constants:
-        _store_row(f, 0, f.put("ptrtoint ptr %data to i64"), "0", str(NUMBER_BYTES[float_type]))
+        store_row(f, table, 0, f.put(f"ptrtoint ptr {constants} to i64"), "0", str(number_bytes))
+    return table
 
 
-def _store_operand(f: FunctionBuilder, layout: Layout, k: int, row: int, float_type: str) -> list[str]:
+def _store_operand(f: FunctionBuilder, layout: Layout, table: str, k: int, row: int, number_bytes: int) -> list[str]:
     """Fill the row of an operand, and return the conditions under which the row says all of its strides."""
     steps = zip(layout.operands[k].sample_shape, _core_steps(f, layout, k), strict=True)
     axes = [(n, step) for n, step in steps if n > 1]
-    component = axes[-1][1] if axes else str(NUMBER_BYTES[float_type])
-    _store_row(f, row, f.load_word("%args", 8 * k), f.load_word("%steps", 8 * k), component)
+    component = axes[-1][1] if axes else str(number_bytes)
+    store_row(f, table, row, f.load_word("%args", 8 * k), f.load_word("%steps", 8 * k), component)
     return [
         f.put(f"icmp eq i64 {step}, {f.multiply(inner, n)}") for (_, step), (n, inner) in itertools.pairwise(axes)
     ]
@@ -157,7 +129,7 @@ def _copied_ir(layout: Layout, float_type: str) -> str:
     for k, size in sizes.items():
         f.do(f"%copy{k} = getelementptr i8, ptr {f.buffer(most * size * number_bytes)}, i64 0")
         buffer = f.put(f"ptrtoint ptr %copy{k} to i64")
-        _store_row(f, rows[k], buffer, str(size * number_bytes), str(number_bytes))
+        store_row(f, "%table", rows[k], buffer, str(size * number_bytes), str(number_bytes))
     with f.loop("%count", step=str(most)) as first:
         left = f.put(f"call i64 @llvm.umin.i64(i64 {f.put(f'sub i64 %count, {first}')}, i64 {most})")
         starts = {k: f.put(f"add i64 {at}, {f.multiply(first, step)}") for k, (at, step) in addresses.items()}
@@ -199,10 +171,10 @@ def _core_steps(f: FunctionBuilder, layout: Layout, k: int) -> list[str]:
     return [f.load_word("%steps", 8 * place) for place in range(first, first + ranks[k])]
 
 
-def _store_row(f: FunctionBuilder, row: int, *values: str) -> None:
+def store_row(f: FunctionBuilder, table: str, row: int, *values: str) -> None:
     """Store the integers of a row of the kernel's table."""
     for k, value in enumerate(values):
-        f.do(f"store i64 {value}, ptr {f.pointer_at('%table', 8 * (ROW_WORDS * row + k))}, align 8")
+        f.store_word(value, table, 8 * (ROW_WORDS * row + k))
 
 
 def default_float_environment(f: FunctionBuilder) -> tuple[list[str], Callable[[], None]]:
@@ -237,26 +209,21 @@ class Ufunc:
     Args:
         name: name of the ufunc.
         layout: its arrays.
-        loops: for each dtype, "d" first: its character, the address of the inner loop, and the constants.
-        owners: objects that own the code.
+        loops: for each dtype, "d" first: its character, the kernel, and the constants, none or more.
         doc: documentation of the ufunc.
     """
 
     def __init__(
-        self,
-        name: str,
-        layout: Layout,
-        loops: Sequence[tuple[str, int, np.ndarray[Any, Any] | None]],
-        owners: Any,
-        doc: str = "",
+        self, name: str, layout: Layout, loops: Sequence[tuple[str, Kernel, np.ndarray[Any, Any]]], doc: str = ""
     ) -> None:
+        self.layout = layout
         count = len(loops)
-        functions = (ctypes.c_void_p * count)(*(address for _, address, _ in loops))
-        data = (ctypes.c_void_p * count)(*(None if one is None else one.ctypes.data for _, _, one in loops))
-        numbers = bytes(_TYPE_NUMBERS[char] for char, _, _ in loops for _ in layout.operands)
+        functions = (ctypes.c_void_p * count)(*(kernel.address("loop") for _, kernel, _ in loops))
+        data = (ctypes.c_void_p * count)(*(one.ctypes.data if one.size else None for _, _, one in loops))
+        numbers = bytes(TYPE_NUMBERS[char] for char, _, _ in loops for _ in layout.operands)
         types = ctypes.create_string_buffer(numbers, len(numbers))
         texts = [text.encode() for text in (name, doc, layout.signature)]
-        self._borrowed = functions, data, types, texts, [constants for _, _, constants in loops], owners
+        self._borrowed = functions, data, types, texts, loops
         self.call: np.ufunc = _create_ufunc()(
             ctypes.addressof(functions), ctypes.addressof(data), ctypes.addressof(types), count,
             len(layout.inputs), len(layout.outputs), -1, texts[0], texts[1], 0, texts[2],
@@ -286,13 +253,18 @@ def check_numpy() -> None:
 @functools.cache
 def _create_ufunc() -> Any:
     """Return NumPy's function PyUFunc_FromFuncAndDataAndSignature."""
-    import numpy._core._multiarray_umath as umath  # type: ignore[import-not-found,unused-ignore]
-
-    get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
-    get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_char_p)
-    table = ctypes.cast(get_pointer(umath._UFUNC_API, None), ctypes.POINTER(ctypes.c_void_p))
     pointer, integer, text = ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p
     prototype = ctypes.PYFUNCTYPE(
         ctypes.py_object, pointer, pointer, pointer, integer, integer, integer, integer, text, text, integer, text
     )
-    return prototype(table[_CREATE_UFUNC])
+    return prototype(numpy_function("_UFUNC_API", _CREATE_UFUNC))
+
+
+def numpy_function(table: str, entry: int) -> int:
+    """Return the address of a function out of one of NumPy's tables."""
+    import numpy._core._multiarray_umath as umath  # type: ignore[import-not-found,unused-ignore]
+
+    get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+    get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_char_p)
+    functions = ctypes.cast(get_pointer(getattr(umath, table), None), ctypes.POINTER(ctypes.c_void_p))
+    return functions[entry] or 0

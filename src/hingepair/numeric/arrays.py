@@ -280,7 +280,7 @@ def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
         return component
     fitting = zip(block[len(block) - component.ndim :], component.shape, strict=True)
     part = component[tuple(piece if n != 1 else slice(None) for piece, n in fitting)]
-    return np.ascontiguousarray(part, dtype=dtype)
+    return np.asarray(part, dtype, order="C")
 
 
 def check_choice(name: str, value: object, allowed_names: Iterable[str]) -> None:

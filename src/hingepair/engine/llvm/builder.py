@@ -152,6 +152,14 @@ class FunctionBuilder:
         """Return the 64-bit integer, or the pointer (kind "ptr"), `offset` bytes after an address."""
         return self.put(f"load {kind}, ptr {self.pointer_at(start, offset)}, align 8")
 
+    def store_word(self, value: str | int, start: str, offset: str | int = 0) -> None:
+        """Store a 64-bit integer `offset` bytes after an address."""
+        self.do(f"store i64 {value}, ptr {self.pointer_at(start, offset)}, align 8")
+
+    def load_half(self, start: str, offset: int) -> str:
+        """Return the 32-bit integer `offset` bytes after an address."""
+        return self.put(f"load i32, ptr {self.pointer_at(start, offset)}, align 4")
+
     def multiply(self, x: str, y: str | int) -> str:
         """Return the product of two 64-bit integers, each a name or digits."""
         return self.put(f"mul i64 {x}, {y}")

@@ -192,7 +192,7 @@ class InputReader:
         self.word_offset = 8 * kernel.arithmetic.word_offsets[index]
         self.in_registers = index in kernel.schedule.register_inputs
         if self.in_registers:
-            f.do(f"store i64 {self.step}, ptr {f.pointer_at('%places', self.word_offset + 8 * LANES)}, align 8")
+            f.store_word(self.step, "%places", self.word_offset + 8 * LANES)
             self.prefetched = self.prefetch_offsets()
             self.store_lane_offsets(str(LANES))
         else:

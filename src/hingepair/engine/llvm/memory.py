@@ -51,7 +51,7 @@ def _lanes(float_type: str, _: int) -> str:
     """Return the function `lanes`, which stores the byte offsets of lanes 1 to 7 from lane 0."""
     f = _begin("lanes", float_type)
     for k, offset in enumerate(_lane_offsets(f)):
-        f.do(f"store i64 {offset}, ptr {f.pointer_at('%to', 8 * k)}, align 8")
+        f.store_word(offset, "%to", 8 * k)
     f.do("ret void")
     return f.text()
 

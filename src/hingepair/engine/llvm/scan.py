@@ -78,7 +78,7 @@ class _ScanBuilder(KernelBuilder):
         f.do(f"%stage = getelementptr i8, ptr {f.buffer(LANES * most * 8)}, i64 0")
         f.do(f"%read = alloca [{len(inputs)} x i64], align 8")
         for g, group in enumerate(inputs):
-            f.do(f"store i64 0, ptr {f.pointer_at('%read', 8 * g)}, align 8")
+            f.store_word(0, "%read", 8 * g)
             if not group.varies:
                 InputReader(self, g, rows[g][:3]).read_uniform()
         self.call_steps(self.schedule.uniform_steps)
