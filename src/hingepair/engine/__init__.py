@@ -24,9 +24,10 @@ calls as a ufunc, or where nothing is compiled as NumPy in blocks of samples; `b
     interpreter                     its operations one after the other, by NumPy
     llvm                            its LLVM code, and the machine code, which is kept on disk
     ufunc, slices, threads          a kernel as a ufunc; its calls in slices, by threads
-    xla                             a kernel as a function of JAX
+    direct                          calls of a kernel by Python itself, for few samples
     scans                           a program that is repeated in steps, and passes a state from step to step
-    calls, rows, outputs, results   a loop with its constants; the shortest way for one state; arrays; results
+    calls, outputs, results         a loop with its constants; arrays to write into; results
+    jax_torch                       a call as a function of JAX arrays and of PyTorch tensors
     backend                         what computes a call, and by how many threads
 
 Derivatives are recorded in the same trace, and fold and compile as all else:

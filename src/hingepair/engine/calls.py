@@ -119,7 +119,7 @@ class Call:
         tails = [*self.argument_shapes.values(), *(tail for _, tail in loop.outputs)]
         self.has_kernels = (
             backend != "numpy"
-            and loop.compiles
+            and loop.traced
             and shape == ()
             and not any(0 in tail for tail in tails)
             and all(isinstance(one, Constant) for one in self._bound_constants.values())

@@ -29,10 +29,10 @@ _FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {
 
 
 class Interpreter(NamedTuple):
-    """A trace as a function of its inputs, numbers or arrays of NumPy, that computes the results."""
+    """A program as a function of its inputs, numbers or arrays of NumPy, that returns the results."""
 
     run: Callable[..., list[Any]]
-    width: int  # most values that it holds at a time
+    width: int  # how many values it holds at a time, about
 
 
 def interpreter(inputs: Sequence[TracedValue], results: Sequence[Operand]) -> Interpreter:

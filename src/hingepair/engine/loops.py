@@ -71,15 +71,15 @@ class Loop:
 
     Args:
         name: name of the generated code.
-        function: takes traced values by name, and returns results by name.
+        function: takes values by name, traced or not, and returns results by name.
         inputs: shape of one sample of each input.
         outputs: shape of one sample of each output.
         exact: whether the compiled code may not fuse products with sums (FMA), which breaks compensated arithmetic.
         form: what the function is made of, if that and the sources of `object_cache.TRACED_PACKAGES` decide what it
             computes: numbers, texts and tuples, whose `repr` says all. Then a process that finds the kernel on disk
             need not trace the function.
-        compiles: whether kernels may compute it. If not, NumPy does: LLVM takes long for a function of very many
-            operations.
+        traced: whether `run` traces the function. If not, the function computes with arrays of samples itself: for
+            functions of so many operations that straight-line code takes long to make.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Loop:
         *,
         exact: bool = False,
         form: object = None,
-        compiles: bool = True,
+        traced: bool = True,
     ) -> None:
         self.name = name
         self.function = function
@@ -99,7 +99,7 @@ class Loop:
         self.outputs: NamedShapes = tuple(outputs.items())
         self.exact = exact
         self.form = form
-        self.compiles = compiles
+        self.traced = traced
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
 
     def run(
@@ -119,9 +119,41 @@ class Loop:
         if 0 in shape:
             return
         bound = bind(self.inputs, values)
-        program = self.program(bound.pattern)
-        if not program.run_kernel(bound, out, shape, dtype, execution):
-            program.run_numpy(bound, out, shape, dtype, execution.workers)
+        if not self.traced:
+            held = sum(math.prod(tail) for _, tail in self.outputs) + 4 * len(bound.pattern)
+            by_numpy = Interpreter(functools.partial(self._compute, bound), held)
+        else:
+            program = self.program(bound.pattern)
+            if program.run_kernel(bound, out, shape, dtype, execution):
+                return
+            by_numpy = program.interpreter
+        self._run_numpy(by_numpy, bound, out, shape, dtype, execution.workers)
+
+    def _run_numpy(
+        self, function: Interpreter, bound: Bound, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], workers: int
+    ) -> None:
+        """Compute the outputs by NumPy, over blocks of samples."""
+        inputs = [one for array, tail in zip(bound.arrays, bound.tails, strict=True) for one in _views(array, tail)]
+        targets = [one for name, tail in self.outputs for one in _views(out[name], tail)]
+        on_samples = functools.partial(function.run, *(dtype.type(x) for x in bound.numbers))
+        size = min(_BLOCK, max(1, _HELD_NUMBERS // (function.width + 1)))
+        blocks: list[Block] = [*split_into_blocks(shape, size)] if inputs else [()]
+        run_in_threads(lambda block: fill_blocks(on_samples, inputs, targets, dtype, [block]), blocks, workers)
+
+    def _compute(self, bound: Bound, *numbers: Any) -> list[Any]:
+        """Return the components of all outputs by the function itself, on numbers and arrays of NumPy."""
+        constants, arrays = iter(numbers[: len(bound.numbers)]), numbers[len(bound.numbers) :]
+        starts = [0, *itertools.accumulate(math.prod(tail) for tail in bound.tails)]
+        parts = (
+            arrays[starts[one[0]] + one[1]] if isinstance(one, tuple) else next(constants) if one is None else one
+            for one in bound.pattern
+        )
+        values = {
+            name: tuple(itertools.islice(parts, math.prod(tail))) if tail else next(parts)
+            for name, tail in self.inputs
+        }
+        results = self.function(values)
+        return [one for name, _ in self.outputs for one in components(results[name])]
 
     @lock_free_cached_property
     def joined(self) -> Loop:
@@ -179,7 +211,7 @@ class Program:
         an output without components, as of a robot without joints.
         """
         backend, outputs = execution.backend, self.loop.outputs
-        if not self.loop.compiles or not bound.arrays or backend == "numpy" or any(0 in tail for _, tail in outputs):
+        if not bound.arrays or backend == "numpy" or any(0 in tail for _, tail in outputs):
             return False
         if backend == "auto" and not kernel_pays(self.weighted_operations, math.prod(shape)):
             return False
@@ -223,16 +255,6 @@ class Program:
                 start, end = end, end + math.prod(tail)
                 out[name][block] = found[..., start:end].reshape(*block_shape, *tail)
         return True
-
-    def run_numpy(self, bound: Bound, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], workers: int) -> None:
-        """Compute the outputs operation by operation, over blocks of samples."""
-        inputs = [one for array, tail in zip(bound.arrays, bound.tails, strict=True) for one in _views(array, tail)]
-        targets = [one for name, tail in self.loop.outputs for one in _views(out[name], tail)]
-        run, width = self.interpreter
-        on_samples = functools.partial(run, *(dtype.type(x) for x in bound.numbers))
-        size = min(_BLOCK, max(1, _HELD_NUMBERS // (width + 1)))
-        blocks: list[Block] = [*split_into_blocks(shape, size)] if inputs else [()]
-        run_in_threads(lambda block: fill_blocks(on_samples, inputs, targets, dtype, [block]), blocks, workers)
 
     # ---- kernels
 

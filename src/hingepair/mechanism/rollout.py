@@ -246,7 +246,7 @@ def rolled_out(
     if base_motion is not None and not isinstance(base_motion, BodyMotion):
         raise ArgumentError("base_motion", "a BodyMotion", quoted(base_motion))
     form, request, dof = computation.form, computation.request, computation.form.dof
-    if not (dof or request.free) or not request_loop(form, request).compiles:
+    if not (dof or request.free) or not request_loop(form, request).traced:
         expected = "joints that move or a free base, and not too many joints for one program"
         raise ArgumentError("robot", expected, f"{dof}")
     tree = computation.constants.tree

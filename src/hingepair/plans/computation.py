@@ -251,7 +251,7 @@ class Computation:
         """
         sizes = [math.prod(change_shape(*argument)) for argument in derivative.arguments]
         columns = sum(sizes) if derivative.kind in {"jacobian", "matrices"} else 1
-        if not self._loop(self.outputs, given).compiles or columns * self._operations > _MAX_DERIVED_OPERATIONS:
+        if not self._loop(self.outputs, given).traced or columns * self._operations > _MAX_DERIVED_OPERATIONS:
             by = ", ".join(name for name, _ in derivative.arguments)
             got = f"{len(self.coordinates.names)} joints, derivatives by {by}"
             raise ArgumentError("robot", "fewer joints, or derivatives by fewer arguments", got)

@@ -66,7 +66,7 @@ class Prepared:
 
     def __str__(self) -> str:
         title = f"{', '.join(self.outputs)} from {', '.join(self.given)}"
-        if not self._call.loop.compiles:
+        if not self._call.loop.traced:
             return f"{title}: joint by joint, without a program"
         count = self.operations
         once = f", {count.shared} once for all samples" if count.shared else ""

@@ -56,7 +56,7 @@ def state_loop(form: Form, request: Request, pinned: bool, outputs: tuple[str, .
     return Loop(
         "state", functools.partial(_outputs, form, loaded, pinned, outputs), inputs,
         {name: shapes[name] for name in outputs}, form=("state", form, loaded, pinned, outputs),
-        compiles=2 * estimated_operations(form, asked) <= MAX_TRACED_OPERATIONS,
+        traced=2 * estimated_operations(form, asked) <= MAX_TRACED_OPERATIONS,
     )  # fmt: skip
 
 

@@ -978,5 +978,5 @@ def request_loop(form: Form, request: Request) -> Loop:
     outputs = {name: output_shape(name, form, request) for name in request.outputs}
     inputs = input_shapes(form, request)
     function = functools.partial(compute_request, form, request)
-    compiles = estimated_operations(form, request) <= MAX_TRACED_OPERATIONS
-    return Loop("robot", function, inputs, outputs, form=TreeForm(form, request), compiles=compiles)
+    traced = estimated_operations(form, request) <= MAX_TRACED_OPERATIONS
+    return Loop("robot", function, inputs, outputs, form=TreeForm(form, request), traced=traced)
