@@ -391,7 +391,6 @@ CALLS = {
     "Mechanism": (lambda **k: hp.Mechanism(**{"pairs": [PAIR], **k}), [
         ("pairs", A, [], 3, [FLAT], [NAMED, NAMED]), ("parents", A, [0, 0], [1.0], [3]),
         ("base", A, "loose", None), ("name", A, " "),
-        ("pairs", S, [hp.HingePair((0, 0, 1), (0, 0, 0), np.eye(3), name="turn")]),
         ("pairs", A, [hp.HingePair((0, 0, 1), (0, 0, 0), (0, 0, 1), name="base")]),
     ]),
     "order": (lambda parents: hp.Mechanism(

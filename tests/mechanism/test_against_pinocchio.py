@@ -8,6 +8,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
+from support.states import generator, rotations
 from support.trees import (
     Robot,
     base_motion,
@@ -145,3 +146,15 @@ def test_followers_move_with_their_leader_and_hand_it_their_effort(mode):
     loads = {} if mode == "fixed" else {"force1": forces.force1, "torque1": forces.torque1}
     found = robot.forward_dynamics(q, qd, forces.tau, **loads)
     np.testing.assert_allclose(found.qdd, qdd, atol=1e-9)
+
+
+def test_a_wrench_at_a_frame_adds_its_jacobian_transposed():
+    """Also where a prepared call takes it."""
+    robot = hp.load_robot("ur5_robot").with_frame("tool", "tool0", R=(0.1, 0.2, 0.3), S=rotations(generator(2), 1)[0])
+    q, qd, qdd = generator(3).uniform(-1, 1, (3, 6))
+    force, torque = np.array((1.0, -2, 3)), np.array((0.5, 0.1, -0.4))
+    pushed = robot.inverse_dynamics(q, qd, qdd, wrenches={"tool": (force, torque)}).tau
+    expected = robot.inverse_dynamics(q, qd, qdd).tau - robot.jacobian(q, "tool").T @ (*force, *torque)
+    assert np.abs(pushed - expected).max() <= 64 * 2.0**-53 * np.abs(expected).max()
+    prepared = robot.prepare("inverse_dynamics", outputs=("tau",), wrenches="tool")
+    assert np.abs(prepared(q, qd, qdd, force, torque).tau - expected).max() <= 64 * 2.0**-53 * np.abs(expected).max()

@@ -129,18 +129,17 @@ def test_payloads_that_do_not_fit_the_coordinates_are_named(robot):
         loaded.rollout(q, q, np.zeros(robot.dof), 0.01, steps=2)
 
 
-def lever_arms(k=None):
-    """A robot of pairs whose points differ from sample to sample, or the robot of one sample."""
-    rng = np.random.default_rng(8)
-    first, second, third, tool = (
-        rng.uniform(-1, 1, (COUNT, 1, 3))[slice(None) if k is None else (k, 0)] for _ in range(4)
-    )
+def lever_arms(turned, k=None):
+    """A robot of pairs whose points, if `turned` also axes, differ from sample to sample, or the robot of one."""
+    rng, own = np.random.default_rng(8), slice(None) if k is None else (k, 0)
+    first, second, third, tool, axis, turn = (rng.uniform(-1, 1, (COUNT, 1, 3))[own] for _ in range(6))
+    n, home = (axis, hp.rotation_exp(turn)) if turned else ((1, 1, 0), BASE.S)
     bodies = [hp.Body(m, centre_of_mass=(0.1, 0.2, m), inertia=(1, 1.1, 1.2)) for m in (2.0, 1.0, 0.5)]
     robot = hp.Mechanism(
         [
             hp.HingePair(u1=(0, 0, 1), u2=first, n=(0, 1, 0), name="a", body2=bodies[0]),
-            hp.HingePair(u1=second, u2=(0, 0.1, 0), n=(1, 1, 0), name="b", body2=bodies[1]),
-            hp.HingePair(u1=(0.1, 0.2, 0.3), u2=third, n=(0, 1, 1), home=BASE.S, name="c", body2=bodies[2]),
+            hp.HingePair(u1=second, u2=(0, 0.1, 0), n=n, name="b", body2=bodies[1]),
+            hp.HingePair(u1=(0.1, 0.2, 0.3), u2=third, n=(0, 1, 1), home=home, name="c", body2=bodies[2]),
         ]
     )
     robot = robot.with_frame("bent", "b", S=BASE.S).with_payload("c", hp.Body(0.3, inertia=(0.1, 0.1, 0.1)))
@@ -149,8 +148,9 @@ def lever_arms(k=None):
     )
 
 
-def test_every_sample_has_its_lengths():
-    robot = lever_arms()
+@pytest.mark.parametrize("turned", [False, True])
+def test_every_sample_has_its_geometry(turned):
+    robot = lever_arms(turned)
     q, qd, qdd = np.random.default_rng(4).uniform(-1, 1, (3, STATES, 3))
 
     def found(one):
@@ -162,7 +162,7 @@ def test_every_sample_has_its_lengths():
 
     together = found(robot)
     for k in range(COUNT):
-        for name, expected in found(lever_arms(k)).items():
+        for name, expected in found(lever_arms(turned, k)).items():
             assert together[name].shape == (COUNT, *expected.shape), name
             error = np.abs(together[name][k] - expected).max()
             assert error <= TIMES_ROUNDING * max(1, np.abs(expected).max()), name

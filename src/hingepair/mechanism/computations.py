@@ -9,10 +9,11 @@ import numpy as np
 
 from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
 from hingepair.mechanism.constants import (
     RobotConstants,
+    axes_with_samples,
     frame_numbers,
     load_numbers,
     robot_constants,
@@ -27,7 +28,7 @@ from hingepair.mechanism.states import (
     joint_results_class,
     mechanism_state_class,
 )
-from hingepair.mechanism.tree import Frame
+from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Arguments, read_arguments
@@ -112,17 +113,15 @@ def base_inputs(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) ->
     return arrays
 
 
-def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> tuple[Loads, tuple[str, ...]]:
-    """Return the argument `wrenches` as loads force_0, torque_0, force_1, ..., and the names of the links."""
+def read_wrenches(wrenches: Any, tree: Tree) -> tuple[Loads, tuple[str, ...]]:
+    """Return the argument `wrenches` as loads force_0, torque_0, force_1, ..., and the names of the frames."""
     if wrenches is None:
         return {}, ()
     if not isinstance(wrenches, Mapping):
-        raise ArgumentError("wrenches", "(force, torque) by the link's name", quoted(wrenches))
+        raise ArgumentError("wrenches", "(force, torque) by the name of a link or frame", quoted(wrenches))
     loads = {}
     for k, (link, value) in enumerate(wrenches.items()):
-        if link not in links:
-            names = tuple(links)
-            raise ArgumentError("wrenches", choices(names) + nearest(str(link), names), quoted(link))
+        tree.known_frame("wrenches", link)
         if not isinstance(value, tuple | list) or len(value) != 2:
             raise ArgumentError(f"wrenches[{link!r}]", "a pair (force, torque)", quoted(value))
         for place, kind in enumerate(("force", "torque")):
@@ -131,11 +130,14 @@ def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> tuple[Loads, tuple
 
 
 def _moved_frames(constants: RobotConstants, frames: tuple[Frame, ...]) -> dict[int, Any]:
-    """Return, by place among the `frame_numbers` of frames, those of their origins that differ between samples."""
+    """Return, by place among the `frame_numbers` of frames, those that differ between samples."""
     found: dict[int, Any] = {}
+    sampled = axes_with_samples(constants.tree, constants.axes)
     for k, frame in enumerate(frames):
-        if frame.samples is not None:
-            columns = np.moveaxis(frame.samples @ constants.axes[frame.body], -1, 0)
+        axes = sampled[frame.body]
+        if frame.samples is not None or axes.ndim > 2:
+            R, S = (frame.origin[..., None, :] @ axes)[..., 0, :], np.swapaxes(axes, -1, -2) @ frame.S
+            columns = [*np.moveaxis(R, -1, 0), *np.moveaxis(S.reshape(*S.shape[:-2], 9), -1, 0)]
             found |= {12 * k + i: column for i, column in enumerate(columns) if np.ptp(column)}
     return found
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hingepair.engine.binding import FOLDED
 from hingepair.mechanism.pairs.geometry import PIVOT_ROUNDING
-from hingepair.mechanism.samples import turned_moments
+from hingepair.mechanism.samples import JointSamples, Payload, turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.bounded import UNIT_ROUNDOFF, BoundedDouble
@@ -137,18 +137,53 @@ def _varied_numbers(
 ) -> dict[int, NDArray[np.float64]]:
     """Return, by place among the `numbers` of one robot, arrays of those that differ from sample to sample."""
     found: dict[int, NDArray[np.float64]] = {}
-    if tree.samples is None:
+    samples = tree.samples
+    if samples is None:
         return found
-    for body, matter in tree.samples.matter.items():
-        if body or free:
-            columns = np.moveaxis(turned_moments(matter, axes[body]), -1, 0)
-            place = constant_place(body, "mass")
-            found |= {place + k: column + numbers[place + k] for k, column in enumerate(columns) if column.any()}
-    for number, points in tree.samples.points.items():
-        columns = np.moveaxis(points @ axes[tree.joints[number - 1].parent], -1, 0)
-        place = constant_place(number, "u")
-        found |= {place + k: column for k, column in enumerate(columns) if np.ptp(column)}
-    return {place: np.broadcast_to(found[place], tree.samples.shape) for place in sorted(found)}
+
+    def keep(place: int, columns: NDArray[np.float64]) -> None:
+        for k, column in enumerate(np.moveaxis(columns, -1, 0), place):
+            if (column != numbers[k]).any():
+                found[k] = column
+
+    sampled = axes_with_samples(tree, axes)
+    for number, joint in enumerate(tree.joints, 1):
+        if _is_placed_by_samples(tree, number):
+            placed = samples.joints.get(number) or JointSamples(joint.u, joint.S, joint.n)
+            back = np.swapaxes(sampled[joint.parent], -1, -2)
+            S = back @ placed.S @ sampled[number]
+            keep(constant_place(number, "S"), S.reshape(*S.shape[:-2], 9))
+            keep(constant_place(number, "u"), (back @ placed.point[..., None])[..., 0])
+    for body in range(not free, len(tree.joints) + 1):
+        place, matter = constant_place(body, "mass"), samples.matter.get(body)
+        if tree.has_sampled_axes(body):
+            own = Payload(*_mass_arrays(tree.joints[body - 1].body)).moments(np.zeros(3), np.eye(3))
+            keep(place, turned_moments(own if matter is None else own + matter, sampled[body]))
+        elif matter is not None:
+            moved = turned_moments(matter, axes[body])
+            keep(place, moved + numbers[place : place + 10])
+    return {place: np.broadcast_to(found[place], samples.shape) for place in sorted(found)}
+
+
+def axes_with_samples(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Return the rotation of each body from the program's axes to its own, (..., 3, 3) where its joint has samples of
+    the axis.
+    """
+    samples = tree.samples
+    return [
+        axes_along(samples.joints[body].n) if samples is not None and tree.has_sampled_axes(body) else own
+        for body, own in enumerate(axes)
+    ]
+
+
+def _is_placed_by_samples(tree: Tree, number: int) -> bool:
+    """Return whether the pose of a joint differs from sample to sample, in the program's axes of its bodies."""
+    own = tree.samples is not None and number in tree.samples.joints
+    return own or tree.has_sampled_axes(tree.joints[number - 1].parent)
+
+
+def _mass_arrays(body: MassProperties) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    return np.array(body.mass), body.centre_of_mass, body.inertia
 
 
 def program_numbers(constants: RobotConstants) -> list[float]:
@@ -283,17 +318,19 @@ def _poses_in_program_axes(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> l
 
 
 def axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a rotation whose third column is n, an exact permutation where n is along x, y or z."""
-    size = tuple(np.abs(n).tolist())
+    """Return rotations (..., 3, 3) whose third column is n, (..., 3); an exact permutation where a single n is along
+    x, y or z.
+    """
+    size = tuple(np.abs(n).tolist()) if n.ndim == 1 else ()
     if size in _AXES_ALONG:
         columns = np.array(_AXES_ALONG[size], float).T
         if n.sum() < 0:  # turned by pi about the new x axis
             columns = columns * (1.0, -1.0, -1.0)
         return columns + 0.0
-    x = np.eye(3)[np.argmin(np.abs(n))]
-    x = x - n * (n @ x)
-    x /= np.sqrt(x @ x)
-    return np.stack((x, np.cross(n, x), n), axis=1)
+    x = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
+    x = x - n * (n * x).sum(axis=-1, keepdims=True)
+    x /= np.sqrt((x * x).sum(axis=-1, keepdims=True))
+    return np.stack((x, np.cross(n, x), n), axis=-1)
 
 
 def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -371,7 +408,7 @@ def _shift_to_parents(
         body_moments.shorten()
         if joint.axis.turns and joint.axis.shifts:
             continue  # no matter of a screw moves with both bodies
-        if tree.samples is not None and k in tree.samples.points:
+        if _is_placed_by_samples(tree, k):
             continue  # what moves with both bodies differs from sample to sample
         if joint.axis.shifts:
             parent.add(0, [0] * 3, _congruence(S, body_moments.N))

@@ -70,8 +70,8 @@ class Mechanism(MechanismMethods):
     - base_motion: pose and motion of the base, at rest if it has only R and S, and at the origin of the world unless
       given.
     - gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-    - wrenches: further loads by link: pairs (force, torque), world axes, at the origin of the link's frame [N, N m];
-      shape (..., 3) each, or the number 0.
+    - wrenches: further loads by link or other frame: pairs (force, torque), world axes, at its origin [N, N m]; shape
+      (..., 3) each, or the number 0.
     - joint_loads: whether springs, dampers and dry friction of the joints (`robot.joint_loads`) act beside tau (T14).
       By default they do not, and the first call of a robot that has any says so in a DynamicsWarning.
     - out: array into which the result is written; of methods with several outputs, arrays by output name.
@@ -87,7 +87,8 @@ class Mechanism(MechanismMethods):
         pairs: HingePairs, Sliders and Screws, one for each joint, in the order of q. The name of a pair is that of
             the joint, and of the link that is its body 2, whose frame has the origin R2; pairs without names get
             `hinge_pair_1`, `hinge_pair_2`, ... by their places. Body 1 of the first pair is the link "base". Of a
-            body that two pairs share, one gives the mass properties, or both give equal ones.
+            body that two pairs share, one gives the mass properties, or both give equal ones. Geometry of pairs with
+            leading axes broadcasts with q: each sample has its own robot.
         parents: for each pair, the number of its body 1: 0 for the base, 1 for body 2 of the first pair, and so on.
             By default, body 1 of each pair is body 2 of the pair before it.
         base: "fixed": the base rests, or moves as `base_motion` prescribes; "free": forces move it.

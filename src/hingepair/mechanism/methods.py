@@ -606,7 +606,7 @@ class MechanismMethods(Frozen, Shown):
         limit: Any = None if effort_limits is False else effort_limits
         if effort_limits is True:
             limit = np.array([joint.effort_limit for joint in self._tree.coordinates])
-        loads, links = read_wrenches(wrenches, self._tree.links)
+        loads, links = read_wrenches(wrenches, self._tree)
         self._warn_of_masses()
         computation = self._computation(("qdd",), links, len(links), self._loaded(joint_loads))
         result = rolled_out(
@@ -1005,8 +1005,8 @@ class MechanismMethods(Frozen, Shown):
             outputs: names of the outputs: those of the method; of a tuple of names those of any method for which they
                 suffice, or the name of one that returns derivatives. By default all of the method; of a tuple those
                 of `forward_dynamics` where it holds efforts, else those of `forward_kinematics`.
-            wrenches: names of links on which wrenches act in dynamics. Behind the other arguments, the call then
-                takes force_0 and torque_0 of the first link, and so on, as `inverse_dynamics` does.
+            wrenches: names of links or other frames on which wrenches act in dynamics. Behind the other arguments,
+                the call then takes force_0 and torque_0 of the first, and so on, as `inverse_dynamics` does.
             backend: "auto" and "compiled" compile during this call, "numpy" never does.
             **rollout: for "rollout", dt and the other options of the method `rollout`.
 
@@ -1075,7 +1075,7 @@ class MechanismMethods(Frozen, Shown):
     def _links(self, wrenches: Iterable[str]) -> tuple[str, ...]:
         """Return the names of links on which wrenches act in a prepared call."""
         names = (wrenches,) if isinstance(wrenches, str) else tuple(wrenches)
-        read_wrenches(dict.fromkeys(names, (0, 0)), self._tree.links)
+        read_wrenches(dict.fromkeys(names, (0, 0)), self._tree)
         return names
 
     # ---- how methods compute
@@ -1097,7 +1097,7 @@ class MechanismMethods(Frozen, Shown):
         if called:
             base_motion = options.get("base_motion")
             wrenches = with_function_wrenches(self, self._tree, given["q"], given.get("qd"), base_motion, wrenches)
-        loads, links = read_wrenches(wrenches, self._tree.links)
+        loads, links = read_wrenches(wrenches, self._tree)
         accepts = task.options.__annotations__
         if "force1" in accepts:
             loads = {**loads, **self._base_loads(options.get("force1", 0), options.get("torque1", 0))}

@@ -19,7 +19,7 @@ from hingepair.plans.pairs import SPACE
 Out: TypeAlias = Mapping[str, NDArray[Any]] | NDArray[Any] | None
 """Arrays by output name, into which results are written; where there is one output, also one array."""
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
-"""(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
+"""(force, torque) by link or frame, world axes, at its origin [N, N m]; shape (..., 3) each, or the number 0."""
 DEFAULT_GRAVITY: Final = SPACE.gravity  # (0, 0, -9.81) m/s^2, world axes
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,16 +21,29 @@ _SECOND_MOMENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # rows and c
 _ROUNDING = 1e-9  # of an inertia's trace: by so much it may miss being that of a body
 
 
+class JointSamples(NamedTuple):
+    """Where a joint is, with leading axes where that differs from sample to sample."""
+
+    point: Float64Array  # in the axes of the body that carries it [m]; (..., 3)
+    S: Float64Array  # attitude of its body at q = 0, in these axes; (..., 3, 3)
+    n: Float64Array  # its unit axis, in the axes of its own body; (..., 3)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Leading shape of all three."""
+        return np.broadcast_shapes(self.point.shape[:-1], self.S.shape[:-2], self.n.shape[:-1])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples(Frozen):
-    """What differs from sample to sample: matter fixed to bodies beside their own mass, and points of joints."""
+    """What differs from sample to sample: matter fixed to bodies beside their own mass, and joints."""
 
     shape: tuple[int, ...] = ()  # leading shape of the samples
     # by the number of a body, what is fixed to it beside its own mass: mass, first moment and the entries xx, xy, xz,
     # yy, yz, zz of the second moment about the body's reference point, in its axes; (..., 10)
     matter: Mapping[int, Float64Array] = field(default_factory=dict)
-    # by the number of a joint, its point in the axes of the body that carries it [m]; (..., 3)
-    points: Mapping[int, Float64Array] = field(default_factory=dict)
+    # by the number of a joint, where it is in the body that carries it
+    joints: Mapping[int, JointSamples] = field(default_factory=dict)
     lengths: bool = False  # whether poses differ from sample to sample, not masses alone
 
     def with_matter(self, body: int, numbers: Float64Array) -> Samples:
@@ -39,11 +52,12 @@ class Samples(Frozen):
         total = numbers + self.matter[body] if body in self.matter else numbers
         return replace(self, shape=shape, matter={**self.matter, body: read_only(np.array(total))})
 
-    def with_points(self, points: Mapping[int, Float64Array], frames: Iterable[Float64Array]) -> Samples:
-        """Return a copy with points of joints; `frames` are origins with samples, whose leading shape counts too."""
-        shapes = {str(k): array.shape[:-1] for k, array in enumerate((*points.values(), *frames))}
+    def with_joints(self, joints: Mapping[int, JointSamples], frames: Iterable[Float64Array]) -> Samples:
+        """Return a copy with joints; `frames` are origins with samples, whose leading shape counts too."""
+        shapes = {f"joint {k}": joint.shape for k, joint in joints.items()}
+        shapes |= {f"frame {k}": array.shape[:-1] for k, array in enumerate(frames)}
         shape = broadcast_shape({**shapes, "payloads": self.shape})
-        return replace(self, shape=shape, points={**self.points, **points}, lengths=True)
+        return replace(self, shape=shape, joints={**self.joints, **joints}, lengths=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,10 +112,13 @@ def read_payload(mass: ArrayLike, centre_of_mass: ArrayLike, inertia: ArrayLike 
 
 
 def turned_moments(numbers: Float64Array, axes: Float64Array) -> Float64Array:
-    """Return mass, first and second moments (..., 10) in a program's axes; `axes` rotates these to the body's."""
+    """Return mass, first and second moments (..., 10) in a program's axes; `axes`, (..., 3, 3), rotates these to the
+    body's.
+    """
     N = np.empty((*numbers.shape[:-1], 3, 3))
     for k, (i, j) in enumerate(_SECOND_MOMENTS):
         N[..., i, j] = N[..., j, i] = numbers[..., 4 + k]
-    N = axes.T @ N @ axes
-    entries = [N[..., i, j] for i, j in _SECOND_MOMENTS]
-    return np.stack([numbers[..., 0], *np.moveaxis(numbers[..., 1:4] @ axes, -1, 0), *entries], axis=-1)
+    N = np.swapaxes(axes, -1, -2) @ N @ axes
+    first = (numbers[..., None, 1:4] @ axes)[..., 0, :]
+    columns = [numbers[..., 0], *np.moveaxis(first, -1, 0), *(N[..., i, j] for i, j in _SECOND_MOMENTS)]
+    return np.stack(np.broadcast_arrays(*columns), axis=-1)

@@ -80,7 +80,7 @@ def add_strut(
     if frames[0].body == frames[1].body:
         got = f"{ends[0]!r} and {ends[1]!r} of one body"
         raise ArgumentError("frame2", "a frame of another body than frame1's", got)
-    if any(frame.samples is not None for frame in frames):
+    if any(frame.samples is not None or tree.has_sampled_axes(frame.body) for frame in frames):
         raise ArgumentError("frame1", "frames that are the same for all samples", f"{ends[0]!r} and {ends[1]!r}")
     function = force if callable(force) else None
     law = _law(None if callable(force) else force, stiffness, free_length, damping)

@@ -228,6 +228,11 @@ class Tree(Frozen):
             raise ShapeError("robot", expected, f"samples of shape {self.samples.shape}")
         return self
 
+    def has_sampled_axes(self, body: int) -> bool:
+        """Return whether the axis of a body's joint differs from sample to sample."""
+        joint = None if self.samples is None else self.samples.joints.get(body)
+        return joint is not None and joint.n.ndim > 1
+
     def plain(self) -> Tree:
         """Return this tree where it is one robot without loops and struts; refuse all else."""
         if self.closure is not None or self.struts:

@@ -57,7 +57,7 @@ def robot_loads(
     """
     fall = tuple(one_constant("gravity", gravity, 3).tolist())
     wrenches = with_strut_loads(robot, wrenches)
-    on_links, links = read_wrenches(wrenches, tree_of(robot).links)
+    on_links, links = read_wrenches(wrenches, tree_of(robot))
     named = {name: (load, name) for name, load in on_base.items()}
     wrench_names = {link: (f"force_{link}", f"torque_{link}") for link in links}
     named |= zip((name for both in wrench_names.values() for name in both), on_links.values(), strict=True)

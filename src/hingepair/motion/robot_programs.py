@@ -36,7 +36,7 @@ class RobotPrograms:
     ) -> None:
         self.has_momenta = base in ("free", "pinned")
         self._backend, self._gravity = execution_of(backend, 1).backend, gravity
-        frames = tuple(tree_of(robot).links[link] for link in links)
+        frames = tuple(tree_of(robot).known_frame("wrenches", link) for link in links)
         constants = robot_constants(tree_of(robot), robot.base == "free")
         loads = tuple(range(len(frames)))
         self._computation = RobotComputation(constants, ("qdd",), self.has_momenta, frames, loads, None)

@@ -162,7 +162,5 @@ def test_points_are_links_of_urdf_and_sites_of_mjcf():
     simulated = hp.Mechanism.from_mjcf(hp.to_mjcf(pair, base="fixed"))
     for other in (robot, simulated):
         assert abs(other.forward_kinematics((0.6,), frames="arm")["arm"].R - expected).max() < 64 * 2.0**-53
-    with pytest.raises(
-        hp.errors.URDFError, match=r"points: expected links fixed to 'body1' or 'body2_at_hinge'.*'lid'"
-    ):
+    with pytest.raises(hp.errors.URDFError, match=r"^points: .*'lid'"):
         hp.from_urdf(text, "hinge", points=("lid",))

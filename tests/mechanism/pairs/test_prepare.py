@@ -307,3 +307,14 @@ def test_threads_that_prepare_and_simulate_at_once():
         for array, first in zip(arrays, results[0], strict=True):
             np.testing.assert_array_equal(array, first)
     assert len(results) == 3
+
+
+@pytest.mark.parametrize("task", ["inverse_dynamics", "hinge_wrench", "energy", "momentum"])
+def test_a_word_returns_what_the_method_returns(task):
+    body = hp.Body(2, (0.1, 0.2, 0), inertia=(1, 1, 1))
+    pair = hp.PlanarPair((1, 0), (-1, 0.5), body1=body, body2=body)
+    given = np.arange(12.0).reshape(3, 4)[: 3 if task in ("inverse_dynamics", "hinge_wrench") else 2]
+    prepared, method = pair.prepare(task)(*given), getattr(pair, task)(*given)
+    assert type(prepared) is type(method)
+    for name in method.outputs:
+        assert np.array_equal(getattr(prepared, name, prepared[name]), method[name])

@@ -178,5 +178,5 @@ def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | 
     if positions.ndim == 1 and frame.samples is None:
         return replace(tree, frames={**tree.frames, name: added})
     added = replace(added, samples=read_only(frame.origin + positions @ frame.S.T))
-    samples = (tree.samples or Samples()).with_points({}, [added.origin])
+    samples = (tree.samples or Samples()).with_joints({}, [added.origin])
     return replace(tree, frames={**tree.frames, name: added}, samples=samples, source=None)

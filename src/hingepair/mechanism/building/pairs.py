@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.shapes import LinkDrawing, placed_shapes
 from hingepair.mechanism.building.changes import add_frame
@@ -17,7 +17,7 @@ from hingepair.mechanism.building.folding import JointPart, body_inertia, fold_p
 from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
 from hingepair.mechanism.pairs.geometry import Points, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.samples import Payload, Samples
+from hingepair.mechanism.samples import JointSamples, Payload, Samples
 from hingepair.mechanism.tree import BASE_KINDS, Tree
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.unit_vectors import unit_axis
@@ -66,12 +66,14 @@ def _numbered(pairs: list[Any]) -> list[Any]:
 
 
 def _with_lengths(tree: Tree, pairs: Sequence[Any], single: Sequence[Any]) -> Tree:
-    """Return the tree of the pairs `single` with the samples of u1 and u2 that `pairs` have in leading axes."""
-    points, links, samples = {}, dict(tree.links), Samples()
+    """Return the tree of the pairs `single` with the geometry that `pairs` have in leading axes."""
+    joints, links, samples = {}, dict(tree.links), Samples()
     for number, (joint, pair, one) in enumerate(zip(tree.joints, pairs, single, strict=True), 1):
         u2 = pairs[joint.parent - 1].u2 if joint.parent else np.zeros(3)
-        if pair.u1.ndim > 1 or u2.ndim > 1:
-            points[number] = pair.u1 - u2
+        if max(pair.u1.ndim, u2.ndim, pair.n.ndim, pair.home.ndim - 1) > 1:
+            n = (pair.n[..., None, :] @ pair.home)[..., 0, :]
+            size = np.sqrt((n * n).sum(axis=-1, keepdims=True))
+            joints[number] = JointSamples(pair.u1 - u2, pair.home, n / size)
         if pair.u2.ndim > 1:
             links[pair.name] = replace(links[pair.name], samples=read_only(0.0 - pair.u2))
             mass, centre, inertia = np.array(joint.body.mass), joint.body.centre_of_mass + one.u2, joint.body.inertia
@@ -79,7 +81,7 @@ def _with_lengths(tree: Tree, pairs: Sequence[Any], single: Sequence[Any]) -> Tr
             moved = body.moments(-pair.u2, np.eye(3)) - body.moments(-one.u2, np.eye(3))
             samples = samples.with_matter(number, moved)
     origins = [frame.samples for frame in links.values() if frame.samples is not None]
-    return replace(tree, links=links, samples=samples.with_points(points, origins))
+    return replace(tree, links=links, samples=samples.with_joints(joints, origins))
 
 
 def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[JointPart]:
@@ -125,13 +127,11 @@ def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[J
 
 
 def nominal_pair(pair: Any) -> Any:
-    """Return a pair; if its points u1 and u2 have leading axes, that of the first sample."""
+    """Return a pair; if its geometry has leading axes, that of the first sample."""
     if not isinstance(pair, HingePair) or constants_of(pair).single:
         return pair
-    if pair.n.ndim > 1 or pair.home.ndim > 2:
-        expected = f"n and home of {pair.name!r} that are the same for all samples; u1 and u2 may differ"
-        raise ShapeError("pairs", expected, f"pairs of shape {constants_of(pair).shape}")
-    return replace(pair, u1=pair.u1.reshape(-1, 3)[0], u2=pair.u2.reshape(-1, 3)[0], points1={}, points2={})
+    first = {name: getattr(pair, name).reshape(-1, 3)[0] for name in ("u1", "u2", "n")}
+    return replace(pair, **first, home=pair.home.reshape(-1, 3, 3)[0], points1={}, points2={})
 
 
 def _checked_pairs(pairs: Iterable[RobotJoint]) -> list[RobotJoint]:

@@ -254,7 +254,8 @@ class HingePair(Frozen, Shown):
             backend: "auto" and "compiled" compile during this call, "numpy" never does.
 
         Returns:
-            A `Prepared`, whose calls return a `PairState`: `state.R2`, and all outputs as `state["gap"]`.
+            A `Prepared`, whose calls return a `PairState`: `state.R2`, and all outputs as `state["gap"]`; of a word
+            what the method returns, unless that is an array.
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an argument or the mass of a body that is not given.

@@ -299,7 +299,10 @@ def prepare(
     if solves or needs_masses(constants, output_names):
         needed = BODIES if solves else _bodies(tasks, output_names)
         check_masses({one: getattr(pair, one) for one in BODIES if one in needed})
-    computation = computation_of(constants, output_names, sequence if rows else None, STATES[kind], False, solves)
+    task = tasks[given] if isinstance(given, str) else None
+    result = task.result if task is not None and {*output_names} <= {*task.outputs} else None
+    what = constants, output_names, sequence if rows else None, result or STATES[kind], False, solves
+    computation = computation_of(*what)
     _check_given(computation, names, solves)
     remade = functools.partial(
         pair.prepare, names, outputs=output_names, gravity=gravity, workers=execution.workers,
