@@ -75,7 +75,10 @@ def test_a_parallelogram_passes_its_change_points() -> None:
     at = {"crank": 0.3, "coupler": -0.3, "rocker": 0.3}
     lift = robot.closed(hp.Loop("a", "b"), coordinates="crank", at=at)
     q = np.concatenate([np.pi + side * np.logspace(-6, 0, 40) for side in (-1, 1)])[:, None]
-    assert np.abs(lift.all_coordinates(q)[:, 2] - q[:, 0]).max() < 1e-9  # 1e-15 over the transmission of 1e-6
+    position, rate, change = lift.all_coordinates(q, 0 * q + 2, 0 * q + 3)
+    assert np.abs(position[:, 2] - q[:, 0]).max() < 4 * U * np.pi
+    assert np.abs(rate - (2, -2, 2)).max() < 4 * U
+    assert np.abs(change - (3, -3, 3)).max() < 4 * U
     with pytest.warns(hp.DynamicsWarning, match="dead point"):
         assert np.isnan(lift.all_coordinates([np.pi])[2])
 
@@ -173,6 +176,30 @@ def test_derivatives_go_through_the_loop() -> None:
     jacobian = FOUR_BAR.jacobian(q, "a")
     points = [FOUR_BAR.forward_kinematics(q + side * h, frames="a")["a"].R for side in (1, -1)]
     assert np.abs((points[0] - points[1]) / (2 * h) - jacobian[:, :3, 0]).max() < 1e-9
+
+
+def test_a_four_bar_drives_the_next() -> None:
+    bars = [
+        bar("crank", (0, 0, 0), 0.3), bar("coupler", (0.3, 0, 0), 0.9), bar("rocker", (1, 0, 0), 0.7),
+        bar("rod", (0.4, 0, 0), 0.9), bar("wheel", (2, 0, 0), 0.5),
+    ]  # fmt: skip
+    robot = hp.Mechanism(bars, parents=[0, 1, 0, 3, 0]).with_frame("a", "coupler", R=(0.9, 0, 0))
+    robot = robot.with_frame("b", "rocker", R=(0.7, 0, 0)).with_frame("c", "rod", R=(0.9, 0, 0))
+    robot = robot.with_frame("d", "wheel", R=(0.5, 0, 0))
+    at = {**AT, "rod": -2.1, "wheel": 2.0}
+    train = robot.closed(hp.Loop("c", "d"), hp.Loop("a", "b"), coordinates="crank", at=at)
+    q, qd, qdd = train.all_coordinates(TURN, 0 * TURN + 2, 0 * TURN + 3)
+    for found, wanted in zip((q, qd, qdd), FOUR_BAR.all_coordinates(TURN, 0 * TURN + 2, 0 * TURN + 3), strict=True):
+        assert np.abs(found[:, :3] - wanted).max() < 500 * U * np.abs(wanted).max()
+    state = robot.forward_kinematics(q, qd, qdd, frames=("c", "d"))
+    for name in ("R", "v", "a"):
+        gap = getattr(state["c"], name) - getattr(state["d"], name)
+        assert np.abs(gap).max() < 2000 * U
+    # The second loop alone, driven by the rocker, is the same function of it.
+    second = hp.Mechanism(bars[2:], parents=[0, 1, 0]).with_frame("c", "rod", R=(0.9, 0, 0))
+    second = second.with_frame("d", "wheel", R=(0.5, 0, 0))
+    second = second.closed(hp.Loop("c", "d"), coordinates="rocker", at={n: at[n] for n in ("rocker", "rod", "wheel")})
+    assert np.abs(second.all_coordinates(q[:, 2:3]) - q[:, 2:]).max() < 64 * U
 
 
 def test_a_sample_has_the_same_joints_in_any_batch() -> None:

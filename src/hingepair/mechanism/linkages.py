@@ -7,17 +7,19 @@ Newton steps in `plans.closures`. So every q has one assembly, whatever was comp
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.trees import joints_to_base
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.chain_paths import ChainPath
 from hingepair.mechanism.constants import axes_along, frame_numbers, robot_constants
 from hingepair.mechanism.tree import Frame, Tree, TreeClosure
 from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, one_constant, read_only
@@ -25,12 +27,8 @@ from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.plans.closures import CONDITIONS, PRECISION, Chain, Chains, Closure
 from hingepair.plans.trees import Request, TreeQuantities
 
-_GRID: Final = 256  # points of a full turn, or of a range, to which a start is fitted
-_MAX_TERMS: Final = 60  # of a series; more would cost more than further Newton steps
-_FIT_ERROR: Final = 1e-9  # from here one Newton step leads to rounding; a second is taken near dead points
 _LINE_STEPS: Final = 12  # from the assembly to q, where several coordinates move one chain
 _OFFSETS: Final = (0.0, 0.1, -0.1, 0.4, -0.4)  # of the starts from which loops are assembled [rad or m]
-_MAX_REACH: Final = 20.0  # multiples of its size [m] by which a length or a slider is followed
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,12 +84,11 @@ def close_tree(
     start, lengths = _read_positions(tree, at)
     assembly = _Assembly(tree, _checked_loops(loops, names or ()), names)
     values = assembly.assembled(start, lengths)
-    closure = assembly.closure
-    pieces = [assembly.with_start(chain, values) for chain in assembly.chains()]
+    chains, numbers = assembly.starts(values)
     record = TreeClosure(
-        tuple(assembly.loops), closure._replace(chains=tuple(chain for chain, _ in pieces)), assembly.frames,
-        assembly.size, tuple(number for _, numbers in pieces for number in numbers), assembly.names,
-        {joint.name: values[column] for column, joint in enumerate(tree.coordinates)}, assembly.redundant,
+        tuple(assembly.loops), assembly.closure._replace(chains=chains), assembly.frames, assembly.size, numbers,
+        assembly.names, {joint.name: values[column] for column, joint in enumerate(tree.coordinates)},
+        assembly.redundant,
     )  # fmt: skip
     return replace(tree, closure=record, source=None)
 
@@ -163,13 +160,6 @@ def follow_path(tree: Tree, q: Float64Array, guess: Mapping[str, float] | None =
     return found
 
 
-class _Point(NamedTuple):
-    """Where a chain is."""
-
-    s: float  # the coordinate that drives it
-    x: Float64Array  # its dependent coordinates
-
-
 class _Assembly:
     """The loops of a tree, evaluated with numbers while the mechanism is put together.
 
@@ -238,39 +228,59 @@ class _Assembly:
         first, second = (joints_to_base(self._links, body) for body in self._ends[place])
         return first ^ second, first & second
 
-    def _chain(self, places: Sequence[int]) -> Chain:
-        """Return the chain that closes loops, with the joints from the last body that carries all of them."""
+    def _chain(self, places: Sequence[int], known: Iterable[int] | None = None) -> Chain:
+        """Return the chain that closes loops, with the joints from the last body that carries all of them, where some
+        coordinates are known; by default those in q.
+        """
         parts = [self._path(place) for place in places]
         carrying = set.intersection(*(common for _, common in parts))
         joints = tuple(sorted(set().union(*(own | common for own, common in parts)) - carrying))
         body_places = {number: k for k, number in enumerate(joints, 1)}
         columns = sorted({self._columns[number - 1] for number in joints})
+        lengths = [key for key, place in zip(self._keys, self.closure.lengths, strict=True) if place in places]
+        given = self._keys if known is None else known
+        driving = [column for column in columns if column in given] + lengths
         return Chain(
             joints,
             tuple(body_places.get(self._links[number - 1].parent, 0) for number in joints),
             tuple(places),
             tuple((body_places.get(a, 0), body_places.get(b, 0)) for a, b in (self._ends[place] for place in places)),
-            tuple(column for column in columns if column not in self._keys),
-            tuple(k for k, key in enumerate(self._keys) if key in columns or self.closure.lengths[k] in places),
-            "line", 0, 0,
+            tuple(column for column in columns if column not in given),
+            tuple(driving), tuple(key >= 0 and self.turns[key] for key in driving),
+            "line", 0, 0, 0,
         )  # fmt: skip
 
-    def chains(self) -> list[Chain]:
-        """Return the chains of all loops; those that share dependent coordinates are one."""
-        groups = [[place] for place in range(len(self.loops))]
-        merged = True
-        while merged:
-            merged = False
-            found = [self._chain(group) for group in groups]
-            for i in range(len(groups)):
-                for j in range(i):
-                    if {*found[i].dependent} & {*found[j].dependent}:
-                        groups[j] = sorted(groups[j] + groups.pop(i))
-                        merged = True
-                        break
-                if merged:
-                    break
-        return [self._chain(group) for group in groups]
+    def chains(self, values: Mapping[int, float]) -> list[Chain]:
+        """Return the chains of all loops in order: each determines its joints from what is known by then.
+
+        A four-bar that drives the next is a chain of its own. Loops that only together determine their joints are
+        one chain, with those that say the same twice.
+        """
+        known, left, found = {*self._keys}, list(range(len(self.loops))), list[Chain]()
+        while left:
+            group = self._smallest_group(left, known, values)
+            inside = known.union(self._chain(group, known).dependent)
+            group = [place for place in left if place in group or inside.issuperset(self._chain([place]).dependent)]
+            found.append(self._chain(group, known))
+            known, left = inside, [place for place in left if place not in group]
+        return found
+
+    def _smallest_group(self, left: Sequence[int], known: set[int], values: Mapping[int, float]) -> Sequence[int]:
+        """Return loops that determine their joints: one, or two, or else all that share joints with one."""
+        for size in (1, 2):
+            for group in itertools.combinations(left, size):
+                chain = self._chain(group, known)
+                if chain.dependent and _rank(self.conditions(chain, values, chain.dependent)[1]) == len(
+                    chain.dependent
+                ):
+                    return group
+        joined = [left[0]]
+        while True:
+            inside = {*self._chain(joined, known).dependent}
+            beside = [one for one in left if one not in joined and {*self._chain([one], known).dependent} & inside]
+            if not beside:
+                return joined
+            joined += beside
 
     # ---- assembly
 
@@ -417,17 +427,31 @@ class _Assembly:
 
     # ---- starts
 
-    def with_start(self, chain: Chain, values: Mapping[int, float]) -> tuple[Chain, list[float]]:
-        """Return a chain with the kind of its start, and the numbers of that start."""
-        keys = [self._keys[k] for k in chain.driving]
-        if len(keys) != 1:
-            here = [values[key] for key in (*keys, *chain.dependent)]
-            return chain._replace(start="line", terms=_LINE_STEPS, steps=6), here
-        key = keys[0]
-        shifts = key < 0 or bool(self._tree.coordinates[key].axis.shifts)
-        path = _Path(self, chain, key, values, self.size if shifts else 1.0)
-        found = None if shifts else path.turn()
-        return path.range() if found is None else found
+    def starts(self, values: Mapping[int, float]) -> tuple[tuple[Chain, ...], tuple[float, ...]]:
+        """Return the chains of all loops, with the kinds of their starts, and the numbers of these starts."""
+        found, numbers = list[Chain](), list[float]()
+        sources = {key: {key} for key in self._keys}  # on which coordinates in q each depends
+        for chain in self.chains(values):
+            moved_by = set[int]().union(*(sources[key] for key in chain.driving))
+            sources |= dict.fromkeys(chain.dependent, moved_by)
+            whole, (source, *others) = chain, chain.driving
+            if others and len(moved_by) == 1:  # followed together with those before, by the coordinate of all
+                (source,), others = moved_by, []
+                whole = self._chain([place for one in (*found, chain) for place in one.loops])
+            if others:
+                here = [values[key] for key in (*chain.driving, *chain.dependent)]
+                found.append(chain._replace(start="line", terms=_LINE_STEPS, steps=6))
+                numbers += here
+                continue
+            shifts = source < 0 or bool(self._tree.coordinates[source].axis.shifts)
+            turns = [self.turns[column] for column in whole.dependent]
+            path = ChainPath(
+                functools.partial(self.conditions, whole), source, whole.dependent, turns, values, self.size, shifts
+            )
+            start = path.start(chain.dependent)
+            found.append(chain._replace(start=start.kind, source=source, terms=start.terms, steps=start.steps))
+            numbers += start.numbers
+        return tuple(found), tuple(numbers)
 
 
 def _rank(A: NDArray[np.float64]) -> int:
@@ -435,142 +459,3 @@ def _rank(A: NDArray[np.float64]) -> int:
         return 0
     singular = np.linalg.svd(A, compute_uv=False)
     return int((singular > 1e-9 * singular[0]).sum()) if singular[0] > 0 else 0
-
-
-class _Path:
-    """The way of a chain that one coordinate drives."""
-
-    def __init__(self, assembly: _Assembly, chain: Chain, key: int, values: Mapping[int, float], unit: float) -> None:
-        self._assembly, self._chain, self._key = assembly, chain, key
-        self._unit = unit  # what counts as a long step: a radian, or the size of the mechanism
-        self._home = _Point(values[key], np.array([values[column] for column in chain.dependent]))
-
-    def _linear(self, point: _Point) -> tuple[Any, Any, Any]:
-        """Return conditions, and their derivatives by the dependent coordinates and by the one that drives."""
-        keys = [*self._chain.dependent, self._key]
-        values = dict(zip(keys, (*point.x.tolist(), point.s), strict=True))
-        gaps, A = self._assembly.conditions(self._chain, values, keys)
-        return gaps, A[:, :-1], A[:, -1]
-
-    def _corrected(self, point: _Point) -> _Point | None:
-        """Return the closed assembly next to a point; None if Newton steps do not lead to one close by."""
-        x = point.x
-        for _ in range(6):
-            gaps, A, _ = self._linear(_Point(point.s, x))
-            if not np.isfinite(gaps).all():
-                return None
-            step = np.linalg.lstsq(A, gaps, rcond=None)[0]
-            x = x - step
-            if np.abs(step).max() < 1e-13 * max(1.0, np.abs(x).max()):
-                gaps, _, _ = self._linear(_Point(point.s, x))
-                return _Point(point.s, x) if np.linalg.norm(gaps) < 1e-11 * self._assembly.size else None
-        return None
-
-    def _slope(self, point: _Point) -> tuple[Float64Array, float]:
-        """Return dx/ds, and the least singular value of A."""
-        _, A, B = self._linear(point)
-        return -np.linalg.lstsq(A, B, rcond=None)[0], float(np.linalg.svd(A, compute_uv=False)[-1])
-
-    def _advance(self, point: _Point, target: float) -> tuple[_Point, bool]:
-        """Follow the chain to s = target, in steps as short as they must be; False where it ends before."""
-        slope, _ = self._slope(point)
-        step = target - point.s
-        while abs(target - point.s) > 1e-15 * max(1.0, abs(target)):
-            step = math.copysign(min(abs(step), abs(target - point.s)), step)
-            ahead = self._corrected(_Point(point.s + step, point.x + step * slope))
-            accepted = False
-            if ahead is not None:
-                new_slope, _ = self._slope(ahead)
-                # Along one branch, the mean of both slopes leads to the next point.
-                error = np.abs(ahead.x - point.x - 0.5 * step * (slope + new_slope)).max()
-                accepted = bool(error < 0.05 * max(np.abs(ahead.x - point.x).max(), 0.02 * abs(step)))
-            if accepted and ahead is not None:
-                point, slope, step = ahead, new_slope, 2 * step
-            else:
-                step /= 2
-                if abs(step) < 1e-13 * self._unit:
-                    return point, False
-        return point, True
-
-    def turn(self) -> tuple[Chain, list[float]] | None:
-        """Return the start by trigonometric series; None if the chain does not come back after a turn."""
-        grid = self._home.s + 2 * np.pi * np.arange(_GRID + 1) / _GRID
-        points, point = [self._home], self._home
-        for s in grid[1:]:
-            point, reached = self._advance(point, float(s))
-            if not reached:
-                return None
-            points.append(point)
-        x = np.array([one.x for one in points])
-        turned = (x[-1] - x[0]) / (2 * np.pi)
-        windings = np.where([self._assembly.turns[c] for c in self._chain.dependent], np.round(turned), 0.0)
-        if np.abs(x[-1] - x[0] - 2 * np.pi * windings).max() > 1e-7 * max(1.0, self._unit):
-            return None
-        around = x[:-1] - np.outer(grid[:-1], windings)
-        modes = (
-            np.fft.rfft(around, axis=0) / _GRID * np.exp(-1j * np.outer(np.arange(_GRID // 2 + 1), [self._home.s]))
-        )
-        size = np.abs(modes)
-        left = np.cumsum(size[::-1], axis=0)[::-1].max(axis=1)  # what is left out from each term on
-        terms = next((k for k in range(1, _MAX_TERMS + 1) if left[k] < _FIT_ERROR / 4), _MAX_TERMS + 1) - 1
-        numbers: list[float] = []
-        for j, winding in enumerate(windings):
-            a, b = 2 * modes[1 : terms + 1, j].real, -2 * modes[1 : terms + 1, j].imag
-            numbers += [float(winding), float(modes[0, j].real), *_without_dust(a), *_without_dust(b)]
-        return self._chain._replace(start="turn", terms=terms, steps=_steps(float(left[terms + 1]))), numbers
-
-    def _end(self, direction: float) -> float:
-        """Return how far the chain can be followed in a direction: to a dead point, a turn, or many lengths."""
-        point, reached = self._home, True
-        limit = self._home.s + direction * (2 * np.pi if self._unit == 1.0 else _MAX_REACH * self._unit)
-        while reached and (limit - point.s) * direction > 0:
-            point, reached = self._advance(point, point.s + direction * 0.05 * self._unit)
-        return point.s
-
-    def range(self) -> tuple[Chain, list[float]]:
-        """Return the start by polynomials between the ends of the chain's way."""
-        low, high = self._end(-1.0), self._end(1.0)
-        centre, half = (low + high) / 2, (high - low) / 2
-        theta = np.pi * (np.arange(_GRID) + 0.5) / _GRID
-        s = centre + half * np.cos(theta)
-        found: dict[int, Float64Array] = {}
-        home_index = int(np.searchsorted(-s, -self._home.s))
-        for order in (range(home_index, _GRID), range(home_index - 1, -1, -1)):
-            point = self._home
-            for k in order:
-                point, reached = self._advance(point, float(s[k]))
-                if not reached:
-                    break
-                found[k] = point.x
-        rows = sorted(found)
-        x = np.cos(theta[rows])
-        values = np.array([found[k] for k in rows])
-        root = np.sqrt(np.maximum(1 - x * x, 1e-12))
-        best: tuple[float, int, Float64Array] | None = None
-        for terms in (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 30):
-            T = np.polynomial.chebyshev.chebvander(x, terms - 1)
-            basis = np.hstack((T, root[:, None] * T))
-            fitted = np.linalg.lstsq(basis[::2], values[::2], rcond=1e-13)[0]
-            error = float(np.abs(basis @ fitted - values).max())
-            if best is None or error < 0.5 * best[0]:
-                best = error, terms, fitted
-            if error < _FIT_ERROR:
-                break
-        error, terms, fitted = best  # type: ignore[misc]
-        numbers = [centre, 1 / half]
-        for j in range(len(self._chain.dependent)):
-            numbers += [*_without_dust(fitted[:terms, j]), *_without_dust(fitted[terms:, j])]
-        return self._chain._replace(start="range", terms=terms, steps=_steps(error)), [float(n) for n in numbers]
-
-
-def _without_dust(numbers: Iterable[float]) -> list[float]:
-    """Return coefficients with 0 in place of rounding, which programs fold."""
-    return [0.0 if abs(number) < 1e-12 else float(number) for number in numbers]
-
-
-def _steps(error: float) -> int:
-    """Return the number of Newton steps from a start of this error, with one to spare."""
-    steps = 2
-    while error > 1e-9 and steps < 7:
-        error, steps = error * error, steps + 1
-    return steps

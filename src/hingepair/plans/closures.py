@@ -37,15 +37,19 @@ CONDITIONS: Final = {"ball": 3, "hinge": 5, "weld": 6, "distance": 1}
 
 
 class Chain(NamedTuple):
-    """The joints that close one or several loops together, from the last body that carries them all."""
+    """The joints that close one or several loops together, from the last body that carries them all. Coordinates are
+    known by keys, see `Closure.key`.
+    """
 
     joints: tuple[int, ...]  # numbers of the joints in the tree
     parents: tuple[int, ...]  # for each joint, the place of its parent: 0 of the body that carries all, else k + 1
     loops: tuple[int, ...]  # places of the loops
     ends: tuple[tuple[int, int], ...]  # for each loop, the places of its two bodies
-    dependent: tuple[int, ...]  # columns of the tree's coordinates that the loops determine
-    driving: tuple[int, ...]  # places in q of the coordinates that move the chain
-    start: str  # where Newton steps start: "turn", "range" or "line", see `Chains._start`
+    dependent: tuple[int, ...]  # keys of the coordinates that the loops determine
+    driving: tuple[int, ...]  # keys of those that move the chain: in q, or dependent ones of chains before
+    turning: tuple[bool, ...]  # for each of these, whether a full turn leads back to the start
+    start: str  # where Newton steps start: "exact", "turn", "range" or "line", see `Chains._start`
+    source: int  # key of the coordinate by which the start is a series
     terms: int  # of the series of a start, or steps along the line
     steps: int  # Newton steps
 
@@ -75,7 +79,7 @@ def start_size(chain: Chain) -> int:
     unknowns, driving = len(chain.dependent), len(chain.driving)
     if chain.start == "line":
         return driving + unknowns
-    return unknowns * (2 + 2 * chain.terms) if chain.start == "turn" else 2 + unknowns * 2 * chain.terms
+    return 2 + unknowns * 2 * chain.terms if chain.start == "range" else unknowns * (2 + 2 * chain.terms)
 
 
 class Meeting(NamedTuple):
@@ -91,6 +95,40 @@ class Linear(NamedTuple):
 
     gaps: list[Scalar]  # [m]; angles times the size of the mechanism
     rows: list[dict[int, Scalar]]  # by `Closure.key`
+
+    def columns(self, keys: Sequence[int]) -> list[list[Scalar]]:
+        """Return the derivatives by some coordinates, row by row."""
+        return [[row.get(key, 0.0) for key in keys] for row in self.rows]
+
+
+class Turn(NamedTuple):
+    """A coordinate as a function of an angle s, winding s + mean + sum of a_k cos(k s) + b_k sin(k s)."""
+
+    winding: Scalar
+    mean: Scalar
+    a: Sequence[Scalar]
+    b: Sequence[Scalar]
+
+    def value(self, s: Scalar) -> Scalar:
+        """Return its value at s."""
+        sin, cos = sine(s), cosine(s)
+        u1, u2 = clenshaw(self.a, cos)
+        v1, _ = clenshaw(self.b, cos)
+        return self.mean + self.winding * s + (cos * u1 - u2) + sin * v1
+
+    def slope(self) -> Turn:
+        """Return its derivative by s."""
+        a, b = ([x * float(k) for k, x in enumerate(part, 1)] for part in (self.b, self.a))
+        return Turn(0.0, self.winding, a, [-x for x in b])
+
+
+class _Factor(NamedTuple):
+    """A chain where it is closed."""
+
+    chain: Chain
+    matrix: list[list[Scalar]]  # A, derivatives of its conditions by its dependent coordinates
+    by_driving: list[list[Scalar]]  # for each coordinate that drives it, derivatives of the dependent ones
+    curvatures: list[Scalar] | None  # second derivatives by the one that drives it, where they are known exactly
 
 
 class Chains:
@@ -116,7 +154,7 @@ class Chains:
         q: Sequence[Scalar],
     ) -> None:
         self.closure, self._links, self._ratios, self._joint_columns = closure, links, ratios, joint_columns
-        self._given = tuple(q)
+        self._q: dict[int, Scalar] = {closure.key(k): value for k, value in enumerate(q)}
         left = iter(numbers)
 
         def take(count: int) -> tuple[Scalar, ...]:
@@ -213,24 +251,17 @@ class Chains:
     def _start(self, place: int) -> list[Scalar]:
         """Return where the dependent coordinates of a chain are sought from.
 
-        "turn": trigonometric series of the one coordinate that drives the chain, which leads back after a turn;
+        "turn": trigonometric series of one coordinate, which leads back after a turn;
+        "exact": one that closes the loops up to rounding, as that of a parallelogram;
         "range": a(x) + sqrt(1 - x^2) b(x) with polynomials, for one that reaches from dead point to dead point;
         "line": the coordinates at which the mechanism is assembled, from which a line leads to q.
         """
         chain, numbers = self.closure.chains[place], iter(self._starts[place])
         if chain.start == "line":
             return self._along_line(chain, numbers)
-        s = self._given[chain.driving[0]]
-        if chain.start == "turn":
-            sin, cos = sine(s), cosine(s)
-            starts = []
-            for _ in chain.dependent:
-                winding, mean = next(numbers), next(numbers)
-                a, b = ([next(numbers) for _ in range(chain.terms)] for _ in range(2))
-                u1, u2 = clenshaw(a, cos)
-                v1, _ = clenshaw(b, cos)
-                starts.append(mean + winding * s + (cos * u1 - u2) + sin * v1)
-            return starts
+        s = self._q[chain.source]
+        if chain.start != "range":
+            return [turn.value(s) for turn in self._turns(place)]
         x = (s - next(numbers)) * next(numbers)
         x = where_less(x, -1.0, -1.0, where_less(1.0, x, 1.0, x))
         rest = 1.0 - x * x
@@ -241,70 +272,63 @@ class Chains:
             starts.append(chebyshev_sum(a, x) + root * chebyshev_sum(b, x))
         return starts
 
+    def _turns(self, place: int) -> list[Turn]:
+        """Return the trigonometric series of the dependent coordinates of a chain."""
+        chain, numbers = self.closure.chains[place], iter(self._starts[place])
+        sizes = (1, 1, chain.terms, chain.terms)
+        parts = [[[next(numbers) for _ in range(size)] for size in sizes] for _ in chain.dependent]
+        return [Turn(winding, mean, a, b) for (winding,), (mean,), a, b in parts]
+
     def _along_line(self, chain: Chain, numbers: Any) -> list[Scalar]:
         """Return the dependent coordinates of a chain after steps along the line from the assembly to q."""
-        from_driving = [next(numbers) for _ in chain.driving]
+        origin = [next(numbers) for _ in chain.driving]
         found = [next(numbers) for _ in chain.dependent]
-        ways = []
-        for k, start in zip(chain.driving, from_driving, strict=True):
-            way = self._given[k] - start
-            ways.append(arc_tangent(sine(way), cosine(way)) if self.closure.turning[k] else way)
-        whole = self._given
-        for step in range(chain.terms):
-            here = {
-                k: start + way * (step / chain.terms)
-                for k, start, way in zip(chain.driving, from_driving, ways, strict=True)
-            }
-            self._given = tuple(here.get(k, value) for k, value in enumerate(whole))
-            linear = self.linear(chain, self._by_column(chain, found))
+        steps = []
+        for key, turns, start in zip(chain.driving, chain.turning, origin, strict=True):
+            way = self._q[key] - start
+            way = arc_tangent(sine(way), cosine(way)) if turns else way
+            steps.append(way * (1 / chain.terms))
+        for number in range(chain.terms):
+            here = [start + step * float(number) for start, step in zip(origin, steps, strict=True)]
+            linear = self.linear(chain, dict(zip((*chain.driving, *chain.dependent), (*here, *found), strict=True)))
             left = list(linear.gaps)
-            for k, way in zip(chain.driving, ways, strict=True):
-                key = self.closure.key(k)
-                left = [
-                    gap + row.get(key, 0.0) * (way * (1 / chain.terms))
-                    for gap, row in zip(left, linear.rows, strict=True)
-                ]
-            (moved,), _ = _least_squares(self._by_dependent(chain, linear), [left])
-            found = [x - dx for x, dx in zip(found, moved, strict=True)]
-        self._given = whole
+            for key, step in zip(chain.driving, steps, strict=True):
+                left = [gap + row.get(key, 0.0) * step for gap, row in zip(left, linear.rows, strict=True)]
+            found = _stepped(chain, linear, left, found)
         return found
-
-    def _by_column(self, chain: Chain, dependent: Iterable[Scalar]) -> dict[int, Scalar]:
-        """Return the values of what moves a chain, by column of the tree or key of a length."""
-        known = {self.closure.key(k): self._given[k] for k in chain.driving}
-        return known | dict(zip(chain.dependent, dependent, strict=True))
 
     def _solve(self) -> None:
         """Close all loops."""
         if self._solved:
             return
-        self._q: dict[int, Scalar] = {self.closure.key(k): value for k, value in enumerate(self._given)}
-        self._G: dict[int, dict[int, Scalar]] = {self.closure.key(k): {k: 1.0} for k in range(len(self._given))}
-        self._factors = []
+        self._G: dict[int, dict[int, Scalar]] = {self.closure.key(k): {k: 1.0} for k in range(len(self._q))}
+        self._factors: list[_Factor] = []
         self._gaps: dict[int, Scalar] = {}
         for place, chain in enumerate(self.closure.chains):
+            known = {key: self._q[key] for key in chain.driving}
             found = self._start(place)
             for _ in range(chain.steps):
-                linear = self.linear(chain, self._by_column(chain, found))
-                (moved,), _ = _least_squares(self._by_dependent(chain, linear), [linear.gaps])
-                found = [x - dx for x, dx in zip(found, moved, strict=True)]
-            values = self._by_column(chain, found)
-            linear = self.linear(chain, values)
-            matrix = self._by_dependent(chain, linear)
-            sides = []
-            for k in chain.driving:
-                sides.append([-row.get(self.closure.key(k), 0.0) for row in linear.rows])
+                linear = self.linear(chain, known | dict(zip(chain.dependent, found, strict=True)))
+                found = _stepped(chain, linear, linear.gaps, found)
+            linear = self.linear(chain, known | dict(zip(chain.dependent, found, strict=True)))
+            matrix = linear.columns(chain.dependent)
+            sides = [[-row.get(key, 0.0) for row in linear.rows] for key in chain.driving]
             by_driving, pivots = _least_squares(matrix, sides)
             doubt = self._doubt(chain, linear.gaps, [*matrix, *sides], pivots)
-            self._factors.append((chain, matrix))
             self._gaps |= self._gaps_by_loop(chain, linear.gaps)
-            for i, (column, value) in enumerate(zip(chain.dependent, found, strict=True)):
-                self._q[column] = value + doubt
-                self._G[column] = {k: by_driving[j][i] + doubt for j, k in enumerate(chain.driving)}
+            curvatures: list[Scalar] | None = None
+            if chain.start == "exact":  # which hold next to a change point, too, where A is ill conditioned
+                slopes, s = [turn.slope() for turn in self._turns(place)], known[chain.source]
+                by_driving, curvatures = [[x.value(s) for x in slopes]], [x.slope().value(s) for x in slopes]
+            self._factors.append(_Factor(chain, matrix, by_driving, curvatures))
+            for i, (key, value) in enumerate(zip(chain.dependent, found, strict=True)):
+                self._q[key] = value + doubt
+                sums: dict[int, Scalar] = {}
+                for driver, column in zip(chain.driving, by_driving, strict=True):
+                    for k, x in self._G[driver].items():
+                        sums[k] = sums.get(k, 0.0) + (column[i] + doubt) * x
+                self._G[key] = sums
         self._solved = True
-
-    def _by_dependent(self, chain: Chain, linear: Linear) -> list[list[Scalar]]:
-        return [[row.get(column, 0.0) for column in chain.dependent] for row in linear.rows]
 
     def _gaps_by_loop(self, chain: Chain, gaps: Sequence[Scalar]) -> dict[int, Scalar]:
         """Return by how much each loop of a chain is open [m], by its place."""
@@ -324,7 +348,8 @@ class Chains:
             where_less(1.0, self._precision, double * double, single * single)
             for single, double in (MAX_GAPS, MIN_TRANSMISSIONS)
         )
-        turned = _total(self._given[k] * self._given[k] for k in chain.driving if self.closure.turning[k])
+        drivers = zip(chain.driving, chain.turning, strict=True)
+        turned = _total(self._q[key] * self._q[key] for key, turns in drivers if turns)
         limit = max_gap * (self._size * self._size) * (1.0 + turned)
         doubt = where_less(_total(gap * gap for gap in gaps), limit, 0.0, math.nan)
         largest = _total(entry * entry for row in derivatives for entry in row)
@@ -356,12 +381,17 @@ class Chains:
     def bias(self, qd: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Return the second derivatives of all coordinates of the tree at q'' = 0, g."""
         rates = dict(enumerate(self.rates(qd)))
-        found: list[Scalar] = [0.0] * self._width
-        for chain, matrix in self._factors:
-            (left,), _ = _least_squares(matrix, [self._biases(chain, self._q, rates)])
-            for column, value in zip(chain.dependent, left, strict=True):
-                found[column] = -value
-        return tuple(found)
+        found: dict[int, Scalar] = {}
+        for chain, matrix, by_driving, curvatures in self._factors:
+            if curvatures is None:
+                (left,), _ = _least_squares(matrix, [self._biases(chain, self._q, rates)])
+            else:
+                rate = rates[chain.source]
+                left = [-x * (rate * rate) for x in curvatures]
+            for i, (key, value) in enumerate(zip(chain.dependent, left, strict=True)):
+                parts = zip(chain.driving, by_driving, strict=True)
+                found[key] = _total(found.get(driver, 0.0) * column[i] for driver, column in parts) - value
+        return tuple(found.get(column, 0.0) for column in range(self._width))
 
     def accelerations(self, bias: Sequence[Scalar], qdd: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Return the second derivatives of all coordinates of the tree, G q'' + g."""
@@ -457,6 +487,12 @@ def _condition_biases(
         turned = cross(cross(omega2, g2), f1), cross(g2, cross(omega1, f1))
         angles.append(dot(cross(g2, f1), alpha) + dot(turned[0], omega) + dot(turned[1], omega))
     return [*a, *(angle * size for angle in angles)]
+
+
+def _stepped(chain: Chain, linear: Linear, gaps: Sequence[Scalar], found: Sequence[Scalar]) -> list[Scalar]:
+    """Return the dependent coordinates of a chain after a Newton step."""
+    (moved,), _ = _least_squares(linear.columns(chain.dependent), [gaps])
+    return [x - dx for x, dx in zip(found, moved, strict=True)]
 
 
 def _columns(pose: eq.Pose) -> tuple[Vector, Vector, Vector]:
