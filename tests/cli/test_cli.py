@@ -131,12 +131,12 @@ def test_ranges_are_those_of_every_component(short_scene: Path) -> None:
 def test_a_failed_check_exits_with_1(monkeypatch: pytest.MonkeyPatch, short_scene: Path) -> None:
     from hingepair.validation import report as cross_validation
 
-    genuine = cross_validation.Comparison.worst_of
+    genuine = cross_validation.Comparison.of
 
-    def spoiled(output, error, ratio, *others, **fields):
-        return genuine(output, error, ratio + 17, *others, **fields)
+    def spoiled(output, computed, expected, *others, **fields):
+        return genuine(output, computed, expected + 1, *others, **fields)
 
-    monkeypatch.setattr(cross_validation.Comparison, "worst_of", spoiled)
+    monkeypatch.setattr(cross_validation.Comparison, "of", spoiled)
     assert "FAILED" in run_command("check", short_scene, code=1).stdout
 
 

@@ -175,7 +175,7 @@ def test_wrenches_act_on_links_and_joints_of_motion_move_as_given(tmp_path):
     assert found.notes() == (f"until ends the motion at t = {found.t[-1]:.6g} s",)
     report = found.cross_validate()
     assert report.ok, str(report)
-    assert [row.output for row in report.forces] == ["tau", "torque1"]
+    assert [row.output for row in report.forces] == ["tau", "torque1", "rates"]
     assert np.abs(found.energy_balance().residual).max() < 1e-9
     np.testing.assert_allclose(found.forces().tau, expected.tau, rtol=0, atol=1e-7)  # what the wrenches do not do
 

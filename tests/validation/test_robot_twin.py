@@ -14,7 +14,7 @@ import pytest
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
 from hingepair.mechanism.mechanism import tree_of
-from hingepair.urdf import records
+from hingepair.urdf import reader
 from hingepair.validation import cross_validate as comparison
 from hingepair.validation.pinocchio_twin import robot_twin
 from support import states
@@ -251,7 +251,7 @@ def test_a_rotation_that_reading_drops_is_found(monkeypatch):
     )
     right = hp.cross_validate(hp.Mechanism.from_urdf(text), np.ones(3))
     assert right.ok, str(right)
-    monkeypatch.setattr(records, "quaternion_to_matrix", lambda *_, **__: np.eye(3))
+    monkeypatch.setattr(reader, "quaternion_to_matrix", lambda *_, **__: np.eye(3))
     wrong = hp.cross_validate(hp.Mechanism.from_urdf(text), np.ones(3))
     assert wrong.verdict.startswith("FAILED: ")
 
@@ -265,4 +265,16 @@ def test_pinocchio_holds_locked_joints_and_what_follows_them(base):
         robot = hp.Mechanism.from_urdf(text, base=base, locked=locked).with_frame("eye", "camera", R=(1, 2, 3))
         q = np.full((2, robot.dof), 0.125)
         report = hp.cross_validate(robot, q, q, q, frames=("eye", "tool", "camera", "weld", "slide", "elbow"))
+        assert report.ok, str(report)
+
+
+@pytest.mark.parametrize("mass", [1e-8, 1e-20, 1e-40])
+def test_a_robot_that_weighs_nothing_to_speak_of_is_compared(mass):
+    """Pinocchio adds masses below 2^-52 kg as if their sum were 2^-52 kg."""
+    body = hp.Body(mass, (0.1, 0.2, 0.3), mass * np.diag((1, 2, 2.5)))
+    names = ("a", "b")
+    pairs = [hp.HingePair((1, 0, 0), (0, 1, 0), (0, 1, 1), name=name, body1=body, body2=body) for name in names]
+    q = np.linspace(-1, 1, 6).reshape(3, 2)
+    for base in ("fixed", "free"):
+        report = hp.cross_validate(hp.Mechanism(pairs, base=base), q, q, q)
         assert report.ok, str(report)

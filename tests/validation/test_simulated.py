@@ -73,8 +73,8 @@ def scenes(tmp_path_factory):
 
 
 COMPARED = {
-    "free": ["force1", "torque1", "hinge_torque"],
-    "pinned": ["torque1", "hinge_torque"],
+    "free": ["hinge_torque", "force1", "torque1"],
+    "pinned": ["hinge_torque", "torque1"],
     "fixed": ["hinge_torque"],
     "prescribed": ["hinge_torque"],
 }
@@ -86,8 +86,11 @@ COMPARED = {
 def test_a_simulated_motion_is_compared_with_inverse_dynamics(scenes, base, text):
     report = scenes(text, base).cross_validate()
     assert report.ok
-    assert [row.output for row in report.forces] == COMPARED[base]
-    for row in report.forces:
+    *loads, rates = report.forces
+    assert [row.output for row in loads] == COMPARED[base]
+    assert (rates.output, rates.samples) == ("rates", 99)
+    assert rates.max_ratio < 0.5
+    for row in loads:
         assert row.max_ratio < 16
         assert (row.samples, row.bound) == (101, MAX_LOAD_RATIO)
     compared = ", ".join(COMPARED[base])
@@ -109,6 +112,7 @@ def with_hinge(scene, change):
 CHANGES = {
     "all": lambda psi, psid, psidd: (3 * psi, 0 * psid - 7, 0 * psidd + 99),
     "psi": lambda psi, psid, psidd: (3 * psi, psid, psidd),
+    "psid": lambda psi, psid, psidd: (psi, 1.01 * psid, psidd),
     "psidd": lambda psi, psid, psidd: (psi, psid, 0 * psidd + 99),
     "signs": lambda psi, psid, psidd: (-psi, -psid, -psidd),
 }
@@ -143,9 +147,9 @@ def test_the_command_fails_on_such_a_motion(scenes, monkeypatch):
     assert "rnea" in passed
     other = with_hinge(scene, CHANGES["all"])
     monkeypatch.setattr("hingepair.cli.scenes.load_scene", lambda _: other)
-    assert "FAILED: hinge_torque" in run_command("check", scene.path, code=1).stdout
+    assert "FAILED: hinge_torque, rates" in run_command("check", scene.path, code=1).stdout
     facts = json.loads(run_command("check", scene.path, "--json", code=1).stdout)
-    assert [row["ok"] for row in facts["forces"]] == [False]
+    assert [row["ok"] for row in facts["forces"]] == [False, False]
 
 
 HARM = {
@@ -171,7 +175,7 @@ def test_loads_of_another_pair_are_no_loads_of_this_motion(scenes, harm):
     assert not all(row.ok for row in other.cross_validate().forces)
     robot_motion = motion.robot_motion
     lighter = replace(robot_motion, gravity=(0, 0, -9.8))
-    assert not any(row.ok for row in with_simulated(scene, robot_motion=lighter).cross_validate().forces)
+    assert not any(row.ok for row in with_simulated(scene, robot_motion=lighter).cross_validate().forces[:3])
     for name in ("force1", "torque1", "force_psi", "torque_psi", "tau"):
         more = np.full((len(motion.t), 1 if name == "tau" else 3), 1e-9)
         loads = {**robot_motion.loads, name: robot_motion.loads.get(name, 0) + more}
@@ -186,7 +190,7 @@ def test_a_sample_that_is_not_finite_is_left_out(scenes):
     psi[7] = np.nan
     report = with_hinge(scene, lambda _, *rates: (psi, *rates)).cross_validate()
     assert report.ok
-    assert [row.samples for row in report.forces] == [100]
+    assert [row.samples for row in report.forces] == [100, 96]
 
 
 @pytest.mark.slow

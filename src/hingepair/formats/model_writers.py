@@ -25,11 +25,12 @@ from hingepair.mechanism.bodies.body import Body, Box, Cylinder, DynamicsWarning
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import BodyDrawing
+from hingepair.mechanism.building.pairs import tree_of_pair
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, MassProperties, Tree, hinge_of_pair
+from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, MassProperties, Tree
 from hingepair.numeric.arrays import Float64Array, check_choice
 from hingepair.urdf.rigid import FramePose
 
@@ -253,13 +254,8 @@ def _tree_of_pair(pair: HingePair, load: HingeLoad, *, is_fixed: bool) -> tuple[
         sentences += [f"{link}: {sentence}" for sentence in (body.assumed if body and moves else ())]
         masses.append(ZERO_MASS_PROPERTIES if body is None else _mass_properties(body, origin))
     hung = tuple(replace(shape, center=shape.center - pair.u2) for shape in two)
-    frames = {name: Frame(0, position, np.eye(3)) for name, position in pair.points1.items()}
-    frames |= {name: Frame(1, position - pair.u2, np.eye(3)) for name, position in pair.points2.items()}
-    links = {"body1": Frame(0, np.zeros(3), np.eye(3)), "body2_at_hinge": Frame(1, np.zeros(3), np.eye(3))}
-    links["body2"] = Frame(1, 0.0 - pair.u2, np.eye(3))
     drawings = (BodyDrawing(visuals=one, colour=_BLUE), BodyDrawing(visuals=hung, colour=_ORANGE))
-    hinge = replace(hinge_of_pair(pair, load), body=masses[1])
-    return Tree(pair.name, (hinge,), masses[0], links, frames, ("body2",), drawings=drawings), sentences
+    return tree_of_pair(pair, load, masses, drawings), sentences
 
 
 def _mass_properties(body: Body, origin: Float64Array) -> MassProperties:

@@ -68,8 +68,16 @@ def written_v(convention: Convention, qd: Float64Array, base: BodyMotion | None,
     """Return v as a package writes it; of a free base first v1, then omega1 in the axes of the base."""
     if not free:
         return qd
-    S, v, omega = _attitude(base), _part(base, "v"), _part(base, "omega")
+    S, v, omega = _attitude(base), *_parts(base, "v", "omega")
     return _joined([_back(S, v) if convention.local_velocity else v, _back(S, omega), qd])
+
+
+def written_a(qdd: Float64Array, base: BodyMotion | None, free: bool) -> Float64Array:
+    """Return a as Pinocchio writes it; that of a free base is spatial, S1^T (a1 - omega1 x v1), then S1^T alpha1."""
+    if not free:
+        return qdd
+    S, v, omega, a, alpha = _attitude(base), *_parts(base, "v", "omega", "a", "alpha")
+    return _joined([_back(S, a - np.cross(omega, v)), _back(S, alpha), qdd])
 
 
 def read_state(
@@ -128,6 +136,14 @@ def check_base(base: Any, free: bool, name: str = "base_motion") -> None:
 def _part(base: BodyMotion | None, letter: str) -> Float64Array:
     value = None if base is None else getattr(base, letter)
     return np.zeros(3) if value is None else np.asarray(value, np.float64)
+
+
+def _parts(base: BodyMotion | None, *letters: str) -> list[Float64Array]:
+    """Return parts of a motion, 0 of a base that has a pose alone; refuse one that has some of them only."""
+    missing = [letter for letter in letters if getattr(base, letter, None) is None]
+    if missing and len(missing) < len(letters):
+        raise ArgumentError(f"base_motion.{missing[0]}", "a value, as there is of the other rates", None)
+    return [_part(base, letter) for letter in letters]
 
 
 def _attitude(base: BodyMotion | None) -> Float64Array:

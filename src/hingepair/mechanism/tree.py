@@ -30,7 +30,6 @@ from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import BodyDrawing
 from hingepair.mechanism.joints import KINDS, JointKind
-from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.samples import Samples
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
@@ -109,19 +108,6 @@ class Joint(Frozen):
         """Largest displacement along the axis within the limits [m]; 0 where there are none."""
         largest = float(np.abs(self.position_limits).max())
         return abs(self.axis.shift(largest)) if np.isfinite(largest) else 0.0
-
-
-def hinge_of_pair(pair: HingePair, load: HingeLoad = NO_LOAD) -> Joint:
-    """Return the hinge of a pair under a load, whose stops replace the limits of the pair, with its point as the
-    origin of body 2. The masses are left out.
-    """
-    return Joint(
-        "hinge", "hinge", 0, pair.u1, pair.home, pair.home.T @ pair.n, ZERO_MASS_PROPERTIES,
-        position_limits=load.stops or pair.limits or (-np.inf, np.inf),
-        rate_limit=np.inf if pair.rate_limit is None else pair.rate_limit,
-        effort_limit=np.inf if pair.torque_limit is None else pair.torque_limit,
-        load=load,
-    )  # fmt: skip
 
 
 LOAD_FIELDS = ("stiffness", "rest", "damping", "friction")

@@ -321,7 +321,7 @@ class PairScene(Scene):
         motion = self.motion.simulated
         if motion is None:
             return report
-        from hingepair.validation.cross_validate import compare_loads
+        from hingepair.validation.cross_validate import compare_loads, compare_rates
 
         part = self.motion.source.part(rows, ACCELERATION).in_space(self.pair)
         robot = Mechanism(
@@ -333,11 +333,13 @@ class PairScene(Scene):
         loads |= {"force1": given["force1"], "torque1": given["torque1"]}
         loads |= {"force_body2": given["force2"], "torque_body2": given["torque2"]}
         q, qd, qdd = (np.asarray(one)[:, None] for one in part.hinge)
-        torque, *on_body1 = compare_loads(
+        compared = compare_loads(
             robot, q, qd, qdd, part.body1, motion.gravity, loads, motion.base, is_planar=self.kind == PLANE
         )
-        forces = (*on_body1, replace(torque, output="hinge_torque", worst_part=""))
-        return replace(report, forces=forces)
+        whole = self.motion.source.part(slice(self.samples), ACCELERATION).in_space(self.pair).hinge
+        rates = compare_rates(self.instants[:], [np.asarray(one)[:, None] for one in whole], ("psi",))
+        forces = [replace(row, worst_part="") for row in compared]
+        return replace(report, forces=(replace(forces[0], output="hinge_torque"), *forces[1:], *rates))
 
     def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces:
         return pair_forces(self.pair, self.motion, t, gravity, record)

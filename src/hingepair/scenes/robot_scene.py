@@ -328,7 +328,7 @@ class RobotScene(Scene):
         return found
 
     def _compared(self, rows: Rows) -> CrossValidation:
-        from hingepair.validation.cross_validate import compare_loads, cross_validate
+        from hingepair.validation.cross_validate import compare_loads, compare_rates, cross_validate
 
         known, motion = self.known(rows, self.motion.level), self.motion.simulated
         report: CrossValidation = cross_validate(
@@ -337,10 +337,12 @@ class RobotScene(Scene):
         if motion is None:
             return report
         forces = compare_loads(
-            self.mechanism, known.array(0), known.array(1), known.array(2), known.base, self.gravity,
-            {name: load[rows] for name, load in motion.loads.items()}, motion.base,
+            self.mechanism, known.array(0), known.array(1), known.array(2),
+            known.base, self.gravity, {name: load[rows] for name, load in motion.loads.items()}, motion.base,
         )  # fmt: skip
-        return replace(report, forces=forces, notes=self.motion.error_notes(report.u))
+        whole = self.known(slice(self.samples), ACCELERATION)
+        rates = compare_rates(self.instants[:], [whole.array(order) for order in range(3)], self.mechanism.names)
+        return replace(report, forces=(*forces, *rates), notes=self.motion.error_notes(report.u))
 
     def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces:
         if gravity is not None and self.motion.simulated is not None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,82 +13,37 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
+from hingepair.mechanism.building.pairs import tree_of_pair
 from hingepair.mechanism.computations import BASE_LABELS, base_inputs
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.pairs.accuracy import (
-    PINOCCHIO_EXTRA_SCALES,
-    PLANAR_SCALES,
-    PROMISED_BOUND_BY_OUTPUT,
-    angular_rate_sizes,
-    euler_rate_sizes,
-    norm,
-    output_scales,
-    unit_roundoff,
-)
-from hingepair.mechanism.pairs.geometry import constants_of
+from hingepair.mechanism.pairs.accuracy import angular_rate_sizes, euler_rate_sizes, output_scales, unit_roundoff
+from hingepair.mechanism.pairs.geometry import check_pair
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.pairs.requests import read_rows
-from hingepair.mechanism.tree import Frame
+from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
 from hingepair.plans.arguments import Coordinates, read_arguments
 from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE
 from hingepair.plans.trees import BASE_MOTION
 from hingepair.validation.pinocchio_twin import (
-    BASE_AT_REST,
-    PairTwin,
     Twin,
     frame_motions,
     import_pinocchio,
     joint_rules,
+    pair_twin,
     robot_twin,
-    to_pinocchio,
 )
 from hingepair.validation.report import MAX_LOAD_RATIO, Comparison, CrossValidation
-from hingepair.validation.robot_scales import FRAME_MOTION, LinkWrench, RobotScales
+from hingepair.validation.scales import LinkWrench, Scales
 from hingepair.validation.urdf_twin import urdf_twin
 
-if TYPE_CHECKING:
-    from hingepair.mechanism.pairs.hinge_pair import HingePair
-
-_BODY2 = (("R2", "S2", "d"), ("v2", "omega2"), ("a2", "alpha2"))  # outputs of a pair by their order of derivatives
-_LETTERS = ("R", "S", "v", "omega", "a", "alpha")  # of the motion of body 1
-# Parts of the residual of forward dynamics on a free base.
-_BASE_WRENCH = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
-
-
-@overload
-def cross_validate(
-    pair: HingePair | PlanarPair,
-    q: ArrayLike | tuple[ArrayLike, ...],
-    qd: ArrayLike | tuple[ArrayLike, ...] | None = None,
-    qdd: ArrayLike | tuple[ArrayLike, ...] | None = None,
-    *,
-    sequence: str = "XYZ",
-) -> CrossValidation: ...
-
-
-@overload
-def cross_validate(
-    pair: HingePair,
-    q: BodyMotion,
-    qd: ArrayLike,
-    qdd: ArrayLike | None = None,
-    psidd: ArrayLike | None = None,
-) -> CrossValidation: ...
-
-
-@overload
-def cross_validate(
-    pair: Mechanism,
-    q: Coordinates,
-    qd: Coordinates | None = None,
-    qdd: Coordinates | None = None,
-    *,
-    frames: str | Iterable[str] | None = None,
-    base_motion: BodyMotion | None = None,
-    gravity: ArrayLike = DEFAULT_GRAVITY,
-) -> CrossValidation: ...
+_LETTERS = ("R", "S", "v", "omega", "a", "alpha")  # of the motion of a frame
+_BASE_WRENCH = tuple(f"{part}_{axis}" for part in ("force1", "torque1") for axis in "xyz")
+_LIGHT = 2.0**-26  # kg; Pinocchio adds masses wrongly whose sum is below 2^-52
+_LEAST_INSTANTS = 8  # of a motion whose rates are compared with slopes
+_RATE_SHARE = 1e-3  # of the largest rate; a rate that is off by less is not told from errors of a simulation
 
 
 def cross_validate(
@@ -180,58 +135,69 @@ def cross_validate(
     for name, value in of_robots.items():
         if value is not None and not is_robot:
             raise ArgumentError(name, "nothing, since it is for robots", quoted(value))
+    if not isinstance(pair, Mechanism | PlanarPair):
+        check_pair(pair)
     with np.errstate(all="ignore"):  # scales may overflow
         if isinstance(pair, Mechanism):
             coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
             return _compare_robot(pair, coordinates, frames, base_motion, gravity)
-        if by_body1:
-            return _compare_from_body1(pair, q, qd, qdd, psidd)  # type: ignore[arg-type]
+        if by_body1 and not isinstance(pair, PlanarPair):
+            return _compare_from_body1(pair, q, [c for c in (qd, qdd, psidd) if c is not None])
         return _compare_pair(pair, q, qd, qdd, sequence)
 
 
-# ---- samples
+class _Samples(NamedTuple):
+    """Coordinates of joints and motion of the base at N samples; one that is not finite is NaN in all arrays."""
+
+    shape: tuple[int, ...]  # leading shape, of N elements
+    joints: list[Float64Array]  # q and, as far as given, qd and qdd; (N, dof) each
+    base: BodyMotion  # with as many derivatives
+    finite: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], shape: tuple[int, ...], joints: int) -> _Samples:
+        """Return samples of the parts of the base's motion by letter and, the last `joints` ones, of coordinates."""
+        arrays = {name: _rows(value, shape, 2 if name == "S" else 1) for name, value in values.items()}
+        own = [np.isfinite(one).all(axis=tuple(range(1, one.ndim))) for one in arrays.values()]
+        finite = np.logical_and.reduce(own)
+        for array in arrays.values():
+            array[~finite] = np.nan
+        base = BodyMotion(**{name: array for name, array in arrays.items() if name in _LETTERS})
+        return cls(shape, [*arrays.values()][-joints:], base, finite)
+
+    def states(self, twin: Twin) -> list[Float64Array]:
+        """Return Pinocchio's q, v (if there are rates) and a (if there are accelerations); shape (N, ...) each."""
+        convert: tuple[Any, ...] = (twin.configuration, twin.velocity, twin.acceleration)
+        return [convert[k](*self.joints[: k + 1], self.base) for k in range(len(self.joints))]
+
+    def frames(self, twin: Twin, numbers: Sequence[int]) -> dict[str, Float64Array]:
+        """Return the motion of frames by Pinocchio, and d, the position for a base at the origin; (N, frames, ...).
+        Positions from a base far away would contain its rounding errors.
+        """
+        states = self.states(twin)
+        at_origin = states[0].copy()
+        at_origin[:, :3] = 0
+        found = {"d": frame_motions(twin.model, twin.data, numbers, [at_origin])["R"]}
+        return found | frame_motions(twin.model, twin.data, numbers, states)
 
 
-def _samples_of(value: Any, shape: tuple[int, ...], rank: int) -> Float64Array:
+def _rows(value: Any, shape: tuple[int, ...], rank: int) -> Float64Array:
     """Return a copy of an array, or of a tuple of components, as N samples of the leading shape; (N, ...)."""
     array = np.stack(np.broadcast_arrays(*value), axis=-1) if isinstance(value, tuple) else np.asarray(value)
     own = array.shape[array.ndim - rank :]
     return np.array(np.broadcast_to(array, (*shape, *own)), dtype=np.float64).reshape(math.prod(shape), *own)
 
 
-def _finite_samples(
-    values: Mapping[str, Any], shape: tuple[int, ...], ranks: Mapping[str, int]
-) -> tuple[dict[str, Float64Array], NDArray[np.bool_]]:
-    """Return samples of all values, NaN in all of them where one is not finite, and at which samples all are. `ranks`
-    has the number of axes of a sample where it is not 1.
-    """
-    arrays = {name: _samples_of(value, shape, ranks.get(name, 1)) for name, value in values.items()}
-    finite = np.logical_and.reduce([np.isfinite(one).all(axis=tuple(range(1, one.ndim))) for one in arrays.values()])
-    for array in arrays.values():
-        array[~finite] = np.nan
-    return arrays, finite
-
-
 # ---- pairs
 
 
-class _Given(NamedTuple):
-    """What Pinocchio computes from, at N samples."""
-
-    pair: HingePair
-    twin: PairTwin
-    body1: BodyMotion
-    hinge: list[Float64Array]  # psi and, as far as given, its derivatives
-    sizes: tuple[Float64Array | None, Float64Array | None]  # W1 and A1 of the scales
-
-
-def _compared_outputs(pair: HingePair | PlanarPair, levels: int) -> tuple[str, ...]:
+def _outputs_of(pair: HingePair | PlanarPair, levels: int) -> tuple[str, ...]:
     """Return the outputs of body 2 and of points that coordinates and `levels - 1` of their derivatives determine."""
-    names = [name for group in _BODY2[:levels] for name in group]
-    planar = ["phi2" if name == "S2" else name for name in names]
+    attitude = "phi2" if isinstance(pair, PlanarPair) else "S2"
+    groups = (("R2", attitude, "d"), ("v2", "omega2"), ("a2", "alpha2"))[:levels]
     endings = [*POINT_ENDINGS.values()][:levels]
-    of_points = [point + ending for point in (*pair.points1, *pair.points2) for ending in endings]
-    return *(planar if isinstance(pair, PlanarPair) else names), *of_points
+    points = (*pair.points1, *pair.points2)
+    return *(name for group in groups for name in group), *(point + ending for point in points for ending in endings)
 
 
 def _compare_pair(pair: HingePair | PlanarPair, q: Any, qd: Any, qdd: Any, sequence: str) -> CrossValidation:
@@ -239,107 +205,62 @@ def _compare_pair(pair: HingePair | PlanarPair, q: Any, qd: Any, qdd: Any, seque
     planar = isinstance(pair, PlanarPair)
     levels = 1 + (qd is not None) + (qdd is not None)
     options: dict[str, Any] = {} if planar else {"sequence": sequence}
-    space = pair.to_spatial() if isinstance(pair, PlanarPair) else pair
-    twin = to_pinocchio(space)
-    state = pair.forward_kinematics(q, qd, qdd, outputs=_compared_outputs(pair, levels), **options)
-    parts = read_rows(PLANE if planar else SPACE, q, qd, qdd).values
-    flat, _ = _finite_samples(parts, np.shape(state.R2)[:-1], {})
-    rows = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]
-    sizes = (None, None) if qd is None else euler_rate_sizes(*(c[:, 3:6] for c in rows[1:]))
-    given = _Given(space, twin, _body1_by_pinocchio(rows, sequence), [c[:, 6] for c in rows], sizes)
+    state = pair.forward_kinematics(q, qd, qdd, outputs=_outputs_of(pair, levels), **options)
+    shape = np.shape(state.R2)[:-1]
+    rows = [_rows(one, shape, 1) for one in read_rows(PLANE if planar else SPACE, q, qd, qdd).values.values()]
+    rows = [np.insert(one, (2, 2, 2), 0.0, axis=1) if planar else one for one in rows]
+    values = {**_body1_by_pinocchio(rows, sequence), **{f"psi{k}": one[:, 6:] for k, one in enumerate(rows)}}
+    samples = _Samples.of(values, (len(rows[0]),), levels)._replace(shape=shape)
+    sizes = (None, None) if qd is None else euler_rate_sizes(*(one[:, 3:6] for one in rows[1:]))
     subject = "in the plane" if planar else f"Euler sequence {sequence}"
-    return _pair_report(given, state, subject, None if planar else sequence)
+    return _pair_report(pair, samples, sizes, state, subject, None if planar else sequence)
 
 
-def _compare_from_body1(pair: HingePair, body1: BodyMotion, psi: Any, psid: Any, psidd: Any) -> CrossValidation:
-    """Return the report on a pair whose body 1 moves as given."""
-    twin = to_pinocchio(pair)
-    angles = {name: c for name, c in (("psi", psi), ("psid", psid), ("psidd", psidd)) if c is not None}
-    outputs = _compared_outputs(pair, len(angles))
-    state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd, outputs=outputs)
-    letters = _LETTERS[: 2 * len(angles)]
-    values = angles | {letter: getattr(body1, letter) for letter in letters}
-    flat, _ = _finite_samples(values, state.shape, {**dict.fromkeys(angles, 0), "S": 2})
-    motion = BodyMotion(**{letter: flat[letter] for letter in letters})
-    sizes = angular_rate_sizes(motion.omega, motion.alpha)
-    given = _Given(pair, twin, motion, [flat[name] for name in angles], sizes)
-    return _pair_report(given, state, "attitude given", None)
+def _compare_from_body1(pair: HingePair, body1: BodyMotion, angles: list[ArrayLike]) -> CrossValidation:
+    """Return the report on a pair whose body 1 moves as given, with psi and, as far as given, its derivatives."""
+    state = pair.forward_kinematics_from_body1(body1, *angles, outputs=_outputs_of(pair, len(angles)))
+    columns = {f"psi{k}": np.asarray(one)[..., None] for k, one in enumerate(angles)}
+    values = {letter: getattr(body1, letter) for letter in _LETTERS[: 2 * len(angles)]} | columns
+    samples = _Samples.of(values, state.shape, len(angles))
+    sizes = angular_rate_sizes(samples.base.omega, samples.base.alpha)
+    return _pair_report(pair, samples, sizes, state, "attitude given", None)
 
 
-def _pair_report(given: _Given, state: Any, subject: str, sequence: str | None) -> CrossValidation:
-    """Return the report on `state`, which the equations computed."""
-    pair, _, body1, hinge, (W1, A1) = given
-    _, psid, psidd = (*hinge, None, None)[:3]
-    moving: dict[str, Any] = {"R1": body1.R, "v1": body1.v, "a1": body1.a, "W1": W1, "A1": A1, "pinocchio": True}
-    scales = output_scales(u1=pair.u1, u2=pair.u2, psid=psid, psidd=psidd, **moving)
-    outputs, formulas = _body2_by_pinocchio(given), {name: _scale_formula(name) for name in scales}
-    for name in (*pair.points1, *pair.points2):
-        # A point of body 2 is the end of a longer lever, a point of body 1 of one that psi does not turn.
-        if name in pair.points2:
-            levers: Any = pair.u1, (float(norm(pair.u2)) + float(norm(pair.points2[name])), 0, 0)
-            rates, lever = (psid, psidd), "U2 + |p| in place of U2"
-        else:
-            levers, lever = (pair.points1[name], (0, 0, 0)), "|p| and 0 in place of U1 and U2"
-            rates = (None if psid is None else 0 * psid, None if psidd is None else 0 * psidd)
-        own = output_scales(u1=levers[0], u2=levers[1], psid=rates[0], psidd=rates[1], **moving)
-        for output, ending in zip(("R2", "v2", "a2"), POINT_ENDINGS.values(), strict=True):
-            if output in own:
-                scales[name + ending] = own[output]
-                formulas[name + ending] = f"{formulas[output]}, with {lever}"
-    if "phi2" in state.arrays():
+def _pair_report(
+    pair: HingePair | PlanarPair, samples: _Samples, sizes: Any, state: Any, subject: str, sequence: str | None
+) -> CrossValidation:
+    """Return the report on `state`, which the equations computed; `sizes` are W1 and A1 of the scales."""
+    space = pair.to_spatial() if isinstance(pair, PlanarPair) else pair
+    twin, tree, base = pair_twin(space).robot, tree_of_pair(space), samples.base
+    names = ("body2", *space.points1, *space.points2)
+    motion = samples.frames(twin, [twin.model.getFrameId(name) for name in names])
+    angles = [*(one[:, 0] for one in samples.joints), None, None][:3]
+    moving: dict[str, Any] = {"R1": base.R, "v1": base.v, "a1": base.a, "W1": sizes[0], "A1": sizes[1]}
+    scales = output_scales(u1=space.u1, u2=space.u2, psid=angles[1], psidd=angles[2], pinocchio=True, **moving)
+    outputs = {("d" if letter == "d" else letter + "2"): values[:, 0] for letter, values in motion.items()}
+    of_frames = Scales(tree, samples.joints, base)
+    for k, name in enumerate(names[1:], 1):
+        own = of_frames.motion(tree.frames[name])
+        for letter, ending in POINT_ENDINGS.items():
+            if letter in motion:
+                outputs[name + ending], scales[name + ending] = motion[letter][:, k], own[letter]
+    if isinstance(pair, PlanarPair):
         phi2 = np.asarray(state.phi2, np.float64).reshape(-1)
-        outputs, scales["phi2"] = _planar_part(outputs, phi2), 1 + np.abs(phi2) + np.abs(hinge[0])
-        formulas["phi2"] = _scale_formula("phi2")
-    shape, u = np.shape(state.R2)[:-1], unit_roundoff(np.asarray(state.R2).dtype)
+        outputs = {name: one[:, 2:] if name in {"omega2", "alpha2"} else one[:, :2] for name, one in outputs.items()}
+        S2 = outputs.pop("S2")
+        off = np.arctan2(S2[:, 1, 0], S2[:, 0, 0]) - phi2  # the attitude does not tell whole turns
+        outputs["phi2"] = (phi2 + np.arctan2(np.sin(off), np.cos(off)))[:, None]
+        scales["phi2"] = 1 + np.abs(phi2) + np.abs(np.asarray(angles[0]))
+    u = unit_roundoff(np.asarray(state.R2).dtype)
+    computed = state.arrays()
     rows = tuple(
-        Comparison.of(name, state.arrays()[name], expected, np.asarray(scales[name]), u, shape, scale=formulas[name])
-        for name, expected in outputs.items()
+        Comparison.of(name, computed[name], outputs[name], np.asarray(scales[name]), u, samples.shape)
+        for name in _outputs_of(pair, len(samples.joints))
     )
-    return CrossValidation(pair.name, shape, int(np.isnan(hinge[0]).sum()), u, rows, subject, sequence)
+    return CrossValidation(pair.name, samples.shape, int((~samples.finite).sum()), u, rows, subject, sequence)
 
 
-def _scale_formula(output: str) -> str:
-    """Return the formula of the scale of an output, with Pinocchio's extra terms."""
-    formula = PLANAR_SCALES.get(output) or PROMISED_BOUND_BY_OUTPUT[output].scale
-    added = PINOCCHIO_EXTRA_SCALES.get(output)
-    return f"{formula} + {added}" if added else formula
-
-
-def _body2_by_pinocchio(given: _Given) -> dict[str, Float64Array]:
-    """Compute the motion of body 2 and of points by Pinocchio; d is the position of body 2 if R1 is zero."""
-    pair, twin, body1, hinge, _ = given
-    states = [twin.configuration(body1, hinge[0])]
-    states += [twin.velocity(body1, *hinge[:2])] if len(hinge) > 1 else []
-    states += [twin.acceleration(body1, *hinge)] if len(hinge) > 2 else []
-    body2 = twin.body2(*states)
-    names = [point.name for point in constants_of(pair).points]
-    frames = [twin.model.getFrameId(name) for name in names]
-    points = frame_motions(twin.model, twin.data, frames, states) if names else {}
-    states[0][:, :3] = 0
-    outputs = {"R2": body2.R, "S2": body2.S, "d": twin.body2(states[0]).R, "v2": body2.v, "omega2": body2.omega}
-    outputs |= {"a2": body2.a, "alpha2": body2.alpha}
-    outputs |= {
-        name + ending: points[letter][:, k]
-        for k, name in enumerate(names)
-        for letter, ending in POINT_ENDINGS.items()
-        if letter in points
-    }
-    return {name: values for name, values in outputs.items() if values is not None}
-
-
-def _planar_part(outputs: Mapping[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:
-    """Return the components in the plane z = 0; in place of S2 its angle, of all equal ones that nearest to phi2."""
-    planar = {}
-    for name, values in outputs.items():
-        if name == "S2":
-            difference = np.arctan2(values[:, 1, 0], values[:, 0, 0]) - phi2
-            planar["phi2"] = (phi2 + np.arctan2(np.sin(difference), np.cos(difference)))[:, None]
-        else:
-            planar[name] = values[:, 2:] if name in {"omega2", "alpha2"} else values[:, :2]
-    return planar
-
-
-def _body1_by_pinocchio(rows: list[Float64Array], sequence: str) -> BodyMotion:
+def _body1_by_pinocchio(rows: list[Float64Array], sequence: str) -> dict[str, Float64Array]:
     """Compute the motion of body 1 from q and, as far as given, its derivatives, shape (N, 7) each: its attitude is
     that of the last link of a chain of three joints, in reverse order for an extrinsic sequence.
     """
@@ -352,24 +273,14 @@ def _body1_by_pinocchio(rows: list[Float64Array], sequence: str) -> BodyMotion:
     angles = [np.ascontiguousarray(c[:, 3:6][:, ::order]) for c in rows]
     motion = frame_motions(model, model.createData(), [frame], angles)
     translations = zip(("R", "v", "a"), (c[:, :3] for c in rows), strict=False)
-    return BodyMotion(**{name: array[:, 0] for name, array in motion.items()} | dict(translations))
+    return {name: array[:, 0] for name, array in motion.items()} | dict(translations)
 
 
 # ---- robots
 
 
-class _Samples(NamedTuple):
-    """Coordinates of a robot and motion of its base at N samples; one that is not finite is NaN in all arrays."""
-
-    shape: tuple[int, ...]  # leading shape, of N elements
-    joints: list[Float64Array]  # q and, as far as given, qd and qdd; (N, dof) each
-    base: BodyMotion  # with as many derivatives
-    finite: NDArray[np.bool_]
-    u: float  # unit roundoff of the robot's computation
-
-
 class _Case(NamedTuple):
-    """What both computations have in common."""
+    """What both computations of a robot have in common."""
 
     robot: Mechanism
     twin: Twin
@@ -379,11 +290,9 @@ class _Case(NamedTuple):
     gravity: Float64Array
     wrenches: tuple[LinkWrench, ...] = ()
 
-    def states(self) -> list[Float64Array]:
-        """Return Pinocchio's q, v (if there are rates) and a (if there are accelerations); shape (N, ...) each."""
-        joints, base = self.samples.joints, self.samples.base
-        convert: tuple[Any, ...] = (self.twin.configuration, self.twin.velocity, self.twin.acceleration)
-        return [convert[k](*joints[: k + 1], base) for k in range(len(joints))]
+    @property
+    def tree(self) -> Tree:
+        return tree_of(self.robot)
 
     def velocity_matrices(self) -> Float64Array:
         """Return the matrices from the velocities of the robot to Pinocchio's v; shape (N, nv, columns)."""
@@ -392,6 +301,13 @@ class _Case(NamedTuple):
         matrices[:, :3, :3] = matrices[:, 3:6, 3:6] = np.swapaxes(np.asarray(self.samples.base.S), -1, -2)
         matrices[:, 6:, 6:] = self.twin.ratios
         return matrices if self.robot.base == "free" else matrices[..., 6:]
+
+    def with_accelerations(self, found: Mapping[str, Float64Array]) -> _Case:
+        """Return the case with the accelerations of forward dynamics."""
+        samples, base = self.samples, self.samples.base
+        if self.robot.base == "free":
+            base = replace(base, a=found["a1"], alpha=found["alpha1"])
+        return self._replace(samples=samples._replace(joints=[*samples.joints[:2], found["qdd"]], base=base))
 
 
 def _compare_robot(
@@ -406,59 +322,55 @@ def _compare_robot(
     names = (frames,) if isinstance(frames, str) else tuple(tree.links if frames is None else frames)
     known = {name: tree.known_frame("frames", name) for name in names}
     tips = robot.tips if frames is None else names
-    samples = _read_samples(robot, coordinates, base_motion)
+    samples, u = _read_samples(robot, coordinates, base_motion)
     ours = _outputs_by_equations(robot, coordinates, names, tips, base_motion, fall, samples.shape)
     twin, compared_with, other_names = urdf_twin(robot)
     if other_names:  # nothing else can be compared
         rows: tuple[Comparison, ...] = (Comparison("names", np.inf, np.inf, (), 1, worst_part=other_names[0]),)
     else:
-        rows = _robot_rows(_Case(robot, twin, samples, known, tips, fall), ours)
+        rows = _robot_rows(_Case(robot, twin, samples, known, tips, fall), ours, u)
     return CrossValidation(
-        robot.name, samples.shape, int((~samples.finite).sum()), samples.u, rows,
+        robot.name, samples.shape, int((~samples.finite).sum()), u, rows,
         f"{robot.base} base, {len(known)} frames", base=robot.base, frames=len(known), compared_with=compared_with,
     )  # fmt: skip
 
 
-def _robot_rows(case: _Case, ours: dict[str, Float64Array]) -> tuple[Comparison, ...]:
+def _robot_rows(case: _Case, ours: dict[str, Float64Array], u: float) -> tuple[Comparison, ...]:
     """Return a row for each output of Pinocchio's; write the residual of forward dynamics to `ours`."""
-    robot, samples = case.robot, case.samples
-    theirs = _outputs_by_pinocchio(case)
+    names, shape = case.robot.names, case.samples.shape
+    lift = _lift(case.twin)
+    theirs, scales = _outputs_by_pinocchio(case, lift), _output_scales(case)
     singular = 0
     if "tau" in theirs:
-        ours["forward_dynamics"], theirs["forward_dynamics"], singular = _residual(case, ours, theirs)
-    scales = _output_scales(case, ours)
-    parts = dict.fromkeys((*FRAME_MOTION, "d"), tuple(case.frames)) | {"jacobian": case.tips, "tau": robot.names}
-    parts["forward_dynamics"] = (*(_BASE_WRENCH if robot.base == "free" else ()), *robot.names)
+        found = case.with_accelerations(ours)
+        ours["forward_dynamics"], theirs["forward_dynamics"], singular = _residual(found, theirs, lift)
+        scales["forward_dynamics"] = _generalized_scales(found)[1]
+    parts = dict.fromkeys((*_LETTERS, "d"), tuple(case.frames)) | {"jacobian": case.tips, "tau": names}
+    parts["forward_dynamics"] = (*(_BASE_WRENCH if case.robot.base == "free" else ()), *names)
     rows = []
     for name, expected in theirs.items():
-        if not expected.size and samples.finite.size:  # a robot without joints has neither tau nor mass matrix
-            continue
-        own = parts.get(name, ("",))
-        left_out = {"singular": singular} if name == "forward_dynamics" else {}
-        rows.append(
-            Comparison.of(name, ours[name], expected, scales[name], samples.u, samples.shape, own, **left_out)
-        )
+        if expected.size or not case.samples.finite.size:  # a robot without joints has neither tau nor mass matrix
+            left_out = {"singular": singular} if name == "forward_dynamics" else {}
+            own = parts.get(name, ("",))
+            rows.append(Comparison.of(name, ours[name], expected, scales[name], u, shape, own, **left_out))
     return tuple(rows)
 
 
 def _read_samples(
     robot: Mechanism, coordinates: Mapping[str, Coordinates], base_motion: BodyMotion | None
-) -> _Samples:
-    """Return the checked coordinates and motion of the base, broadcast to samples."""
+) -> tuple[_Samples, float]:
+    """Return the checked coordinates and motion of the base, broadcast, and the unit roundoff of computations."""
     names = BASE_MOTION[: 2 * len(coordinates)]
-    attributes = {name: name[:-1] for name in names}
     shapes = {**dict.fromkeys(names, (3,)), "S1": (3, 3), **dict.fromkeys(coordinates, (robot.dof,))}
     motion = base_inputs(base_motion, names)
     given = {**coordinates, **{name: motion[name] for name in names if name in motion}}
-    values = read_arguments(given, shapes, tree_of(robot).coordinate_names, BASE_LABELS)
-    shape = broadcast_shape(values.shapes)
-    at_rest = {name: np.asarray(getattr(BASE_AT_REST, attribute)) for name, attribute in attributes.items()}
-    flat, finite = _finite_samples(at_rest | values.values, shape, {"S1": 2})
-    leaves = [part for name, part in values.values.items() if name in coordinates]
-    single = base_motion is None and all(getattr(part, "dtype", None) == np.float32 for part in leaves)
-    base = BodyMotion(**{attribute: flat[name] for name, attribute in attributes.items()})
-    u = unit_roundoff(np.float32 if single else np.float64)
-    return _Samples(shape, [flat[name] for name in coordinates], base, finite, u)
+    read = read_arguments(given, shapes, tree_of(robot).coordinate_names, BASE_LABELS)
+    at_rest = {name[:-1]: np.eye(3) if name == "S1" else np.zeros(3) for name in names}
+    of_base = {name[:-1]: value for name, value in read.values.items() if name not in coordinates}
+    of_joints = {name: read.values[name] for name in coordinates}
+    single = base_motion is None and all(getattr(part, "dtype", None) == np.float32 for part in of_joints.values())
+    samples = _Samples.of(at_rest | of_base | of_joints, broadcast_shape(read.shapes), len(coordinates))
+    return samples, unit_roundoff(np.float32 if single else np.float64)
 
 
 def _outputs_by_equations(
@@ -473,6 +385,7 @@ def _outputs_by_equations(
     """Compute the compared outputs by the equations; shape (N, ...) each."""
     q, *rates = coordinates.values()
     base: dict[str, Any] = {"base_motion": base_motion}
+    fall: dict[str, Any] = {"gravity": gravity, **base}
     outputs: dict[str, tuple[Any, int]] = {}  # values, and the number of axes of one sample
     if frames:
         state = robot.forward_kinematics(q, *rates, frames=frames, **base)
@@ -480,70 +393,69 @@ def _outputs_by_equations(
         outputs["jacobian"] = np.stack([robot.jacobian(q, name, **base) for name in tips], axis=-3), 3
     outputs["mass_matrix"] = robot.mass_matrix(q, **base), 2
     if rates:
-        energy = robot.energy(q, rates[0], gravity=gravity, **base)
-        momentum = robot.momentum(q, rates[0], **base)
+        energy, momentum = robot.energy(q, rates[0], **fall), robot.momentum(q, rates[0], **base)
         outputs |= {"kinetic": (energy.kinetic, 0), "potential": (energy.potential, 0)}
         outputs |= {"linear": (momentum.linear, 1), "angular": (momentum.angular, 1)}
     if len(rates) > 1:
-        forces = robot.inverse_dynamics(q, *rates, gravity=gravity, joint_loads=False, **base)
-        outputs |= {name: (forces[name], 1) for name in forces.outputs}
+        forces = robot.inverse_dynamics(q, *rates, joint_loads=False, **fall)
         loads: dict[str, Any] = {name: forces[name] for name in ("force1", "torque1")} if robot.base == "free" else {}
-        accelerations = robot.forward_dynamics(
-            q, rates[0], forces.tau, gravity=gravity, joint_loads=False, **loads, **base
-        )
-        outputs |= {name: (accelerations[name], 1) for name in accelerations.outputs}
-    return {name: _samples_of(value, shape, rank) for name, (value, rank) in outputs.items()}
+        moved = robot.forward_dynamics(q, rates[0], forces.tau, joint_loads=False, **loads, **fall)
+        outputs |= {name: (one[name], 1) for one in (forces, moved) for name in one.outputs}
+    return {name: _rows(value, shape, rank) for name, (value, rank) in outputs.items()}
 
 
-def _outputs_by_pinocchio(case: _Case) -> dict[str, Float64Array]:
+def _lift(twin: Twin) -> float:
+    """Multiply the masses of a light model, so that Pinocchio adds them right, and return by what."""
+    largest = max((abs(inertia.mass) for inertia in twin.model.inertias), default=0.0)
+    if not 0 < largest < _LIGHT:
+        return 1.0
+    lift = 2.0 ** -np.frexp(largest)[1]
+    for inertia in twin.model.inertias:
+        inertia.mass, inertia.inertia = inertia.mass * lift, inertia.inertia * lift
+    twin.model.armature *= lift
+    return float(lift)
+
+
+def _outputs_by_pinocchio(case: _Case, lift: float = 1.0) -> dict[str, Float64Array]:
     """Compute the compared outputs by Pinocchio, NaN at samples that are not finite; shape (N, ...) each."""
     pin = import_pinocchio("cross_validate")
-    finite, twin = case.samples.finite, case.twin
-    if not finite.size:
+    twin, count = case.twin, len(case.samples.finite)
+    if not count:
         return {}
     twin.model.gravity = pin.Motion(case.gravity, np.zeros(3))
-    states = case.states()
-    for state in states:
-        state[~finite] = 0.0
-    states[0][~finite, 6] = 1.0  # the scalar part of the base's quaternion
-    outputs: dict[str, Float64Array] = {}
-    if case.frames:
-        frames = [_frame_number(case, name) for name in case.frames]
-        at_origin = states[0].copy()
-        at_origin[:, :3] = 0  # R would contain the rounding errors of the base's position
-        outputs["d"] = frame_motions(twin.model, twin.data, frames, [at_origin])["R"]
-        outputs |= frame_motions(twin.model, twin.data, frames, states)
+    outputs = case.samples.frames(twin, [_frame_number(case, name) for name in case.frames]) if case.frames else {}
     tips = [_frame_number(case, name) for name in case.tips]
-    columns = case.velocity_matrices()
-    rows = []
-    for i in range(len(finite)):
-        now = [one[i] for one in states]
-        row = _mass_outputs(pin, twin, tips, now, columns[i])
-        if len(now) > 2:
-            force = pin.rnea(twin.model, twin.data, *now)
-            S = np.asarray(case.samples.base.S)[i] if finite[i] else np.eye(3)
-            row |= {"tau": force[6:] @ twin.ratios, "force1": S @ force[:3], "torque1": S @ force[3:6]}
-        rows.append(row)
-    outputs |= {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    found: dict[str, Float64Array] = {}
+    sides = zip(*case.samples.states(twin), case.velocity_matrices(), np.asarray(case.samples.base.S), strict=True)
+    for i, (*state, columns, S) in enumerate(sides):
+        for name, value in _outputs_of_state(pin, twin, tips, state, columns, S, lift).items():
+            found.setdefault(name, np.full((count, *np.shape(value)), np.nan))[i] = value
+    outputs |= found
     for array in outputs.values():
-        array[~finite] = np.nan
+        array[~case.samples.finite] = np.nan
     return outputs
 
 
 def _frame_number(case: _Case, name: str) -> int:
     """Return the number of a frame in Pinocchio's model; a name that a link shares with a joint is the link's."""
-    pin, is_link = import_pinocchio("cross_validate"), name in tree_of(case.robot).links
+    pin, is_link = import_pinocchio("cross_validate"), name in case.tree.links
     for number, frame in enumerate(case.twin.model.frames):
         if frame.name == name and (frame.type == pin.FrameType.BODY) is is_link:
             return number
     raise ArgumentError("frames", "a frame that Pinocchio's model has, too", quoted(name))
 
 
-def _mass_outputs(
-    pin: Any, twin: Twin, tips: list[int], state: list[Float64Array], columns: Float64Array
+def _outputs_of_state(
+    pin: Any,
+    twin: Twin,
+    tips: list[int],
+    state: list[Float64Array],
+    columns: Float64Array,
+    S: Float64Array,
+    lift: float,
 ) -> dict[str, Any]:
-    """Compute Jacobians, mass matrix and, with rates, energies and momenta at a state (q, v, a) of Pinocchio's. The
-    matrix `columns` leads from the robot's velocities to v.
+    """Compute Jacobians, mass matrix, energies, momenta and forces at a state (q, v, a) of Pinocchio's. The matrix
+    `columns` leads from the robot's velocities to v, and S is the attitude of the base.
     """
     model, data = twin.model, twin.data
     outputs: dict[str, Any] = {}
@@ -552,43 +464,36 @@ def _mass_outputs(
     if tips:
         jacobians = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED) for frame in tips]
         outputs["jacobian"] = np.array([one @ columns for one in jacobians])
-    upper = np.triu(pin.crba(model, data, state[0]))
+    upper = np.triu(pin.crba(model, data, state[0])) / lift
     matrix = upper + np.triu(upper, 1).T
     outputs["mass_matrix"] = columns.T @ matrix @ columns
     if len(state) > 1:
         # Not by computeKineticEnergy, which in Pinocchio 4.1 leaves out the rotors of oblique hinges.
         outputs["kinetic"] = 0.5 * float(state[1] @ matrix @ state[1])
-        outputs["potential"] = pin.computePotentialEnergy(model, data, state[0])
+        outputs["potential"] = pin.computePotentialEnergy(model, data, state[0]) / lift
         if sum(inertia.mass for inertia in model.inertias):
             momentum = pin.computeCentroidalMomentum(model, data, *state[:2])
             about_origin = momentum.angular + np.cross(data.com[0], momentum.linear)
-            outputs |= {"linear": momentum.linear.copy(), "angular": about_origin}
+            outputs |= {"linear": momentum.linear / lift, "angular": about_origin / lift}
+    if len(state) > 2:
+        force = pin.rnea(model, data, *state) / lift
+        outputs |= {"tau": force[6:] @ twin.ratios, "force1": S @ force[:3], "torque1": S @ force[3:6]}
     return outputs
 
 
-def _moved_base(case: _Case, ours: Mapping[str, Float64Array]) -> BodyMotion:
-    """Return the motion of the base with the accelerations of forward dynamics, if it is free."""
-    base = case.samples.base
-    return replace(base, a=ours["a1"], alpha=ours["alpha1"]) if case.robot.base == "free" else base
-
-
-def _residual(
-    case: _Case, ours: Mapping[str, Float64Array], theirs: Mapping[str, Float64Array]
-) -> tuple[Float64Array, Float64Array, int]:
-    """Return the forces that our accelerations require by `rnea`, those that act, NaN where the mass matrix is
-    singular, and at how many samples it is.
+def _residual(case: _Case, theirs: Mapping[str, Float64Array], lift: float) -> tuple[Float64Array, Float64Array, int]:
+    """Return the forces that the accelerations of forward dynamics require by `rnea`, those that act, NaN where the
+    mass matrix is singular, and at how many samples it is.
     """
-    pin, twin, joints = import_pinocchio("cross_validate"), case.twin, case.samples.joints
-    q, v = case.states()[:2]
-    a = twin.acceleration(joints[0], joints[1], ours["qdd"], _moved_base(case, ours))
-    columns = case.velocity_matrices()
+    pin, twin, columns = import_pinocchio("cross_validate"), case.twin, case.velocity_matrices()
+    q, v, a = case.samples.states(twin)
     acting = theirs["tau"].copy()
     if case.robot.base == "free":
         acting = np.concatenate((theirs["force1"], theirs["torque1"], acting), axis=-1)
     required, singular = np.full_like(acting, np.nan), 0
     for i in np.flatnonzero(case.samples.finite):
         if np.isfinite(a[i]).all():
-            required[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i]) @ columns[i]
+            required[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i]) @ columns[i] / lift
         elif _is_singular(theirs["mass_matrix"][i]):
             acting[i] = np.nan  # so that the sample is not compared
             singular += 1
@@ -601,48 +506,50 @@ def _is_singular(matrix: Float64Array) -> bool:
     return not size.all() or bool(np.linalg.eigvalsh(matrix / size / size[:, None])[0] < 1e-12)
 
 
-def _output_scales(case: _Case, ours: Mapping[str, Float64Array]) -> dict[str, Float64Array]:
-    """Return the error scales of all outputs by name, which broadcast against them; forward_dynamics if in `ours`."""
-    robot, samples = case.robot, case.samples
-    ratios, offsets = joint_rules(tree_of(robot))
-    joints = [one @ ratios.T for one in samples.joints]
+# ---- scales
+
+
+def _scales_of(case: _Case, base: BodyMotion | None = None) -> tuple[Scales, Float64Array]:
+    """Return the Scales of a robot, and the matrix from the sizes of its velocities to those of all joints."""
+    ratios, offsets = joint_rules(case.tree)  # without joints that are held, which the twin may have
+    joints = [one @ ratios.T for one in case.samples.joints]
     joints[0] = joints[0] + offsets
-    scales = RobotScales(tree_of(robot), joints, samples.base, case.gravity, case.wrenches)
-    columns = np.zeros((6 + len(ratios), 6 + robot.dof))
+    columns = np.zeros((6 + len(ratios), 6 + case.robot.dof))
     columns[:6, :6], columns[6:, 6:] = np.eye(6), np.abs(ratios)
-    columns = columns if robot.base == "free" else columns[:, 6:]
+    scales = Scales(case.tree, joints, base or case.samples.base, case.gravity, case.wrenches)
+    return scales, columns if case.robot.base == "free" else columns[:, 6:]
+
+
+def _output_scales(case: _Case) -> dict[str, Float64Array]:
+    """Return the error scales of all outputs by name, which broadcast against them."""
+    scales, columns = _scales_of(case)
     by_output: dict[str, Float64Array] = {}
     if case.frames:
-        at_origin = replace(samples.base, R=np.zeros_like(samples.base.R))
-        from_base = RobotScales(tree_of(robot), joints[:1], at_origin, case.gravity)
+        base = case.samples.base
+        from_base, _ = _scales_of(case, replace(base, R=np.zeros_like(base.R)))
         motions = [scales.motion(frame) for frame in case.frames.values()]
-        by_output |= {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in FRAME_MOTION}
+        by_output |= {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in motions[0]}
         by_output["S"] = by_output["S"][..., None]
         by_output["d"] = np.stack([from_base.motion(frame)["R"] for frame in case.frames.values()], axis=1)[..., None]
         jacobians = [scales.jacobian(case.frames[name]) @ columns for name in case.tips]
         by_output["jacobian"] = np.stack(jacobians, axis=1)
     by_output["mass_matrix"] = columns.T @ scales.mass_matrix() @ columns
-    by_output |= scales.energy_and_momentum()
-    force, torque = scales.forces()
-    tau = _generalized_scales(robot, scales, columns)
-    by_output |= {"force1": force[:, 0], "torque1": torque[:, 0], "tau": tau[:, tau.shape[1] - robot.dof :]}
-    if "forward_dynamics" in ours:
-        moved = [*joints[:2], ours["qdd"] @ ratios.T]
-        found = RobotScales(tree_of(robot), moved, _moved_base(case, ours), case.gravity)
-        by_output["forward_dynamics"] = _generalized_scales(robot, found, columns)
-    return by_output
+    (force, torque), tau = _generalized_scales(case)
+    by_output |= {"force1": force[:, 0], "torque1": torque[:, 0], "tau": tau[:, tau.shape[1] - case.robot.dof :]}
+    return by_output | scales.energy_and_momentum()
 
 
-def _generalized_scales(robot: Mechanism, scales: RobotScales, columns: Float64Array) -> Float64Array:
-    """Return the scales of generalized forces; `columns` leads from the robot's velocities to the joints'."""
+def _generalized_scales(case: _Case) -> tuple[tuple[Float64Array, Float64Array], Float64Array]:
+    """Return the scales of the forces and torques on all bodies, and of generalized forces."""
+    scales, columns = _scales_of(case)
     force, torque = scales.forces()
-    turns, shifts = np.abs([joint.axis for joint in tree_of(robot).joints]).reshape(-1, 2).T
+    turns, shifts = np.abs([joint.axis for joint in case.tree.joints]).reshape(-1, 2).T
     along = turns * torque[:, 1:] + shifts * force[:, 1:] + scales.rotor_efforts()
     base = [np.repeat(force[:, :1], 3, axis=1), np.repeat(torque[:, :1], 3, axis=1)]
-    return np.concatenate((*base, along), axis=1) @ columns
+    return (force, torque), np.concatenate((*base, along), axis=1) @ columns
 
 
-# ---- loads of a simulated motion
+# ---- simulated motions
 
 
 def compare_loads(
@@ -671,17 +578,16 @@ def compare_loads(
         held: what holds the base: what holds it gives further forces, which are no loads.
         is_planar: whether the motion is in the plane z = 0. What holds the base in it is no load.
     """
-    coordinates = {"q": q, "qd": qd, "qdd": qdd}
-    samples = _read_samples(robot, coordinates, base_motion)
+    samples, u = _read_samples(robot, {"q": q, "qd": qd, "qdd": qdd}, base_motion)
     # Forces do not depend on the position of the base, and a large one would round the levers.
     samples = samples._replace(base=replace(samples.base, R=np.zeros_like(samples.base.R)))
-    fall = one_constant("gravity", gravity, 3)
     links = tuple(link for link in robot.links if f"force_{link}" in loads)
     wrenches = tuple(
         LinkWrench(tree_of(robot).links[link], loads[f"force_{link}"], loads[f"torque_{link}"]) for link in links
     )
+    fall = one_constant("gravity", gravity, 3)
     case = _Case(robot, robot_twin(robot, has_free_flyer=True), samples, {}, links, fall, wrenches)
-    required, scales = _outputs_by_pinocchio(case), _output_scales(case, {})
+    required, scales = _outputs_by_pinocchio(case, _lift(case.twin)), _output_scales(case)
     acting = {name: np.array(loads[name]) for name in ("tau", "force1", "torque1")}
     for k, wrench in enumerate(wrenches):
         on_link = np.concatenate((wrench.force, wrench.torque), axis=1)
@@ -693,17 +599,35 @@ def compare_loads(
     if is_planar:
         for name, out_of_plane in (("force1", [2]), ("torque1", [0, 1])):
             acting[name][:, out_of_plane] = required[name][:, out_of_plane]
-    names = {"free": ("tau", "force1", "torque1"), "pinned": ("tau", "torque1")}.get(held, ("tau",))
     rows = []
-    for name in names:
+    for name in {"free": ("tau", "force1", "torque1"), "pinned": ("tau", "torque1")}.get(held, ("tau",)):
         size = np.abs(loads[name])
         if name == "tau":  # whose parts may cancel
             size = size + sum(np.abs(loads[part]) for part in TORQUE_PARTS if part in loads)
         scale = scales[name] + (size if scales[name].ndim > 1 else size.max(axis=1))
         parts = robot.names if name == "tau" else ("",)
         rows.append(
-            Comparison.of(
-                name, acting[name], required[name], scale, samples.u, samples.shape, parts, bound=MAX_LOAD_RATIO
-            )
+            Comparison.of(name, acting[name], required[name], scale, u, samples.shape, parts, bound=MAX_LOAD_RATIO)
         )
     return tuple(rows)
+
+
+def compare_rates(t: Float64Array, motion: Sequence[Float64Array], names: tuple[str, ...]) -> tuple[Comparison, ...]:
+    """Compare the rates of a simulated motion (q, qd, qdd), (N, dof) each, with the slopes that coordinates and
+    accelerations tell from either side, if there are enough instants t [s].
+
+    The two slopes differ by h^3 q'''' / 12, which is much more than the error of their mean. Where they differ much,
+    as at impacts or at instants that are far apart, little is known of the motion between them: the largest
+    difference is allowed everywhere.
+    """
+    if len(t) < _LEAST_INSTANTS:
+        return ()
+    q, qd, qdd = motion
+    h, chords = np.diff(t)[:, None], np.diff(q, axis=0) / np.diff(t)[:, None]
+    after = chords[1:] - h[1:] * (2 * qdd[1:-1] + qdd[2:]) / 6
+    before = chords[:-1] + h[:-1] * (qdd[:-2] + 2 * qdd[1:-1]) / 6
+    size = np.nanmax(np.abs(qd), initial=0) + np.nanmax(np.abs(q), initial=0) / (t[-1] - t[0])
+    expected = np.full_like(qd, np.nan)
+    expected[1:-1] = (after + before) / 2
+    allowed = np.zeros_like(qd) + np.nanmax(np.abs(after - before), axis=0, initial=0) + _RATE_SHARE * size
+    return (Comparison.of("rates", qd, expected, allowed, 1.0, t.shape, names, bound=1.0),)

@@ -6,35 +6,32 @@ A model has a free-flyer if its base is free, and then every moving joint, mimic
     v = [S1^T v1, S1^T omega1, rates]                                   the free-flyer's velocity is in body axes
     a = [S1^T (a1 - omega1 x v1), S1^T alpha1, accelerations]           spatial, not classical
 
-A pair is a model of one joint, whose base is body 1. Body 2 is the frame "body2"; read its velocity and classical
-acceleration in LOCAL_WORLD_ALIGNED.
+A pair is a model of one joint, whose base is body 1. Read velocities and classical accelerations of frames in
+LOCAL_WORLD_ALIGNED.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, overload
+from typing import Any, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, MissingDependencyError, RotationError
-from hingepair.mechanism.bodies.body import Body
+from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.building.pairs import tree_of_pair
+from hingepair.mechanism.conventions import PINOCCHIO, check_base, read_state, written_a, written_q, written_v
 from hingepair.mechanism.joints import KINDS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.tree import Joint, MassProperties, Tree, hinge_of_pair
+from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
-from hingepair.rotations.matrices import matrix_to_quaternion, unit_quaternion
 
 MotionTuple = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
 """Motion of body 1, psi [rad], psid [rad/s] and psidd [rad/s^2]; psid is None without v, psidd is None without a."""
-
-BASE_AT_REST = BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3)))
-"""Motion of a base that rests at the origin."""
 
 
 def import_pinocchio(caller_name: str) -> Any:
@@ -47,48 +44,6 @@ def import_pinocchio(caller_name: str) -> Any:
         got = f"another package named pinocchio at {pinocchio.__file__}"
         raise MissingDependencyError(caller_name, "Pinocchio (pip install 'pin>=4.1,<5')", got)
     return pinocchio
-
-
-# ---- coordinates
-
-
-def _free_flyer(order: int, body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return a body's pose (order 0), velocity (1) or acceleration (2) as the two parts of a free-flyer's."""
-
-    def given(*names: str) -> list[Float64Array]:
-        """Return arrays of the motion, none of which may be missing."""
-        for name in names:
-            if getattr(body1, name) is None:
-                raise ArgumentError("body1", f"a motion with {name}", "one without")
-        return [np.asarray(getattr(body1, name), dtype=np.float64) for name in names]
-
-    if order == 0:
-        R, S = given("R", "S")
-        return {"R": R, "S": np.roll(matrix_to_quaternion(S), -1, axis=-1)}
-    if order == 1:
-        S, v, omega = given("S", "v", "omega")
-        return {"v": _to_body(S, v), "omega": _to_body(S, omega)}
-    S, v, omega, a, alpha = given("S", "v", "omega", "a", "alpha")
-    with np.errstate(over="ignore", invalid="ignore"):
-        spatial = a - np.cross(omega, v)
-    return {"a": _to_body(S, spatial), "alpha": _to_body(S, alpha)}
-
-
-def _to_body(S: Float64Array, vector: Float64Array) -> Float64Array:
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray((S * vector[..., None]).sum(axis=-2))
-
-
-def _to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray((S * vector[..., None, :]).sum(axis=-1))
-
-
-def _joined(base: Mapping[str, Float64Array], joints: Mapping[str, Float64Array]) -> Float64Array:
-    """Concatenate the parts of the base and the last of the joints' arrays, broadcast to the shape of all."""
-    shape = broadcast_shape({name: part.shape[:-1] for name, part in {**base, **joints}.items()})
-    parts = [*base.values(), [*joints.values()][-1]]
-    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)
 
 
 def frame_motions(
@@ -105,7 +60,7 @@ def frame_motions(
     Returns:
         R and S, with v also v and omega, with a also a and alpha; shape (N, frames, ...) each.
     """
-    pin = import_pinocchio("body2")
+    pin = import_pinocchio("cross_validate")
     names = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(states)]
     arrays = [np.empty((len(states[0]), len(frames), 3, *(3,) * (name == "S"))) for name in names]
     for i, sample in enumerate(zip(*states, strict=True)):
@@ -142,43 +97,37 @@ class Twin:
             q: coordinates of the robot [rad or m]; shape (..., dof).
             base_motion: R and S of the base, of a model with a free-flyer; at rest at the origin unless given.
         """
-        positions = self._of_joints("q", q) + self.offsets
-        continuous = [joint.nq == 2 for joint in list(self.model.joints)[1 + self.has_free_flyer :]]
-        if any(continuous):  # Pinocchio's q has cosine and sine for these
-            columns = (
-                (np.cos(column), np.sin(column)) if turns else (column,)
-                for column, turns in zip(np.moveaxis(positions, -1, 0), continuous, strict=True)
-            )
-            positions = np.stack([one for group in columns for one in group], axis=-1)
-        return _joined(self._base(0, base_motion), {"q": positions})
+        (positions,) = self._of_joints(base_motion, q=q)
+        joints = list(self.model.joints)[1 + self.has_free_flyer :]
+        turning = [number for number, joint in enumerate(joints) if joint.nq == 2]  # by cosine and sine
+        return written_q(PINOCCHIO, positions + self.offsets, base_motion, self.has_free_flyer, turning)
 
     def velocity(self, q: ArrayLike, qd: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
         """Return Pinocchio's v, shape (..., nv); of the base it takes S, v and omega."""
-        return _joined(self._base(1, base_motion), {"q": self._of_joints("q", q), "qd": self._of_joints("qd", qd)})
+        _, rates = self._of_joints(base_motion, q=q, qd=qd)
+        with np.errstate(all="ignore"):
+            return written_v(PINOCCHIO, rates, base_motion, self.has_free_flyer)
 
     def acceleration(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, base_motion: BodyMotion | None = None
     ) -> Float64Array:
         """Return Pinocchio's a, which is spatial, shape (..., nv); of the base it takes all but R."""
-        rates = {name: self._of_joints(name, value) for name, value in (("q", q), ("qd", qd), ("qdd", qdd))}
-        return _joined(self._base(2, base_motion), rates)
+        *_, changes = self._of_joints(base_motion, q=q, qd=qd, qdd=qdd)
+        with np.errstate(all="ignore"):
+            return written_a(changes, base_motion, self.has_free_flyer)
 
-    def _of_joints(self, name: str, values: ArrayLike) -> Float64Array:
-        """Return q, qd or qdd of the robot as values of all joints of the model, without their offsets."""
-        given = vectors(name, values, self.ratios.shape[1]).astype(np.float64)
-        joints = np.zeros((*given.shape[:-1], len(self.ratios)))
-        for joint, row in enumerate(self.ratios):
-            for column in np.flatnonzero(row):  # a product with 0 would spread NaN to other joints
-                joints[..., joint] = row[column] * given[..., column]
-        return joints
-
-    def _base(self, order: int, base_motion: BodyMotion | None) -> dict[str, Float64Array]:
-        """Return the base's parts of q (order 0), v (1) or a (2); refuse a motion where the base stands."""
-        if self.has_free_flyer:
-            return _free_flyer(order, BASE_AT_REST if base_motion is None else base_motion)
-        if base_motion is not None:
-            raise ArgumentError("base_motion", "None, since the base stands in this model", base_motion)
-        return {}
+    def _of_joints(self, base_motion: BodyMotion | None, **given: ArrayLike) -> list[Float64Array]:
+        """Return q and its derivatives as values of all joints of the model, without their offsets."""
+        check_base(base_motion, self.has_free_flyer)
+        read = {name: vectors(name, one, self.ratios.shape[1]).astype(np.float64) for name, one in given.items()}
+        shape = broadcast_shape({name: one.shape[:-1] for name, one in read.items()})
+        found = []
+        for one in read.values():
+            joints = np.zeros((*shape, len(self.ratios)))
+            for joint, column in zip(*np.nonzero(self.ratios), strict=True):
+                joints[..., joint] = self.ratios[joint, column] * one[..., column]
+            found.append(joints)
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,6 +137,7 @@ class PairTwin:
     model: Any  # with the joints "root_joint" and "hinge", and the frames "body1", "body2" and points
     data: Any  # Pinocchio's `Data` of the model, in which its algorithms store results
     body2_frame: int  # number of the frame "body2", whose placement is (S2, R2)
+    robot: Twin  # the same as a robot of one joint
 
     def configuration(self, body1: BodyMotion, psi: ArrayLike) -> Float64Array:
         """Return Pinocchio's q, shape (..., 8).
@@ -196,7 +146,7 @@ class PairTwin:
             body1: its R [m] and S; leading shape (...,).
             psi: hinge angle [rad]; shape (...,).
         """
-        return _joined(_free_flyer(0, body1), _columns(psi=psi))
+        return self.robot.configuration(_column("psi", psi), body1)
 
     def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
         """Return Pinocchio's v, shape (..., 7).
@@ -206,7 +156,7 @@ class PairTwin:
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
         """
-        return _joined(_free_flyer(1, body1), _columns(psi=psi, psid=psid))
+        return self.robot.velocity(_column("psi", psi), _column("psid", psid), body1)
 
     def acceleration(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike) -> Float64Array:
         """Return Pinocchio's a, the spatial acceleration, shape (..., 7).
@@ -217,7 +167,8 @@ class PairTwin:
             psid: hinge rate [rad/s]; shape (...,).
             psidd: hinge acceleration [rad/s^2]; shape (...,).
         """
-        return _joined(_free_flyer(2, body1), _columns(psi=psi, psid=psid, psidd=psidd))
+        rates = _column("psid", psid), _column("psidd", psidd)
+        return self.robot.acceleration(_column("psi", psi), *rates, body1)
 
     def body2(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> BodyMotion:
         """Compute the motion of body 2 by Pinocchio, one sample after another.
@@ -236,15 +187,14 @@ class PairTwin:
         >>> twin.body2((0, 0, 0, 0, 0, 0, 1, np.pi / 2)).R.round(12)
         array([1., 1., 0.])
         """
-        arrays = _checked_states(q, v, a)
-        shape = broadcast_shape({name: c.shape[:-1] for name, c in arrays.items()})
-        quat = arrays["q"][..., 3:7]
-        if (quat == 0).all(axis=-1).any():
-            raise RotationError("q", "non-zero quaternions", "a zero quaternion")
-        arrays["q"][..., 3:7] = unit_quaternion(quat)
-        flat = [np.broadcast_to(c, (*shape, c.shape[-1])).reshape(-1, c.shape[-1]) for c in arrays.values()]
+        body1, psi, *rates = self.motion(q, v, a)
+        given = [one for one in (psi, *rates) if one is not None]
+        states = [self.configuration(body1, psi)]
+        states += [self.velocity(body1, *given[:2])] if len(given) > 1 else []
+        states += [self.acceleration(body1, *given)] if len(given) > 2 else []
+        flat = [one.reshape(-1, one.shape[-1]) for one in states]
         motion = frame_motions(self.model, self.data, [self.body2_frame], flat)
-        return BodyMotion(**{name: c.reshape(*shape, *c.shape[2:]) for name, c in motion.items()})
+        return BodyMotion(**{name: c.reshape(*psi.shape, *c.shape[2:]) for name, c in motion.items()})
 
     def motion(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> MotionTuple:
         """Convert Pinocchio's q, v and a to the tuple (body1, psi, psid, psidd).
@@ -257,31 +207,26 @@ class PairTwin:
         Returns:
             Vectors in world axes, accelerations classical. Rates are None without v, accelerations without a.
         """
-        q, *rates = _checked_states(q, v, a).values()
-        body1 = BodyMotion.from_quaternion_xyzw(R=q[..., :3], quat_xyzw=q[..., 3:7])
-        if not rates:
-            return body1, q[..., 7], None, None
-        S = np.asarray(body1.S)
-        parts = {"R": q[..., :3], "S": S, "v": _to_world(S, rates[0][..., :3])}
-        parts["omega"] = _to_world(S, rates[0][..., 3:6])
-        if len(rates) == 1:
-            return BodyMotion(**parts), q[..., 7], rates[0][..., 6], None
-        with np.errstate(over="ignore", invalid="ignore"):
-            parts["a"] = _to_world(S, rates[1][..., :3]) + np.cross(parts["omega"], parts["v"])
-        parts["alpha"] = _to_world(S, rates[1][..., 3:6])
-        return BodyMotion(**parts), q[..., 7], rates[0][..., 6], rates[1][..., 6]
+        if a is not None and v is None:
+            raise ArgumentError("v", "the velocity that belongs to a", None)
+        given = {name: one for name, one in (("q", q), ("v", v), ("a", a)) if one is not None}
+        rows = {name: vectors(name, one, 7 + (name == "q")).astype(np.float64) for name, one in given.items()}
+        shape = broadcast_shape({name: one.shape[:-1] for name, one in rows.items()})
+        whole = [np.broadcast_to(one, (*shape, one.shape[-1])) for one in rows.values()]
+        derivatives: list[Any] = [*whole[1:], None]
+        first, *others = [read_state(PINOCCHIO, whole[0], one, True, 1, []) for one in derivatives]
+        body1, rates = cast(BodyMotion, first.base_motion), [one[..., 6] for one in whole[1:]]
+        if len(others) > 1:  # a spatial acceleration is turned as a velocity
+            spatial = cast(BodyMotion, others[0].base_motion)
+            with np.errstate(all="ignore"):
+                a1 = np.asarray(spatial.v) + np.cross(np.asarray(body1.omega), np.asarray(body1.v))
+            body1 = replace(body1, a=a1, alpha=spatial.omega)
+        psid, psidd = (*rates, None, None)[:2]
+        return body1, first.q[..., 0], psid, psidd
 
 
-def _columns(**hinge: ArrayLike) -> dict[str, Float64Array]:
-    return {name: real_array(name, value).astype(np.float64)[..., None] for name, value in hinge.items()}
-
-
-def _checked_states(q: ArrayLike, v: ArrayLike | None, a: ArrayLike | None) -> dict[str, Float64Array]:
-    """Return those of the q (..., 8), v and a (..., 7) of a pair that are given, by name."""
-    if a is not None and v is None:
-        raise ArgumentError("v", "the velocity that belongs to a", None)
-    given = [(name, c, size) for name, c, size in (("q", q, 8), ("v", v, 7), ("a", a, 7)) if c is not None]
-    return {name: vectors(name, c, size).astype(np.float64) for name, c, size in given}
+def _column(name: str, values: ArrayLike) -> Float64Array:
+    return real_array(name, values).astype(np.float64)[..., None]
 
 
 # ---- the models
@@ -332,56 +277,60 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PairTwin | Twin:
     >>> twin.configuration(body1, psi=0.5).tolist()
     [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.5]
     """
-    return robot_twin(pair) if isinstance(pair, Mechanism) else _pair_twin(pair)
+    return robot_twin(pair) if isinstance(pair, Mechanism) else pair_twin(pair)
 
 
-def _pair_twin(pair: HingePair) -> PairTwin:
+def pair_twin(pair: HingePair) -> PairTwin:
     """Build a pair as a Pinocchio model, whose free-flyer is body 1."""
     check_pair(pair)
     check_single_pair(pair)
-    pin = import_pinocchio("to_pinocchio")
-    home = np.array(pair.home)
-    with np.errstate(under="ignore"):
-        to_body2 = pin.SE3(home, -(home @ pair.u2))
-    body1, body2 = (
-        pin.Inertia.Zero() if body is None else placement.act(_inertia(pin, body))
-        for body, placement in ((pair.body1, pin.SE3.Identity()), (pair.body2, to_body2))
-    )
-    hinge = replace(hinge_of_pair(pair), S=np.eye(3), n=pair.n)  # which rounds less than n in body 2's axes
-    frames = [
-        pin.Frame("body1", 1, pin.SE3.Identity(), pin.FrameType.OP_FRAME),
-        pin.Frame("body2", 2, to_body2, pin.FrameType.OP_FRAME),
-    ]
-    for joint, points, to_body in ((1, pair.points1, pin.SE3.Identity()), (2, pair.points2, to_body2)):
-        for name, position in points.items():
-            placement = to_body * pin.SE3(np.eye(3), np.array(position))
-            frames.append(pin.Frame(name, joint, placement, pin.FrameType.OP_FRAME))
-    model = _model(pin, pair.name, "root_joint", [hinge], frames, [body1, body2])
-    return PairTwin(model, model.createData(), int(model.getFrameId("body2", pin.FrameType.OP_FRAME)))
+    tree, home = tree_of_pair(pair), np.asarray(pair.home)
+    (hinge,) = tree.joints
+    masses = hinge.body
+    # The hinge has the axes of body 1 here, in which n is exact.
+    turned = MassProperties(masses.mass, home @ masses.centre_of_mass, home @ masses.inertia @ home.T)
+    frames = {
+        name: Frame(1, home @ frame.R, home @ frame.S) if frame.body else frame
+        for name, frame in {**tree.links, **tree.frames}.items()
+    }
+    hinge = replace(hinge, S=np.eye(3), n=pair.n, body=turned)
+    twin = tree_twin(replace(tree, joints=(hinge,), links={}, frames=frames), is_free=True, has_free_flyer=True)
+    return PairTwin(twin.model, twin.data, int(twin.model.getFrameId("body2")), twin)
 
 
 def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Twin:
-    """Build a robot as a Pinocchio model, without the mass of a fixed base, which has no effect.
+    """Build a robot as a Pinocchio model; unless given, its base is a free-flyer if that of the robot is "free"."""
+    is_free = robot.base == "free"
+    return tree_twin(tree_of(robot).plain(), is_free, is_free if has_free_flyer is None else has_free_flyer)
 
-    Args:
-        robot: the robot.
-        has_free_flyer: whether the base is a free-flyer; unless given, it is one if the robot's base is "free".
-    """
+
+def tree_twin(tree: Tree, is_free: bool, has_free_flyer: bool) -> Twin:
+    """Build a robot as a Pinocchio model, without the mass of a fixed base, which has no effect."""
     pin = import_pinocchio("to_pinocchio")
-    tree, is_free = tree_of(robot).plain(), robot.base == "free"
-    if has_free_flyer is None:
-        has_free_flyer = is_free
-    names = {joint.name for joint in tree.joints}
-    flyer = "root_joint" if "root_joint" not in names else max(names, key=len) + "_root"
-    first = int(has_free_flyer)
-    frames = [
-        pin.Frame(name, first + frame.body, pin.SE3(np.array(frame.S), np.array(frame.R)), kind)
-        for kind, own in ((pin.FrameType.BODY, tree.links), (pin.FrameType.OP_FRAME, tree.frames))
-        for name, frame in own.items()
-    ]
-    base = _inertia(pin, tree.base) if is_free else pin.Inertia.Zero()
-    inertias = [base, *(_inertia(pin, joint.body) for joint in tree.joints)]
-    model = _model(pin, tree.name, flyer if has_free_flyer else None, tree.joints, frames, inertias)
+    model = pin.Model()
+    model.name = tree.name
+    root = 0
+    if has_free_flyer:
+        names = {joint.name for joint in tree.joints}
+        flyer = "root_joint" if "root_joint" not in names else max(names, key=len) + "_root"
+        root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), flyer)
+    for joint in tree.joints:
+        kind = KINDS[joint.kind]
+        axis = (np.array(joint.n), joint.pitch) if kind.has_pitch else (np.array(joint.n),)
+        placement = pin.SE3(np.array(joint.S), np.array(joint.u))
+        limits = [np.array([value]) for value in (joint.effort_limit, joint.rate_limit, *joint.position_limits)]
+        own = getattr(pin, kind.pinocchio)(*axis)
+        number = model.addJoint(root + joint.parent, own, placement, joint.name, *limits)
+        model.lowerVelocityLimit[model.joints[number].idx_v] = -joint.rate_limit  # Pinocchio drops the sign
+        model.addJointFrame(number)
+        model.armature[model.joints[number].idx_v] = joint.armature
+    for kind, frames in ((pin.FrameType.BODY, tree.links), (pin.FrameType.OP_FRAME, tree.frames)):
+        for name, frame in frames.items():
+            model.addFrame(pin.Frame(name, root + frame.body, pin.SE3(np.array(frame.S), np.array(frame.R)), kind))
+    base = tree.base if is_free else ZERO_MASS_PROPERTIES
+    # After all frames, because addFrame rounds the masses.
+    for number, masses in enumerate((base, *(joint.body for joint in tree.joints)), root):
+        model.inertias[number] = _inertia(pin, masses)
     return Twin(model, model.createData(), has_free_flyer, *joint_rules(tree))
 
 
@@ -396,37 +345,7 @@ def joint_rules(tree: Tree) -> tuple[Float64Array, Float64Array]:
     return ratios, offsets
 
 
-def _joint_model(pin: Any, joint: Joint, axis: Any) -> Any:
-    """Return the model of a joint about or along a unit axis."""
-    kind = KINDS[joint.kind]
-    arguments = (axis, joint.pitch) if kind.has_pitch else (axis,)
-    return getattr(pin, kind.pinocchio)(*arguments)
-
-
-def _model(
-    pin: Any, name: str, flyer: str | None, joints: Iterable[Joint], frames: Iterable[Any], inertias: list[Any]
-) -> Any:
-    """Return a Pinocchio model. `flyer` names the free-flyer of a free base; `inertias` are the base's and the
-    joints'.
-    """
-    model = pin.Model()
-    model.name = name
-    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), flyer) if flyer else 0
-    for joint in joints:
-        axis, placement = np.array(joint.n), pin.SE3(np.array(joint.S), np.array(joint.u))
-        limits = [np.array([value]) for value in (joint.effort_limit, joint.rate_limit, *joint.position_limits)]
-        number = model.addJoint(root + joint.parent, _joint_model(pin, joint, axis), placement, joint.name, *limits)
-        model.lowerVelocityLimit[model.joints[number].idx_v] = -joint.rate_limit  # Pinocchio drops the sign
-        model.addJointFrame(number)
-        model.armature[model.joints[number].idx_v] = joint.armature
-    for frame in frames:
-        model.addFrame(frame)
-    for number, inertia in enumerate(inertias, root):  # after all frames, because addFrame rounds the masses
-        model.inertias[number] = inertia
-    return model
-
-
-def _inertia(pin: Any, body: Body | MassProperties) -> Any:
+def _inertia(pin: Any, body: MassProperties) -> Any:
     """Return the mass properties of a body as Pinocchio's `Inertia`."""
     inertia = pin.Inertia.Zero()  # the constructor refuses inertias that no rigid body has
     inertia.mass, inertia.lever, inertia.inertia = body.mass, np.array(body.centre_of_mass), np.array(body.inertia)

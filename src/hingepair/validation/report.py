@@ -19,7 +19,7 @@ from hingepair.tables.sheets import Sheet, Shown, align_columns, json_text, left
 MAX_LOAD_RATIO = 64  # u * scale by which a load may differ; the largest difference in 1,000 motions was 11
 
 
-_LOADS_TITLE = "the loads against the forces that the motion takes by Pinocchio's rnea"
+_LOADS_TITLE = "the loads against the forces that the motion takes by Pinocchio's rnea; rates against slopes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,6 @@ class Comparison:
     samples: int
     #: the largest ratio that passes
     bound: float = MAX_RATIO
-    #: formula of the scale; "" where it is a sum over joints
-    scale: str = ""
     #: link or joint with the largest ratio; "" for an output that has no parts
     worst_part: str = ""
     #: number of samples that were left out because the mass matrix is singular there
@@ -90,19 +88,6 @@ class Comparison:
             ratio = error / np.maximum(sizes * u, smallest)
         by_part = len(expected), len(parts), error[0].size // len(parts) if len(expected) else 1
         error, ratio = (values.reshape(by_part).max(axis=-1) for values in (error, ratio))
-        return cls.worst_of(output, error, ratio, shape, parts, **fields)
-
-    @classmethod
-    def worst_of(
-        cls,
-        output: str,
-        error: Float64Array,
-        ratio: Float64Array,
-        shape: tuple[int, ...],
-        parts: Sequence[str],
-        **fields: Any,
-    ) -> Comparison:
-        """Return the comparison with the largest of the ratios; `error` and `ratio` have shape (N, parts)."""
         compared = ~np.isnan(ratio).all(axis=1)
         if not compared.any():
             return cls(output, 0.0, 0.0, None, 0, **fields)
@@ -181,7 +166,7 @@ class CrossValidation(Shown):
             return f"FAILED: {', '.join(dict.fromkeys(failed))}{beside}"
         left = [row.output for row in self.rows if not row.samples]
         outputs = f"{len(self.rows) - len(left)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
-        loads = ", ".join(row.output for row in self.forces)
+        loads = ", ".join(row.output for row in self.forces if row.bound == MAX_LOAD_RATIO)
         more = f", and {loads} within {MAX_LOAD_RATIO} u*scale of its rnea" if loads else ""
         without = f"; not compared: {', '.join(left)}" if left else ""
         return f"PASSED: {outputs} within {MAX_RATIO} u*scale of Pinocchio{more}{without}{beside}"
@@ -196,8 +181,7 @@ class CrossValidation(Shown):
 
     def _remarks(self) -> tuple[list[str], list[str]]:
         """Return the lines below the first table, and the last lines: notes and the verdict."""
-        how = "summed over the joints" if self.base else "in full: .rows, --json"
-        below = [f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel ({how})"]
+        below = [f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel"]
         below += [f"compared with {self.compared_with}"] if self.compared_with else []
         below += [row.note for row in self.rows if row.note]
         return below, [*(f"note: {note}" for note in self.notes), self.verdict]

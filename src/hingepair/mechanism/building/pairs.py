@@ -11,14 +11,15 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body
-from hingepair.mechanism.bodies.shapes import LinkDrawing, placed_shapes
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
+from hingepair.mechanism.bodies.shapes import BodyDrawing, LinkDrawing, placed_shapes
 from hingepair.mechanism.building.changes import add_frame
 from hingepair.mechanism.building.folding import JointPart, body_inertia, fold_parts
 from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
 from hingepair.mechanism.pairs.geometry import Points, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.samples import JointSamples, Payload, Samples
-from hingepair.mechanism.tree import BASE_KINDS, Tree
+from hingepair.mechanism.tree import BASE_KINDS, NO_LOAD, ZERO_MASS_PROPERTIES, Frame, Joint, MassProperties, Tree
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose
@@ -42,6 +43,46 @@ def tree_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None, ba
             tree = _with_points(tree, carrier, pair.points1)
             tree = _with_points(tree, joint.name, pair.points2)
     return tree
+
+
+def tree_of_pair(
+    pair: HingePair,
+    load: HingeLoad = NO_LOAD,
+    bodies: Sequence[MassProperties] | None = None,
+    drawings: tuple[BodyDrawing, ...] = (),
+) -> Tree:
+    """Return a pair as a robot. It has the links body1, body2_at_hinge, which the joint `hinge` carries, and body2,
+    which is fixed to it at -u2; points are frames.
+
+    Args:
+        pair: one pair, without leading axes.
+        load: of the hinge; its stops replace the limits of the pair.
+        bodies: mass properties of body 1, and of body 2 from the hinge point, in place of those of the pair.
+        drawings: of both bodies, that of body 2 from the hinge point.
+    """
+    if bodies is None:
+        at = ((pair.body1, np.zeros(3)), (pair.body2, pair.u2))
+        bodies = [
+            ZERO_MASS_PROPERTIES
+            if one is None
+            else MassProperties(one.mass, one.centre_of_mass - origin, one.inertia)
+            for one, origin in at
+        ]
+    hinge = Joint(
+        "hinge", "hinge", 0, pair.u1, pair.home, read_only(pair.home.T @ pair.n), bodies[1],
+        position_limits=load.stops or pair.limits or (-np.inf, np.inf),
+        rate_limit=np.inf if pair.rate_limit is None else pair.rate_limit,
+        effort_limit=np.inf if pair.torque_limit is None else pair.torque_limit,
+        load=load,
+    )  # fmt: skip
+    places = {"body1": (0, np.zeros(3)), "body2_at_hinge": (1, np.zeros(3)), "body2": (1, 0.0 - pair.u2)}
+    points = {name: (0, position) for name, position in pair.points1.items()}
+    points |= {name: (1, position - pair.u2) for name, position in pair.points2.items()}
+    links, frames = (
+        {name: Frame(body, read_only(R), read_only(np.eye(3))) for name, (body, R) in group.items()}
+        for group in (places, points)
+    )
+    return Tree(pair.name, (hinge,), bodies[0], links, frames, ("body2",), drawings=drawings)
 
 
 def _with_points(tree: Tree, link: str, points: Points) -> Tree:

@@ -19,17 +19,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.accuracy import norm
-from hingepair.mechanism.tree import Frame, MassProperties, Tree
+from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array
-
-FRAME_MOTION = ("R", "S", "v", "omega", "a", "alpha")
-"""Names of the position, attitude, velocities and accelerations of a frame."""
-_SIZES = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
-"""Keys of the dicts of sizes by the name of a quantity of a frame's motion; the scale of S is computed apart."""
 
 
 class LinkWrench(NamedTuple):
@@ -40,14 +35,14 @@ class LinkWrench(NamedTuple):
     torque: Float64Array  # world axes [N m]; (N, 3)
 
 
-class RobotScales:
+class Scales:
     """Scales of the errors of a robot's outputs at N samples.
 
     Args:
         tree: the robot.
         joints: position, rate and acceleration of each joint that moves, those that follow others too; as many as
             are known, shape (N, joints) each.
-        base: motion of the base; shape (N,) or (), with as many derivatives.
+        base: motion of the base; shape (N,), with as many derivatives.
         gravity: acceleration of free fall [m/s^2]; shape (3,).
         wrenches: loads on links.
     """
@@ -57,7 +52,7 @@ class RobotScales:
         tree: Tree,
         joints: list[Float64Array],
         base: BodyMotion,
-        gravity: Float64Array,
+        gravity: ArrayLike = (0.0, 0.0, 0.0),
         wrenches: Sequence[LinkWrench] = (),
     ) -> None:
         self._tree, self._wrenches = tree, wrenches
@@ -65,23 +60,21 @@ class RobotScales:
         zero = np.zeros((count, number))
         self._places, self._rates, self._changes = (np.abs(one) for one in (*joints, zero, zero)[:3])
         self._gravity = float(norm(gravity))
-        parts = {letter: getattr(base, letter, None) for letter in ("R", "v", "omega", "a", "alpha")}
-        base_sizes = {
-            letter: np.zeros(count) + (0.0 if part is None else norm(part)) for letter, part in parts.items()
-        }
-        size = {"R": base_sizes["R"], "v": base_sizes["v"], "W": base_sizes["omega"], "A": base_sizes["alpha"]}
-        size["a"] = base_sizes["a"] + base_sizes["omega"] * base_sizes["v"]
-        self._sizes = [size]
-        self._sums = [{**size, "S": np.ones(count)}]
-        self._lengths = [np.zeros(count)]
+        self._masses = (tree.base, *(joint.body for joint in tree.joints))
+        R, v, W, a, A = (
+            np.zeros(count) + (0.0 if (part := getattr(base, letter)) is None else norm(part))
+            for letter in ("R", "v", "omega", "a", "alpha")
+        )
+        size = {"R": R, "v": v, "W": W, "A": A, "a": a + W * v}
+        self._sizes, self._sums, self._lengths = [size], [{**size, "S": np.ones(count)}], [np.zeros(count)]
         for k, joint in enumerate(tree.joints):
             turns, shifts = map(abs, joint.axis)
             length = float(norm(joint.u)) + shifts * self._places[:, k]
             motion = self._rates[:, k], self._changes[:, k]
             size = _sizes_behind_joint(self._sizes[joint.parent], length, *motion, (turns, shifts))
             self._sizes.append(size)
-            turns = 1.0 if joint.mimic is None else 1.0 + turns * self._places[:, k]
-            self._sums.append(_add_sizes(self._sums[joint.parent], size, turns))
+            weight = 1.0 if joint.mimic is None else 1.0 + turns * self._places[:, k]
+            self._sums.append(_add_sizes(self._sums[joint.parent], size, weight))
             self._lengths.append(length + np.zeros(count))
         self._distances = self._distance_bounds()
 
@@ -89,10 +82,8 @@ class RobotScales:
         """Return a dict of the error scales of R, S, v, omega, a and alpha of a frame by name; shape (N,) each."""
         size = _sizes_behind_joint(self._sizes[frame.body], float(norm(frame.R)), 0.0, 0.0, (0.0, 0.0))
         total = _add_sizes(self._sums[frame.body], size, 1.0)
-        return {
-            "S": total["S"],
-            **{name: total[letter] for name, letter in _SIZES.items()},
-        }
+        letters = {"R": "R", "S": "S", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
+        return {name: total[letter] for name, letter in letters.items()}
 
     def jacobian(self, frame: Frame) -> Float64Array:
         """Return the error scales of the Jacobian of a Frame object, shape (N, 6, 6 + joints). The first six columns
@@ -120,7 +111,7 @@ class RobotScales:
             force[:, frame.body] += norm(of_link)
             torque[:, frame.body] += norm(moment) + float(norm(frame.R)) * norm(of_link)
         for k in reversed(range(bodies)):
-            masses, sums, size = self._masses(k), self._sums[k], self._sizes[k]
+            masses, sums, size = self._masses[k], self._sums[k], self._sizes[k]
             lever, inertia = float(norm(masses.centre_of_mass)), float(norm(masses.inertia.ravel()))
             turning = sums["A"] + sums["S"] * size["W"] ** 2
             body_force = abs(masses.mass) * (sums["a"] + turning * lever + self._gravity * sums["S"])
@@ -149,10 +140,7 @@ class RobotScales:
         joints = len(self._tree.joints)
         scales = np.zeros((len(self._lengths[0]), 6 + joints, 6 + joints))
         for k in range(1 + joints):
-            masses, steps = (
-                self._masses(k),
-                1.0 + self._sums[k]["S"],
-            )  # inertias are multiplied by rotations from both sides
+            masses, steps = self._masses[k], 1.0 + self._sums[k]["S"]  # inertias are turned from both sides
             lever, inertia = float(norm(masses.centre_of_mass)), float(norm(masses.inertia.ravel()))
             carriers = [
                 column for body in np.flatnonzero(self._carries[:, k]) for column in self._velocity_columns(int(body))
@@ -175,7 +163,7 @@ class RobotScales:
         count = len(self._lengths[0])
         scales = {name: np.zeros(count) for name in ("kinetic", "potential", "linear", "angular")}
         for k in range(len(self._lengths)):
-            masses, sums, size = self._masses(k), self._sums[k], self._sizes[k]
+            masses, sums, size = self._masses[k], self._sums[k], self._sizes[k]
             lever, inertia = float(norm(masses.centre_of_mass)), float(norm(masses.inertia.ravel()))
             mass = abs(masses.mass)
             rate, place = sums["v"] + sums["W"] * lever, sums["R"] + sums["S"] * lever
@@ -187,10 +175,6 @@ class RobotScales:
         for k, joint in enumerate(self._tree.joints):
             scales["kinetic"] += joint.armature * self._rates[:, k] ** 2
         return scales
-
-    def _masses(self, body: int) -> MassProperties:
-        """Return the MassProperties of the body with index `body`; the base has the index 0."""
-        return self._tree.joints[body - 1].body if body else self._tree.base
 
     def _velocity_columns(self, body: int) -> list[tuple[int, tuple[float, float]]]:
         """Return (index, (how far it turns, how far it shifts)) of each velocity that moves a body in its parent."""
