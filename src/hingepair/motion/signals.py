@@ -10,13 +10,18 @@ from collections.abc import Callable
 from typing import Any, Final, TypeAlias
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from hingepair.engine.backend import Execution
+from hingepair.engine.loops import Loop
 from hingepair.errors import ArgumentError, HingePairError, ShapeError
+from hingepair.numeric.arrays import FLOAT64, real_array
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import real_array
 
 _DEGREE: Final = 5  # of the spline through samples, which keeps order 6 of an integral over them
+_NEAR_END: Final = 64  # steps after which an end of the samples changes nothing: coefficients fade by 0.43 a step
+_MANY_STEPS: Final = 64  # for which kernels are worth their call
 R1_PARTS: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}  # parts of the argument R1, and their names in messages
 
 
@@ -109,9 +114,15 @@ class SampledSignal:
         motions = values.shape[: values.ndim - self.values.ndim + len(self.motions)]
         return SampledSignal(self.t, values, motions)
 
-    def every_second(self) -> SampledSignal:
-        """Return the signal of every second sample and the last one; of a single motion."""
-        kept = np.append(np.arange(0, len(self.t) - 1, 2), len(self.t) - 1)
+    def thinned(self) -> SampledSignal:
+        """Return the signal of every second sample and the last one, of a single motion. Gaps become longer by a
+        sixth: what the samples beside them leave open would not show else.
+        """
+        kept, h = np.arange(len(self.t)) % 2 == 0, np.diff(self.t)
+        for k in np.flatnonzero(h > 4 * np.median(h)):
+            ends = self.t[k] - h[k] / 12, self.t[k + 1] + h[k] / 12
+            kept[slice(*np.searchsorted(self.t, ends))] = False
+        kept[[0, -1]] = True
         return SampledSignal(self.t[kept], self.values[kept])
 
     def flattened(self, motions: tuple[int, ...]) -> SampledSignal:
@@ -131,8 +142,50 @@ class SampledSignal:
 
     def values_at_nodes(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
         """Return interpolated values at the nodes of steps; (*motions, steps, nodes, ...)."""
+        count, last = len(start), len(self.t) - 1
+        first = int(np.searchsorted(self.t, start[0])) if count else 0
+        inner = range(max(first, _NEAR_END), min(first + count, last - _NEAR_END))
+        # Are these steps from sample to sample, and these evenly spaced?
+        if len(inner) < _MANY_STEPS or first + count > last or self._coefficients is None:
+            return self._spline_at(start, h, nodes)
+        if not np.array_equal(self.t[first : first + count], start) or self.t[first + count] != start[-1] + h[-1]:
+            return self._spline_at(start, h, nodes)
+        of_all = (slice(None),) * len(self.motions)
+        tail = self.values.shape[len(of_all) + 1 :]
+        values = np.empty((*self.motions, count, len(nodes), *tail))
+        windows = sliding_window_view(self._coefficients, _DEGREE + 1, len(of_all))
+        windows = windows[(*of_all, slice(inner.start - 2, inner.stop - 2))]
+        inside = np.moveaxis(values[(*of_all, slice(inner.start - first, inner.stop - first))], len(of_all) + 1, -1)
+        spline_loop(nodes).run(
+            {"coefficients": windows}, {"values": inside}, inside.shape[:-1], FLOAT64, Execution("compiled", 1)
+        )
+        near = 4 * _NEAR_END
+        for part, samples in (
+            (slice(0, inner.start - first), slice(0, near)),
+            (slice(inner.stop - first, count), slice(-near, None)),
+        ):
+            if len(start[part]):
+                end = SampledSignal(self.t[samples], self.values[(*of_all, samples)], self.motions)
+                values[(*of_all, part)] = end._spline_at(start[part], h[part], nodes)
+        return values
+
+    def _spline_at(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
+        """Return values of the spline at the nodes of any steps."""
         times = (start - self.t[0])[:, None] + h[:, None] * np.array(nodes)
         return np.ascontiguousarray(self._spline(times))
+
+    @functools.cached_property
+    def _coefficients(self) -> Array | None:
+        """Coefficients of cardinal B-splines, one for each of evenly spaced samples, which are those of the spline
+        but near both ends; None where the samples are too few or not evenly spaced.
+        """
+        from scipy.ndimage import spline_filter1d
+
+        even = np.linspace(self.t[0], self.t[-1], len(self.t))
+        if len(self.t) < 8 * _NEAR_END or np.abs(self.t - even).max() > 4 * np.spacing(np.abs(self.t).max()):
+            return None
+        coefficients: Array = spline_filter1d(self.values, _DEGREE, axis=len(self.motions))
+        return coefficients
 
     @functools.cached_property
     def _spline(self) -> Any:
@@ -141,6 +194,22 @@ class SampledSignal:
 
         degree = min(_DEGREE, len(self.t) - 1)
         return make_interp_spline(self.t - self.t[0], self.values, degree, axis=len(self.motions), check_finite=False)
+
+
+@functools.cache
+def spline_loop(nodes: tuple[float, ...]) -> Loop:
+    """Return the loop from six coefficients of cardinal B-splines to values at nodes between the middle two."""
+    from scipy.interpolate import BSpline
+
+    basis = BSpline.basis_element(np.arange(-3, 4), extrapolate=False)
+    weights = [[float(basis(node - j)) for j in range(-2, 4)] for node in nodes]
+
+    def values(v: dict[str, Any]) -> dict[str, Any]:
+        return {
+            "values": tuple(sum((w * c for w, c in zip(row, v["coefficients"], strict=True)), 0.0) for row in weights)
+        }
+
+    return Loop("spline", values, {"coefficients": (_DEGREE + 1,)}, {"values": (len(nodes),)})
 
 
 Signal: TypeAlias = ConstantSignal | CallableSignal | SampledSignal

@@ -133,9 +133,9 @@ class _TrajectoryBase(Frozen, Result):
         is hardly ever below half of the actual error, and seldom above ten times it; a pulse that is shorter than
         about 1/500 of the total time may be missed.
 
-        Of samples, it includes by how much the motion differs from that of every second sample, which is more than
-        the error of interpolation where the motion is smooth. It is NaN for fewer than 4 samples. It does not include
-        noise, rounded time stamps, nor motion that leaves no trace in the samples.
+        Of samples, it includes the error of interpolation, from how the motion differs from that of every second and
+        every fourth sample. It is NaN for fewer than 4 samples. It does not include noise, rounded time stamps, nor
+        motion that leaves no trace in the samples.
         """
         return self._estimates("error")
 
