@@ -101,12 +101,9 @@ def ledger(request, record_property):
     return record
 
 
-@pytest.fixture(params=["numpy", pytest.param("compiled", marks=pytest.mark.slow)])
+@pytest.fixture(params=["compiled", pytest.param("numpy", marks=pytest.mark.slow)])
 def each_backend(request, monkeypatch):
-    """Every call that does not name a backend goes to this one.
-
-    In the fast loop that is NumPy, but for engine/test_compiled.py: each kernel takes a tenth of a second.
-    """
+    """Every call that names no backend goes to this one; in the fast tests to the one that users' calls take."""
     execution_of = hingepair.mechanism.pairs.hinge_pair.execution_of
 
     def forced(backend, workers):
