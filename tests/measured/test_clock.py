@@ -168,15 +168,55 @@ def test_what_is_left_of_samples_is_that_of_the_moved_ones() -> None:
 
 @pytest.mark.slow
 def test_gaps_take_no_other_samples_from_the_fit() -> None:
-    """The hinge is the most likely one of all samples at the offset that is found."""
+    """The hinge is the most likely one of all samples at the clock that is found."""
     t, body1, body2 = recorded(0.0, count=200)
     R2 = np.array(body2.R)
     R2[60:80] = np.nan
     body2 = hp.BodyMotion(R=R2, S=body2.S)
     found = hp.fit(body1, body2, t=t)
-    known = hp.fit(body1, body2, t=t, clock_offset=found.clock_offset)
-    assert found.samples == known.samples
-    assert np.abs(found.pair.u1 - known.pair.u1).max() < 0.01 * found.std["u1"].max()
+    there = hp.fit(body1, hp.BodyMotion(R=found.body2.R, S=found.body2.S))
+    assert found.samples == there.samples == hp.fit(body1, body2, t=t, clock_offset=found.clock_offset).samples
+    assert np.abs(found.pair.u1 - there.pair.u1).max() < 0.01 * found.std["u1"].max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("point", [False, True])
+@pytest.mark.parametrize("ppm", [500.0, -50.0])
+def test_clocks_that_drift_apart_are_brought_together(ppm: float, point: bool) -> None:
+    """Over 40 s, 500 ppm move body 2 by 20 ms, which would look like play of the hinge."""
+    rng, t = np.random.default_rng(0), 0.025 * np.arange(1600)
+    later = t + 0.03 + 1e-6 * ppm * (t - t[-1] / 2)
+    made = []
+    for R, S in (poses(t)[:2], poses(later)[2:]):
+        off, turn = rng.standard_normal((2, 1600, 3))
+        made.append(hp.BodyMotion(R=R + 1e-3 * off, S=S @ turns(2e-3 * turn)))
+    found = hp.fit(made[0], as_point(made[1]) if point else made[1], t=t)
+    assert found.ok
+    assert found.clock_offset == pytest.approx(0.03, abs=4 * found.std["clock_offset"])
+    assert found.clock_drift == pytest.approx(1e-6 * ppm, abs=4 * found.std["clock_drift"])
+    assert found.std["clock_drift"] < 20e-6
+    assert "drift apart by" in " ".join(found.findings)
+    assert not any(finding.name == "play" for finding in found.findings)
+
+
+@pytest.mark.slow
+def test_an_offset_of_a_motion_that_repeats_may_be_off_by_a_period() -> None:
+    """All repeats each second, and body 2 is 0.7 s late, or 0.01 s."""
+    rng, t = np.random.default_rng(5), 0.025 * np.arange(800)
+    for late, ok in ((0.7, False), (0.01, True)):
+        made = []
+        for body, instants in ((0, t), (2, t + late)):
+            cycle = 2 * np.pi * instants
+            turn = np.stack((0.4 * np.sin(cycle), 0.3 * np.cos(cycle), 0.2 * np.sin(2 * cycle)), axis=-1)
+            R1, S1 = 0.2 * np.stack((np.cos(cycle), np.sin(cycle), 0.3 * np.sin(2 * cycle)), axis=-1), turns(turn)
+            S2 = S1 @ turns(0.7 * np.sin(cycle + 0.4)[:, None] * N1) @ HOME
+            both = (R1, S1, R1 + S1 @ U1 - S2 @ U2, S2)
+            off, angle = rng.standard_normal((2, 800, 3))
+            made.append(hp.BodyMotion(R=both[body] + 1e-3 * off, S=both[body + 1] @ turns(2e-3 * angle)))
+        found = hp.fit(*made, t=t)
+        assert found.ok == ok
+        assert ("repeats after 1 s" in " ".join(found.findings)) == (not ok)
+        assert hp.fit(*made, t=t, clock_offset=late).ok
 
 
 @pytest.mark.slow

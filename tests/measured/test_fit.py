@@ -239,7 +239,7 @@ def test_thirty_percent_of_outliers_are_survived(loss: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("loss", sparse(["soft_l1", "huber", "cauchy", "arctan"], 4))
-@pytest.mark.parametrize("kind", ["swapped", "moved", "frozen"])
+@pytest.mark.parametrize("kind", ["swapped", "moved"])
 def test_outliers_that_agree_with_each_other_are_survived(kind: str, loss: str) -> None:
     made = recording(1000, 1e-3, 2e-3)
     off = np.random.default_rng(5).random(1000) < 0.3
@@ -247,12 +247,33 @@ def test_outliers_that_agree_with_each_other_are_survived(kind: str, loss: str) 
         made.S2[off] = made.S2[off] @ turns((0, 0, np.pi))
     if kind == "moved":
         made.R2[off] += (0.1, 0.2, -0.3)
-    if kind == "frozen":
-        made.R2[300:600], made.S2[300:600] = made.R2[300], made.S2[300]
     found = hp.fit(*bodies(made), loss=loss)
     assert np.abs(errors(found)).max() < 1e-3
     assert found.ok
     assert not hp.fit(*bodies(made)).ok
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("body", [1, 2])
+@pytest.mark.parametrize("attitudes", [True, False], ids=["body", "point"])
+def test_a_frozen_tracker_is_missing(body: int, attitudes: bool) -> None:
+    made = recording(1000, 1e-3, 2e-3)
+    for array in (made.R1, made.S1) if body == 1 else (made.R2, made.S2):
+        array[300:350] = array[300]
+    body1, body2 = bodies(made)
+    found = hp.fit(body1, body2 if attitudes else hp.BodyMotion(R=made.R2))
+    assert found.ok
+    assert np.flatnonzero(np.isnan(found.psi)).tolist() == list(range(301, 350))
+    assert f"49 samples of body {body} repeat the one before" in " ".join(found.findings)
+
+
+def test_a_body_at_rest_is_not_frozen() -> None:
+    made = recording(400)
+    R2, S2 = made.R2.copy(), made.S2.copy()
+    for array in (made.R1, made.S1, R2, S2):  # both rest for a while
+        array[100:150] = array[100]
+    found = hp.fit(hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=R2, S=S2))
+    assert (found.samples, found.findings) == (400, ())
 
 
 def test_outliers_that_count_are_named_and_not_trusted() -> None:

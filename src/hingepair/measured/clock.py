@@ -1,8 +1,8 @@
-"""Two clocks: relative poses for any offset between the clock of body 2 and that of body 1.
+"""Two clocks: relative poses for any offset and drift of the clock of body 2 against that of body 1.
 
 Each sample of body 2 is moved along its own smoothed motion, from the instant at which it was recorded to that of the
 sample of body 1, so that its noise stays what it is. Interpolation would average the noise of neighbours, and so
-prefer offsets of half a step. The derivatives by the offset come from the smoothed motion too: at its own sample a
+prefer offsets of half a step. The derivatives by the clock come from the smoothed motion too: at its own sample a
 derivative has no part of that sample's noise, so that the estimate is not biased.
 """
 
@@ -13,9 +13,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.measured.hinge import Hinge
-from hingepair.measured.likelihood import iterate_residuals
-from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, compute_relative_poses
+from hingepair.measured.findings import Finding
+from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
 from hingepair.measured.robust import Loss
 from hingepair.measured.samples import Samples
 from hingepair.measured.smoothing.smooth import smoothed_arrays
@@ -28,46 +27,48 @@ from hingepair.tables.instants import split_at_gaps
 _MAX_SHIFT = 0.75  # median time steps by which a sample of body 2 may be moved along its smoothed motion
 _MAX_GAP = 0.05  # s without a sample of body 2 that its smoothed motion bridges
 _TRIAL_SAMPLES = 256  # at most, at each trial offset
+_REPEATED = 0.995  # correlation of a motion with itself later, above which it repeats
+_MAX_LAGS = 2**16  # samples of the search for a period
 
 
 class ClockedPoses:
-    """Relative poses of two recordings at any clock offset [s], the time by which body 2 was recorded later than body
-    1 at equal stamps. The motion of body 2 is smoothed once.
+    """Relative poses of two recordings by clock: the time [s] by which body 2 was recorded later than body 1 at equal
+    stamps, in the middle of the recording, and its growth in a second. The motion of body 2 is smoothed once.
     """
 
     def __init__(self, samples: Samples, loss: Loss | None) -> None:
         """Smooth the motion of body 2."""
         self._samples, self._t = samples, np.asarray(samples.t)
         self._rows = np.flatnonzero(samples.known1)
-        t, known2 = self._t, samples.known2
-        hidden = ~known2
+        hidden = ~samples.known2
         R2, S2 = (array.astype(np.float64) for array in (samples.R2, samples.S2))
         R2[hidden], S2[hidden] = np.nan, np.nan
-        arrays, parts = smoothed_arrays(t, R2, S2, None, _MAX_GAP, loss)
+        arrays, parts = smoothed_arrays(self._t, R2, S2, None, _MAX_GAP, loss)
         self._rates = np.stack([np.nan_to_num(arrays[name]) for name in ("v", "omega", "a", "alpha")])
         self._smooth: NDArray[np.bool_] = np.asarray(np.isfinite(arrays["a"] + arrays["alpha"]).all(axis=1))
         self._rate_noise = parts["R"].median_deviations[1], parts["S"].median_deviations[1]
-        self._step = float(np.median(np.diff(t)))
+        self._step = float(np.median(np.diff(self._t)))
+        self._since_middle = self._t - (self._t[0] + self._t[-1]) / 2
 
     @staticmethod
-    def has_enough_samples(t: Float64Array, known2: NDArray[np.bool_]) -> bool:
+    def has_enough_samples(samples: Samples) -> bool:
         """Return whether body 2 has enough samples in a row to be smoothed."""
-        return bool(split_at_gaps(t, known2, _MAX_GAP, MIN_PIECE))
+        return bool(split_at_gaps(np.asarray(samples.t), samples.known2, _MAX_GAP, MIN_PIECE))
 
-    def used_at(self, offset: float) -> NDArray[np.bool_]:
+    def used_at(self, clock: Float64Array) -> NDArray[np.bool_]:
         """Return which samples of body 1 are known and have one of body 2 near enough in time; (N,)."""
         used = np.zeros(self._t.size, dtype=bool)
-        used[self._matched(offset, None)[0]] = True
+        used[self._matched(clock, self._t.size)[0]] = True
         return used
 
     def _matched(
-        self, offset: float, max_samples: int | None
+        self, clock: Float64Array, max_samples: int
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:
         """Return the indices of usable samples of body 1, thinned evenly to at most so many, of the nearest samples
         of body 2, and the times by which these were taken earlier [s].
         """
-        rows = self._rows[:: 1 if max_samples is None else -(-self._rows.size // max_samples)]
-        instants = self._t[rows] - offset
+        rows = self._rows[:: max(-(-self._rows.size // max_samples), 1)]
+        instants = self._t[rows] - clock[0] - clock[1] * self._since_middle[rows]
         after = np.clip(np.searchsorted(self._t, instants), 1, self._t.size - 1)
         near = after - (instants - self._t[after - 1] < self._t[after] - instants)
         shift = instants - self._t[near]
@@ -75,11 +76,9 @@ class ClockedPoses:
         is_usable = self._samples.known2[near] & (movable | (shift == 0))
         return rows[is_usable], near[is_usable], shift[is_usable]
 
-    def poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return the poses at a clock offset, with their derivatives by it, thinned evenly to at most so many
-        samples.
-        """
-        rows, near, shift = self._matched(offset, max_samples)
+    def poses_at(self, clock: Float64Array, max_samples: int) -> RelativePoses:
+        """Return the poses at a clock, with their derivatives by it, thinned evenly to at most so many samples."""
+        rows, near, shift = self._matched(clock, max_samples)
         v, omega, a, alpha = self._rates[:, near]
         dt = shift[:, None]
         return self._relative_poses(rows, *self._shifted_body2(near, shift), v + a * dt, omega + alpha * dt)
@@ -93,49 +92,78 @@ class ClockedPoses:
         turn = np.asarray(rotation_exp((omega + alpha * (dt / 2)) * dt))
         return self._samples.R2[sample_indices] + (v + a * (dt / 2)) * dt, turn @ self._samples.S2[sample_indices]
 
-    def body2(self, offset: float) -> BodyMotion:
+    def body2(self, clock: Float64Array) -> BodyMotion:
         """Return R and S of body 2 at the instants of body 1, NaN where it has no sample near enough."""
-        rows, near, shift = self._matched(offset, None)
+        rows, near, shift = self._matched(clock, self._t.size)
         R, S = np.full((self._t.size, 3), np.nan), np.full((self._t.size, 3, 3), np.nan)
         R[rows], S[rows] = self._shifted_body2(near, shift)
         return motion_of_rotations(R=read_only(R), S=read_only(S))
 
-    def noise_poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return the poses at a clock offset, with noise (fixed seed) in place of derivatives, as large as their
-        errors. They tell whether the motion determines the offset.
+    def noise_poses_at(self, clock: Float64Array, max_samples: int) -> RelativePoses:
+        """Return the poses at a clock, with noise (fixed seed) in place of derivatives, as large as their errors.
+        They tell whether the motion determines the offset.
         """
-        rows, near, _ = self._matched(offset, max_samples)
+        rows, near, _ = self._matched(clock, max_samples)
         rng = np.random.default_rng(0)
         v, omega = (size * rng.standard_normal((rows.size, 3)) for size in self._rate_noise)
         return self._relative_poses(rows, self._samples.R2[near], self._samples.S2[near], v, omega)
 
     def _relative_poses(
         self,
-        body1_rows: NDArray[np.intp],
+        rows: NDArray[np.intp],
         R2: NDArray[np.floating],
         S2: NDArray[np.floating],
         v: Float64Array,
         omega: Float64Array,
     ) -> RelativePoses:
-        """Return the poses of body 2 at samples of body 1, with derivatives by the offset from its velocities."""
-        samples = self._samples
-        S1 = samples.S1[body1_rows]
-        poses = compute_relative_poses(samples.R1[body1_rows], S1, R2, S2)
+        """Return the poses of body 2 at samples of body 1, with derivatives by the clock from its velocities."""
+        S1 = self._samples.S1[rows]
+        poses = compute_relative_poses(self._samples.R1[rows], S1, R2, S2, self._samples.noise[:, rows])
         v1, omega1 = (np.einsum("nji,nj->ni", S1, vector) for vector in (v, omega))
-        dQ = -np.asarray(skew(omega1)) @ poses.Q.T.reshape(-1, 3, 3)
-        return poses._replace(
-            offset_derivatives=np.concatenate((dQ.reshape(-1, 9).T, -v1.T)),
-            relative_noise=None if samples.relative_noise is None else samples.relative_noise[:, body1_rows],
-        )
+        dQ = -np.asarray(skew(omega1)) @ poses.attitudes
+        by_offset = np.concatenate((dQ.reshape(-1, 9).T, -v1.T))
+        return poses._replace(by_clock=np.stack((by_offset, by_offset * self._since_middle[rows])))
 
-    def clock_offset_sentences(self, offset: float) -> list[str]:
-        """Return a sentence on the clock offset, unless it is below a twentieth of the median time step."""
-        if abs(offset) < 0.05 * self._step:
-            return []
-        order = "later" if offset > 0 else "earlier"
-        return [
-            f"Body 2 was recorded {1e3 * abs(offset):.3g} ms {order} than its time stamps say; the fit corrects this."
-        ]
+    def findings(self, clock: Float64Array, std: Float64Array) -> list[Finding]:
+        """Return findings on an estimated clock with standard deviations `std`, if it differs from that of body 1, or
+        may be off by a whole period of the motion.
+        """
+        found, (offset, drift) = [], clock.tolist()
+        if abs(offset) > max(4 * std[0], 0.05 * self._step):
+            order = "later" if offset > 0 else "earlier"
+            text = (
+                f"Body 2 was recorded {1e3 * abs(offset):.3g} ms {order} than its time stamps say; the fit corrects "
+            )
+            found.append(Finding("clock", offset, 0.05 * self._step, text + "this.", harmless=True))
+        grown = drift * float(np.ptp(self._t))
+        if abs(drift) > 4 * std[1] and abs(grown) > 0.05 * self._step:
+            text = f"The clocks drift apart by {1e6 * abs(drift):.3g} us in a second; the fit corrects this."
+            found.append(Finding("drift", drift, 0, text, harmless=True))
+        period = self._period()
+        if period is not None and abs(offset) > 0.05 * period:
+            text = (
+                f"The motion repeats after {period:.3g} s, and the clock offset may be off by this: record a motion "
+                "that does not repeat, or tell clock_offset."
+            )
+            found.append(Finding("period", abs(offset), 0.05 * period, text))
+        return found
+
+    def _period(self) -> float | None:
+        """Return the shortest time [s] after which body 2 moves as before, from the correlation of its velocities
+        with themselves; None if there is none, up to half of the recording.
+        """
+        rates = self._rates[:2].transpose(1, 0, 2).reshape(self._t.size, 6)[:_MAX_LAGS]
+        rates = (rates - rates.mean(axis=0)) / np.maximum(rates.std(axis=0), max(1e-3 * rates.std(), 1e-300))
+        count = len(rates)
+        spectrum = np.fft.rfft(rates, 2 * count, axis=0)
+        products = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=1))[: count // 2]
+        power = np.concatenate(([0.0], np.cumsum((rates**2).sum(axis=1))))
+        lags = np.arange(count // 2)
+        both = np.sqrt((power[count - lags] - power[0]) * (power[count] - power[lags]))
+        correlation = products / np.maximum(both, 1e-300)
+        later = np.flatnonzero(correlation < 0.9)  # beyond the lags of one and the same moment
+        again = np.flatnonzero((correlation > _REPEATED) & (lags > later[0])) if later.size else later
+        return float(again[0] * self._step) if again.size else None
 
     @property
     def time_scale(self) -> float:
@@ -152,7 +180,7 @@ class ClockedPoses:
         span = min(max(0.5, 10 * self._step), 0.25 * duration)  # s
         count = int(np.clip(np.ceil(span / max(0.1 * self.time_scale, self._step / 2)), 2, 60))
         offsets = np.linspace(-span, span, 2 * count + 1)
-        trials = [self.poses_at(offset, _TRIAL_SAMPLES) for offset in offsets]
+        trials = [self.poses_at(np.array((offset, 0.0)), _TRIAL_SAMPLES) for offset in offsets]
         costs = np.array([np.inf if poses.samples < MIN_PIECE else misfit(poses) for poses in trials])
         # Downhill from 0.
         place = count
@@ -165,16 +193,3 @@ class ClockedPoses:
         far = int(np.argmin(costs))
         is_far_better = costs[far] < costs[place] - 0.5
         return float(offsets[far if is_far_better else place])
-
-
-def negative_log_likelihood_per_sample(poses: RelativePoses, known_hinge: Hinge | None) -> float:
-    """Return the negative log-likelihood of poses per sample, for the closed-form hinge by means of squared
-    residuals, for a known hinge by medians.
-    """
-    hinge = closed_form_hinge(poses) if known_hinge is None else known_hinge
-    seen = [seen for _, seen in iterate_residuals(poses, hinge)]
-    tilt, gap = (
-        np.concatenate([(getattr(each, name) ** 2).sum(axis=0) for each in seen]) for name in ("tilt", "gap")
-    )
-    middle = np.mean if known_hinge is None else np.median
-    return float(np.log(middle(tilt) + 1e-30) + 1.5 * np.log(middle(gap) + 1e-30 * poses.size**2))

@@ -1,4 +1,4 @@
-"""Poses of a body from the markers of a rigid cluster on it (Kabsch), and sentences on markers that do not fit.
+"""Poses of a body from the markers of a rigid cluster on it (Kabsch), and findings on markers that do not fit.
 
 Private functions take `places` (N, M, 3), the recorded positions [m] with any finite number where a marker is not
 seen, `is_seen` (N, M), 1.0 or 0.0, and `cluster` (M, 3), the places of the markers on the body [m].
@@ -6,23 +6,28 @@ seen, `is_seen` (N, M), 1.0 or 0.0, and `cluster` (M, 3), the places of the mark
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.findings import RANDOM_CORRELATION, Finding, is_reliable
-from hingepair.measured.least_squares import neighbour_correlation
+from hingepair.measured.covariance import neighbour_correlation
+from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable
 from hingepair.measured.robust import OUTLIER
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
+from hingepair.rotations.matrices import skew
 from hingepair.tables.sheets import percent
 
 _MIN_MARKERS = 3  # that a sample must show to have a pose
 _MIN_WIDTH = 0.02  # of a cluster, in parts of its length; below, the markers are on a line, which shows no attitude
 _MAX_SIZE = 10.0  # [m] of a cluster, in root mean square; more is probably in another unit
 _JUDGED_SAMPLES = 1000  # that tell which marker moved
+_MOST = 0.3  # of the samples whose markers are off their places; of more, it is not known which are right
+_RELIABLE = np.radians(2.0)  # [rad]: attitudes that are known less well are not to be relied on
 _ROUNDING = 1e-9  # of the size of the cluster; smaller distances from the places are rounding
 
 
@@ -34,10 +39,12 @@ class ClusterFit:
         body: the motion of the body, a BodyMotion of shape (N,) with R and S. Its reference point and axes are those
             of the coordinates in `reference`; if none was given, the mean of the places of all markers, and the world
             axes at the first of the samples that show the most markers. R and S are NaN where fewer than three
-            markers are seen, or only markers on a line.
+            markers are seen, or only markers on a line, and where markers are far off their places.
+        std: standard deviations at every sample, by "R" [m] and by "S", those of the rotation vector of the error of
+            the attitude [rad]; shape (N, 3), world axes, NaN where R and S are.
         reference: places of the markers on the body, from its reference point, in its axes [m]; shape (M, 3).
         residuals: distance of each marker from its place at each sample [m]; shape (N, M), NaN where the marker is
-            not seen, and where R and S are NaN.
+            not seen, and where too few are for a pose.
         rms: root mean square of each marker's residuals [m]; shape (M,); 0 for a marker that is never seen.
         noise: standard deviation of the noise in each coordinate of a marker's position [m], without samples that are
             far off.
@@ -46,6 +53,7 @@ class ClusterFit:
     """
 
     body: BodyMotion
+    std: Mapping[str, Float64Array]
     reference: Float64Array
     residuals: Float64Array
     rms: Float64Array
@@ -100,35 +108,53 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
             "reference", f"finite numbers of shape {places.shape[1:]}", f"shape {reference_places.shape}"
         )
     seen_places, is_seen = np.where(seen[..., None], places, 0.0)[is_used], seen[is_used].astype(np.float64)
+    given = reference_places is not None
     cluster = reference_places if reference_places is not None else _first_marker_places(seen_places, is_seen)
     _check_not_on_line(cluster)
-    given = reference_places is not None
-    R, S, distances, cluster = _fit_poses_and_places(seen_places, is_seen, cluster, not given)
-    size = float(np.sqrt(((cluster - cluster.mean(axis=0)) ** 2).sum() / cluster.shape[0]))
+    size = _size(cluster)
+    R, S, distances = _kabsch_poses(seen_places, is_seen, cluster)
     good = ~_is_outlier(distances, is_seen, size)
-    if not given and not good.all() and _markers_determine_attitude(seen_places[good], is_seen[good]).any():
-        *_, cluster = _fit_poses_and_places(seen_places[good], is_seen[good], cluster, True)
-        R, S, distances = _kabsch_poses(seen_places, is_seen, cluster)
-    rms = _rms_by_marker(distances, is_seen)
-    findings = [
-        *_recording_sentences(seen_places, is_seen, distances, good),
-        *(_reference_sentences(seen_places[good], is_seen[good], distances[good], size) if given else []),
-        *_moved_marker_sentences(seen_places[good], is_seen[good], cluster, distances[good], size),
-        *([f"The markers are {size:.2g} m from their middle: are they in metres?"] if size > _MAX_SIZE else []),
-    ]
-    whole_R, whole_S = np.full((places.shape[0], 3), np.nan), np.full((places.shape[0], 3, 3), np.nan)
-    whole_R[is_used], whole_S[is_used] = R, S
-    residuals = np.full(seen.shape, np.nan)
-    residuals[is_used] = np.where(is_seen > 0, distances, np.nan)
+    if not given:  # the places of the good samples, which may be others then
+        for _ in range(2):
+            cluster = _refined_places(seen_places[good], is_seen[good], cluster)
+            R, S, distances = _kabsch_poses(seen_places, is_seen, cluster)
+            good = ~_is_outlier(distances, is_seen, size)
     free = 3 * is_seen[good].sum() - 6 * good.sum() - (0 if given else 3 * cluster.shape[0] - 6)
-    return ClusterFit(
-        body=motion_of_rotations(R=read_only(whole_R), S=read_only(whole_S)),
-        reference=read_only(cluster),
-        residuals=read_only(residuals),
-        rms=read_only(rms),
-        noise=float(np.sqrt((distances[good] ** 2).sum() / max(free, 1.0))),
-        findings=tuple(Finding("markers", 1, 0, text) for text in findings),
+    noise = float(np.sqrt((distances[good] ** 2).sum() / max(free, 1.0)))
+    std_R, std_S = _deviations(S, is_seen, cluster, noise)
+    findings = [
+        *_recording_findings(seen_places, is_seen, distances, good),
+        *(_reference_findings(seen_places[good], is_seen[good], distances[good], size) if given else []),
+        *_moved_marker_findings(seen_places[good], is_seen[good], cluster, distances[good], size),
+    ]
+    unit = f"The markers are {size:.2g} m from their middle: are they in metres?"
+    attitude = float(np.median(std_S[good].max(axis=1)))
+    known = (
+        f"The attitudes are known to {np.degrees(attitude):.2g} deg only: the markers are few, or nearly on a line."
     )
+    findings += exceeded(Finding("unit", size, _MAX_SIZE, unit), Finding("attitude", attitude, _RELIABLE, known))
+
+    def of_all(values: Float64Array, rows: NDArray[np.bool_]) -> Float64Array:
+        """Return values of the used samples as those of all, NaN where they are not used or not in `rows`."""
+        whole = np.full((places.shape[0], *values.shape[1:]), np.nan)
+        whole[np.flatnonzero(is_used)[rows]] = values[rows]
+        return read_only(whole)
+
+    every = np.ones_like(good)
+    return ClusterFit(
+        body=motion_of_rotations(R=of_all(R, good), S=of_all(S, good)),
+        std={"R": of_all(std_R, good), "S": of_all(std_S, good)},
+        reference=read_only(cluster),
+        residuals=of_all(np.where(is_seen > 0, distances, np.nan), every),
+        rms=read_only(np.sqrt((distances**2).sum(axis=0) / np.maximum(is_seen.sum(axis=0), 1.0))),
+        noise=noise,
+        findings=tuple(findings),
+    )
+
+
+def _size(cluster: Float64Array) -> float:
+    """Return the root mean square distance of markers from their middle [m]."""
+    return float(np.sqrt(((cluster - cluster.mean(axis=0)) ** 2).sum() / cluster.shape[0]))
 
 
 def _is_outlier(distances: Float64Array, is_seen: Float64Array, size: float) -> NDArray[np.bool_]:
@@ -138,50 +164,70 @@ def _is_outlier(distances: Float64Array, is_seen: Float64Array, size: float) -> 
     return np.asarray(squares > OUTLIER * typical)
 
 
-def _recording_sentences(
+def _deviations(
+    S: Float64Array, is_seen: Float64Array, cluster: Float64Array, noise: float
+) -> tuple[Float64Array, Float64Array]:
+    """Return the standard deviations of the poses, of R and of the rotation vector of S, world axes; (N, 3) each.
+
+    In the axes of the body, the covariance of the rotation vector is noise^2 (sum abs(r)^2 - r r^T)^-1 over the seen
+    markers, r from their middle; R is off by that of the middle and by the turn about it.
+    """
+    count = is_seen.sum(axis=1)[:, None]
+    middle = is_seen @ cluster / count
+    r = is_seen[..., None] * (cluster - middle[:, None])
+    spread = np.einsum("nmi,nmj->nij", r, r)
+    inertia = np.trace(spread, axis1=1, axis2=2)[:, None, None] * np.eye(3) - spread
+    turn = noise**2 * S @ np.linalg.pinv(inertia, hermitian=True) @ np.swapaxes(S, -1, -2)
+    arm = np.asarray(skew(np.einsum("nij,nj->ni", S, middle)))
+    variance = noise**2 / count + np.einsum("nij,njk,nik->ni", arm, turn, arm)
+    return np.sqrt(variance), np.sqrt(np.diagonal(turn, axis1=1, axis2=2))
+
+
+def _recording_findings(
     places: Float64Array, is_seen: Float64Array, distances: Float64Array, good: NDArray[np.bool_]
-) -> list[str]:
-    """Return sentences on markers that are hidden at (0, 0, 0), and on samples that are not `good`."""
-    sentences = []
+) -> list[Finding]:
+    """Return findings on markers that are hidden at (0, 0, 0), and on samples that are not `good`."""
+    findings = []
     for marker, count in enumerate(((places == 0).all(axis=2) & (is_seen > 0)).sum(axis=0)):
-        if count > 1:
-            sentences.append(f"Marker {marker} is at (0, 0, 0) in {count} samples: a marker that is not seen is NaN.")
+        text = f"Marker {marker} is at (0, 0, 0) in {count} samples: a marker that is not seen is NaN."
+        findings += exceeded(Finding("hidden", count, 1, text))
     if not good.all():
         worst = float(np.sqrt((distances[~good] ** 2).sum() / is_seen[~good].sum()))
-        share = percent(float(np.mean(~good)))
-        sentences.append(
-            f"In {share} of the samples, markers are off their places by {1e3 * worst:.2g} mm rms, far more "
-            "than in the others: labels may be exchanged, or a reflection taken for a marker."
+        share = float(np.mean(~good))
+        text = (
+            f"In {percent(share)} of the samples, markers are off their places by {1e3 * worst:.2g} mm rms, far more "
+            "than in the others: labels may be exchanged, or a reflection taken for a marker. Poses there are NaN."
         )
-    return sentences
+        findings.append(Finding("outliers", share, 0, text, harmless=share < _MOST))
+    return findings
 
 
-def _reference_sentences(
+def _reference_findings(
     places: Float64Array, is_seen: Float64Array, distances: Float64Array, size: float
-) -> list[str]:
-    """Return a list with one sentence if the markers are not at the places that the user gave."""
+) -> list[Finding]:
+    """Return a finding if the markers are not at the places that the user gave."""
     rms = float(np.sqrt((distances**2).sum() / is_seen.sum()))
-    if rms <= 0.05 * size:
-        return []
     count = is_seen.sum(axis=1)[:, None]
     centred = is_seen[..., None] * (places - ((is_seen[..., None] * places).sum(axis=1) / count)[:, None])
     ratio = float(np.sqrt((centred**2).sum() / is_seen.sum())) / size
     text = f"The markers are off the places of reference by {rms:.2g} m rms, in a cluster of the size {size:.2g} m"
-    if 0.5 < ratio < 2:
-        return [f"{text}: labels may be exchanged."]
-    return [f"{text}; they are {ratio:.3g} times as far apart as reference says: is it in metres?"]
-
-
-def _rms_by_marker(distances: Float64Array, is_seen: Float64Array) -> Float64Array:
-    """Return the rms distance of each marker from its place [m]; (M,)."""
-    return np.asarray(np.sqrt((distances**2).sum(axis=0) / np.maximum(is_seen.sum(axis=0), 1.0)))
+    far_apart = f"; they are {ratio:.3g} times as far apart as reference says: is it in metres?"
+    text += ": labels may be exchanged." if 0.5 < ratio < 2 else far_apart
+    return exceeded(Finding("reference", rms, 0.05 * size, text))
 
 
 def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64Array:
-    """Return first places of the markers on the body (M, 3), about their mean: from the sample that shows the most;
-    those that it lacks from samples that show them with three known ones. Raise FitError if there are none.
+    """Return first places of the markers on the body (M, 3), about their mean: from one of the samples that show the
+    most, that whose distances between markers are nearest to the usual ones; those that it lacks from samples that
+    show them with three known ones. Raise FitError if there are none.
     """
-    best = int(np.argmax(is_seen.sum(axis=1)))
+    most = np.flatnonzero(is_seen.sum(axis=1) == is_seen.sum(axis=1).max())[:: -(-len(places) // _JUDGED_SAMPLES)]
+    shown = np.where(is_seen[most, :, None] > 0, places[most], np.nan)
+    apart = np.linalg.norm(shown[:, :, None] - shown[:, None], axis=-1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of pairs that are never seen
+        off = np.nansum((apart - np.nanmedian(apart, axis=0)) ** 2, axis=(1, 2))
+    best = int(most[np.argmin(off)])
     there = is_seen[best] > 0
     middle = places[best][there].mean(axis=0)
     cluster = np.where(there[:, None], places[best] - middle, 0.0)
@@ -230,87 +276,70 @@ def _kabsch_poses(
     return R, S, is_seen * np.linalg.norm(off, axis=-1)
 
 
-def _fit_poses_and_places(
-    places: Float64Array, is_seen: Float64Array, cluster: Float64Array, refine_places: bool
-) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Fit the poses and, if `refine_places`, alternately the places on the body, from first places (M, 3). Return R,
-    S, the distances (N, M) and the places.
+def _refined_places(places: Float64Array, is_seen: Float64Array, cluster: Float64Array) -> Float64Array:
+    """Return the places (M, 3) that fit best, by poses and places in turn from first places, in the world axes at the
+    first of the samples that show the most.
     """
-    axes = None
-    before = np.inf
-    for _ in range(60 if refine_places else 1):
+    before, num_seen = np.inf, is_seen.sum(axis=0)[:, None]
+    for _ in range(60):
         R, S, distances = _kabsch_poses(places, is_seen, cluster)
-        axes = S[int(np.argmax(is_seen.sum(axis=1)))] if axes is None else axes
         total = float((distances**2).sum())
-        if not refine_places or (np.isfinite(before) and before - total <= 1e-6 * before):
+        if np.isfinite(before) and before - total <= 1e-6 * before:
             break
         before = total
-        body_places = np.einsum("nji,nmj->nmi", S, places - R[:, None])
-        num_seen = is_seen.sum(axis=0)[:, None]
-        cluster = np.where(
-            num_seen > 0, (is_seen[..., None] * body_places).sum(axis=0) / np.maximum(num_seen, 1.0), cluster
+        on_body = (is_seen[..., None] * np.einsum("nji,nmj->nmi", S, places - R[:, None])).sum(axis=0) / np.maximum(
+            num_seen, 1.0
         )
+        cluster = np.where(num_seen > 0, on_body, cluster)
         cluster = cluster - cluster.mean(axis=0)
-    if refine_places:
-        turn = S[int(np.argmax(is_seen.sum(axis=1)))]
-        cluster = cluster @ turn.T @ (axes if axes is not None else np.eye(3))
-        R, S, distances = _kabsch_poses(places, is_seen, cluster)
-    return R, S, distances, cluster
+    return np.asarray(cluster @ S[int(np.argmax(is_seen.sum(axis=1)))].T)
 
 
-def _moved_marker_sentences(
-    places: Float64Array, is_seen: Float64Array, cluster: Float64Array, distances: Float64Array, cluster_size: float
-) -> list[str]:
-    """Return a sentence on the marker that moved against the others, or on several of which one did."""
-    rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
-    if rms <= _ROUNDING * cluster_size:
+def _moved_marker_findings(
+    places: Float64Array, is_seen: Float64Array, cluster: Float64Array, distances: Float64Array, size: float
+) -> list[Finding]:
+    """Return a finding on the marker that moved against the others, or on several of which one did."""
+    if float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0))) <= _ROUNDING * size:
         return []
     if cluster.shape[0] <= _MIN_MARKERS:
-        return _triangle_sentences(places, is_seen, cluster_size)
+        return _triangle_findings(places, is_seen, size)
     every = slice(None, None, -(-places.shape[0] // _JUDGED_SAMPLES))
     places, is_seen, distances = places[every], is_seen[every], distances[every]
+
+    def noise(distances: Float64Array, is_seen: Float64Array, markers: int) -> float:
+        free = 3 * is_seen.sum() - 6 * len(is_seen) - 3 * markers + 6
+        return float(np.sqrt((distances**2).sum() / max(free, 1.0)))
+
     # The noise that each marker alone would leave behind if it were taken out.
-    noise_without = []
+    without = np.full(cluster.shape[0], np.inf)
     for marker in range(cluster.shape[0]):
-        others = is_seen.copy()
-        others[:, marker] = 0.0
+        others = is_seen * (np.arange(cluster.shape[0]) != marker)
         rows = _markers_determine_attitude(places, others)
-        if rows.sum() < 2:
-            noise_without.append(np.inf)
-            continue
-        _, _, remaining_distances, _ = _fit_poses_and_places(places[rows], others[rows], cluster, True)
-        free = 3 * others[rows].sum() - 6 * rows.sum() - 3 * (cluster.shape[0] - 1) + 6
-        noise_without.append(float(np.sqrt((remaining_distances**2).sum() / max(free, 1.0))))
-    free = 3 * is_seen.sum() - 6 * is_seen.shape[0] - 3 * cluster.shape[0] + 6
-    noise_with_all = float(np.sqrt((distances**2).sum() / max(free, 1.0)))
-    best = int(np.argmin(noise_without))
-    if noise_with_all < 3.0 * max(noise_without[best], _ROUNDING * cluster_size):
-        return []
-    suspects = [
-        f"{marker}" for marker in range(len(noise_without)) if noise_without[marker] < 2 * noise_without[best]
-    ]
-    if len(suspects) > 1:
-        return [f"The cluster is not rigid: one of the markers {', '.join(suspects)} moved against the others."]
-    return [
-        f"Marker {best} moved against the others: without it they stay in place to "
-        f"{1e3 * noise_without[best]:.2g} mm, with it to {1e3 * noise_with_all:.2g} mm. Leave it out."
-    ]
+        if rows.sum() >= 2:
+            refined = _refined_places(places[rows], others[rows], cluster)
+            left = _kabsch_poses(places[rows], others[rows], refined)[2]
+            without[marker] = noise(left, others[rows], cluster.shape[0] - 1)
+    whole, best = noise(distances, is_seen, cluster.shape[0]), int(np.argmin(without))
+    ratio = whole / max(float(without[best]), _ROUNDING * size)
+    suspects = [str(marker) for marker in np.flatnonzero(without < 2 * without[best])]
+    text = f"The cluster is not rigid: one of the markers {', '.join(suspects)} moved against the others."
+    if len(suspects) == 1:
+        text = (
+            f"Marker {best} moved against the others: without it they stay in place to {1e3 * without[best]:.2g} mm, "
+            f"with it to {1e3 * whole:.2g} mm. Leave it out."
+        )
+    return exceeded(Finding("moved", ratio, 3.0, text)) if np.isfinite(ratio) else []
 
 
-def _triangle_sentences(places: Float64Array, is_seen: Float64Array, cluster_size: float) -> list[str]:
-    """Return a sentence if the sides of a triangle of markers change, and not at random."""
+def _triangle_findings(places: Float64Array, is_seen: Float64Array, size: float) -> list[Finding]:
+    """Return a finding if the sides of a triangle of markers change, and not at random."""
     whole = places[is_seen.all(axis=1)]
     if whole.shape[0] < 8:
         return []
     sides = np.linalg.norm(whole - np.roll(whole, 1, axis=1), axis=2)
-    off = sides - sides.mean(axis=0)
-    power = np.maximum((off * off).sum(axis=0), 1e-300)
-    correlations = np.array([neighbour_correlation(side) for side in off.T])
-    rms = np.sqrt(power / whole.shape[0])
-    is_moved = (correlations > RANDOM_CORRELATION) & (rms > 0.02 * cluster_size)
-    if not is_moved.any():
-        return []
-    worst = float(rms[is_moved].max())
-    return [
-        f"The cluster is not rigid: distances between its markers change by {1e3 * worst:.2g} mm rms, not at random."
-    ]
+    changes = [side - side.mean() for side in sides.T]
+    rms = max(
+        [float(side.std()) for side in changes if neighbour_correlation(side) > RANDOM_CORRELATION], default=0.0
+    )
+    text = f"The cluster is not rigid: distances between its markers change by {1e3 * rms:.2g} mm rms, not at random."
+    return exceeded(Finding("moved", rms, 0.02 * size, text))

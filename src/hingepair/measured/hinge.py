@@ -9,11 +9,10 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array
-from hingepair.rotations.matrices import skew
+from hingepair.rotations.matrices import rotation_exp, skew
 
 GAUGES: Final = ("closest_to_R1", "closest_to_R2")  # rules that place the hinge point along the axis
 RULE_OF_SIGN: Final = "The first component of n that is at least 0.45 times as large as the largest one is positive."
@@ -27,15 +26,30 @@ _LEAST_ALONG = 0.1  # cosine of the angle from n to the direction that decides i
 class Hinge(NamedTuple):
     """The axis of a hinge and a point on it, in the axes of both bodies, without the direction of psi = 0."""
 
-    n: Float64Array  # axis in body 1's axes, unit
-    m: Float64Array  # axis in body 2's axes, unit: C^T n
+    first: Float64Array  # frame along the hinge, in body 1's axes: orthonormal columns, the last is n
+    second: Float64Array  # likewise in body 2's axes; the last column is m = C^T n
     u1: Float64Array  # hinge point, body 1's axes [m]
     u2: Float64Array  # hinge point, body 2's axes [m]
+
+    @classmethod
+    def along(cls, n: Float64Array, m: Float64Array, u1: Float64Array, u2: Float64Array) -> Hinge:
+        """Return the hinge of its unit axes n, in body 1's axes, and m, in body 2's axes."""
+        return cls(frame(n), frame(m), u1, u2)
+
+    @property
+    def n(self) -> Float64Array:
+        """Axis in body 1's axes, a unit vector (3,)."""
+        return self.first[:, 2]
+
+    @property
+    def m(self) -> Float64Array:
+        """Axis in body 2's axes, a unit vector (3,)."""
+        return self.second[:, 2]
 
     def signed(self, n_along: Float64Array | None) -> Hinge:
         """Return the hinge with the sign of its axis that `sign_of` chooses."""
         sign = sign_of(self.n, n_along)
-        return self._replace(n=sign * self.n, m=sign * self.m)
+        return self.along(sign * self.n, sign * self.m, self.u1, self.u2)
 
     def balanced(self) -> Hinge:
         """Return the hinge whose point is equally far along the axis from the reference points of both bodies."""
@@ -49,12 +63,12 @@ class Hinge(NamedTuple):
         return self._replace(u1=self.u1 + slide * self.n, u2=self.u2 + slide * self.m)
 
     def moved(self, step: Float64Array) -> Hinge:
-        """Return the hinge after a step of nine parameters: turns of n (2) and of m (2) [rad] towards the first two
-        axes of `frame(n)` and `frame(m)`, shifts of u1 (3) and of u2 (2) along these axes [m]. Shifts along the axis
+        """Return the hinge after a step of nine parameters: tilts of n (2) and of m (2) [rad] towards the first two
+        columns of `first` and `second`, shifts of u1 (3) and of u2 (2) along these columns [m]. Shifts along the axis
         count once, since only u1 - u2 is seen along it.
         """
-        u1, u2 = self.u1 + frame(self.n) @ step[4:7], self.u2 + frame(self.m) @ (step[7], step[8], 0.0)
-        return Hinge(tilt_axis(self.n, step[:2]), tilt_axis(self.m, step[2:4]), u1, u2)
+        u1, u2 = self.u1 + self.first @ step[4:7], self.u2 + self.second @ (step[7], step[8], 0.0)
+        return Hinge(tilted(self.first, step[:2]), tilted(self.second, step[2:4]), u1, u2)
 
 
 def sign_of(n: Float64Array, n_along: Float64Array | None = None) -> float:
@@ -87,10 +101,11 @@ def frame(axis: Float64Array) -> Float64Array:
     return np.array(((a, y * c - z * b, x), (b, z * a - x * c, y), (c, x * b - y * a, z)))
 
 
-def tilt_axis(axis: Float64Array, step: ArrayLike) -> Float64Array:
-    """Return the axis after two small turns [rad] towards the first and the second column of its frame."""
-    there = frame(axis) @ np.append(step, 1.0)
-    return np.asarray(there / np.linalg.norm(there))
+def tilted(axes: Float64Array, step: Float64Array) -> Float64Array:
+    """Return a frame (3, 3) turned by the least angle so that its last column tilts towards the first and the second
+    by `step` [rad].
+    """
+    return axes @ np.asarray(rotation_exp(np.array((-step[1], step[0], 0.0))))
 
 
 def first_axis_across(n: Float64Array) -> int:
@@ -135,9 +150,9 @@ def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
     The change d of home has `d x n` as the changes of m and n ask for; about n it turns so that home's axis stays
     across m + n. (m here is the axis after the half turn that home may begin with.)
     """
-    n, m, u1, u2 = hinge
+    first, second, u1, u2 = hinge
+    n, m = hinge.n, hinge.m
     home, before = home_of(hinge), _half_turn_before(hinge)
-    first, second = frame(n), frame(m)
     dn, dm, du1, du2 = np.zeros((4, 3, 9))
     dn[:, :2], dm[:, 2:4], du1[:, 4:7], du2[:, 7:] = first[:, :2], second[:, :2], first, second[:, :2]
     slide = -(n @ du1 + u1 @ dn) if gauge == "closest_to_R1" else -(m @ du2 + u2 @ dm)
@@ -148,8 +163,8 @@ def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
 
 
 def home_angle(hinge: Hinge, home: Float64Array) -> float:
-    """Return the angle [rad] about n at psi = 0 from the first column of `frame(n)`, in body 1, to that of
-    `frame(m)`, in body 2.
+    """Return the angle [rad] about n at psi = 0 from the first column of `first`, in body 1, to that of `second`, in
+    body 2.
     """
-    first, second = frame(hinge.n), home @ frame(hinge.m)
+    first, second = hinge.first, home @ hinge.second
     return float(np.arctan2(first[:, 1] @ second[:, 0], first[:, 0] @ second[:, 0]))

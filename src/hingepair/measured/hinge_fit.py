@@ -2,54 +2,24 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, FitError
-from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
-from hingepair.measured.clock import ClockedPoses, negative_log_likelihood_per_sample
-from hingepair.measured.findings import (
-    BodyPoses,
-    Finding,
-    check_turning,
-    exceeded,
-    find_outliers,
-    is_reliable,
-    judge_hinge,
-    notes,
-    probable_mistakes,
-    split_findings,
-)
-from hingepair.measured.hinge import (
-    GAUGES,
-    RULE_OF_HOME,
-    RULE_OF_SIGN,
-    Hinge,
-    home_angle,
-    home_of,
-    result_derivatives,
-)
-from hingepair.measured.likelihood import (
-    PARAMETERS,
-    SHIFT_SAMPLES,
-    Estimate,
-    HingeResiduals,
-    Noise,
-    bias_of_hinge,
-    evaluate_hinge,
-    frame_turn_angle,
-    iterate_residuals,
-    most_likely_hinge,
-    noise_standard_deviations,
-    shows_offset,
-)
-from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, robust_closed_form_hinge
+from hingepair.measured.circle_model import PointModel
+from hingepair.measured.clock import ClockedPoses
+from hingepair.measured.findings import Finding, exceeded, is_reliable, notes
+from hingepair.measured.hinge import GAUGES, RULE_OF_HOME, RULE_OF_SIGN
+from hingepair.measured.hinge_findings import Fitted, check_turning, judged
+from hingepair.measured.hinge_model import BodyModel
+from hingepair.measured.mistakes import BodyPoses, probable_mistakes
+from hingepair.measured.most_likely import Estimate, Model, evaluate, most_likely, shows_offset
+from hingepair.measured.relative_poses import RelativePoses
 from hingepair.measured.robust import LOSSES, Loss
 from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.smoothing.spline import MIN_PIECE
@@ -95,7 +65,7 @@ class HingeFit(OverInstants, Shown):
         std: standard deviations of the estimates: "u1" [m], "u2" [m], "n" and "home" [rad], of shape (3,), are the
             roots of the diagonal of `covariance`. "psi" [rad], of shape (N,), is that of each angle: of the noise of
             its own sample, and of the hinge; outliers excepted; inf in the plane. "noise_position" [m] and
-            "noise_angle" [rad] are absent of a point, "clock_offset" [s] without `t`.
+            "noise_angle" [rad] are absent of a point, "clock_offset" [s] and "clock_drift" without `t`.
         rms_position: root mean square of `gap`, weighted with `weights` [m].
         rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN of a point.
         noise_position: standard deviation of the noise in each coordinate of R2 - R1, that of both bodies [m]. It is
@@ -104,9 +74,10 @@ class HingeFit(OverInstants, Shown):
             a sample of mean weight.
         noise_angle: standard deviation of the noise in each component of the rotation vector from the exact to the
             recorded relative attitude, that of both bodies [rad]; NaN of a point.
-        clock_offset: time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the time
-            stamp s was taken at the instant s + clock_offset of body 1's clock. It is None without `t`, and 0 with
-            the standard deviation inf if the motion does not determine it.
+        clock_offset: time by which body 1's clock is ahead of body 2's clock in the middle of the recording [s]: a
+            sample of body 2 with the time stamp s was taken at the instant s + clock_offset of body 1's clock. It is
+            None without `t`, and 0 with the standard deviation inf if the motion does not determine it.
+        clock_drift: seconds by which the clock offset grows in a second, likewise; 0 of a given clock offset.
         findings: sentences on what the motion does not determine, why it does not agree with a hinge, and what else
             is notable. Each has `name`, `value`, `limit`, and `severity`: "serious" or "note".
         gauge: name of the rule for the position of the hinge point along the axis.
@@ -133,6 +104,7 @@ class HingeFit(OverInstants, Shown):
     noise_position: float
     noise_angle: float
     clock_offset: float | None
+    clock_drift: float | None
     findings: tuple[Finding, ...]
     gauge: str
     loss: str
@@ -258,7 +230,8 @@ class HingeFit(OverInstants, Shown):
             f"u1 and u2 lead to the point on the axis {self.gauge.replace('_', ' ')}; along the axis, motion "
             f"determines only their difference. {self.conventions}"
         )
-        return "\n".join((*lines, *self.findings, "ok" if self.ok else "NOT RELIABLE"))
+        findings = (finding.text(lengths) for finding in self.findings)
+        return "\n".join((*lines, *findings, "ok" if self.ok else "NOT RELIABLE"))
 
     def __repr__(self) -> str:
         return f"HingeFit({self.samples} samples, {self._residual_text()}, {'ok' if self.ok else 'not ok'})"
@@ -295,6 +268,7 @@ class HingeFit(OverInstants, Shown):
                 for name in ("rms_position", "rms_angle", "noise_position", "noise_angle")
             },
             "clock_offset": self.clock_offset,
+            "clock_drift": self.clock_drift,
             "psi": list(self.psi_range),
             "findings": list(self.findings),
         }
@@ -388,97 +362,162 @@ def fit(
     check_choice("gauge", gauge, GAUGES)
     along = None if n_along is None else finite_axis("n_along", one_constant("n_along", n_along, 3))
     samples = checked_samples(body1, body2, t, weights, clock_offset, noise1, noise2)
+    if samples.is_point and samples.mean_noise is not None:
+        raise ArgumentError("noise1", "None, since body 2 has no attitudes", "values")
     used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
-    find = _find_circle if samples.is_point else _find_hinge
-    found = find(samples, used, LOSSES[loss], gauge, clock_offset, along)
-    return _hinge_fit(found, samples, body1, body2, loss, gauge, along)
-
-
-class _Found(NamedTuple):
-    """A hinge of two bodies, or of a body and a point, with what belongs to it; N samples are used."""
-
-    pair: HingePair
-    poses: RelativePoses
-    used: NDArray[np.bool_]  # of all samples
-    clock: ClockedPoses | None  # where a clock offset is used
-    offset: float  # clock offset [s]
-    offset_std: float  # 0 of a given one, inf of one that is not determined
-    psi: Float64Array  # (N,)
-    psi_std: Float64Array  # (N,)
-    good: NDArray[np.bool_]  # no outliers; (N,)
-    gap: Float64Array  # (N,)
-    tilt: Float64Array  # NaN of a point; (N,)
-    weights: Float64Array  # (N,)
-    covariance: Float64Array  # (12, 12)
-    noise: Noise  # the attitude's is NaN of a point
-    noise_std: dict[str, Any]
-    findings: list[Finding]
-
-
-def _hinge_fit(
-    found: _Found,
-    samples: Samples,
-    body1: BodyMotion,
-    body2: BodyMotion,
-    loss: str,
-    gauge: str,
-    n_along: Float64Array | None,
-) -> HingeFit:
-    """Return the HingeFit of a found hinge, with findings on the recordings too."""
-    clock, used, weights, total = found.clock, found.used, found.weights, found.weights.sum()
-    deviations = np.sqrt(np.diagonal(found.covariance)).reshape(4, 3)
-    std: dict[str, Any] = dict(zip(("u1", "u2", "n", "home"), map(read_only, deviations), strict=True))
-    std |= {"psi": _scatter_used(found.psi_std, used)} | found.noise_std
-    if samples.t is not None:
-        std["clock_offset"] = np.float64(found.offset_std)
-    findings = list(found.findings)
-    if clock is not None and abs(found.offset) > 4.0 * found.offset_std > 0:
-        findings += notes("clock", clock.clock_offset_sentences(found.offset))
-    if not is_reliable(findings) and not samples.is_point:
-        recorded = (samples.R1, samples.S1, samples.R2, samples.S2)
-        findings += notes("mistake", probable_mistakes(BodyPoses(*(array[used] for array in recorded))))
-        if LOSSES[loss] is None and 'loss="cauchy"' not in " ".join(findings):
-            findings += notes("outliers", ['Where some samples may be outliers, loss="cauchy" tells.'])
-    findings += notes("missing samples", _missing_sample_sentences(used, clock))
-    if found.poses.samples < 10:
-        text = f"Of {found.poses.samples} samples, the standard deviations are no more than a hint."
-        findings += notes("samples", [text])
-    distances = np.linalg.norm(found.poses.p, axis=0)
-    doubts = suspicions("distance", "R2 - R1", distances)
-    if samples.t is not None:
-        doubts += suspicions("instants", "t", samples.t)
-        findings += notes("gaps", [f"{text}." for text in gap_sentences("t", samples.t)])
-    findings += [Finding("unit", 1, 0, text) for text in doubts]
-    findings += notes("noise", samples.noise_suspicions(found.noise))
+    poses = samples.poses(used)
+    if not samples.is_point:
+        check_turning(poses)
+    clocked, estimate, poses = _estimated(samples, poses, LOSSES[loss], clock_offset)
+    used = used if clocked is None else clocked.used_at(estimate.clock)
+    fitted = _fitted(estimate, poses, LOSSES[loss], gauge, along, samples.knows_split)
+    findings = judged(fitted)
+    good = ~fitted.is_outlier() & (fitted.seen.weights >= _INLIER)
+    psi = _unwrap_angles(fitted.psi, good)
     instants = np.flatnonzero(used) if samples.t is None else samples.t[used]
-    findings += _turn_findings(found.psi, instants, found.good)
-    counted = found.psi[found.good] if found.good.any() else found.psi
-    moved = body2 if clock is None else clock.body2(found.offset)
+    findings += _recording_findings(samples, used, clocked, fitted, is_reliable(findings), loss)
+    findings += _turn_findings(psi, instants, good)
+    std = fitted.std | fitted.model.noise_std(poses, LOSSES[loss])
+    if samples.t is not None:
+        clock_std = np.full(2, np.inf if clock_offset is None else 0.0)
+        if len(poses.by_clock):
+            clock_std = fitted.clock_std
+            findings += clocked.findings(estimate.clock, clock_std) if clocked is not None else []
+        std |= dict(zip(("clock_offset", "clock_drift"), clock_std, strict=True))
+    if any(finding.name == "plane" for finding in findings):
+        std["psi"] = np.full_like(psi, np.inf)
+    std["psi"] = _scatter_used(std["psi"], used)
+    counted = psi[good] if good.any() else psi
+    moved = body2 if clocked is None else clocked.body2(estimate.clock)
+    weights = fitted.seen.weights * samples.weights[used]
+    gap, shares = np.linalg.norm(fitted.gap, axis=0), weights / weights.sum()
     return HingeFit(
-        pair=found.pair,
-        psi=_scatter_used(found.psi, used),
+        pair=fitted.pair,
+        psi=_scatter_used(psi, used),
         psi_range=(float(counted.min()), float(counted.max())),
-        covariance=read_only(found.covariance),
+        covariance=read_only(fitted.covariance),
         std=std,
-        rms_position=float(np.sqrt(weights @ found.gap**2 / total)),
-        rms_angle=float(np.sqrt(weights @ found.tilt**2 / total)),
-        noise_position=float(np.sqrt(found.noise.place)),
-        noise_angle=float(np.sqrt(found.noise.attitude)),
-        clock_offset=None if samples.t is None else found.offset,
+        rms_position=float(np.sqrt(shares @ gap**2)),
+        rms_angle=float(np.sqrt(shares @ fitted.tilt**2)),
+        noise_position=float(np.sqrt(fitted.model.noise.place)),
+        noise_angle=float(np.sqrt(fitted.model.noise.attitude)),
+        clock_offset=None if samples.t is None else float(estimate.clock[0]),
+        clock_drift=None if samples.t is None else float(estimate.clock[1]),
         findings=tuple(dict.fromkeys(findings)),
         gauge=gauge,
         loss=loss,
-        n_along=None if n_along is None else tuple(n_along.tolist()),
+        n_along=None if along is None else tuple(along.tolist()),
         weights=_scatter_used(weights, used, 0.0),
         t=samples.t,
-        gap=_scatter_used(found.gap, used),
-        tilt=_scatter_used(found.tilt, used),
+        gap=_scatter_used(gap, used),
+        tilt=_scatter_used(fitted.tilt, used),
         samples=int(used.sum()),
         body2=BodyMotion(R=moved.R) if samples.is_point else moved,
         _body1=body1,
     )
+
+
+def _fitted(
+    estimate: Estimate[Any],
+    poses: RelativePoses,
+    loss: Loss | None,
+    gauge: str,
+    n_along: Float64Array | None,
+    knows_split: bool,
+) -> Fitted:
+    """Return the most likely model without its bias, by the rules of the user, with its covariance."""
+    model = estimate.model.moved(-estimate.model.bias(poses)).settled(gauge, n_along)
+    seen = evaluate(model, poses, estimate.clock, loss)
+    random, lag = seen.covariance
+    # What is not known of the noise, too.
+    k, change = model.parameters, model.result_derivatives(gauge)
+    doubt = np.zeros(len(random))
+    doubt[:k] = np.zeros(k) if knows_split else model.doubt(poses)
+    covariance = random + np.outer(doubt, doubt)
+    by_unknowns = model.psi_derivatives(poses)
+    psi_variances = (by_unknowns * (covariance @ by_unknowns)).sum(axis=0)
+    gap, tilt = model.gap_and_tilt(poses)
+    return Fitted(
+        model=model,
+        poses=poses,
+        seen=seen,
+        gap=gap,
+        tilt=tilt,
+        psi=model.psi(poses),
+        psi_std=np.sqrt(model.psi_variances(poses, doubt) + np.maximum(psi_variances, 0.0)),
+        pair=model.pair(gauge),
+        random_covariance=change @ random[:k, :k] @ change.T,
+        covariance=change @ covariance[:k, :k] @ change.T,
+        clock_std=np.sqrt(np.diagonal(covariance)[k:]),
+        unresolved_lag=lag,
+        has_converged=estimate.has_converged,
+    )
+
+
+def _estimated(
+    samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
+) -> tuple[ClockedPoses | None, Estimate[Any], RelativePoses]:
+    """Return the most likely hinge and its poses, and what gives the poses at any clock; None in its place if the
+    clock is that of body 1, as known or as taken where the motion does not determine it.
+    """
+    kind: type[Model] = PointModel if samples.is_point else BodyModel
+    start = kind.start(poses.thinned(_START_SAMPLES), loss)
+    clocked = _clocked_poses(samples, loss, clock_offset)
+    if clocked is not None and clock_offset is not None:
+        known = np.array((clock_offset, 0.0))
+        if clocked.poses_at(known, samples.weights.size).samples < 2:
+            raise ArgumentError("clock_offset", "a time by which both recordings still overlap [s]", clock_offset)
+        if loss is None:
+            start = kind.start(clocked.poses_at(known, _START_SAMPLES), loss)
+        return clocked, *most_likely(
+            start, lambda clock, most: clocked.poses_at(clock, most).with_known_clock(), known, loss
+        )
+    if clocked is not None and poses.samples >= MIN_PIECE:
+        near = np.array((clocked.most_likely_offset(lambda trial: start.misfit(trial, loss)), 0.0))
+        first = kind.start(clocked.poses_at(near, _START_SAMPLES), loss)
+        estimate, there = most_likely(first, clocked.poses_at, near, loss)
+        noise_poses = clocked.noise_poses_at(estimate.clock, _START_SAMPLES)
+        if estimate.has_converged and shows_offset(estimate.model, there.thinned(_START_SAMPLES), noise_poses, loss):
+            return clocked, estimate, there
+    return None, *most_likely(start, lambda _, most: poses.thinned(most), np.zeros(2), loss)
+
+
+def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:
+    """Return the poses at any clock; None without instants, at a known offset of 0, and where body 2 has too few
+    samples in a row to be smoothed.
+    """
+    if samples.t is None or clock_offset == 0:
+        return None
+    if ClockedPoses.has_enough_samples(samples):
+        return ClockedPoses(samples, loss)
+    if clock_offset is not None:
+        expected = f"0, or a body 2 with at least {MIN_PIECE} samples without a gap, to be moved in time"
+        raise ArgumentError("clock_offset", expected, clock_offset)
+    return None
+
+
+def _recording_findings(
+    samples: Samples, used: NDArray[np.bool_], clocked: ClockedPoses | None, fitted: Fitted, is_hinge: bool, loss: str
+) -> list[Finding]:
+    """Return findings on the recordings beside those on the hinge: mistakes, missing samples, units."""
+    findings = []
+    if not is_hinge and not samples.is_point:
+        recorded = (samples.R1, samples.S1, samples.R2, samples.S2)
+        findings += notes("mistake", probable_mistakes(BodyPoses(*(array[used] for array in recorded))))
+        if loss == "linear":
+            findings += notes("outliers", ['Where some samples may be outliers, loss="cauchy" tells.'])
+    if not used.all():
+        ends = "" if clocked is None else ", or have no sample of body 2 at the same time"
+        text = f"{int((~used).sum())} of {used.size} samples are missing or have no weight{ends}."
+        findings += notes("missing samples", [text])
+    doubts = suspicions("distance", "R2 - R1", np.linalg.norm(fitted.poses.p, axis=0))
+    if samples.t is not None:
+        doubts += suspicions("instants", "t", samples.t)
+        findings += notes("gaps", [f"{text}." for text in gap_sentences("t", samples.t)])
+    findings += [Finding("unit", 1, 0, text) for text in doubts]
+    return findings + samples.findings(fitted.model.noise)
 
 
 def _turn_findings(psi: Float64Array, instants: NDArray[Any], good: NDArray[np.bool_]) -> list[Finding]:
@@ -496,236 +535,6 @@ def _turn_findings(psi: Float64Array, instants: NDArray[Any], good: NDArray[np.b
     most = float(rate * steps[is_gap].max(initial=0.0))
     gap = f"During a gap, the hinge may turn by {most:.2g} rad at its usual rate: whole turns there are not seen."
     return exceeded(Finding("turns", usual, 2.5, often), Finding("turns in a gap", most, np.pi, gap))
-
-
-def _find_hinge(
-    samples: Samples,
-    used: NDArray[np.bool_],
-    loss: Loss | None,
-    gauge: str,
-    clock_offset: float | None,
-    n_along: Float64Array | None,
-) -> _Found:
-    """Find the hinge of two bodies that both have attitudes."""
-    # The most likely hinge, without its bias, and its residuals.
-    poses = samples.poses(used)
-    check_turning(poses)
-    estimate, clock = _most_likely_estimate(samples, poses, loss, clock_offset)
-    if clock is not None:
-        poses, used = clock.poses_at(estimate.offset), clock.used_at(estimate.offset)
-        if clock_offset is not None:
-            poses = poses._replace(offset_derivatives=None)
-    noise = estimate.noise
-    hinge = _without_bias(poses, estimate, gauge, n_along)
-    residuals = random_part = evaluate_hinge(poses, hinge, noise, loss)
-    if not samples.knows_split:
-        residuals = _with_unknown_split(poses, hinge, noise, residuals)
-    change = result_derivatives(hinge, gauge)
-    random_covariance, covariance = (
-        change @ each.covariance[:PARAMETERS, :PARAMETERS] @ change.T for each in (random_part, residuals)
-    )
-    deviations = np.sqrt(np.diagonal(covariance)).reshape(4, 3)
-    std = dict(zip(("u1", "u2", "n", "home"), deviations, strict=True))
-    # The angle.
-    is_outlier, home = find_outliers(residuals, poses), home_of(hinge)
-    good = ~is_outlier & (residuals.weights >= _INLIER)
-    psi = _unwrap_angles(residuals.psi - home_angle(hinge, home), good)
-    findings = judge_hinge(poses, hinge, noise, residuals, is_outlier, estimate.has_converged, std)
-    psi_std = _angle_std(poses, hinge, noise, residuals.covariance)
-    if any(finding.name == "plane" for finding in findings):
-        psi_std = np.full_like(psi_std, np.inf)
-    return _Found(
-        pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home),
-        poses=poses,
-        used=used,
-        clock=clock,
-        offset=estimate.offset,
-        offset_std=_clock_offset_std(poses, residuals, clock_offset),
-        psi=psi,
-        psi_std=psi_std,
-        good=good,
-        gap=np.linalg.norm(residuals.gap, axis=0),
-        tilt=residuals.tilt,
-        weights=residuals.weights * samples.weights[used],
-        covariance=covariance,
-        noise=noise,
-        noise_std=noise_standard_deviations(poses, hinge, noise, loss),
-        findings=[
-            *findings,
-            *split_findings(random_covariance, covariance, "divides between the bodies: noise1 and noise2 tell"),
-        ],
-    )
-
-
-def _without_bias(poses: RelativePoses, estimate: Estimate, gauge: str, n_along: Float64Array | None) -> Hinge:
-    """Return the hinge, with its sign, without its bias."""
-    bias = bias_of_hinge(poses, estimate.hinge, estimate.noise)
-    return estimate.hinge.moved(-bias).balanced().signed(n_along).in_gauge(gauge)
-
-
-def _with_unknown_split(
-    poses: RelativePoses, hinge: Hinge, noise: Noise, residuals: HingeResiduals
-) -> HingeResiduals:
-    """Return the residuals with a covariance that allows for any share of body 1 in the noise of the attitudes."""
-    from_body1, from_body2 = (bias_of_hinge(poses, hinge, noise, share) for share in (1.0, 0.0))
-    spread = np.zeros(residuals.covariance.shape[0])
-    spread[:PARAMETERS] = from_body1 - from_body2
-    # The variance of a number between 0 and 1 is 1/12.
-    return residuals._replace(covariance=residuals.covariance + np.outer(spread, spread) / 12)
-
-
-def _find_circle(
-    samples: Samples,
-    used: NDArray[np.bool_],
-    loss: Loss | None,
-    gauge: str,
-    clock_offset: float | None,
-    n_along: Float64Array | None,
-) -> _Found:
-    """Find the hinge of body 1 and a point of body 2 from the circle on which the point moves."""
-    if samples.mean_noise is not None:
-        raise ArgumentError("noise1", "None, since body 2 has no attitudes", "values")
-    fitted, clock = _most_likely_circle(samples, samples.poses(used), loss, gauge, clock_offset, n_along)
-    circle, poses = fitted.circle, fitted.poses
-    used = used if clock is None else clock.used_at(fitted.offset)
-    good = ~fitted.is_outlier & (fitted.weights >= _INLIER * poses.weights)
-    u1, u2 = circle.levers(gauge)
-    return _Found(
-        pair=HingePair(u1=u1, u2=u2, n=circle.n),
-        poses=poses,
-        used=used,
-        clock=clock,
-        offset=fitted.offset,
-        offset_std=np.inf if clock is None and clock_offset is None else fitted.offset_std,
-        psi=_unwrap_angles(circle.angles(poses.p.T), good),
-        psi_std=fitted.psi_std,
-        good=good,
-        gap=np.linalg.norm(fitted.residuals, axis=1),
-        tilt=np.full(poses.samples, np.nan),
-        weights=fitted.weights * samples.weights[used].mean(),
-        covariance=fitted.covariance,
-        noise=Noise(fitted.noise**2, np.nan),
-        noise_std={},
-        findings=list(fitted.findings),
-    )
-
-
-def _most_likely_circle(
-    samples: Samples,
-    poses: RelativePoses,
-    loss: Loss | None,
-    gauge: str,
-    clock_offset: float | None,
-    n_along: Float64Array | None,
-) -> tuple[CircleFit, ClockedPoses | None]:
-    """Return the circle of a point of body 2, and the clocked poses where a clock offset is used."""
-    clock = _clocked_poses(samples, loss, clock_offset)
-    known: dict[str, Any] = {"is_body1_exact": samples.knows_split, "n_along": n_along}
-    if clock is not None and clock_offset is not None:
-        there = _poses_at_known_offset(clock, clock_offset)
-        return fit_circle(there, loss, gauge, **known)._replace(offset=clock_offset), clock
-    if clock is not None and poses.samples >= MIN_PIECE:
-        near = clock.most_likely_offset(circle_misfit)
-        fitted = fit_circle(poses, loss, gauge, clock.poses_at, near, **known)
-        if fitted.shows_offset(clock.noise_poses_at(fitted.offset)):
-            return fitted, clock
-    return fit_circle(poses, loss, gauge, **known), None
-
-
-def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:
-    """Return the poses at any clock offset; None without instants, at a known offset of 0, and where body 2 has too
-    few samples in a row to be smoothed.
-    """
-    if samples.t is None or clock_offset == 0:
-        return None
-    if ClockedPoses.has_enough_samples(samples.t, samples.known2):
-        return ClockedPoses(samples, loss)
-    if clock_offset is not None:
-        samples_text = f"at least {MIN_PIECE} samples without a gap"
-        expected = f"0, or a body 2 with {samples_text}, to be moved in time"
-        raise ArgumentError("clock_offset", expected, clock_offset)
-    return None
-
-
-def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> RelativePoses:
-    """Return the poses at an offset that the user gave, which is not estimated."""
-    there = clock.poses_at(clock_offset)._replace(offset_derivatives=None)
-    if there.samples < 2:
-        raise ArgumentError("clock_offset", "a time by which both recordings still overlap [s]", clock_offset)
-    return there
-
-
-def _missing_sample_sentences(is_used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
-    """Return a sentence that counts the samples that were not used."""
-    if is_used.all():
-        return []
-    ends = "" if clock is None else ", or have no sample of body 2 at the same time"
-    return [f"{int((~is_used).sum())} of {is_used.size} samples are missing or have no weight{ends}."]
-
-
-def _most_likely_estimate(
-    samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
-) -> tuple[Estimate, ClockedPoses | None]:
-    """Return the most likely hinge, and what gives the poses at any clock offset; None in its place if the offset is
-    0, as known or as taken where the motion does not determine it.
-    """
-    start = None if loss is None else robust_closed_form_hinge(poses)
-    clock = _clocked_poses(samples, loss, clock_offset)
-    if clock is not None and clock_offset is not None:
-        there = _poses_at_known_offset(clock, clock_offset)
-        estimate = most_likely_hinge(
-            there,
-            start or closed_form_hinge(there.thinned(_START_SAMPLES)),
-            loss,
-        )
-        return estimate._replace(offset=clock_offset), clock
-    if clock is not None:
-        near = clock.most_likely_offset(functools.partial(negative_log_likelihood_per_sample, known_hinge=start))
-        first = start or closed_form_hinge(clock.poses_at(near, _START_SAMPLES))
-        estimate = most_likely_hinge(poses, first, loss, clock.poses_at, near)
-        real, noisy = (at(estimate.offset, _START_SAMPLES) for at in (clock.poses_at, clock.noise_poses_at))
-        if estimate.has_converged and shows_offset(real, noisy, estimate, loss):
-            return estimate, clock
-    return most_likely_hinge(poses, start or closed_form_hinge(poses.thinned(_START_SAMPLES)), loss), None
-
-
-def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_offset: float | None) -> np.float64:
-    """Return the standard deviation of the clock offset [s]: 0 of a given one, inf of one that is not determined."""
-    if poses.offset_derivatives is None:
-        return np.float64(np.inf if clock_offset is None else 0.0)
-    return np.float64(np.sqrt(residuals.covariance[PARAMETERS, PARAMETERS]))
-
-
-def _angle_std(poses: RelativePoses, hinge: Hinge, noise: Noise, covariance: Float64Array) -> Float64Array:
-    """Return the standard deviations of psi [rad] (N,)."""
-    attitude = noise.attitude * (1.0 if poses.relative_noise is None else poses.relative_noise[1])
-    own = np.broadcast_to(attitude, poses.samples)
-    # The axes shift all angles alike; the clock does not.
-    parameters, slopes = [np.eye(covariance.shape[0])[:4].T @ _zero_derivatives(poses, hinge)], [np.ones(own.size)]
-    if poses.offset_derivatives is not None:
-        by_offset = [np.asarray(seen.offset_derivatives)[5] for _, seen in iterate_residuals(poses, hinge)]
-        parameters.append(np.eye(covariance.shape[0])[PARAMETERS])
-        slopes.append(np.concatenate(by_offset))
-    common = np.stack(parameters) @ covariance @ np.stack(parameters).T
-    change = np.stack(slopes)
-    return np.asarray(np.sqrt(own + np.maximum((change * (common @ change)).sum(axis=0), 0.0)))
-
-
-def _zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Array:
-    """Return the derivatives (4,) of the shift that all angles psi have in common, by two turns of n and two of m; by
-    central differences.
-    """
-    some = poses.thinned(SHIFT_SAMPLES)
-    changes = []
-    size = 1e-5  # rad
-    for step in size * np.eye(PARAMETERS)[:4]:
-        ends = []
-        for moved in (hinge.moved(step), hinge.moved(-step)):
-            turn = home_angle(moved, home_of(moved)) - home_angle(hinge, home_of(hinge))
-            turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
-            ends.append(frame_turn_angle(some, hinge, moved) - turn)
-        changes.append((ends[0] - ends[1]) / (2 * size))
-    return np.array(changes)
 
 
 def _finite_lists(value: Any) -> Any:

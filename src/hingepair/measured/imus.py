@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.findings import RANDOM_CORRELATION, RELIABLE_POINT, Finding, exceeded, is_reliable
-from hingepair.measured.hinge import Hinge, frame, home_angle, home_of, result_derivatives, sign_of, tilt_axis
-from hingepair.measured.least_squares import neighbour_correlation, score_scatter, solve_semidefinite
+from hingepair.measured.covariance import neighbour_correlation, score_scatter, solve_semidefinite
+from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable
+from hingepair.measured.hinge import Hinge, frame, home_angle, home_of, result_derivatives, sign_of, tilted
 from hingepair.measured.robust import cauchy, loss_weights
 from hingepair.measured.smoothing.spline import MIN_PIECE, inverse_bands, smooth_columns
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -39,6 +39,7 @@ _PRIOR = np.repeat((1.0, 10.0, 1.0, 1.0, 1.0, 2e-4), (4, 5, 6, 6, 1, 1))  # rad,
 _STEPS = np.repeat((1e-5, 1e-5, 1e-5, 1e-5, 1e-6, 1e-8), (4, 5, 6, 6, 1, 1))  # of derivatives
 _FEW, _SOME, _MANY = 400, 2000, 20_000  # samples of starts, of the first steps, and of the last one, at most
 _MAX_SHIFT = 0.75  # time steps by which a reading of sensor 2 may be moved along its slope
+_RELIABLE_POINT = 0.1  # standard deviation of the point, in parts of the levers, up to which it is relied on
 _UNMEASURED = 1e6  # rad: standard deviation of an angle, or a change over a gap, that nothing measures
 
 
@@ -310,14 +311,14 @@ class _Problem(NamedTuple):
         """Return the problem with a first estimate of clock, axes and levers."""
         z, none = np.array((0.0, 0.0, 1.0)), np.zeros(3)
         nowhere = np.zeros((4, 2, 0, 3))
-        problem = cls(sensors, prior, Hinge(z, z, none, none), (0.0, 0.0), (), (nowhere, nowhere))  # type: ignore[arg-type]
+        problem = cls(sensors, prior, Hinge.along(z, z, none, none), (0.0, 0.0), (), (nowhere, nowhere))  # type: ignore[arg-type]
         problem, n, m = _with_start_axes(problem.at_clock(0.0, 0.0))
         omega1, omega2 = (each[0, 0] for each in problem.gathered)
         flipped = [_sign_correlation(problem.instants, omega1, omega2, n, sign * m) for sign in (1, -1)]
         m = -m if flipped[1] > flipped[0] else m
         tried = []
         for levers in (np.zeros((2, 3)), *np.random.default_rng(0).normal(scale=0.3, size=(3, 2, 3))):
-            start = Hinge(sign_of(n) * n, sign_of(n) * m, *levers).in_gauge("closest_to_R1")
+            start = Hinge.along(sign_of(n) * n, sign_of(n) * m, *levers).in_gauge("closest_to_R1")
             some = problem._replace(hinge=start).thinned(_FEW)
             there, x, _ = some.solved(np.zeros(prior.size))
             left = there.seen(x).differences() if there.rows[0].size else np.full((3, 1), np.inf)
@@ -355,7 +356,7 @@ class _Problem(NamedTuple):
         hinge = self.hinge.moved(x[_HINGE])
         both = []
         for i, (readings, smooth, alpha) in enumerate((_moved(self.gathered[0], 0.0), self.moved_sensor2(x))):
-            axes, lever = frame(hinge[i]), hinge[2 + i]
+            axes, lever = hinge[i], hinge[2 + i]
             turning = smooth - x[_GYROSCOPES][3 * i :][:3]
             spin = turning * (turning @ lever)[:, None] - (turning**2).sum(axis=1)[:, None] * lever
             felt = readings[1] - x[_ACCELEROMETERS][3 * i :][:3] + spin + alpha @ np.asarray(skew(lever))
@@ -445,7 +446,7 @@ class _Problem(NamedTuple):
         )
         covariance = inverse @ (scatter * scale + np.eye(self.prior.size)) @ inverse
         covariance += np.eye(self.prior.size) - shown @ shown.T
-        first, second = frame(self.hinge.n), frame(self.hinge.m)
+        first, second = self.hinge.first, self.hinge.second
         levers = np.zeros(self.prior.size)
         levers[4:9] = np.concatenate((first.T @ self.hinge.u1, second[:, :2].T @ self.hinge.u2))
         shrinking = inverse @ (noise @ levers * self.prior)
@@ -510,12 +511,6 @@ def _with_start_axes(problem: _Problem) -> tuple[_Problem, Float64Array, Float64
     return problem, n, m
 
 
-def _squares_of_axes(omega1: Float64Array, omega2: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return the differences of the squared rates (M,), and their derivatives (M, 18) by n n^T and m m^T."""
-    rows = [np.einsum("ni,nj->nij", omega, omega).reshape(-1, 9) for omega in (omega1, omega2)]
-    return (omega1**2).sum(axis=1) - (omega2**2).sum(axis=1), np.concatenate((rows[0], -rows[1]), axis=1)
-
-
 def _start_axes(omega1: Float64Array, omega2: Float64Array, starts: int) -> tuple[float, Float64Array, Float64Array]:
     """Return the axes n and m across which two angular velocities (M, 3) are equally long, but for their signs, after
     the mean squared difference of these lengths.
@@ -533,16 +528,16 @@ def _start_axes(omega1: Float64Array, omega2: Float64Array, starts: int) -> tupl
     ]
     found = []
     for start in tried[:starts]:
-        n, m = start / np.linalg.norm(start, axis=1, keepdims=True)
+        frames = [frame(axis) for axis in start / np.linalg.norm(start, axis=1, keepdims=True)]
 
-        def lengths(x: Float64Array, n: Float64Array = n, m: Float64Array = m) -> Float64Array:
-            across = [
-                omega @ frame(tilt_axis(*each))[:, :2] for omega, each in ((omega1, (n, x[:2])), (omega2, (m, x[2:])))
-            ]
-            return np.asarray(np.subtract(*(np.hypot(each[:, 0], each[:, 1]) for each in across)))
+        def lengths(x: Float64Array, frames: list[Float64Array] = frames) -> Float64Array:
+            tilts = zip((omega1, omega2), frames, x.reshape(2, 2), strict=True)
+            one, other = (np.linalg.norm((omega @ tilted(*each))[:, :2], axis=1) for omega, *each in tilts)
+            return np.asarray(one - other)
 
         solution = least_squares(lengths, np.zeros(4), method="lm", ftol=1e-6, max_nfev=100)
-        found.append((2 * solution.cost / squares.size, tilt_axis(n, solution.x[:2]), tilt_axis(m, solution.x[2:])))
+        n, m = (tilted(*each)[:, 2] for each in zip(frames, solution.x.reshape(2, 2), strict=True))
+        found.append((2 * solution.cost / squares.size, n, m))
     return min(found, key=lambda each: float(each[0]))
 
 
@@ -730,7 +725,7 @@ def _hinge_findings(problem: _Problem, seen: _Seen, std: Float64Array, m_std: fl
     return exceeded(
         Finding("axis", axis, np.radians(5.0), axis_text),
         Finding("rates", rms_rate, (0.3 if turns else 0.05) * usual_rate, rate_text),
-        Finding("point", point, RELIABLE_POINT * reach, point_text),
+        Finding("point", point, _RELIABLE_POINT * reach, point_text),
         Finding("forces", 0.0 if pulls else rms_force, least, force_text),
         Finding("forces along the axis", rms_along, 0.2 * force, along_text),
     )

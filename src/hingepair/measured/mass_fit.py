@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError, nearest, quoted
 from hingepair.measured.consistency import body_units, consistent_parameters, nearest_parameters
+from hingepair.measured.covariance import neighbour_correlation, sandwich, score_scatter
 from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable, notes
-from hingepair.measured.least_squares import neighbour_correlation, sandwich, score_scatter
 from hingepair.measured.robust import LOSSES, OUTLIER, Loss, loss_weights, median_variance
 from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, inertia_matrices
 from hingepair.mechanism.mechanism import Mechanism, tree_of

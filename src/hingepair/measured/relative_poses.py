@@ -8,7 +8,8 @@ equations.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from hingepair.numeric.arrays import Float64Array, FloatArray
 from hingepair.rotations.matrices import rotation_vector
 
 FEW_SAMPLES = 300  # for what is computed for many candidates, at most
-_BLOCK = 4096  # samples that are computed at a time
+_BLOCK = 4096  # samples that are computed at a time, which fit the caches
 
 
 class RelativePoses(NamedTuple):
@@ -27,8 +28,8 @@ class RelativePoses(NamedTuple):
     Q: Float64Array  # S1^T S2, row by row; shape (9, N)
     p: Float64Array  # S1^T (R2 - R1) [m]; shape (3, N)
     size: float  # largest coordinate of either body, for what rounding leaves [m]
-    offset_derivatives: Float64Array | None = None  # of Q and p, by the clock offset [1/s, m/s]; shape (12, N)
-    relative_noise: Float64Array | None = None  # of each sample, as `Samples.relative_noise`; shape (3, N)
+    noise: Float64Array  # of each sample, as `Samples.noise`; shape (3, N)
+    by_clock: Float64Array  # of Q and p, by clock offset [1/s, m/s] and drift; shape (2, 12, N), (0, 12, N) if known
 
     @property
     def samples(self) -> int:
@@ -36,22 +37,44 @@ class RelativePoses(NamedTuple):
         return int(self.p.shape[1])
 
     @property
-    def weights(self) -> Float64Array:
-        """Inverse variances of the positions, relative to a typical one; (N,)."""
-        return np.ones(self.samples) if self.relative_noise is None else 1 / self.relative_noise[0]
+    def attitudes(self) -> Float64Array:
+        """Q as matrices (N, 3, 3)."""
+        return self.Q.T.reshape(-1, 3, 3)
+
+    def part(self, rows: Any) -> RelativePoses:
+        """Return some of the samples."""
+        own = (np.ascontiguousarray(array[..., rows]) for array in (self.Q, self.p, self.noise, self.by_clock))
+        Q, p, noise, by_clock = own
+        return RelativePoses(Q, p, self.size, noise, by_clock)
 
     def thinned(self, max_samples: int) -> RelativePoses:
         """Return every k-th sample, with the smallest k that leaves at most `max_samples`."""
         step = -(-self.samples // max_samples)
-        if step == 1:
-            return self
-        every = slice(None, None, step)
-        parts = (self.Q, self.p, self.offset_derivatives, self.relative_noise)
-        Q, p, *others = (None if part is None else np.ascontiguousarray(part[..., every]) for part in parts)
-        return RelativePoses(np.asarray(Q), np.asarray(p), self.size, *others)
+        return self if step <= 1 else self.part(slice(None, None, step))
+
+    def blocks(self) -> Iterator[RelativePoses]:
+        """Yield all samples in blocks that fit the caches."""
+        for start in range(0, self.samples, _BLOCK):
+            yield self.part(slice(start, start + _BLOCK))
+
+    def at_clock(self, change: Float64Array) -> RelativePoses:
+        """Return the poses after a small change of clock offset and drift, to first order."""
+        moved = np.einsum("c,ckn->kn", change, self.by_clock)
+        return self._replace(Q=self.Q + moved[:9], p=self.p + moved[9:])
+
+    def with_known_clock(self) -> RelativePoses:
+        """Return the poses without derivatives by the clock."""
+        return self._replace(by_clock=self.by_clock[:0])
 
 
-def compute_relative_poses(R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray) -> RelativePoses:
+def equal_noise(count: int) -> Float64Array:
+    """Return the `noise` of samples that are alike, whose bodies have equal parts (3, N)."""
+    return np.repeat(((1.0,), (1.0,), (0.5,)), count, axis=1)
+
+
+def compute_relative_poses(
+    R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray, noise: Float64Array | None = None
+) -> RelativePoses:
     """Return the poses of body 2 relative to body 1 from poses in the world, all finite."""
     count = R1.shape[0]
     Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
@@ -67,14 +90,15 @@ def compute_relative_poses(R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: F
                 Q[3 * i + j, block] = (
                     first[i] * second[j] + first[3 + i] * second[3 + j] + first[6 + i] * second[6 + j]
                 )
-    return RelativePoses(Q, p, size)
+    return RelativePoses(Q, p, size, equal_noise(count) if noise is None else noise, np.zeros((0, 12, count)))
 
 
 def closed_form_hinge(poses: RelativePoses) -> Hinge:
     """Return the least-squares hinge in closed form: the axes for which `Q m - n` is least, and for them the levers
     with the least gaps (E1). The hinge point is equally far along the axis from both bodies' reference points.
     """
-    weights = poses.weights / poses.weights.sum()
+    weights = 1 / poses.noise[0]
+    weights /= weights.sum()
     Q = (poses.Q @ weights).reshape(3, 3)
     p = poses.p @ weights
     place2 = np.array([(poses.Q[j::3] * poses.p).sum(axis=0) @ weights for j in range(3)])
@@ -83,7 +107,7 @@ def closed_form_hinge(poses: RelativePoses) -> Hinge:
     # (1 - Q^T Q) u2 = Q^T p - mean(Q^T p), across m: along it u2 is free.
     across = right[1:].T
     u2 = across @ np.linalg.lstsq(across.T @ (across - Q.T @ (Q @ across)), across.T @ (Q.T @ p - place2))[0]
-    return Hinge(n, m, p + Q @ u2, u2).balanced()
+    return Hinge.along(n, m, p + Q @ u2, u2).balanced()
 
 
 def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
@@ -91,24 +115,17 @@ def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
     of all samples and the hinges of random pairs (fixed seed): the screw that takes one relative pose to the other.
     Up to half of the samples may be outliers.
     """
-    judges = poses.thinned(FEW_SAMPLES)
-    first, second = np.random.default_rng(0).choice(poses.samples, (2, 200))
+    judges, usual = poses.thinned(FEW_SAMPLES), closed_form_hinge(poses)
+    pairs = _hinges_of_sample_pairs(poses, *np.random.default_rng(0).choice(poses.samples, (2, 200)))
     n, m, u1, u2 = (
-        np.concatenate(vectors)[:, :, None]
-        for vectors in zip(
-            [each[None] for each in closed_form_hinge(poses)],
-            _hinges_of_sample_pairs(poses, first, second),
-            strict=True,
-        )
+        np.concatenate((one[None], others))
+        for one, others in zip((usual.n, usual.m, usual.u1, usual.u2), pairs, strict=True)
     )
-    Q, p = judges.Q.reshape(3, 3, -1), judges.p
-    tilt = np.zeros((n.shape[0], judges.samples))
-    gap = np.zeros_like(tilt)
-    for i in range(3):
-        tilt += (m[..., 0] @ Q[i] - n[:, i]) ** 2
-        gap += (u1[:, i] - p[i] - u2[..., 0] @ Q[i]) ** 2
-    best = int(np.argmin(np.median(tilt, axis=-1) * np.median(gap, axis=-1)))
-    return Hinge(*(each[best, :, 0] for each in (n, m, u1, u2))).balanced()
+    Q = judges.attitudes
+    tilt = np.einsum("nij,kj->kni", Q, m) - n[:, None]
+    gap = u1[:, None] - judges.p.T - np.einsum("nij,kj->kni", Q, u2)
+    best = int(np.argmin(np.median((tilt**2).sum(-1), axis=1) * np.median((gap**2).sum(-1), axis=1)))
+    return Hinge.along(n[best], m[best], u1[best], u2[best]).balanced()
 
 
 def _hinges_of_sample_pairs(
@@ -117,7 +134,7 @@ def _hinges_of_sample_pairs(
     """Return n, m, u1 and u2, each (k, 3), of the hinges that pairs of samples determine between which body 2 turns
     by a degree or more.
     """
-    Q, Q_second = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first_indices, second_indices))
+    Q, Q_second = (poses.attitudes[rows] for rows in (first_indices, second_indices))
     turn = rotation_vector(Q_second @ np.swapaxes(Q, -1, -2))
     angle = np.linalg.norm(turn, axis=-1)
     is_turned = angle > 0.017

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.measured.likelihood import Noise
-from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
+from hingepair.measured.findings import Finding
+from hingepair.measured.hinge_model import Noise
+from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses, equal_noise
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
 from hingepair.tables.instants import increasing_seconds
@@ -26,35 +27,41 @@ class Samples(NamedTuple):
     known1: NDArray[np.bool_]  # where body 1 was recorded and has weight; shape (N,)
     known2: NDArray[np.bool_]
     weights: Float64Array  # as the user gave them; shape (N,)
-    # variances of positions and of attitudes divided by typical ones, and body 1's share of the latter; shape (3, N).
-    # None: alike for all samples and both bodies
-    relative_noise: Float64Array | None
+    # variances of positions and of attitudes divided by typical ones, and body 1's share of the latter; shape (3, N)
+    noise: Float64Array
     knows_split: bool  # whether body 1's share is known
     mean_noise: Noise | None  # the means of these variances
     is_point: bool  # whether body 2 has no attitudes
+    frozen: tuple[int, int]  # samples of either body that repeat the one before, which count as missing
 
     def poses(self, is_used: NDArray[np.bool_]) -> RelativePoses:
         """Return the relative poses of some of the samples at equal time stamps."""
         rows = slice(None) if is_used.all() else is_used
         R1, S1, R2, S2 = (array[rows] for array in (self.R1, self.S1, self.R2, self.S2))
-        poses = compute_relative_poses(R1, S1, R2, S2)
-        return poses._replace(
-            relative_noise=None if self.relative_noise is None else self.relative_noise[:, rows],
-        )
+        return compute_relative_poses(R1, S1, R2, S2, self.noise[:, rows])
 
-    def noise_suspicions(self, noise: Noise) -> list[str]:
-        """Return sentences on noise that differs from what `noise1` and `noise2` state by a factor of 1.5 or more."""
+    def findings(self, noise: Noise) -> list[Finding]:
+        """Return findings on samples that were left out, and on noise that differs from what `noise1` and `noise2`
+        state by a factor of 1.5 or more.
+        """
+        found = []
+        for body, count in enumerate(self.frozen, 1):
+            text = (
+                f"{count} samples of body {body} repeat the one before while the other body moves, as of a tracker "
+            )
+            text += "that lost it; they are left out."
+            found += [Finding("frozen", count, 0, text, harmless=True)] if count else []
         if self.mean_noise is None:
-            return []
+            return found
         ratios = {
             "Positions": np.sqrt(noise.place / self.mean_noise.place),
             "Attitudes": np.sqrt(noise.attitude / self.mean_noise.attitude),
         }
-        return [
-            f"{name} scatter {ratio:.2g} times as much as noise1 and noise2 say."
-            for name, ratio in ratios.items()
-            if not 1 / 1.5 < ratio < 1.5
-        ]
+        for name, ratio in ratios.items():
+            text = f"{name} scatter {ratio:.2g} times as much as noise1 and noise2 say."
+            size = max(ratio, 1 / ratio)
+            found += [Finding("noise", size, 1.5, text, harmless=True)] if size >= 1.5 else []
+        return found
 
 
 def checked_samples(
@@ -96,27 +103,53 @@ def checked_samples(
     for name, array in full_arrays.items():
         if not np.isfinite(array.sum()):  # one pass where nothing is missing
             known[name[1]] &= np.isfinite(array.reshape(shape[0], -1)).all(axis=-1)
-    relative_noise, mean_noise = _checked_noise(noise1, noise2, shape)
+    frozen = _frozen_samples(full_arrays)
+    for digit, rows in frozen.items():
+        known[digit] &= ~rows
+    sample_noise, mean_noise = _checked_noise(noise1, noise2, shape)
     share = 0.5
-    if not is_point and relative_noise is None:
+    if not is_point and sample_noise is None:
         share = 0.0 if _is_constant(full_arrays["S1"]) else 1.0 if _is_constant(full_arrays["S2"]) else 0.5
-    knows_split = relative_noise is not None or share != 0.5 or (is_point and _is_constant(full_arrays["S1"]))
+    knows_split = sample_noise is not None or share != 0.5 or (is_point and _is_constant(full_arrays["S1"]))
+    if sample_noise is None:
+        sample_noise = equal_noise(shape[0])
+        sample_noise[2] = share
     used = known["1"] & known["2"]
-    if (used.any() and np.ptp(sample_weights[used]) > 0) or share != 0.5:
-        if relative_noise is None:
-            relative_noise = np.stack((np.ones(shape), np.ones(shape), np.full(shape, share)))
-        relative_noise[:2] /= np.where(used, sample_weights / max(sample_weights[used].mean(), 1e-300), 1.0)
+    sample_noise[:2] /= np.where(used, sample_weights / max(sample_weights[used].mean(), 1e-300), 1.0)
     return Samples(
         t=time,
         **full_arrays,
         known1=known["1"],
         known2=known["2"],
         weights=sample_weights,
-        relative_noise=relative_noise,
+        noise=sample_noise,
         knows_split=knows_split,
         mean_noise=mean_noise,
         is_point=is_point,
+        frozen=(int(frozen["1"].sum()), int(frozen["2"].sum())),
     )
+
+
+def _frozen_samples(arrays: dict[str, NDArray[np.floating]]) -> dict[str, NDArray[np.bool_]]:
+    """Return by body which samples (N,) repeat its pose exactly, twice or more in a row, while the other body moves
+    and although it moves itself most of the time.
+    """
+    repeats = {}
+    for digit in "12":
+        same = np.ones(len(arrays[f"R{digit}"]), dtype=bool)
+        for array in (arrays[f"R{digit}"], arrays[f"S{digit}"]):
+            same[1:] &= (array[1:] == array[:-1]).reshape(same.size - 1, -1).all(axis=1)
+        same[:1] = False
+        repeats[digit] = same
+    frozen = {}
+    for digit, other in ("12", "21"):
+        held = repeats[digit] & ~repeats[other]
+        twice = held[1:] & held[:-1]
+        frozen[digit] = np.zeros_like(held)
+        if 2 * repeats[digit].sum() < repeats[digit].size:  # no body that is at rest
+            frozen[digit][1:] |= twice
+            frozen[digit][:-1] |= twice
+    return frozen
 
 
 def _is_constant(S: NDArray[np.floating]) -> bool:

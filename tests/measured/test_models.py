@@ -5,72 +5,88 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hingepair.measured.circle_model import PointModel
+from hingepair.measured.covariance import neighbour_correlation, neighbours_to_sum, sandwich
 from hingepair.measured.hinge import GAUGES, Hinge, frame, home_of, result_derivatives, sign_of
-from hingepair.measured.least_squares import neighbours_to_sum
-from hingepair.measured.likelihood import (
-    Noise,
-    SampleResiduals,
-    bias_of_hinge,
-    evaluate_hinge,
-    iterate_residuals,
-    most_likely_hinge,
-)
-from hingepair.measured.relative_poses import closed_form_hinge, compute_relative_poses
-from hingepair.measured.robust import LOSSES
+from hingepair.measured.hinge_model import BodyModel, Noise, constraints
+from hingepair.measured.most_likely import Model, evaluate, most_likely
+from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
+from hingepair.measured.robust import LOSSES, cauchy, loss_weights, median_variance
 from hingepair.rotations.matrices import rotation_log
-from support.recorded import HOME, N1, U1, U2, recording
+from support.recorded import HOME, N1, U1, U2, recording, turns
 
 NOISE = Noise(place=4e-6, attitude=9e-6)
+TRUE = Hinge.along(N1, HOME.T @ N1, U1, U2)
+STILL = np.zeros(2)  # clock offset and drift
 
 
-def seen(hinge: Hinge, radians: float = 0.0) -> SampleResiduals:
-    """What a short recording leaves."""
-    made = recording(40, radians, radians)
-    poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2)
-    return next(found for _, found in iterate_residuals(poses, hinge))
+def relative(count: int = 40, metres: float = 0.0, radians: float = 0.0, seed: int = 0) -> RelativePoses:
+    """What a short recording shows."""
+    made = recording(count, metres, radians, seed)
+    return compute_relative_poses(made.R1, made.S1, made.R2, made.S2)
 
 
-TRUE = Hinge(N1, HOME.T @ N1, U1, U2)
+def models() -> dict[str, Model]:
+    point = PointModel.start(relative(400), None)
+    return {
+        "body": BodyModel(TRUE.balanced(), NOISE),
+        "point": most_likely(point, lambda *_: relative(400), STILL, None)[0].model,
+    }
 
 
-@pytest.mark.parametrize("k", range(9))
-def test_derivatives_are_those_of_the_residuals(k: int) -> None:
-    step = 1e-6 * np.eye(9)[k]
-    high, low = (seen(TRUE.moved(sign * step)) for sign in (1, -1))
-    # the axes along the hinge move with it; to first order tilt and gap, which are 0 here, do not
-    tilts, gaps = (high.tilt - low.tilt) / 2e-6, (high.gap - low.gap) / 2e-6
-    whitened = seen(TRUE).whiten(NOISE, tilts[None], gaps[None])
-    rows = seen(TRUE).whitened_rows(NOISE)
-    assert np.abs(rows[k] - whitened[0]).max() < 1e-8 * np.abs(rows).max()
+MODELS = models()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_derivatives_are_those_of_the_residuals(name: str) -> None:
+    model, poses = MODELS[name], relative()
+    rows = model.rows_near(poses)
+    for at in (0.0, 0.02):  # where the rows begin, and near there
+        here = at * np.random.default_rng(0).normal(size=model.parameters)
+        found = rows(model.moved(here), poses)[:-1]
+        for k, step in enumerate(1e-6 * np.eye(model.parameters)):
+            high, low = (rows(model.moved(here + sign * step), poses)[-1] for sign in (1, -1))
+            assert np.abs(found[k] - (high - low) / 2e-6).max() < (1e-7 + at) * np.abs(found).max()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_angles_change_as_their_derivatives_say(name: str) -> None:
+    model, poses = MODELS[name], relative()
+    found = model.psi_derivatives(poses)
+    for k, step in enumerate(1e-6 * np.eye(model.parameters)):
+        high, low = (model.moved(sign * step).psi(poses) for sign in (1, -1))
+        change = np.angle(np.exp(1j * (high - low))) / 2e-6
+        assert np.abs(found[k] - change).max() < 1e-6 * (1 + np.abs(change).max())
 
 
 def test_sizes_are_those_of_the_covariance_that_the_module_names() -> None:
-    found = seen(TRUE, 2e-3)
+    poses = relative(40, 2e-3, 2e-3)
+    found = constraints(TRUE, poses)
     a, b = NOISE.place, NOISE.attitude / 4
     sizes = []
-    for p, arm, tilt, gap in zip(found.p.T, found.arms.T, found.tilt.T, found.gap.T, strict=True):
+    for p, arm, tilt, gap in zip(
+        found.p.T, found.arms.T, found.tilt.T, found.free_gap(found.tilt, found.gap).T, strict=True
+    ):
         w = np.cross((0, 0, 1), arm)
         C = a * np.eye(3) + b * (p @ p * np.eye(3) - np.outer(p, p)) + b * np.outer(w, w)
         sizes.append(tilt @ tilt / NOISE.attitude + gap @ np.linalg.solve(C, gap))
-    np.testing.assert_allclose(found.whitened_squares(NOISE), sizes, rtol=1e-12)
+    np.testing.assert_allclose(evaluate(BodyModel(TRUE, NOISE), poses, STILL, None).squares, sizes, rtol=1e-12)
 
 
 @pytest.mark.slow
 def test_that_covariance_is_what_noise_leaves() -> None:
     made = recording(1)
     count, rng = 50_000, np.random.default_rng(3)
-    from support.recorded import turns
-
     shape = (count, 3)
     R1, R2 = made.R1 + 1e-3 * rng.standard_normal(shape), made.R2 + 1e-3 * rng.standard_normal(shape)
     S1, S2 = (turns(2e-3 * rng.standard_normal(shape)) @ S for S in (made.S1, made.S2))
     poses = compute_relative_poses(R1, S1, R2, S2)
-    sizes = np.concatenate([found.whitened_squares(Noise(2e-6, 8e-6)) for _, found in iterate_residuals(poses, TRUE)])
+    sizes = evaluate(BodyModel(TRUE, Noise(2e-6, 8e-6)), poses, STILL, None).squares
     assert sizes.mean() == pytest.approx(5, rel=0.01)
     assert sizes.var() == pytest.approx(10, rel=0.03)
 
 
-OPPOSITE = Hinge(N1, -np.array([0.9, 2.1, -0.4]) / np.linalg.norm([0.9, 2.1, -0.4]), U1, U2)
+OPPOSITE = Hinge.along(N1, -np.array([0.9, 2.1, -0.4]) / np.linalg.norm([0.9, 2.1, -0.4]), U1, U2)
 
 
 @pytest.mark.parametrize("true", [TRUE, OPPOSITE], ids=["short way", "nearly opposite axes"])
@@ -104,7 +120,7 @@ def units(count: int, seed: int) -> np.ndarray:
 def test_home_takes_one_axis_to_the_other_and_is_a_rotation() -> None:
     for n in units(40, 1):
         for m in (*units(40, 2), n, -n):
-            home = home_of(Hinge(n, m, U1, U2))
+            home = home_of(Hinge.along(n, m, U1, U2))
             assert np.abs(home @ m - n).max() < 4e-15
             assert np.abs(home.T @ home - np.eye(3)).max() < 4e-15
             assert np.linalg.det(home) == pytest.approx(1, abs=4e-15)
@@ -115,8 +131,8 @@ def test_home_is_the_short_way_unless_the_axes_are_nearly_opposite() -> None:
     for n in units(40, 1):
         for m in units(40, 2):
             if n @ m > -0.9:
-                assert np.trace(home_of(Hinge(n, m, U1, U2))) == pytest.approx(1 + 2 * (n @ m), abs=1e-14)
-        assert np.abs(home_of(Hinge(n, n, U1, U2)) - np.eye(3)).max() < 1e-15
+                assert np.trace(home_of(Hinge.along(n, m, U1, U2))) == pytest.approx(1 + 2 * (n @ m), abs=1e-14)
+        assert np.abs(home_of(Hinge.along(n, n, U1, U2)) - np.eye(3)).max() < 1e-15
 
 
 def test_home_of_opposite_axes_hardly_moves_with_them() -> None:
@@ -127,8 +143,8 @@ def test_home_of_opposite_axes_hardly_moves_with_them() -> None:
             continue  # another half turn begins there
         near, far = (np.asarray(x) + 1e-6 * rng.normal(size=3) for x in (n, -n))
         turn = (
-            home_of(Hinge(near / np.linalg.norm(near), far / np.linalg.norm(far), U1, U2))
-            @ home_of(Hinge(n, -n, U1, U2)).T
+            home_of(Hinge.along(near / np.linalg.norm(near), far / np.linalg.norm(far), U1, U2))
+            @ home_of(Hinge.along(n, -n, U1, U2)).T
         )
         assert np.abs(rotation_log(turn)).max() < 2e-5
 
@@ -142,36 +158,31 @@ def test_noise_does_not_decide_the_sign_of_usual_axes(axis: tuple[float, ...]) -
 
 
 def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:
-    made = recording(400, 1e-5, 2e-2)
-    poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2)
-    best, noise, still, *_ = most_likely_hinge(poses, closed_form_hinge(poses), None)
-    scatter = np.sqrt(np.diagonal(evaluate_hinge(poses, best, noise, None).covariance))
-
-    def misfit(hinge: Hinge) -> float:
-        return sum(found.whitened_squares(noise).sum() for _, found in iterate_residuals(poses, hinge))
-
-    least = misfit(best)
-    assert still
-    for k in range(9):
+    poses = relative(400, 1e-5, 2e-2)
+    found, _ = most_likely(BodyModel.start(poses, None), lambda *_: poses, STILL, None)
+    seen = evaluate(found.model, poses, STILL, None)
+    rows = found.model.rows_near(poses)
+    assert found.has_converged
+    for k, std in enumerate(np.sqrt(np.diagonal(seen.covariance[0]))):
         for sign in (1, -1):
-            assert misfit(best.moved(sign * 0.4 * scatter[k] * np.eye(9)[k]).balanced()) > least
+            near = found.model.moved(sign * 0.4 * std * np.eye(9)[k])
+            assert (rows(near, poses)[-1] ** 2).sum() > seen.squares.sum()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_the_bias_of_rough_attitudes_is_taken_off(seed: int) -> None:
     """Rotations that are off at random are on average no rotations: levers come out short, by seven deviations."""
-    made = recording(40_000, 1e-3, 4e-2, seed=seed)
-    poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2)
-    rough, noise, *_ = most_likely_hinge(poses, closed_form_hinge(poses), None)
-    better = rough.moved(-bias_of_hinge(poses, rough, noise))
-    change = result_derivatives(rough, "closest_to_R1")
-    deviations = np.sqrt(np.diagonal(change @ evaluate_hinge(poses, rough, noise, None).covariance @ change.T))[:6]
+    poses = relative(40_000, 1e-3, 4e-2, seed)
+    found, _ = most_likely(BodyModel.start(poses, None), lambda _, most: poses.thinned(most), STILL, None)
+    change = result_derivatives(found.model.hinge, "closest_to_R1")
+    covariance = evaluate(found.model, poses, STILL, None).covariance[0]
+    deviations = np.sqrt(np.diagonal(change @ covariance @ change.T))[:6]
     true = TRUE.in_gauge("closest_to_R1")
     off = []
-    for hinge in (rough, better):
-        found = hinge.in_gauge("closest_to_R1")
-        off.append(np.abs(np.concatenate((found.u1 - true.u1, found.u2 - true.u2)) / deviations).max())
+    for model in (found.model, found.model.moved(-found.model.bias(poses))):
+        hinge = model.hinge.in_gauge("closest_to_R1")
+        off.append(np.abs(np.concatenate((hinge.u1 - true.u1, hinge.u2 - true.u2)) / deviations).max())
     assert off[0] > 5
     assert off[1] < 5
     assert off[1] < off[0] / 2
@@ -227,3 +238,42 @@ def test_few_scores_are_not_added_up() -> None:
     assert neighbours_to_sum(autoregressive(30, 1e-3, 2)) == (1, 0)
     assert neighbours_to_sum(autoregressive(100, 30.0, 2)) == (1, 1)
     assert neighbours_to_sum(np.zeros((2, 500))) == (1, 0)
+
+
+def test_the_covariance_of_a_mean_is_that_of_its_noise() -> None:
+    noise = 0.3 * np.random.default_rng(1).standard_normal((1, 20_000))
+    inverse = np.array([[1 / noise.size]])
+    assert sandwich(inverse, noise)[0][0, 0] == pytest.approx(0.09 / noise.size, rel=0.05)
+    assert sandwich(inverse, noise, prior=0.09 * noise.size)[0][0, 0] == pytest.approx(0.18 / noise.size, rel=0.05)
+    # A sample tells less of itself than of others.
+    few = np.array([[1.0, -1.0]])
+    assert sandwich(np.array([[0.5]]), few)[0][0, 0] == pytest.approx(1.0)
+
+
+def test_neighbours_are_compared_row_by_row() -> None:
+    alternating, slow = np.tile((1.0, -1.0), 50), np.repeat((1.0, -1.0), 50)
+    assert neighbour_correlation(alternating) == pytest.approx(-0.99)
+    assert neighbour_correlation(np.stack((alternating, slow))) == pytest.approx(0.97)
+    assert neighbour_correlation(alternating, lag=2) == pytest.approx(0.98)
+    assert neighbour_correlation(np.zeros(5)) == neighbour_correlation(np.ones(1)) == 0
+
+
+@pytest.mark.parametrize("name", [name for name, loss in LOSSES.items() if loss is not None])
+def test_derivatives_of_weights_are_those_of_the_weights(name: str) -> None:
+    squares = np.array([0.1, 2.0, 30.0, 200.0])
+    for freedom in (1, 2, 3, 5):
+        weights, change = loss_weights(LOSSES[name], squares, freedom)
+        high, low = (loss_weights(LOSSES[name], squares * (1 + h), freedom)[0] for h in (1e-6, -1e-6))
+        np.testing.assert_allclose(change, (high - low) / (2e-6 * squares), rtol=1e-6, atol=1e-12)
+        assert (np.diff(weights) <= 0).all()
+        assert weights[0] == pytest.approx(1, abs=0.05)
+
+
+def test_gross_outliers_have_no_weight_and_medians_do_not_see_them() -> None:
+    rng = np.random.default_rng(2)
+    squares = (rng.standard_normal((20_000, 3)) ** 2).sum(axis=1)
+    squares[:2000] = 1e6
+    assert loss_weights(cauchy, np.array([899.0, 901.0]), 3)[0].tolist() == [pytest.approx(7.81 / 906.81), 0.0]
+    assert loss_weights(None, squares, 3)[0].min() == 1.0
+    assert median_variance(squares[2000:], 3) == pytest.approx(1, rel=0.03)
+    assert median_variance(squares, 3) < 1.2

@@ -1,65 +1,12 @@
-"""Least squares on tangent spaces, and covariances that hold where the noise is not as the weights suppose."""
+"""Covariances of least squares that hold where the noise is not as the weights suppose."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
 
-State = TypeVar("State")
-
 _MIN_SUMS = 40  # of neighbouring scores, from which a covariance is taken
-
-
-class Equations(NamedTuple):
-    """The normal equations of a Gauss-Newton step."""
-
-    normal: Float64Array  # J^T J; (k, k)
-    gradient: Float64Array  # J^T r; (k,)
-    cost: float = 0.0  # r^T r; only damped steps need it
-
-
-def least_squares(
-    start: State,
-    equations: Callable[[State], Equations],
-    move: Callable[[State, Float64Array], tuple[State, Float64Array]],
-    at_rest: Callable[[Float64Array, Equations, State], bool],
-    max_steps: int,
-    *,
-    damped: bool = False,
-) -> tuple[State, bool]:
-    """Return the state of least squares that steps reach from `start`, and whether they came to rest.
-
-    Args:
-        start: the first state, a point of a manifold with whatever belongs to it (noise, samples).
-        equations: returns the normal equations at a state, in its tangent space.
-        move: returns the state after a step, and the step, which it may have shortened.
-        at_rest: takes a step, the equations before it and the state after it.
-        max_steps: largest number of steps.
-        damped: whether the cost is comparable from state to state; steps that raise it are then shortened
-            (Levenberg, Marquardt).
-    """
-    state, here, damping = start, equations(start), 1e-3 if damped else 0.0
-    for _ in range(max_steps):
-        # Gauss-Newton step; damping turns it towards the gradient.
-        step = -solve_semidefinite(here.normal + damping * np.diag(np.diagonal(here.normal)), here.gradient)
-        moved, step = move(state, step)
-        there = equations(moved) if damped else None
-        # Uphill: a shorter step.
-        if there is not None and not there.cost <= here.cost:
-            damping *= 10
-            if damping > 1e12:
-                break
-            continue
-        # At rest, or nothing gained?
-        if at_rest(step, here, moved) or (there is not None and here.cost - there.cost < 1e-15 * here.cost):
-            return moved, True
-        state, damping = moved, damping / 10
-        here = equations(moved) if there is None else there
-    return state, False
 
 
 def solve_semidefinite(matrix: Float64Array, right_hand_side: Float64Array) -> Float64Array:

@@ -1,0 +1,279 @@
+"""The most likely hinge of a recording, by rounds of least squares (SciPy), and how well it is known.
+
+A model says what its constraints leave of each sample, whitened: divided by the deviations that its noise gives it.
+There are two: a body 2 with attitudes (`hinge_model`), and a point of it (`circle_model`). Each round estimates the
+noise and the weights of the samples, and moves model and clock to the least squares for these. The rounds use some
+thousand samples; a last step of Gauss and Newton uses all.
+"""
+
+from __future__ import annotations
+
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
+
+import numpy as np
+
+from hingepair.measured.covariance import sandwich, solve_semidefinite
+from hingepair.measured.relative_poses import FEW_SAMPLES, RelativePoses
+from hingepair.measured.robust import Loss, loss_weights
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.numeric.arrays import Float64Array
+from hingepair.rotations.matrices import rotation_exp
+
+_SOME = 4096  # samples of the rounds, at most
+_MAX_ROUNDS = 60
+_AT_REST = 0.02  # standard deviations; shorter steps are the last
+_SMALL = 1e-6  # rad, s, and parts of the size of the places; likewise: the last step with all samples squares it
+_DRIFT = 2e-4  # expected clock drift [s/s], that of crystals
+_MIN_CLOCK_GAIN = 10.0  # information on the clock offset over that of noise alone; below, motion does not show it
+_MAX_CLOCK_STD = 0.1  # [s]: nor if it is known less well
+
+PosesAt = Callable[[Float64Array, int], RelativePoses]
+"""Function of clock offset and drift (2,), and of how many samples are needed at most."""
+Rows = Callable[[Any, RelativePoses], Float64Array]
+"""Function of a model and poses that returns whitened rows (parameters + clock + 1, components, N): the derivatives
+of the residuals by each unknown, and the residuals as the last row."""
+
+
+class Model(ABC):
+    """A hinge and its noise."""
+
+    __slots__ = ()
+    parameters: ClassVar[int]  # numbers of a step
+    angles: ClassVar[int]  # how many of these, the first, are in rad; the others are in m
+    components: ClassVar[int]  # residuals of a sample
+    unknown_split: ClassVar[str]  # end of the sentence on noise whose parts are not known
+
+    @classmethod
+    @abstractmethod
+    def start(cls, poses: RelativePoses, loss: Loss | None, /) -> Self:
+        """Return a first estimate."""
+
+    @abstractmethod
+    def misfit(self, poses: RelativePoses, loss: Loss | None, /) -> float:
+        """Return the negative log-likelihood per sample of poses at another clock, but for a constant."""
+
+    @abstractmethod
+    def moved(self, step: Float64Array) -> Self:
+        """Return the model after a step of its parameters."""
+
+    @abstractmethod
+    def settled(self, gauge: str, n_along: Float64Array | None, /) -> Self:
+        """Return the model with the sign of n and the hinge point that the rules choose."""
+
+    @abstractmethod
+    def with_noise(self, poses: RelativePoses, loss: Loss | None) -> Self:
+        """Return the model with the noise that the residuals show: with a loss, that of most samples."""
+
+    @abstractmethod
+    def rows_near(self, poses: RelativePoses) -> Rows:
+        """Return the function that gives the rows of models near this one, whitened as of this one."""
+
+    @abstractmethod
+    def exact(self, poses: RelativePoses) -> tuple[Float64Array, Float64Array]:
+        """Return the relative attitudes (N, 3, 3) and places (N, 3) nearest to the samples that the model allows."""
+
+    @abstractmethod
+    def bias(self, poses: RelativePoses) -> Float64Array:
+        """Return the bias of the parameters by noise, as a step."""
+
+    @abstractmethod
+    def doubt(self, poses: RelativePoses) -> Float64Array:
+        """Return by how much the parameters are off, all alike, since it is not known whose attitudes are noisy."""
+
+    @abstractmethod
+    def pair(self, gauge: str, /) -> HingePair:
+        """Return the pair, with the hinge point that the gauge names."""
+
+    @abstractmethod
+    def result_derivatives(self, gauge: str) -> Float64Array:
+        """Return the derivatives of u1, u2, n and the rotation vector of home by the parameters; (12, k)."""
+
+    @abstractmethod
+    def psi(self, poses: RelativePoses) -> Float64Array:
+        """Return the hinge angles [rad] (N,), with jumps by 2 pi."""
+
+    @abstractmethod
+    def psi_derivatives(self, poses: RelativePoses) -> Float64Array:
+        """Return the derivatives of psi by the parameters and the clock; (k, N)."""
+
+    @abstractmethod
+    def psi_variances(self, poses: RelativePoses, doubt: Float64Array, /) -> Float64Array:
+        """Return the variances of psi [rad^2] by the noise of each sample alone; (N,)."""
+
+    @abstractmethod
+    def gap_and_tilt(self, poses: RelativePoses) -> tuple[Float64Array, Float64Array]:
+        """Return what is left of the samples, lengths (., N) [m] and the angle between the axes (N,) [rad]."""
+
+    def noise_std(self, _poses: RelativePoses, _loss: Loss | None, /) -> dict[str, np.float64]:
+        """Return how well the noise is known, by the names of `HingeFit.std`, where that is computed."""
+        return {}
+
+
+ModelT = TypeVar("ModelT", bound=Model)
+
+
+class Estimate(NamedTuple, Generic[ModelT]):
+    """The most likely model."""
+
+    model: ModelT
+    clock: Float64Array  # offset of body 2's clock [s] in the middle of the recording, and drift; (2,)
+    has_converged: bool  # whether the rounds came to rest
+
+
+class Evaluation(NamedTuple):
+    """What a model leaves of N samples, and what that tells of its parameters and the clock, k together."""
+
+    whitened: Float64Array  # residuals; (components, N)
+    weights: Float64Array  # of the loss alone; (N,)
+    normal: Float64Array  # J^T W J; (k, k)
+    gradient: Float64Array  # J^T W r; (k,)
+    slope: Float64Array  # derivative of the gradient; (k, k)
+    scores: Float64Array  # weighted J^T r of each sample; (k, N)
+    prior: Float64Array  # precisions of the unknowns before the recording; (k,)
+
+    @property
+    def squares(self) -> Float64Array:
+        """Squares of the whitened residuals, summed over the components (N,)."""
+        return np.asarray((self.whitened**2).sum(axis=0))
+
+    @property
+    def covariance(self) -> tuple[Float64Array, int]:
+        """Covariance (k, k) of the unknowns, and the lag of `sandwich`."""
+        inverse = solve_semidefinite(self.slope, np.eye(self.slope.shape[0]))
+        return sandwich(inverse, self.scores, self.whitened.shape[0], np.diag(self.prior))
+
+
+def most_likely(
+    start: ModelT, poses_at: PosesAt, clock: Float64Array, loss: Loss | None
+) -> tuple[Estimate[ModelT], RelativePoses]:
+    """Return the most likely model near `start` and `clock`, and the poses of all samples at its clock."""
+    model, has_converged = start, False
+    for _ in range(_MAX_ROUNDS):
+        poses = poses_at(clock, _SOME)
+        model = model.with_noise(poses, loss)
+        normal, step = _least_squares_step(model, poses, clock, loss)
+        model, clock = model.moved(step[: model.parameters]), clock + _of_clock(model, step)
+        scales = np.ones(step.size)
+        scales[model.angles : model.parameters] = max(poses.size, 1e-300)
+        if step @ normal @ step < _AT_REST**2 or (np.abs(step) < _SMALL * scales).all():
+            has_converged = True
+            break
+    # A last step with all samples.
+    poses = poses_at(clock, sys.maxsize)
+    seen = evaluate(model, poses, clock, loss)
+    step = -solve_semidefinite(seen.slope, seen.gradient)
+    model, change = model.moved(step[: model.parameters]), _of_clock(model, step)
+    if change.any():
+        clock = clock + change
+        poses = poses_at(clock, sys.maxsize)
+    return Estimate(model, clock, has_converged), poses
+
+
+def _of_clock(model: Model, step: Float64Array) -> Float64Array:
+    """Return the part of a step that belongs to the clock, zeros where it is known; (2,)."""
+    change = np.zeros(2)
+    change[: step.size - model.parameters] = step[model.parameters :]
+    return change
+
+
+def _drift_prior(model: Model, poses: RelativePoses) -> Float64Array:
+    """Return the prior precisions of the unknowns: only the clock drift has one, where the clock is sought."""
+    precisions = np.zeros(model.parameters + len(poses.by_clock))
+    precisions[model.parameters + 1 :] = _DRIFT**-2.0
+    return precisions
+
+
+def _least_squares_step(
+    model: ModelT, poses: RelativePoses, clock: Float64Array, loss: Loss | None
+) -> tuple[Float64Array, Float64Array]:
+    """Return the normal matrix here, and the step of all unknowns to the least squares, weights and noise held."""
+    from scipy.optimize import least_squares
+
+    rows_near, k = model.rows_near(poses), model.parameters
+    precision = np.sqrt(_drift_prior(model, poses))
+    before = np.concatenate((np.zeros(k), clock))[: precision.size]
+    squares = (rows_near(model, poses)[-1] ** 2).sum(axis=0)
+    root = np.sqrt(loss_weights(loss, squares, model.components)[0])
+
+    def rows(x: Float64Array) -> Float64Array:
+        moved = (root * rows_near(model.moved(x[:k]), poses.at_clock(x[k:]))).reshape(x.size + 1, -1)
+        return np.hstack((moved, np.vstack((np.diag(precision), precision * (before + x)))))
+
+    zero = np.zeros(precision.size)
+    J = rows(zero)[:-1]
+    found = least_squares(
+        lambda x: rows(x)[-1], zero, lambda x: rows(x)[:-1].T, method="lm", x_scale="jac", ftol=1e-9, max_nfev=200
+    )
+    return J @ J.T, np.asarray(found.x)
+
+
+def evaluate(model: Model, poses: RelativePoses, clock: Float64Array, loss: Loss | None) -> Evaluation:
+    """Return what a model leaves of all samples."""
+    prior = _drift_prior(model, poses)
+    slope, normal = np.diag(prior), np.diag(prior)
+    residuals, weights, scores = [], [], []
+    for block in poses.blocks():
+        rows = model.rows_near(block)(model, block)
+        weight, bend = loss_weights(loss, (rows[-1] ** 2).sum(axis=0), model.components)
+        score = np.einsum("kri,ri->ki", rows[:-1], rows[-1])
+        J = (rows[:-1] * np.sqrt(weight)).reshape(prior.size, -1)
+        normal = normal + J @ J.T
+        slope = slope + J @ J.T + 2 * (score * bend) @ score.T
+        residuals.append(rows[-1])
+        weights.append(weight)
+        scores.append(weight * score)
+    all_scores = np.concatenate(scores, axis=1)
+    gradient = all_scores.sum(axis=1) + prior * np.concatenate((np.zeros(model.parameters), clock))[: prior.size]
+    return Evaluation(
+        whitened=np.concatenate(residuals, axis=1),
+        weights=np.concatenate(weights),
+        normal=normal,
+        gradient=gradient,
+        slope=slope,
+        scores=all_scores,
+        prior=prior,
+    )
+
+
+def shows_offset(model: Model, poses: RelativePoses, noise_poses: RelativePoses, loss: Loss | None) -> bool:
+    """Return whether the motion determines the clock offset beside all other unknowns: far better than derivatives
+    that are noise alone, those of `noise_poses`, would.
+    """
+    real, noise = (evaluate(model, each, np.zeros(2), loss).normal for each in (poses, noise_poses))
+    k = model.parameters
+    others = np.delete(np.arange(real.shape[0]), k)
+    shown = real[k, k] - real[k, others] @ solve_semidefinite(real[np.ix_(others, others)], real[others, k])
+    return bool(shown > _MIN_CLOCK_GAIN * noise[k, k] and shown * _MAX_CLOCK_STD**2 > 1)
+
+
+def noise_bias(model: Model, poses: RelativePoses, variances: Float64Array) -> Float64Array:
+    """Return the bias (estimate less truth) of the parameters, as a step. It goes as the variance of the noise and
+    does not decrease with the number of samples: a rotation that is off at random is on average a shorter matrix, so
+    levers come out short.
+
+    Args:
+        model: the most likely one.
+        poses: the samples.
+        variances: of the place [m^2], and of the attitudes of body 1 and of body 2 [rad^2]; (3, N).
+    """
+    # The mean of the gradients at the exact poses, each coordinate of noise once up and once down.
+    every = -(-poses.samples // FEW_SAMPLES)
+    thin = poses.thinned(FEW_SAMPLES).with_known_clock()
+    place, turn1, turn2 = np.sqrt(variances[:, ::every])[..., None]
+    Q, p = model.exact(thin)
+    noisy = []
+    for axis in np.concatenate((np.eye(3), -np.eye(3))):
+        about1, about2 = (np.asarray(rotation_exp(size * axis)) for size in (turn1, turn2))
+        noisy += [(about2 @ Q, p), (Q, p + place * axis), (about1 @ Q, np.einsum("nij,nj->ni", about1, p))]
+    around = RelativePoses(
+        np.concatenate([each[0].reshape(-1, 9) for each in noisy]).T,
+        np.concatenate([each[1] for each in noisy]).T,
+        poses.size,
+        np.tile(thin.noise, len(noisy)),
+        np.zeros((0, 12, len(noisy) * thin.samples)),
+    )
+    seen = evaluate(model, around, np.zeros(2), None)
+    return -solve_semidefinite(seen.normal / len(noisy), seen.gradient / 2)
