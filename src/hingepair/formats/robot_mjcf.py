@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError
+from hingepair.formats.mjcf_linkages import add_linkages, linkage_frames
 from hingepair.formats.mjcf_meshes import MjcfMeshes
 from hingepair.formats.robot_writer import is_here
 from hingepair.formats.shape_writers import unread_sentences
@@ -80,12 +81,14 @@ def robot_to_mjcf(
         bodies.append(_add_body(bodies[joint.parent], tree, number, joint.body, drawn, seats[0]))
         for one, seat in zip(reversed(chain), reversed(seats[1:]), strict=True):
             insert_mjcf_joint(bodies[number], one, f"joint {one.name!r}", seat)
-    followers = [joint for joint in tree.joints if joint.mimic is not None]
-    equality = add_element(root, "equality") if followers else root
-    for joint in followers:
+    equality = ET.Element("equality")
+    for joint in tree.joints:
         if (rule := joint.mimic) is not None:
             leader, curve = tree.joints[rule.leader - 1].name, (rule.offset, rule.multiplier, 0, 0, 0)
             add_element(equality, "joint", joint1=joint.name, joint2=leader, polycoef=curve)
+    sentences = [*sentences, *add_linkages(root, equality, bodies, tree, base, pose)]
+    if len(equality):
+        root.append(equality)
     masses = _mass_sentences(tree, bodies, moves=moves)
     return document(root, [*sentences, *masses, *drawn.sentences, *unread_sentences(tree)])
 
@@ -94,7 +97,8 @@ def _is_between_joints(tree: Tree, number: int) -> bool:
     """Return whether a body is nothing but the place between two joints, which MJCF has as joints of one body."""
     masses = tree.joints[number - 1].body
     carried = [joint for joint in tree.joints if joint.parent == number]
-    named = any(frame.body == number for frame in (*tree.links.values(), *tree.frames.values()))
+    frames = (*tree.links.values(), *tree.frames.values(), *linkage_frames(tree))
+    named = any(frame.body == number for frame in frames)
     drawn = bool(tree.drawings) and bool(tree.drawings[number].shapes)
     return len(carried) == 1 and not (masses.mass or masses.inertia.any() or named or drawn)
 

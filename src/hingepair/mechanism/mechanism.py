@@ -216,8 +216,13 @@ class Mechanism(MechanismMethods):
         joints, sites as frames, and a free joint of the only body of the world that moves, which is the base. Without
         it, the base is the world. q is MuJoCo's qpos of the joints in its order, without mimic joints. What has no
         name is `joint1`, `body2` and so on; a site with the name of a body or a joint gets "_" behind it. Not read
-        are shapes and contacts, actuators, tendons, other equalities, gravity compensation, the medium, loads of the
-        free joint and bodies that stand beside it; a DynamicsWarning names those that the model has.
+        are shapes and contacts, actuators, other tendons and equalities, gravity compensation, the medium, loads of
+        the free joint and bodies that stand beside it; a DynamicsWarning names those that the model has.
+
+        Equalities `connect` and `weld` close loops (`closed`), and q is then of the joints that determine the others,
+        those near the base; `robot.opened()` has all joints in q. A tendon straight from one site to another is a
+        strut, and an equality of its length a loop of the kind "distance". Loops are assembled near qpos0 or else a
+        keyframe.
 
         Args:
             model: path of a file, its text (which starts with "<"), or a mujoco.MjModel.

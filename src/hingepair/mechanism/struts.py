@@ -85,7 +85,7 @@ def add_strut(
     function = force if callable(force) else None
     law = _law(None if callable(force) else force, stiffness, free_length, damping)
     ends_of_stroke = _limits(limits, force, free_length)
-    law = _with_stops(law, ends_of_stroke, number_not_below_0("stop_stiffness", stop_stiffness))
+    law = with_stops(law, ends_of_stroke, number_not_below_0("stop_stiffness", stop_stiffness))
     strut = TreeStrut(name, ends, (frames[0], frames[1]), law, ends_of_stroke, function)
     return replace(tree, struts=(*tree.struts, strut), source=None)
 
@@ -102,7 +102,7 @@ def _limits(limits: ArrayLike | None, force: Any, free_length: float | None) -> 
     return -math.inf, math.inf
 
 
-def _with_stops(law: Law, limits: tuple[float, float], stiffness: float) -> Law:
+def with_stops(law: Law, limits: tuple[float, float], stiffness: float) -> Law:
     """Return a law with elastic stops at both ends of the stroke."""
     if not stiffness:
         return law

@@ -240,7 +240,7 @@ def _tree(links: dict[str, LinkRecord], joints: Sequence[JointRecord]) -> tuple[
                 raise URDFError(f"joint {joint.name!r}", expected, quoted(name) if name else "none")
         other = carriers.setdefault(joint.child, joint)
         if other is not joint:
-            expected = f"to be the one joint that carries the link {joint.child!r}"
+            expected = f"to be the one joint that carries the link {joint.child!r}; {_how_to_close(joint)}"
             raise URDFError(f"joint {joint.name!r}", expected, f"{other.name!r} too")
         carried[joint.parent].append(joint)
     roots = [name for name in links if name not in carriers]
@@ -259,8 +259,18 @@ def _tree(links: dict[str, LinkRecord], joints: Sequence[JointRecord]) -> tuple[
     if len(ordered) < len(joints):
         reached = {joint.name for joint in ordered}
         left = next(joint for joint in joints if joint.name not in reached)
-        raise URDFError(f"joint {left.name!r}", "a tree of links", f"a circle through {left.child!r}")
+        expected = f"a tree of links; {_how_to_close(left)}"
+        raise URDFError(f"joint {left.name!r}", expected, f"a circle through {left.child!r}")
     return roots[0], tuple(ordered)
+
+
+def _how_to_close(joint: JointRecord) -> str:
+    """Return what to do with a joint that closes a loop."""
+    frame = f"robot.with_frame({joint.name!r}, {joint.parent!r}, R=...)"
+    return (
+        f"URDF has no closed loops: leave the joint out, and close the robot by {frame}.closed("
+        f"hp.Loop({joint.name!r}, {joint.child!r}, kind='hinge', axis=...))"
+    )
 
 
 # ---- numbers

@@ -17,6 +17,7 @@ from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import LinkDrawing
 from hingepair.mechanism.building.folding import JointPart, chosen_base, displaced, fold_parts, unused_name
+from hingepair.mechanism.building.mujoco_linkages import read_loops, read_struts, with_linkages
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Tree
@@ -34,9 +35,10 @@ _FREE, _TYPE_NAMES = 0, ("free", "ball", "slide", "hinge")
 
 def tree_of_mjcf(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
     """Return the tree of a model in MJCF, and the kind of its base, as `Mechanism.from_mjcf` describes."""
-    name, own, parts = _Reader(_compiled(model)).parts()
+    reader = _Reader(_compiled(model))
+    name, own, parts = reader.parts()
     chosen = chosen_base(base, own)
-    return fold_parts(name, parts, chosen, locked), chosen
+    return reader.with_linkages(fold_parts(name, parts, chosen, locked)), chosen
 
 
 def _compiled(model: Any) -> Any:
@@ -73,7 +75,13 @@ class _Reader:
         named = [name for k, name in enumerate(self._joint_names) if model.jnt_type[k] != _FREE]
         frames = {*named, *self._body_names}
         self._site_names = _names(model.site, model.nsite, "site", frames)
-        self._rules, self._unread_rules = self._mimic_rules()
+        self._rules = self._mimic_rules()
+        equalities, tendons = (
+            _names(of, count, kind, frames)
+            for of, count, kind in ((model.equality, model.neq, "equality"), (model.tendon, model.ntendon, "tendon"))
+        )
+        self._struts = read_struts(model, tendons, self._site_names)
+        self._loops = [*read_loops(model, equalities, self._site_names, self._struts)]
 
     def parts(self) -> tuple[str, Literal["fixed", "free"], list[JointPart]]:
         """Return the name of the model, the kind of the base and the parts."""
@@ -95,8 +103,23 @@ class _Reader:
             for site in np.flatnonzero(model.site_bodyid == body).tolist():
                 own = _pose(model.site_pos[site], model.site_quat[site])
                 parts[number].frames[self._site_names[site]] = pose.placed(own)
+            for end in (end for loop in self._loops for end in loop.ends):
+                if end.body == body:
+                    parts[number].frames[end.name] = pose.placed(_pose(end.position, end.quat_wxyz))
         self._warn()
         return self._title(), ("free" if root else "fixed"), [part.made() for part in parts]
+
+    def with_linkages(self, tree: Tree) -> Tree:
+        """Return a tree with the struts of the model, and with its loops closed near qpos0 or a keyframe."""
+        model, title = self._model, self._title()
+        positions = [
+            {name: float(qpos[model.jnt_qposadr[joint]]) for joint, name in enumerate(self._joint_names)}
+            for qpos in (model.qpos0, *model.key_qpos)
+        ]
+        return with_linkages(
+            tree, model, self._loops, [*self._struts.values()], positions,
+            lambda message: warn_of_dynamics(f"{title}: {message}"),
+        )  # fmt: skip
 
     def _title(self) -> str:
         return self._model.names[: self._model.names.index(b"\0")].decode() or "model"
@@ -147,8 +170,8 @@ class _Reader:
         seat = part.pose.placed(displaced(part, -float(model.qpos0[at])))
         return replace(part, mimic=self._rules.get(joint), pose=seat)
 
-    def _mimic_rules(self) -> tuple[dict[int, MimicRecord], int]:
-        """Return the rules by which joints follow others, and how many equalities are none.
+    def _mimic_rules(self) -> dict[int, MimicRecord]:
+        """Return the rules by which joints follow others.
 
         An equality of two joints, of which one follows another already, makes that other one follow instead.
         """
@@ -169,14 +192,14 @@ class _Reader:
             if joint not in leaders and last != joint:
                 leaders[joint] = leader
                 rules[joint] = MimicRecord(self._joint_names[leader], factor, offset)
-        return rules, model.neq - len(rules)
+        return rules
 
     def _warn(self) -> None:
         """Issue a DynamicsWarning that names what acts in MuJoCo and is not read."""
         model = self._model
         left_out = [f"{count} {noun}" for count, noun in (
-            (self._unread_rules, "equality constraints"),
-            (model.ntendon, "tendons"), (model.nu, "actuators"),
+            (model.neq - len(self._rules) - len(self._loops), "equality constraints"),
+            (model.ntendon - len(self._struts), "tendons"), (model.nu, "actuators"),
             (np.count_nonzero(model.body_gravcomp), "bodies with gravity compensation"),
             (np.count_nonzero(getattr(model, "dof_dampingpoly", ())), "damping polynomials"),
             (np.count_nonzero(getattr(model, "jnt_stiffnesspoly", ())), "stiffness polynomials"),
