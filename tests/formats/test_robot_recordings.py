@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.formats.robot_recordings import read_robot_recording
+from hingepair.formats.recordings import read_robot_recording
 
 ARM = hp.Mechanism([hp.HingePair((0, 0, 1), (-1, 0, 0), (0, 1, 0), name="elbow")])
 NAMES = ("t", "q_elbow", "qd_elbow", "qdd_elbow", "tau_elbow")

@@ -10,14 +10,14 @@ import pytest
 
 import hingepair as hp
 from hingepair.tables import column_file
-from hingepair.tables.column_file import ColumnRequest, read_columns
+from hingepair.tables.column_file import file_table
+from hingepair.tables.recorded_columns import Vocabulary, read_recorded
 
-ALL = ColumnRequest(lambda names: names, lambda name, tail: [f"{name}_{i}" for i in range(tail[0])] if tail else name)
 
-
-def chosen(*names: str, exact: str = "") -> ColumnRequest:
-    """These columns, where they are there."""
-    return ColumnRequest(lambda there: [name for name in names if name in there], ALL.names_of, exact)
+def read(path: Path, *names: str, exact: str = "") -> dict[str, np.ndarray]:
+    """These columns of a file, where they are there; all unless named."""
+    table = file_table(path)
+    return dict(table.read([name for name in names or table.shapes if name in table.shapes], exact))
 
 
 def write(path: Path, text: str) -> Path:
@@ -27,57 +27,57 @@ def write(path: Path, text: str) -> Path:
 
 def test_columns_of_a_csv_come_by_name_in_the_order_chosen(tmp_path: Path) -> None:
     path = write(tmp_path / "log.CSV", '\ufeff t,"a, b" , c\n1,2,3\n\n4,5e-1,-6\n')
-    found = read_columns(path, chosen("c", "t"))
+    found = read(path, "c", "t")
     assert {name: column.tolist() for name, column in found.items()} == {"c": [3.0, -6.0], "t": [1.0, 4.0]}
     assert list(found) == ["c", "t"]
-    assert list(read_columns(path, ALL)) == ["t", "a, b", "c"]
+    assert list(read(path)) == ["t", "a, b", "c"]
     assert all(column.flags.c_contiguous for column in found.values())
 
 
 def test_empty_cells_and_nan_are_missing_numbers(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", "t,a\n1,\n2, \n3,nan\n4,7\n")
-    assert np.array_equal(read_columns(path, ALL)["a"], [np.nan, np.nan, np.nan, 7.0], equal_nan=True)
+    assert np.array_equal(read(path)["a"], [np.nan, np.nan, np.nan, 7.0], equal_nan=True)
 
 
 def test_one_row_and_one_column_are_a_file(tmp_path: Path) -> None:
-    assert read_columns(write(tmp_path / "log.csv", "t\n5\n"), ALL)["t"].tolist() == [5.0]
-    assert read_columns(write(tmp_path / "log.csv", "t,a\n5,6\n"), ALL)["a"].tolist() == [6.0]
-    assert read_columns(write(tmp_path / "log.csv", "t,a\n5,6\n"), chosen("nothing")) == {}
+    assert read(write(tmp_path / "log.csv", "t\n5\n"))["t"].tolist() == [5.0]
+    assert read(write(tmp_path / "log.csv", "t,a\n5,6\n"))["a"].tolist() == [6.0]
 
 
 def test_a_heading_may_begin_as_numpy_writes_it(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     np.savetxt(path, [[1.0, 2.0], [3.0, 4.0]], delimiter=",", header="t,a")
-    assert read_columns(path, chosen("t", "a"))["t"].tolist() == [1, 3]
+    assert read(path, "t", "a")["t"].tolist() == [1, 3]
     with pytest.raises(hp.ArgumentError, match="expected a first line of column names, got numbers"):
-        read_columns(write(path, "0,1.5\n1,2.5\n"), chosen("t"))
+        read(write(path, "0,1.5\n1,2.5\n"), "t")
 
 
 def test_instants_keep_all_their_digits(tmp_path: Path) -> None:
     stamps = [1_700_000_000_123_456_789, 1_700_000_000_128_456_790]
     path = write(tmp_path / "log.csv", "a,t\n" + "".join(f"0.5,{stamp}\n" for stamp in stamps))
-    assert read_columns(path, chosen("t", exact="t"))["t"].tolist() == stamps
+    assert read(path, "t", exact="t")["t"].tolist() == stamps
     path = write(tmp_path / "log.csv", "t\n1700000000.123456789\n1700000000.123456790\n")
-    step = np.diff(read_columns(path, chosen("t", exact="t"))["t"])[0]
+    step = np.diff(read(path, "t", exact="t")["t"])[0]
     if np.finfo(np.longdouble).nmant > 60:
         assert abs(step - 1e-9) < 1e-10
-    assert read_columns(path, chosen("t"))["t"].dtype == np.float64
+    assert read(path, "t")["t"].dtype == np.float64
 
 
 def test_the_decimal_mark_is_that_of_all_rows(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", "t;a\n0;0\n0,1;0,2\n0,2;1e-1\n")
-    assert read_columns(path, ALL)["a"].tolist() == [0.0, 0.2, 0.1]
+    assert read(path)["a"].tolist() == [0.0, 0.2, 0.1]
     with pytest.raises(hp.ArgumentError, match="expected one decimal mark in all rows, got points and commas"):
-        read_columns(write(path, "t;a\n0;0.5\n1;1,250\n"), ALL)
+        read(write(path, "t;a\n0;0.5\n1;1,250\n"))
 
 
 def test_comments_may_stand_above_the_names(tmp_path: Path) -> None:
-    for above in ("# made by X\n# 100 Hz\n", "\n", "// made by X, version 2\n\n", "% t,x\n", "#\n"):
-        found = read_columns(write(tmp_path / "log.csv", above + "t,a\n0,1\n1,2\n"), ALL)
+    preamble = "Instrument;X7\nOperator, and others\nRate: 100\n\n"
+    for above in ("# made by X\n# 100 Hz\n", "\n", "// made by X, version 2\n\n", "% t,x\n", "#\n", preamble):
+        found = read(write(tmp_path / "log.csv", above + "t,a\n0,1\n1,2\n"))
         assert {name: column.tolist() for name, column in found.items()} == {"t": [0, 1], "a": [1, 2]}
     with pytest.raises(hp.ArgumentError, match="line 4: a: expected a number"):
-        read_columns(write(tmp_path / "log.csv", "# made by X\nt,a\n0,1\n1,x\n"), ALL)
-    found = read_columns(write(tmp_path / "log.csv", "# made by X\n# t,a\n0,1\n1,2\n"), ALL)
+        read(write(tmp_path / "log.csv", "# made by X\nt,a\n0,1\n1,x\n"))
+    found = read(write(tmp_path / "log.csv", "# made by X\n# t,a\n0,1\n1,2\n"))
     assert list(found) == ["t", "a"]
 
 
@@ -85,8 +85,8 @@ def test_rows_have_a_field_for_each_name(tmp_path: Path) -> None:
     """Also where only some columns are read: row names, as R writes them, would shift the others."""
     path = write(tmp_path / "log.csv", "t,a,b\n1,0.0,5,20\n2,0.1,5,20\n")
     with pytest.raises(hp.ArgumentError, match=r"line 2: expected 3 fields, .* got 4 fields"):
-        read_columns(path, chosen("t", "a"))
-    found = read_columns(write(path, "t,a\n1,2,\n3,4,\n"), ALL)  # an empty field at the end is none
+        read(path, "t", "a")
+    found = read(write(path, "t,a\n1,2,\n3,4,\n"))  # an empty field at the end is none
     assert found["a"].tolist() == [2.0, 4.0]
 
 
@@ -99,7 +99,6 @@ def test_rows_have_a_field_for_each_name(tmp_path: Path) -> None:
         ("t;a\n1;2,5\n3;x,5\n", "line 3: a: expected a number"),
         ("t\ta\n1\t2\n3\n", "line 3: expected 2 fields, separated by tabs, got 1 fields"),
         ("x" * 100_001 + "\n1\n", "expected a first line of column names, got a longer line"),
-        ("t,a\n", "expected at least one sample, got none"),
         ("t,a\n1,2\n3\n", "line 3: expected 2 fields, separated by commas, with decimal points, got 1 fields"),
         ("t,a\n1,2\n3,4,5\n", "line 3: expected 2 fields, separated by commas, with decimal points, got 3 fields"),
         (
@@ -112,12 +111,12 @@ def test_rows_have_a_field_for_each_name(tmp_path: Path) -> None:
 )
 def test_what_cannot_be_read_of_a_csv_is_named(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(hp.ArgumentError, match=re.escape(words)):
-        read_columns(write(tmp_path / "log.csv", text), ALL)
+        read(write(tmp_path / "log.csv", text))
 
 
 def test_columns_that_are_not_asked_for_may_hold_anything(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", "t,words,a\n1,one,2\n3,two,4\n")
-    assert read_columns(path, chosen("a"))["a"].tolist() == [2.0, 4.0]
+    assert read(path, "a")["a"].tolist() == [2.0, 4.0]
 
 
 @pytest.mark.parametrize("ending", [".npz", ".parquet"])
@@ -129,28 +128,26 @@ def test_exact_columns_keep_their_kind_and_others_become_float64(tmp_path: Path,
     else:
         pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
         pq.write_table(pa.table({"t": t, "a": a, "words": ["x", "y"]}), path)
-    found = read_columns(path, chosen("t", "a", exact="t"))
+    found = read(path, "t", "a", exact="t")
     assert found["t"].dtype == np.int64
     assert found["t"].tolist() == t.tolist()
     assert found["a"].dtype == np.float64
     assert found["a"].tolist() == [3.0, -4.0]
-    assert read_columns(path, chosen("t"))["t"].dtype == np.float64
+    assert read(path, "t")["t"].dtype == np.float64
     if ending == ".parquet":
         with pytest.raises(hp.ArgumentError, match=r"^words: expected a column of numbers, got string"):
-            read_columns(path, ALL)
+            read(path)
 
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
-def test_arrays_of_any_order_are_their_columns(tmp_path: Path, save: object) -> None:
+def test_arrays_of_any_order_are_read(tmp_path: Path, save: object) -> None:
     path, R = tmp_path / "log.npz", np.arange(12.0).reshape(4, 3)
     save(path, R=np.asfortranarray(R), S=R[:, ::-1].astype(">f4"), t=np.arange(4))
-    found = read_columns(path, chosen("R_0", "R_2", "S_1", "t"))
-    assert {name: column.tolist() for name, column in found.items()} == {
-        "R_0": R[:, 0].tolist(),
-        "R_2": R[:, 2].tolist(),
-        "S_1": R[:, 1].tolist(),
-        "t": [0.0, 1.0, 2.0, 3.0],
-    }
+    assert dict(file_table(path).shapes) == {"R": (3,), "S": (3,), "t": ()}
+    found = read(path)
+    assert np.array_equal(found["R"], R)
+    assert np.array_equal(found["S"], R[:, ::-1])
+    assert found["t"].dtype == np.float64
 
 
 @pytest.mark.parametrize(
@@ -168,25 +165,25 @@ def test_arrays_of_any_order_are_their_columns(tmp_path: Path, save: object) -> 
 def test_what_cannot_be_read_of_an_npz_is_named(tmp_path: Path, arrays: dict[str, np.ndarray], words: str) -> None:
     np.savez(tmp_path / "log.npz", **arrays)
     with pytest.raises(hp.ArgumentError, match=re.escape(words)):
-        read_columns(tmp_path / "log.npz", ColumnRequest(lambda names: names, lambda name, _: name))
+        read_recorded(file_table(tmp_path / "log.npz"), {}, Vocabulary((), lambda _: "1"), lambda names: names)
 
 
 def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path / "log.csv", "t\n1\n2\n3\n")
     monkeypatch.setattr(column_file, "MAX_FILE_ROWS", 3)
-    assert read_columns(path, ALL)["t"].size == 3
+    assert read(path)["t"].size == 3
     monkeypatch.setattr(column_file, "MAX_FILE_ROWS", 2)
     with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got more lines"):
-        read_columns(write(tmp_path / "blank.csv", "t\n\n\n1\n2\n3\n"), ALL)
+        read(write(tmp_path / "blank.csv", "t\n\n\n1\n2\n3\n"))
     np.savez(tmp_path / "log.npz", t=np.arange(3))
     with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got 3"):
-        read_columns(tmp_path / "log.npz", ALL)
+        read(tmp_path / "log.npz")
     monkeypatch.setattr(column_file, "MAX_FILE_BYTES", path.stat().st_size)
     monkeypatch.setattr(column_file, "MAX_FILE_ROWS", 3)
-    assert read_columns(path, ALL)["t"].size == 3
+    assert read(path)["t"].size == 3
     monkeypatch.setattr(column_file, "MAX_FILE_BYTES", path.stat().st_size - 1)
     with pytest.raises(hp.ArgumentError, match="bytes"):
-        read_columns(path, ALL)
+        read(path)
 
 
 @pytest.mark.parametrize(
@@ -203,4 +200,4 @@ def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 def test_the_separator_is_that_on_which_names_and_numbers_agree(tmp_path, text, names):
     path = tmp_path / "a.csv"
     path.write_text(text)
-    assert list(read_columns(path, ColumnRequest(lambda found: found, lambda name, _: name))) == names
+    assert list(read(path)) == names

@@ -21,7 +21,7 @@ from hingepair.cli.pairs import GravityOption, parse_gravity
 from hingepair.cli.sources import ColumnOption, Source, parse_columns
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.model_writers import to_urdf
-from hingepair.formats.robot_recordings import read_robot_recording
+from hingepair.formats.recordings import read_robot_recording
 from hingepair.measured.mass_fit import JOINT_TERMS, fit_masses
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.tables.instants import increasing_seconds

@@ -1,4 +1,4 @@
-"""Recordings of two bodies: columns by name, from files or tables in memory, brought to one clock.
+"""Recordings of two bodies, and of the joints of a robot: from files or tables in memory, brought to one clock.
 
 Results that were saved with R1, S1, R2, S2 can be read as they are. Columns of no concern have to be named, so that a
 misspelt one is not missed; rates, angles and psi are passed over.
@@ -6,31 +6,40 @@ misspelt one is not missed; rates, angles and psi are passed over.
 
 from __future__ import annotations
 
+import contextlib
 import fnmatch
 import os
 import re
-from collections.abc import Collection, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import unit_of
-from hingepair.errors import ArgumentError, RotationError, nearest_name
+from hingepair.errors import ArgumentError, RotationError, nearest, nearest_name
 from hingepair.measured.smoothing.resample import resample
+from hingepair.measured.smoothing.smooth import smooth
 from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.arrays import Float64Array, check_choice
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import project_to_rotation
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from hingepair.tables.angle_columns import doubts_about_angles, headings_among, planar_zeros
-from hingepair.tables.column_file import ColumnRequest, Columns, read_columns
-from hingepair.tables.column_sources import check_once, in_own_names, read_column_sources
-from hingepair.tables.column_tables import ColumnTable, column_table
+from hingepair.tables.column_tables import ColumnTable
 from hingepair.tables.data_frames import column_names
 from hingepair.tables.instants import checked_gaps, increasing_seconds, warn_of_measurements
-from hingepair.tables.units import SCALES, read_heading
+from hingepair.tables.recorded_columns import (
+    Vocabulary,
+    check_sources,
+    doubts_about_angles,
+    headings_among,
+    open_columns,
+    planar_zeros,
+    read_recorded,
+    read_sources,
+)
+from hingepair.tables.units import SCALES
 
 # Columns that results have and a recording of poses does not need.
 _IGNORED_COLUMNS = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
@@ -88,7 +97,7 @@ class _RecordedBody(NamedTuple):
 
     motion: BodyMotion
     t: NDArray[Any] | None
-    path: Path | ColumnTable
+    path: ColumnTable
 
 
 def read_recording(
@@ -109,8 +118,10 @@ def read_recording(
             of a DataFrame may have it. Vectors may be whole arrays, such as `R1` of shape (N, 3).
         columns: names and units of columns that have others: {"t": "Zeit", "x1": {"name": "Ost", "unit": "mm"}}.
             The unit "compass" is that of headings: degrees, clockwise from north (y), of the angle that turns about
-            z, which is phi_z1 unless `sequence` says otherwise. Columns of names that are
-            unknown are then not read.
+            z, which is phi_z1 unless `sequence` says otherwise. {"t": {"name": "Frame", "rate": "100 Hz"}} makes
+            instants of frame numbers. Of other columns, "delay" ("0.12 s") is how late they are, and "rate" says
+            how often they were sampled where rows between repeat the last sample or are empty; they are then
+            interpolated to the instants of the rows. Columns of names that are unknown are then not read.
         ignore: names of columns that are not read; `*` stands for any text.
         gaps: longest time between samples over which one body is interpolated to the instants of the other [s].
         sequence: axes about which phi_x, phi_y, phi_z turn, such as "ZYX" of yaw, pitch and roll, in capitals about
@@ -148,17 +159,30 @@ def read_poses(
     """Read recorded poses as `read_recording` does; messages on unknown columns take their words from `advice`."""
     if not 1 <= len(sources) <= 2:
         raise ArgumentError("sources", "one recording, or one of each body", f"{len(sources)}")
-    tables = [
-        Path(source) if isinstance(source, str | os.PathLike) else column_table("sources", source)
-        for source in sources
-    ]
+    tables = []
+    for source in sources:
+        with _naming(source):
+            tables.append(open_columns(source))
     if sequence is not None:
         check_choice("sequence", sequence, SEQUENCE_NAMES)
     return _read_recording(tables, columns or {}, ignore, checked_gaps(gaps), sequence, advice)
 
 
+@contextlib.contextmanager
+def _naming(source: object) -> Iterator[None]:
+    """Name a file, or a table by its kind, in the errors of the block."""
+    try:
+        yield
+    except ArgumentError as error:
+        if error.name == "sources":
+            raise
+        file = str(source) if isinstance(source, str | os.PathLike | ColumnTable) else type(source).__name__
+        name = ": ".join(filter(None, (file, error.name)))
+        raise ArgumentError(name, error.expected, error.got) from None
+
+
 def _read_recording(
-    paths: Sequence[Path | ColumnTable],
+    paths: Sequence[ColumnTable],
     columns_by_name: Mapping[str, Any],
     ignored_columns: Sequence[str],
     max_gap: float,
@@ -168,19 +192,23 @@ def _read_recording(
     """Return the Recording of one or two files or tables, on one clock; refuse one without body 1 or body 2."""
     headings = _headings(sequence or "XYZ")
     bodies: dict[str, _RecordedBody] = {}
-    present_names: list[str] = []
     has_angles = False
     is_alone = len(paths) == 1
+    vocabulary = Vocabulary(_POSE_COLUMNS, unit_of, _component_names, headings)
+    sources = read_sources(columns_by_name, vocabulary, {k: v for path in paths for k, v in path.units.items()})
+    with _naming(paths[-1]):  # either recording may have a column
+        check_sources(sources, [name for path in paths for name in path.shapes])
     for place, path in enumerate(paths, start=1):
-        columns, stated = _read_columns(
-            path,
-            columns_by_name,
-            ignored_columns,
-            advice,
-            present_names,
-            headings,
-            is_last=place == len(paths),
-        )
+        own = {name: source for name, source in sources.items() if source.column in path.shapes}
+        taken = {source.column for source in own.values()}
+
+        def choose(names: list[str], taken: Collection[str] = taken) -> list[str]:
+            if sources:  # the file is another's: the rest is not ours to know
+                names = [name for name in names if name in {*taken, *_POSE_COLUMNS}]
+            return _columns_to_read(names, ignored_columns, advice, taken)
+
+        with _naming(path):
+            columns, stated = read_recorded(path, own, vocabulary, choose)
         digits = [
             digit
             for digit in ("1", "2", "")
@@ -264,7 +292,7 @@ def _headings(sequence: str) -> tuple[str, ...]:
     return tuple(name for names in groups for name in headings_among(names, sequence))
 
 
-def _angles_of(columns: Columns, digit: str) -> tuple[str, ...]:
+def _angles_of(columns: Mapping[str, NDArray[Any]], digit: str) -> tuple[str, ...]:
     """Return the columns with Euler angles of a body; none if others have its attitude, as those of results may."""
     rotation, quaternion, *angles = _attitude_column_names(digit)
     if not columns.keys().isdisjoint((*rotation, *quaternion)):
@@ -283,7 +311,7 @@ _POSE_COLUMNS: Final = (  # all names that columns of instants and of poses can 
 
 
 def _judge_angles(
-    path: Path | ColumnTable, angles: Mapping[str, Float64Array], advice: ColumnAdvice, headings: Collection[str]
+    path: ColumnTable, angles: Mapping[str, Float64Array], advice: ColumnAdvice, headings: Collection[str]
 ) -> None:
     """Warn of angles that are probably in degrees, or refuse them."""
     try:
@@ -294,7 +322,7 @@ def _judge_angles(
 
 
 def _body_motion(
-    path: Path | ColumnTable, columns: Columns, column_digit: str, sequence: str, *, may_be_point: bool
+    path: ColumnTable, columns: Mapping[str, NDArray[Any]], column_digit: str, sequence: str, *, may_be_point: bool
 ) -> BodyMotion:
     """Return the poses of the body whose columns end in "1", "2" or ""; an attitude of which a part is missing, or
     all is 0, is NaN, and a body without columns of one is a point if it may be.
@@ -308,7 +336,7 @@ def _body_motion(
         zeros = planar_zeros(columns, planar, sequence)
     except ArgumentError as error:
         raise error.renamed(f"{path}: {error.name}") from None
-    columns = columns | {name: np.zeros(len(next(iter(columns.values())))) for name in zeros}
+    columns = {**columns} | {name: np.zeros(len(next(iter(columns.values())))) for name in zeros}
     R = _stack_columns(path, columns, _position_column_names(column_digit))
     if all(columns.keys().isdisjoint(names) for names in _attitude_column_names(column_digit)):
         if may_be_point:
@@ -334,7 +362,7 @@ def _body_motion(
 
 
 def _stack_columns(
-    path: Path | ColumnTable, columns: Columns, alternatives: tuple[tuple[str, ...], ...]
+    path: ColumnTable, columns: Mapping[str, NDArray[Any]], alternatives: tuple[tuple[str, ...], ...]
 ) -> Float64Array:
     """Return the columns (N, k) of the first alternative of which any is present; refuse it if one is missing."""
     names = next((names for names in alternatives if not columns.keys().isdisjoint(names)), alternatives[-1])
@@ -343,60 +371,6 @@ def _stack_columns(
             present = ", ".join(other for other in names if other in columns)
             raise ArgumentError(f"{path}: {name}", f"a column, since the file has {present}", "none")
     return np.stack([columns[name] for name in names], axis=-1)
-
-
-def _read_columns(
-    path: Path | ColumnTable,
-    columns_by_name: Mapping[str, Any],
-    ignored_columns: Sequence[str],
-    advice: ColumnAdvice,
-    present_names: list[str],
-    headings: Collection[str],
-    *,
-    is_last: bool,
-) -> tuple[Columns, set[str]]:
-    """Return the columns that a recording needs, and the names of those whose unit is stated; the names of all are
-    added to `present_names`.
-    """
-    earlier_names = {*present_names}
-    stated = path.units if isinstance(path, ColumnTable) else {}
-    sources = read_column_sources(columns_by_name, _POSE_COLUMNS, unit_of, stated, headings)
-    taken = {source.column for source in sources.values()}
-    if isinstance(path, ColumnTable):
-        path = path.without_units(taken)
-
-    def choose(names: list[str]) -> list[str]:
-        """Return those of the file's columns that are to be read."""
-        present_names.extend(names)
-        if sources:  # the file is another's: the rest is not ours to know
-            known = {*taken, *_POSE_COLUMNS}
-            names = [name for name in names if name in known]
-        wanted = _columns_to_read(names, ignored_columns, advice, taken)
-        check_once(wanted, sources)
-        return wanted
-
-    stated_names: set[str] = set()  # columns whose heading has their unit
-
-    def read_own_heading(heading: str) -> tuple[str, float]:
-        """Return name and factor to SI of a heading with a unit; one that `columns` names stays as it is."""
-        name, factor = (heading, 1.0) if heading in taken else read_heading(heading, unit_of)
-        if name != heading:
-            stated_names.add(name)
-        return name, factor
-
-    exact = sources["t"].column if "t" in sources else "t"
-    try:
-        columns = read_columns(path, ColumnRequest(choose, _component_names, exact, read_own_heading))
-        sources = {  # either recording may have a column, and the last has those that nothing had before
-            name: source
-            for name, source in sources.items()
-            if source.column in columns or (is_last and source.column not in earlier_names)
-        }
-        columns = in_own_names(columns, sources, present_names)
-    except ArgumentError as error:
-        name = ": ".join(filter(None, (str(path), error.name)))
-        raise ArgumentError(name, error.expected, error.got) from None
-    return columns, stated_names | {name for name, own in sources.items() if own.compass or own.scale != 1.0}
 
 
 def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:
@@ -443,3 +417,62 @@ def _meant_column(name: str, known_names: Sequence[str]) -> tuple[str, str]:
         if column in known_names and (not its_unit or its_unit in SCALES.get(unit_of(column), ())):
             return column, its_unit
     return nearest_name(name, known_names), ""
+
+
+# ---- robots
+
+
+def read_robot_recording(
+    source: Any,
+    robot: Mechanism,
+    bandwidth: float | None = None,
+    columns: Mapping[str, Any] | None = None,
+) -> tuple[Float64Array | None, dict[str, Float64Array]]:
+    """Return the instants t [s], None where there are none, and q, qd, qdd and tau of the joints, (N, dof) each.
+
+    The columns are `t`, `q_JOINT`, `tau_JOINT`, and where recorded `qd_JOINT` and `qdd_JOINT`, or `JOINT`, `JOINTd`
+    and `JOINTdd`, as scenes of robots write them. Missing qd and qdd are derived from q by `smooth` with `bandwidth`
+    [Hz]. Other columns are passed over. `source` and `columns` are as for `read_recording`.
+    """
+    rows, joints = ("q", "qd", "qdd", "tau"), robot.names
+    units = {"t": "s"}
+    for joint in tree_of(robot).coordinates:
+        per = (joint.unit, f"{joint.unit}/s", f"{joint.unit}/s^2", joint.effort_unit)
+        units |= {f"{name}_{joint.name}": unit for name, unit in zip(rows, per, strict=True)}
+    # Names of positions and rates in the results of scenes.
+    of_scenes = {f"{joint}{name[1:]}": f"{name}_{joint}" for joint in joints for name in rows[:3]}
+    of_scenes = {name: own for name, own in of_scenes.items() if name not in units}
+    vocabulary = Vocabulary(
+        tuple(units),
+        lambda name: units.get(of_scenes.get(name, name), "1"),
+        lambda name, _: of_scenes.get(name, name),
+    )
+    with _naming(source):
+        table = open_columns(source)
+        sources = read_sources(columns or {}, vocabulary, table.units)
+        check_sources(sources, table.shapes)
+        taken = {source.column for source in sources.values()}
+        found, _ = read_recorded(
+            table, sources, vocabulary, lambda names: [n for n in names if n in {*taken, *units}]
+        )
+    derived = [name for name in rows[1:3] if not all(f"{name}_{joint}" in found for joint in joints)]
+    for name in units:
+        needed = bool(derived) if name == "t" else name.partition("_")[0] not in rows[1:3]
+        if needed and name not in found:
+            why = f", or hold the joint by --lock {name.partition('_')[2]}=POSITION" if name != "t" else ""
+            users = [other for other, source in sources.items() if source.column == name]
+            near, got = (
+                ("", f"it as {users[0]}, by columns") if users else (nearest(name, tuple(table.shapes)), "none")
+            )
+            raise ArgumentError(str(source), f"a column {name}{near}{why}", got)
+    t = found.get("t")
+    recorded = {
+        name: np.stack([found[f"{name}_{joint}"] for joint in joints], axis=-1)
+        for name in rows
+        if name not in derived
+    }
+    if derived:
+        smoothed = [smooth(t, column, bandwidth) for column in recorded["q"].T]  # type: ignore[arg-type]
+        every = dict(zip(rows, zip(*smoothed, strict=True), strict=False))
+        recorded |= {name: np.stack(every[name], axis=-1) for name in ("q", *derived)}
+    return t, recorded

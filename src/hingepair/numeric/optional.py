@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 _EXTRAS: Final = {  # of a package, the extra of hingepair that installs it
     "clarabel": "measured", "dask": "dask", "distributed": "dask", "jax": "jax", "matplotlib": "plot",
-    "mujoco": "mjcf", "pandas": "data", "pyarrow": "data", "torch": "torch", "xarray": "data",
+    "mujoco": "mjcf", "pyarrow": "data", "torch": "torch",
 }  # fmt: skip
 
 

@@ -1,10 +1,12 @@
-"""Columns of numbers by name, out of what is in memory: a pandas DataFrame, an xarray Dataset, a dict of arrays."""
+"""Tables of columns by name, of which chosen ones are read: pandas DataFrames, xarray Datasets, dicts of arrays, and
+files, whose readers are in `column_file`.
+"""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -14,38 +16,30 @@ from hingepair.errors import ArgumentError
 
 # Units as the conventions of climate data and pint write them.
 _UNIT_ALIASES: Final = {
-    "second": "s",
-    "seconds": "s",
-    "meter": "m",
-    "meters": "m",
-    "metre": "m",
-    "metres": "m",
+    **dict.fromkeys(("second", "seconds"), "s"),
+    **dict.fromkeys(("meter", "meters", "metre", "metres"), "m"),
     "millimeter": "mm",
-    "radian": "rad",
-    "radians": "rad",
-    "degree": "deg",
-    "degrees": "deg",
-    "dimensionless": "1",
-    "": "1",
+    **dict.fromkeys(("radian", "radians"), "rad"),
+    **dict.fromkeys(("degree", "degrees"), "deg"),
+    **dict.fromkeys(("dimensionless", ""), "1"),
 }
 
 
 @dataclass(frozen=True, eq=False)
 class ColumnTable:
-    """Columns in memory, which are read as those of a file."""
+    """Columns that can be read, each an array of shape (N,), or (N, ...) of vectors and matrices."""
 
     kind: str  # such as DataFrame, for messages
-    arrays: Mapping[str, NDArray[Any]]  # of shape (N,), or (N, ...) of vectors and matrices
-    units: Mapping[str, str]  # that columns state, by name
-    index: str = ""  # name of the array that has the instants if none has their usual name
+    shapes: Mapping[str, tuple[int, ...]]  # of one sample of each column
+    # From the columns to read, and the one whose integers and dates stay as they are, to their arrays.
+    read: Callable[[Collection[str], str], Mapping[str, NDArray[Any]]]
+    units: Mapping[str, str] = field(default_factory=dict)  # that columns state, by name
+    index: str = ""  # name of the column that has the instants if none has their usual name
     suffix: str = ""  # that of a file's name
+    doubled: Collection[str] = ()  # names that more than one column has
 
     def __str__(self) -> str:
         return self.kind
-
-    def without_units(self, names: Collection[str]) -> ColumnTable:
-        """Return the table whose columns of these names do not state their units."""
-        return replace(self, units={name: unit for name, unit in self.units.items() if name not in names})
 
 
 def column_table(name: str, source: Any) -> ColumnTable:
@@ -54,25 +48,41 @@ def column_table(name: str, source: Any) -> ColumnTable:
     Raises:
         ArgumentError: `source` is none of these; the error is called `name`.
     """
+    kind, index = type(source).__name__, ""
+    units: dict[str, str] = {}
     if hasattr(source, "data_vars"):
-        return _of_dataset(source)
-    kind = type(source).__name__
-    if isinstance(source, Mapping):
-        return ColumnTable(kind, {str(key): _array(values) for key, values in source.items()}, {})
-    if not (hasattr(source, "columns") and hasattr(source, "__getitem__")):
+        arrays, units, index = _of_dataset(source)
+    elif isinstance(source, Mapping):
+        arrays = {str(key): _array(values) for key, values in source.items()}
+    elif hasattr(source, "columns") and hasattr(source, "__getitem__"):
+        arrays = {str(key): _array(source[key]) for key in source.columns}
+        rows = getattr(source, "index", None)  # of pandas
+        if rows is not None and (rows.name is not None or rows.dtype.kind in "mM"):  # no row numbers
+            index = "index" if rows.name is None else str(rows.name)
+            arrays = {index: _array(rows.to_series()), **arrays}
+    else:
         expected = "the path of a file, a pandas DataFrame, an xarray Dataset or a dict of arrays"
         raise ArgumentError(name, expected, kind)
-    arrays = {str(key): _array(source[key]) for key in source.columns}
-    index = getattr(source, "index", None)  # of pandas
-    if index is None or (index.name is None and index.dtype.kind not in "mM"):  # row numbers
-        return ColumnTable(kind, arrays, {})
-    label = "index" if index.name is None else str(index.name)
-    return ColumnTable(kind, {label: _array(index.to_series()), **arrays}, {}, label)
+
+    def read(wanted: Collection[str], exact: str) -> dict[str, NDArray[Any]]:
+        return {name: _checked(name, arrays[name], name == exact) for name in wanted}
+
+    return ColumnTable(kind, {name: a.shape[1:] for name, a in arrays.items()}, read, units, index)
 
 
-def _of_dataset(source: Any) -> ColumnTable:
+def _checked(name: str, array: NDArray[Any], exact: bool) -> NDArray[Any]:
+    """Return an array of numbers, or of dates if it is `exact`; refuse text."""
+    if array.dtype.kind in ("fiumM" if exact else "fiu"):
+        return array
+    expected = "numbers; pandas.read_csv(..., sep=';', decimal=',') reads decimal commas"
+    if exact:
+        expected = "numbers, or dates, which pandas.to_datetime makes of text"
+    raise ArgumentError(name, expected, repr(str(array.ravel()[0])[:40]) if array.size else "none")
+
+
+def _of_dataset(source: Any) -> tuple[dict[str, NDArray[Any]], dict[str, str], str]:
     """Return the coordinates and variables of an xarray Dataset that have the first dimension of its first variable,
-    with the units that they state.
+    the units that they state, and the name of that dimension if it is a coordinate.
     """
     first = next((variable.dims[0] for variable in source.data_vars.values() if variable.dims), "")
     arrays, units = {}, {}
@@ -82,7 +92,7 @@ def _of_dataset(source: Any) -> ColumnTable:
             arrays[name] = _array(variable)
             if unit := variable.attrs.get("units"):
                 units[name] = _UNIT_ALIASES.get(str(unit), str(unit))
-    return ColumnTable("Dataset", arrays, units, str(first) if str(first) in arrays else "")
+    return arrays, units, str(first) if str(first) in arrays else ""
 
 
 def _array(values: Any) -> NDArray[Any]:

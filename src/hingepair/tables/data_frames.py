@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from hingepair.equations.quantities import QUANTITIES
 from hingepair.numeric.names import Names
-from hingepair.numeric.optional import require
 from hingepair.tables.units import Columns
 
 
@@ -71,12 +70,9 @@ def sample_rows(arrays: Mapping[str, Any], axes: int) -> dict[str, NDArray[Any]]
 
 
 def data_frame(arrays: Mapping[str, NDArray[Any]], columns: Columns, described: str) -> Any:
-    """Return a pandas DataFrame with a row for each sample of arrays of shape (N, ...), in units.
+    """Return a pandas DataFrame with a row for each sample of arrays of shape (N, ...), in units."""
+    import pandas
 
-    Raises:
-        MissingDependencyError: pandas is not installed.
-    """
-    pandas = require("pandas", "to_dataframe")
     converted = {name: columns.converted(name, array) for name, array in arrays.items()}
     headings = column_names(arrays, columns.heading)
     frame = pandas.DataFrame(dict(zip(headings, split_columns(converted), strict=True)))
@@ -99,11 +95,9 @@ def dataset(
         columns: units of the arrays.
         described: description of the whole.
         t: instants, the coordinate of the axis "time".
-
-    Raises:
-        MissingDependencyError: xarray is not installed.
     """
-    xarray = require("xarray", "to_xarray")
+    import xarray
+
     coordinates: dict[str, Any] = {}
     if t is not None:
         coordinates["time"] = ("time", columns.converted("t", t), {"units": columns.unit("t")})

@@ -36,13 +36,20 @@ from hingepair.scenes.motions.integrated import integrate_motion
 from hingepair.scenes.motions.known import HINGE_NAMES, MotionByCoordinates, motion_by_body1
 from hingepair.scenes.motions.motion import PairMotion, PairMotionSource, euler_axes_phrase
 from hingepair.scenes.tables import NamedSource, Table
-from hingepair.tables.angle_columns import PlanarColumns, doubts_about_angles, headings_among, planar_zeros
-from hingepair.tables.column_file import ColumnRequest, read_columns
-from hingepair.tables.column_sources import ColumnSource, check_once, in_own_names, read_column_sources
 from hingepair.tables.column_tables import ColumnTable
 from hingepair.tables.instants import MeasurementWarning, gap_sentences, instants_of, split_at_gaps
+from hingepair.tables.recorded_columns import (
+    ColumnSource,
+    PlanarColumns,
+    Vocabulary,
+    doubts_about_angles,
+    headings_among,
+    open_columns,
+    planar_zeros,
+    read_recorded,
+    read_sources,
+)
 from hingepair.tables.suspicions import suspicions
-from hingepair.tables.units import read_heading
 
 LOG_ARRAYS: Final[dict[str, tuple[str, ...]]] = {
     "R1": ("x", "y", "z"),
@@ -93,6 +100,16 @@ class LogLayout(NamedTuple):
     def columns_of(self, name: str) -> tuple[str, ...]:
         """Return the names of the columns that form an array; of another name, which is a column's, itself."""
         return self.arrays.get(name, (name,))
+
+    def vocabulary(self, sequence: object) -> Vocabulary:
+        """Return the names that columns may have, whose Euler angles are about the axes of `sequence`."""
+
+        def components(name: str, shape: tuple[int, ...]) -> Any:
+            """Return the columns that form an array; one column may have another name, such as phi in a plane."""
+            return self.arrays.get(name, name) if shape else self.other_names.get(name, name)
+
+        headings = headings_among(self.arrays.get("phi", ()), sequence)
+        return Vocabulary(self.columns, self.unit_of, components, headings)
 
 
 _PAIR_LOG_LAYOUT: Final = LogLayout(
@@ -183,14 +200,6 @@ def read_ignored_columns(table: Table) -> frozenset[str]:
     return frozenset(names)
 
 
-def _read_column_sources(table: Table, layout: LogLayout, source: Path | ColumnTable) -> dict[str, ColumnSource]:
-    """Return the source of each quantity that the key `columns` of the Table [motion] names."""
-    stated = source.units if isinstance(source, ColumnTable) else {}
-    with table.naming():
-        headings = headings_among(layout.arrays.get("phi", ()), table.values.get("sequence", "XYZ"))
-        return read_column_sources(table.values.get("columns", {}), layout.columns, layout.unit_of, stated, headings)
-
-
 def _velocity_frame(table: Table, log: Log) -> str:
     """Return the axes of angular velocities, "body" or "world"; only a log that has some has the key `frame`."""
     rates = [column for name in _QUATERNION[1:] for column in LOG_ARRAYS[name] if column in log.columns]
@@ -219,7 +228,6 @@ class Log(NamedSource):
 
     def __init__(self, path: Path | ColumnTable, layout: LogLayout, table: Table) -> None:
         ignored = read_ignored_columns(table)
-        sources = _read_column_sources(table, layout, path)
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
         self._has_lines = isinstance(path, Path) and path.suffix.lower() == ".csv"
         self.layout = layout
@@ -228,35 +236,16 @@ class Log(NamedSource):
         self._ignored = frozenset(column for name in ignored for column in layout.columns_of(name))
         self.notes: list[str] = []
         self.angle_doubts: list[str] = []
-        kind = path.suffix.lower()
-        known_names = (*layout.arrays, *layout.columns) if kind == ".npz" else layout.columns
-        named_elsewhere = {source.column for source in sources.values()}
-        if isinstance(path, ColumnTable):
-            path = path.without_units(named_elsewhere)
-        stated: set[str] = set()  # columns whose heading has their unit
-
-        def read_own_heading(heading: str) -> tuple[str, float]:
-            """Return name and factor to SI of a heading with a unit; one that `columns` names stays as it is."""
-            name, factor = (heading, 1.0) if heading in named_elsewhere else read_heading(heading, layout.unit_of)
-            if name != heading:
-                stated.update(layout.columns_of(name))
-            keeps = heading in named_elsewhere or (kind == ".npz" and name in layout.arrays)
-            return (name if keeps else layout.other_names.get(name, name)), factor
-
-        def names_of(name: str, shape: tuple[int, ...]) -> Any:
-            """Return the columns that form an array; one column may have another name, such as phi in a plane."""
-            other = None if shape else layout.other_names.get(name)
-            return layout.arrays.get(name, name) if other is None else other
-
-        wanted = ColumnRequest(
-            lambda names: self._check_column_names(names, known_names, sources),
-            names_of,
-            exact=sources["t"].column if "t" in sources else "t",
-            read_heading=read_own_heading,
-        )
+        vocabulary = layout.vocabulary(self._sequence)
         with self.naming():
-            read = read_columns(path, wanted)
-            self.columns = in_own_names(read, sources, [*read])
+            columns = open_columns(path)
+        with table.naming():
+            sources = read_sources(table.values.get("columns", {}), vocabulary, columns.units)
+        self._check_sources(sources, list(columns.shapes))
+        with self.naming():
+            self.columns, stated = read_recorded(
+                columns, sources, vocabulary, lambda names: self._check_column_names(names, sources)
+            )
             if "t" not in self.columns:
                 self.refuse("t", "a column", "no such column")
             kept = self._without_repeated_stamps()
@@ -271,19 +260,18 @@ class Log(NamedSource):
         if stamps.dtype.kind not in "mM":
             self.notes += suspicions("instants", "t", t)
         self.notes += gap_sentences("t", t)
-        self._judge_units(sources, stated)
+        self._judge_units(stated)
         self.t = np.asarray(read_only(t))
         precise = stamps if stamps.dtype == np.longdouble else t
         self.since = np.asarray(precise - precise[0], dtype=np.float64)
 
-    def _judge_units(self, sources: Mapping[str, ColumnSource], stated: Set[str]) -> None:
-        """Add notes on columns that are probably not in SI units, unless they are converted or in `stated`."""
-        converted = stated | {name for name, source in sources.items() if source.compass or source.scale != 1.0}
+    def _judge_units(self, stated: Set[str]) -> None:
+        """Add notes on columns that are probably not in SI units, unless they are in `stated`."""
         angles: dict[str, Float64Array] = {}
         others: list[str] = []
         for name, quantity in self.layout.judged.items():
             names = self.layout.columns_of(name)
-            if not converted.isdisjoint(names) or not all(column in self.columns for column in names):
+            if not stated.isdisjoint(names) or not all(column in self.columns for column in names):
                 continue
             values = np.stack([self.columns[column] for column in names], axis=-1)
             if quantity == "angle":
@@ -323,16 +311,18 @@ class Log(NamedSource):
         if added:
             self.notes.append(f"{absence} {', '.join(added)}: they were taken as 0, as of a motion in the plane")
 
-    def _check_column_names(
-        self, column_names: list[str], known_names: tuple[str, ...], sources: Mapping[str, ColumnSource]
-    ) -> list[str]:
+    def _check_sources(self, sources: Mapping[str, ColumnSource], present: list[str]) -> None:
+        """Refuse columns under [motion.columns] that the file lacks."""
+        for name, source in sources.items():
+            if source.column not in present:
+                expected = f"{choices(present)}{nearest(source.column, present)}"
+                self.refuse(f"motion.columns.{name}", expected, quoted(source.column))
+
+    def _check_column_names(self, column_names: list[str], sources: Mapping[str, ColumnSource]) -> list[str]:
         """Return the columns of the file to read; refuse unknown ones, or leave them out if there are `sources`."""
         taken = {source.column for source in sources.values()}
+        known_names: tuple[str, ...] = tuple(self.layout.columns)
         self._file_columns = column_names
-        for name, source in sources.items():
-            if source.column not in column_names:
-                expected = f"{choices(column_names)}{nearest(source.column, column_names)}"
-                self.refuse(f"motion.columns.{name}", expected, quoted(source.column))
         if sources:  # the file is another's: what it has beside them is not ours to know
             others = [name for name in column_names if name not in {*taken, *known_names}]
             if others:
@@ -353,7 +343,6 @@ class Log(NamedSource):
                     '[motion.columns] names the columns of another program, such as t = "Time"'
                 )
                 self.refuse(repr(name[:40]), expected, got)
-        check_once(read_names, sources)
         return read_names
 
     def quantity_and_rates(self, names: tuple[str, ...], required: bool = True) -> Part:

@@ -1,0 +1,118 @@
+"""Columns of recordings on one clock: late columns, rates of their own, frame numbers, units in headings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.equations.quantities import unit_of
+from hingepair.tables.recorded_columns import Vocabulary, open_columns, read_recorded, read_sources
+
+VOCABULARY = Vocabulary(("t", "psi", "x"), {"t": "s", "psi": "rad", "x": "m"}.__getitem__)
+T = np.arange(200) * 0.01
+
+
+def read(columns, entries):
+    table = open_columns(columns)
+    sources = read_sources(entries, VOCABULARY, table.units)
+    return read_recorded(table, sources, VOCABULARY, lambda names: names).columns
+
+
+def angle(t):
+    """Turns on through the jumps of a wrapped angle."""
+    return 3 * t + 0.2 * np.sin(5 * t)
+
+
+def test_a_late_column_is_shifted_to_its_instants():
+    late = np.angle(np.exp(1j * angle(T - 0.12)))
+    for delay in ("0.12 s", "120 ms", 0.12):
+        psi = read({"t": T, "enc": late}, {"psi": {"name": "enc", "delay": delay}})["psi"]
+        assert np.isnan(psi[-12:]).all()
+        error = psi[:-12] - angle(T[:-12])
+        assert np.abs(error - 2 * np.pi * np.round(error / (2 * np.pi))).max() < 1e-12
+    assert read({"t": T, "enc": late}, {"psi": {"column": "enc", "delay": "0.12 s"}})["psi"][0] == psi[0]
+
+
+@pytest.mark.parametrize("between", ["empty", "repeated"])
+def test_a_column_of_its_own_rate_is_interpolated(between):
+    x = 2 * T + 1
+    rows = np.arange(T.size)
+    x = np.where(rows % 5 == 0, x, np.nan) if between == "empty" else x[rows - rows % 5]
+    found = read({"t": T, "x": x}, {"x": {"name": "x", "rate": "20 Hz"}})["x"]
+    np.testing.assert_allclose(found[:196], (2 * T + 1)[:196], rtol=0, atol=1e-12)
+    assert np.isnan(found[196:]).all()
+
+
+def test_what_is_missing_of_a_late_column_stays_missing():
+    x = np.where((T > 0.5) & (T < 0.7), np.nan, T)
+    found = read({"t": T, "x": x}, {"x": {"name": "x", "delay": 0.1}})["x"]
+    assert np.isnan(found[(T > 0.405) & (T < 0.595)]).all()
+    assert np.isfinite(found[(T < 0.395) | ((T > 0.605) & (T < 1.88))]).all()
+
+
+def test_frame_numbers_with_a_rate_are_instants():
+    t = read({"Frame": np.arange(10, 15), "x": np.zeros(5)}, {"t": {"name": "Frame", "rate": "250 Hz"}})["t"]
+    np.testing.assert_allclose(t, np.arange(10, 15) / 250, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ({"delay": "0.12 Hz"}, r"columns\.psi\.delay: expected a time"),
+        ({"delay": "soon"}, r"columns\.psi\.delay: expected a time"),
+        ({"rate": 0}, r"columns\.psi\.rate: expected a rate above 0"),
+        ({"rate": "nan Hz"}, r"columns\.psi\.rate: expected a rate above 0"),
+        ({"late": 1}, r"columns\.psi: expected the name of a column"),
+        ({"name": 1}, r"columns\.psi: expected the name of a column"),
+    ],
+)
+def test_what_no_delay_and_no_rate_is(entry, words):
+    with pytest.raises(hp.ArgumentError, match=words):
+        read({"t": T, "psi": T}, {"psi": entry})
+
+
+def test_a_delay_needs_instants():
+    with pytest.raises(hp.ArgumentError, match=r"columns\.psi: expected a column t"):
+        read({"psi": T}, {"psi": {"delay": 0.1}})
+    with pytest.raises(hp.ArgumentError, match="at least two samples"):
+        read({"t": T, "psi": T * np.nan}, {"psi": {"delay": 0.1}})
+
+
+@pytest.mark.parametrize("heading", ["Angle [deg]", "Angle (\N{DEGREE SIGN})"])
+def test_a_unit_in_a_heading_counts_where_the_column_is_named(heading):
+    assert read({"t": T, heading: 90.0 + 0 * T}, {"psi": heading})["psi"][0] == np.pi / 2
+    assert read({"t": T, heading: 90.0 + 0 * T}, {"psi": {"name": heading, "unit": "rad"}})["psi"][0] == 90.0
+
+
+def test_a_column_comes_once_and_all_have_one_length():
+    with pytest.raises(hp.ArgumentError, match="psi once, from columns or from a column of this name"):
+        read({"t": T, "psi": T, "enc": T}, {"psi": "enc"})
+    with pytest.raises(hp.ArgumentError, match="columns of one length, got t: 200, x: 3"):
+        read({"t": T, "x": T[:3]}, {})
+    with pytest.raises(hp.ArgumentError, match="at least one sample"):
+        read({"t": T[:0], "x": T[:0]}, {})
+
+
+def test_a_scene_takes_a_late_encoder(tmp_path):
+    """The trailer's angle lags behind its GPS; the delay brings them together."""
+    t = np.arange(0, 4, 0.01)
+    np.savetxt(
+        tmp_path / "log.csv",
+        np.column_stack((np.arange(t.size), t, np.sin(t - 0.1))),
+        delimiter=";",
+        header="made by X7\nFrame;x;enc",
+        comments="",
+    )
+    (tmp_path / "s.toml").write_text(
+        "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'log.csv'\nsmooth = true\n"
+        "[motion.columns]\nt = { name = 'Frame', rate = '100 Hz' }\nx = 'x'\n"
+        "psi = { column = 'enc', delay = '0.1 s' }\n"
+    )
+    text = (tmp_path / "log.csv").read_text().replace("Frame;x;enc", "Frame;x;enc;y;phi_z")
+    lines = text.splitlines()
+    (tmp_path / "log.csv").write_text("\n".join([*lines[:2], *(f"{line};0;0" for line in lines[2:])]) + "\n")
+    result = hp.load_scene(tmp_path / "s.toml").evaluate(("psi", "psid"))
+    np.testing.assert_allclose(result.psi[:380], np.sin(t[:380]), rtol=0, atol=2e-5)
+    np.testing.assert_allclose(result.psid[20:360], np.cos(t[20:360]), rtol=0, atol=2e-3)
+    assert unit_of("psi") == "rad"
