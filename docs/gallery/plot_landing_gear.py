@@ -23,7 +23,7 @@ leg = hp.Body(mass=21, centre_of_mass=(0, 0.02, 0.2), inertia=(1.9, 1.9, 0.2))
 axis = (-np.cos(np.radians(20)), -np.sin(np.radians(20)), 0.12)
 rake = hp.rodrigues((0, 1, 0), np.radians(8))  # on the ground the leg is raked back
 gear = hp.HingePair(u1=(0.35, 1.4, -0.55), u2=(0, 0.05, 0.95), n=axis, home=rake, body2=leg)
-aircraft = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
+aircraft = hp.BodyMotion.at_rest()
 
 # %%
 # A damper in the actuator slows the leg, and the stop at psi = 0 is a stiff spring with damping. The drag of the

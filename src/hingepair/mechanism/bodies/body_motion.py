@@ -75,6 +75,18 @@ class BodyMotion(Frozen):
         return f"{type(self).__name__}(shape={self.shape}, {names})"
 
     @classmethod
+    def at_rest(cls, R: ArrayLike = (0, 0, 0), S: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1))) -> BodyMotion:
+        """Return a BodyMotion whose velocities and accelerations are 0; by default at the origin, with axes along
+        those of the world.
+
+        >>> import hingepair as hp
+        >>> hp.BodyMotion.at_rest().v
+        array([0., 0., 0.])
+        """
+        still = (0.0, 0.0, 0.0)
+        return cls(R=R, S=S, v=still, omega=still, a=still, alpha=still)
+
+    @classmethod
     def from_quaternion_xyzw(
         cls,
         *,

@@ -387,7 +387,7 @@ class HingePair(Frozen, Shown):
         >>> import hingepair as hp
         >>> body = hp.Body(mass=2, inertia=(1, 1, 1))
         >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body1=body, body2=body)
-        >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
+        >>> still = hp.BodyMotion.at_rest()
         >>> forces = pair.inverse_dynamics(still, psi=0.0, psid=0.0, psidd=0.0)
         >>> forces.force1.round(9).tolist(), forces.hinge_torque.round(9).tolist()
         ([0.0, 0.0, 39.24], -19.62)
@@ -450,7 +450,7 @@ class HingePair(Frozen, Shown):
         >>> import hingepair as hp
         >>> body = hp.Body(mass=2, inertia=(1, 1, 1))
         >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body2=body)
-        >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
+        >>> still = hp.BodyMotion.at_rest()
         >>> pair.hinge_wrench(still, psi=0.0, psid=0.0, psidd=0.0).force.round(9).tolist()
         [0.0, 0.0, 19.62]
         """
