@@ -26,7 +26,7 @@ from hingepair.engine.interpreter import Interpreter, interpreter
 from hingepair.engine.llvm import object_cache
 from hingepair.engine.llvm.ir import kernel_ir
 from hingepair.engine.llvm.scan import scan_ir
-from hingepair.engine.llvm.schedule import ComponentGroup
+from hingepair.engine.llvm.schedule import ComponentGroup, Schedule
 from hingepair.engine.slices import run_slices
 from hingepair.engine.threads import run_in_threads
 from hingepair.engine.trace import FUNCTIONS, Trace, TracedValue, needed_values, operation_count
@@ -329,10 +329,9 @@ class Program:
     def llvm_ir(self, layout: Layout, char: str) -> str:
         """Return the LLVM module, as text, of a kernel and of the loops by which ufuncs call it."""
         traced = self._traced
-        inputs = [ComponentGroup(traced.constants, False)] if traced.constants else []
-        inputs += map(ComponentGroup, traced.arrays)
         outputs = [ComponentGroup(components(traced.results[name])) for name, _ in self.loop.outputs]
-        kernel = kernel_ir(inputs, outputs, float_type=FLOAT_TYPES[char], fuse=self.fuses)
+        schedule = Schedule(traced.constants, [*map(ComponentGroup, traced.arrays)], outputs, self.fuses)
+        kernel = kernel_ir(schedule, FLOAT_TYPES[char])
         calls = loop_ir(layout, FLOAT_TYPES[char]), direct_ir(layout, FLOAT_TYPES[char])
         return "\n".join([kernel, *calls])
 

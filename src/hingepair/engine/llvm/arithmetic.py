@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 import struct
 from collections.abc import Sequence
 from typing import Final
 
 from hingepair.engine.llvm.builder import LANES, NUMBER_BYTES, FunctionBuilder, hexadecimal
-from hingepair.engine.llvm.schedule import ComponentGroup, Node, Operation, Schedule, Step
+from hingepair.engine.llvm.schedule import Node, Operation, Schedule, Step
 from hingepair.engine.llvm.sines import DOUBLES
+
+STEP_PARAMETERS: Final = "ptr noalias %frame, ptr noalias %places, ptr noalias %constants"
+"""Of the functions: `places` holds the addresses where narrow outputs go."""
 
 _MAX_AGE: Final = 40  # operations after which a value is loaded again, which lowers register pressure
 _INSTRUCTIONS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}  # of LLVM
@@ -19,27 +21,15 @@ class Arithmetic:
     """The functions of a kernel's steps.
 
     Args:
-        inputs: groups of input components.
-        outputs: groups of output components.
-        float_type: LLVM's type of the numbers, "double" or "float".
-        fuse: whether sums are fused with products (FMA).
-
-    Attributes:
         schedule: the steps and the frame.
-        word_offsets: for each input in registers, the index of its first word in the array `places`; last, the index
-            of the outputs' first word. The words of an input are the address of its row, the offsets of seven further
-            samples, and the bytes between components; the word of an output is the address of its rows.
+        float_type: LLVM's type of the numbers, "double" or "float".
     """
 
-    def __init__(
-        self, inputs: Sequence[ComponentGroup], outputs: Sequence[ComponentGroup], float_type: str, fuse: bool
-    ) -> None:
-        self.schedule = Schedule(inputs, outputs, fuse)
+    def __init__(self, schedule: Schedule, float_type: str) -> None:
+        self.schedule = schedule
         self.float_type = float_type
         self.vector = f"<{LANES} x {float_type}>"
         self.number_bytes = NUMBER_BYTES[float_type]
-        words = (LANES + 1 if g in self.schedule.register_inputs else 0 for g in range(len(inputs)))
-        self.word_offsets = list(itertools.accumulate(words, initial=0))
         self._declared: set[str] = set()
         self._lanewise: set[str] = set()
 
@@ -83,12 +73,10 @@ class Arithmetic:
 
     def _step_function(self, step: Step) -> str:
         """Return the LLVM function of a step of arithmetic."""
-        self._f = f = FunctionBuilder(f"internal void @{step.name}(ptr noalias %frame, ptr noalias %places)")
+        self._f = f = FunctionBuilder(f"internal void @{step.name}({STEP_PARAMETERS})")
         self._names: dict[Node, tuple[str, int]] = {}  # of vectors, and the position at which they were last used
         self._comparisons: dict[int, str] = {}  # names by the identity of the comparison
         self._position = 0
-        for g, components in step.loads.items():
-            self._load_components(g, components)
         for self._position, node in enumerate(step.lines):
             name = self._write_operation(node)
             self._names[node] = name, self._position
@@ -102,17 +90,23 @@ class Arithmetic:
         f.do("ret void")
         return f.text()
 
-    def operand(self, value: Operation) -> str:
-        """Return an operand's vector: a number in all lanes, a register, or a load from the frame."""
+    def constant(self, f: FunctionBuilder, value: Operation) -> str:
+        """Return the vector of a known number or of a constant."""
         if not isinstance(value, Node):
             rounded = value if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", value))[0]
             return f"splat ({self.float_type} {hexadecimal(rounded)})"
+        place = f.pointer_at("%constants", value.number * self.number_bytes)
+        number = f.put(f"load {self.float_type}, ptr {place}, align {self.number_bytes}")
+        return f.splat(self.vector, f"{self.float_type} {number}")
+
+    def operand(self, value: Operation) -> str:
+        """Return an operand's vector: a number in all lanes, a register, or a load from the frame."""
+        if not isinstance(value, Node):
+            return self.constant(self._f, value)
         name, position = self._names.get(value, ("", 0))
         if not name or self._position - position > _MAX_AGE:
             if value.number >= 0:
-                place = self._f.pointer_at("%frame", value.number * self.number_bytes)
-                number = self._f.put(f"load {self.float_type}, ptr {place}, align {self.number_bytes}")
-                name = self._f.splat(self.vector, f"{self.float_type} {number}")
+                name = self.constant(self._f, value)
             elif value.slot >= 0:
                 place = self.slot_address(self._f, value.slot)
                 name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.number_bytes}")
@@ -171,43 +165,13 @@ class Arithmetic:
         value = self._f.put(f"call {DOUBLES} @lanes.{name}({typed_operands})")
         return value if self.number_bytes == 8 else self._f.put(f"fptrunc {DOUBLES} {value} to {self.vector}")
 
-    # ---- narrow inputs and outputs
-
-    def _load_components(self, input_index: int, components: Sequence[int]) -> None:
-        """Append the loads of components of an input for eight samples."""
-        f, word = self._f, 8 * self.word_offsets[input_index]
-        row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANES)
-        offsets = [f.load_word("%places", word + 8 * k) for k in range(1, LANES)]
-        starts = {c: f.pointer_at(row, f.multiply(step, c) if c else 0) for c in components}
-
-        def load_vectors() -> list[str]:
-            return [f.put(f"load {self.vector}, ptr {starts[c]}, align 1") for c in components]
-
-        def load_numbers() -> list[str]:
-            """Load each lane by itself."""
-            vectors = []
-            for c in components:
-                vector = "poison"
-                for k, offset in enumerate(["0", *offsets]):
-                    one = f.put(f"load {self.float_type}, ptr {f.pointer_at(starts[c], offset)}, align 1")
-                    vector = f.put(f"insertelement {self.vector} {vector}, {self.float_type} {one}, i32 {k}")
-                vectors.append(vector)
-            return vectors
-
-        side_by_side = f.put(f"icmp eq i64 {offsets[-1]}, {(LANES - 1) * self.number_bytes}")
-        vectors = f.either(self.vector, side_by_side, load_vectors, load_numbers)
-        for c, vector in zip(components, vectors, strict=True):
-            node = self.schedule.input_nodes[input_index][c]
-            if node is not None:
-                self._names[node] = vector, 0
-                if node.slot >= 0:
-                    self.store_slot(f, node.slot, vector)
+    # ---- narrow outputs
 
     def _store_sample_rows(self, output_index: int) -> None:
         """Store eight samples of a narrow output as rows, from an address that the kernel has set."""
         f = self._f
         parts = [self.operand(value) for value in self.schedule.output_nodes[output_index]]
-        to = f.load_word("%places", 8 * (self.word_offsets[-1] + output_index), "ptr")
+        to = f.load_word("%places", 8 * output_index, "ptr")
         blocked_count = len(parts) // LANES * LANES
         blocks = [f.transpose(self.vector, parts[k : k + LANES]) for k in range(0, blocked_count, LANES)]
         samples = [list(sample) for sample in zip(*blocks, strict=True)]

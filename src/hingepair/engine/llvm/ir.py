@@ -15,14 +15,14 @@ that the bits of a result do not depend on what else is computed. Nothing is reo
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from typing import Final
 
 from hingepair.engine.llvm.arithmetic import Arithmetic
 from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder, shared_name
-from hingepair.engine.llvm.memory import MAX_STREAMED, MEMORY_FUNCTIONS, PANEL, PREFETCH_SAMPLES, memory_functions
-from hingepair.engine.llvm.schedule import ComponentGroup, Step
+from hingepair.engine.llvm.memory import MAX_STREAMED, MEMORY_FUNCTIONS, PANEL, memory_functions
+from hingepair.engine.llvm.reading import InputReader
+from hingepair.engine.llvm.schedule import Schedule, Step
 from hingepair.engine.llvm.sines import SINE_FUNCTIONS, lanewise_function, sine_functions
 
 ROW_WORDS: Final = 3  # integers in a row of the kernel's table: address, bytes between samples and between components
@@ -40,22 +40,15 @@ def shared_symbols(float_type: str) -> list[str]:
     return [shared_name(name, float_type)[1:] for name in _SHARED]
 
 
-def kernel_ir(
-    inputs: Sequence[ComponentGroup],
-    outputs: Sequence[ComponentGroup],
-    *,
-    float_type: str = "double",
-    fuse: bool = True,
-) -> str:
+def kernel_ir(schedule: Schedule, float_type: str) -> str:
     """Return the LLVM module, as text, of the function `kernel(table, samples)`.
 
     Args:
-        inputs: groups of input components, in the order of the table's rows.
-        outputs: groups of output components, whose rows follow those of the inputs.
+        schedule: the program. The table's rows are that of the constants, if there are any, those of the inputs, and
+            those of the outputs.
         float_type: "double" or "float" (float32); sines are computed in float64.
-        fuse: whether sums are fused with products (FMA).
     """
-    return KernelBuilder(Arithmetic(inputs, outputs, float_type, fuse)).module()
+    return KernelBuilder(Arithmetic(schedule, float_type)).module()
 
 
 class KernelBuilder:
@@ -69,6 +62,7 @@ class KernelBuilder:
         self.inputs, self.outputs = self.schedule.inputs, self.schedule.outputs
         self.number_bytes = arithmetic.number_bytes
         self.tables: list[str] = []
+        self.functions: list[str] = []  # that read inputs and write outputs
         self.f = FunctionBuilder(self.SIGNATURE)
 
     def module(self) -> str:
@@ -80,9 +74,11 @@ class KernelBuilder:
             for name, parameters in _SHARED.items()
         ]
         declared.append("declare ptr @malloc(i64)\ndeclare void @free(ptr)")
-        declared.append("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)\ndeclare i64 @llvm.abs.i64(i64, i1)")
+        vector, load = self.arithmetic.vector, f"@llvm.masked.load.v{LANES}f{8 * self.number_bytes}.p0"
+        declared.append("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
+        declared.append(f"declare {vector} {load}(ptr, i32, <{LANES} x i1>, {vector})")
         lanewise = [lanewise_function(name) for name in self.arithmetic.lanewise_functions]
-        return "\n\n".join([*self.tables, *declared, *lanewise, *steps, self.f.text()]) + "\n"
+        return "\n\n".join([*self.tables, *declared, *lanewise, *self.functions, *steps, self.f.text()]) + "\n"
 
     def add_table(self, numbers: Sequence[int]) -> str:
         """Return the name of a constant array of 32-bit integers."""
@@ -101,9 +97,6 @@ class KernelBuilder:
         rows = self.begin_kernel(ROW_WORDS)
         readers = [InputReader(self, g, row) for g, row in enumerate(rows[: len(self.inputs)])]
         writers = [_OutputWriter(self, g, row) for g, row in enumerate(rows[len(self.inputs) :])]
-        for reader in readers:
-            if not reader.group.varies:
-                reader.read_uniform()
         self.call_steps(self.schedule.uniform_steps)
         start = self.write_direct_blocks(readers, writers)
         with f.loop("%samples", start=start, step=str(LANES)) as i:
@@ -111,7 +104,8 @@ class KernelBuilder:
             for writer in writers:
                 writer.begin_samples(i, left)
             for reader in readers:
-                reader.read(i, left)
+                reader.prefetch(i)
+                reader.read(reader.address(i), left)
             self.call_steps(self.schedule.varying_steps)
             for writer in writers:
                 writer.write_samples()
@@ -124,17 +118,21 @@ class KernelBuilder:
         f.do("ret void")
 
     def begin_kernel(self, row_words: int) -> list[list[str]]:
-        """Load and return the rows of the table, of so many words each; make the frame, and store its constants."""
-        f, arithmetic = self.f, self.arithmetic
+        """Load the address of the constants; make the frame, and store the constants that have slots there. Return
+        the rows of the table of inputs and outputs, of so many words each.
+        """
+        f, arithmetic, schedule = self.f, self.arithmetic, self.schedule
+        first = int(schedule.has_constants)
+        f.do("%constants = load ptr, ptr %table, align 8")
         rows = [
             [f.load_word("%table", 8 * (g * row_words + k)) for k in range(row_words)]
-            for g in range(len(self.inputs) + len(self.outputs))
+            for g in range(first, first + len(self.inputs) + len(self.outputs))
         ]
-        frame = f.buffer(max(1, self.schedule.frame_size) * LANES * arithmetic.number_bytes)
+        frame = f.buffer(max(1, schedule.frame_size) * LANES * arithmetic.number_bytes)
         f.do(f"%frame = getelementptr i8, ptr {frame}, i64 0")
-        f.do(f"%places = alloca [{arithmetic.word_offsets[-1] + len(self.outputs)} x i64], align 8")
-        for number, slot in self.schedule.constant_slots.items():
-            arithmetic.store_slot(f, slot, arithmetic.operand(number))
+        f.do(f"%places = alloca [{len(self.outputs)} x i64], align 8")
+        for one, slot in schedule.constant_slots.items():
+            arithmetic.store_slot(f, slot, arithmetic.constant(f, one))
         return rows
 
     def write_direct_blocks(self, readers: Sequence[InputReader], writers: Sequence[_OutputWriter]) -> str:
@@ -152,7 +150,8 @@ class KernelBuilder:
             for writer in writers:
                 writer.set_row_address(writer.row(i))
             for reader in readers:
-                reader.read(i, str(LANES))
+                reader.prefetch(i)
+                reader.read(reader.address(i), str(LANES))
             self.call_steps(self.schedule.varying_steps)
             for writer in writers:
                 if not writer.group.narrow:
@@ -167,108 +166,7 @@ class KernelBuilder:
                 angles = f"ptr {self.add_table(slots)}, i64 {len(slots)}"
                 self.call_shared("sines", "ptr %frame", angles, f"ptr {self.arithmetic.slot_address(self.f, first)}")
             else:
-                self.f.do(f"call void @{step.name}(ptr %frame, ptr %places)")
-
-
-class InputReader:
-    """Builder of the code that reads one input.
-
-    Args:
-        kernel: builder of the kernel.
-        index: index of the input.
-        row: the three integers of its row of the table.
-    """
-
-    def __init__(self, kernel: KernelBuilder, index: int, row: Sequence[str]) -> None:
-        f = self.f = kernel.f
-        self.kernel, self.group = kernel, kernel.inputs[index]
-        self.count = len(self.group.values)
-        address, self.stride, self.step = row
-        if not self.group.varies:
-            self.stride = "0"
-        self.base = f.put(f"inttoptr i64 {address} to ptr")
-        self.components, self.slot = kernel.schedule.input_slots[index]
-        self.scalars, self.scalar_slot = kernel.schedule.input_scalars[index]
-        self.word_offset = 8 * kernel.arithmetic.word_offsets[index]
-        self.in_registers = index in kernel.schedule.register_inputs
-        if self.in_registers:
-            f.store_word(self.step, "%places", self.word_offset + 8 * LANES)
-            self.prefetched = self.prefetch_offsets()
-            self.store_lane_offsets(str(LANES))
-        else:
-            self.components_table = kernel.add_table(self.components)
-
-    def prefetch_offsets(self) -> list[str]:
-        """Return the byte offsets of the cache lines that are prefetched for a block of eight samples.
-
-        Of an input stored in rows these are all lines of eight samples, or only those that hold needed components if
-        these are fewer; of one stored in columns, a line of each needed component.
-        """
-        f = self.f
-        starts = self.components[:1]
-        for c in self.components:
-            last = c == self.components[-1] > starts[-1]
-            if (c - starts[-1]) * self.kernel.number_bytes >= CACHE_LINE or last:
-                starts.append(c)
-        if LANES * len(starts) < self.count:
-            samples = [f.multiply(self.stride, k) for k in range(LANES)]
-            rows = [f.put(f"add i64 {sample}, {f.multiply(self.step, c)}") for sample in samples for c in starts]
-        else:
-            along = f.put(f"sdiv i64 {f.multiply(self.stride, LANES)}, {self.count}")
-            rows = [f.multiply(along, k) for k in range(self.count)]
-        columns = [f.multiply(self.step, c) for c in self.components]
-        wide, far = (f.put(f"call i64 @llvm.abs.i64(i64 {x}, i1 false)") for x in (self.stride, self.step))
-        by_rows = f.put(f"icmp sle i64 {far}, {wide}")
-        both = itertools.zip_longest(rows, columns, fillvalue="0")
-        lines = [f.put(f"select i1 {by_rows}, i64 {row}, i64 {column}") for row, column in both]
-        ahead = f.multiply(self.stride, PREFETCH_SAMPLES)
-        return [f.put(f"add i64 {ahead}, {line}") for line in lines]
-
-    def store_lane_offsets(self, samples_left: str) -> None:
-        """Store the byte offsets of the eight samples of a block from the first of them, which the steps read."""
-        to = self.f.pointer_at("%places", self.word_offset + 8)
-        self.kernel.call_shared("lanes", f"ptr {to}, i64 {self.stride}, i64 {samples_left}")
-
-    def read(self, i: str, samples_left: str) -> None:
-        """Load and prefetch the eight samples from i on, or the `samples_left` that exist."""
-        f = self.f
-        if not self.group.varies:
-            return
-        row = f.pointer_at(self.base, f.multiply(i, self.stride))
-        if not self.in_registers:
-            self.gather(row, samples_left)
-            return
-        f.do(f"store ptr {row}, ptr {f.pointer_at('%places', self.word_offset)}, align 8")
-        for distance in self.prefetched:
-            f.do(f"call void @llvm.prefetch.p0(ptr {f.pointer_at(row, distance)}, i32 0, i32 2, i32 1)")
-        if not samples_left.isdigit():
-            with f.when(f.put(f"icmp slt i64 {samples_left}, {LANES}")):
-                self.store_lane_offsets(samples_left)
-
-    def read_uniform(self) -> None:
-        """Load what is needed of an input equal for all samples: as vectors, or as numbers if there are many."""
-        if self.scalars:
-            to = self.kernel.arithmetic.slot_address(self.f, self.scalar_slot)
-            which = f"ptr {self.kernel.add_table(self.scalars)}, i64 {len(self.scalars)}"
-            self.kernel.call_shared("numbers", f"ptr {to}", which, f"ptr {self.base}, i64 {self.step}")
-        if self.components:
-            self.gather(self.base, "1")
-
-    def gather(self, row: str, samples_left: str) -> None:
-        """Load the needed components of eight samples, the first of which is at `row`, into the frame."""
-        f = self.f
-        to = self.kernel.arithmetic.slot_address(f, self.slot)
-        which = f"ptr {self.components_table}, i64 {len(self.components)}"
-        source = f"ptr {row}, i64 {self.stride}, i64 {self.step}, i64 {samples_left}"
-        if len(self.components) < self.count or self.count < LANES or not self.group.varies:
-            self.kernel.call_shared("gather", f"ptr {to}", which, source)
-            return
-        dense = f.put(f"icmp eq i64 {self.step}, {self.kernel.number_bytes}")
-        full = f.put(f"icmp sge i64 {samples_left}, {LANES}")
-        with f.when_else(f.put(f"and i1 {dense}, {full}")) as otherwise:
-            self.kernel.call_shared("columns", f"ptr {to}, i64 {self.count}, ptr {row}, i64 {self.stride}")
-            otherwise()
-            self.kernel.call_shared("gather", f"ptr {to}", which, source)
+                self.f.do(f"call void @{step.name}(ptr %frame, ptr %places, ptr %constants)")
 
 
 class _OutputWriter:
@@ -291,7 +189,7 @@ class _OutputWriter:
         self.base = f.put(f"inttoptr i64 {self.start} to ptr")
         self.count, number_bytes = len(self.group.values), kernel.number_bytes
         self.row_bytes = self.count * number_bytes
-        self.word_offset = 8 * (kernel.arithmetic.word_offsets[-1] + index)
+        self.word_offset = 8 * index
         self.streamed = "false"
         self.dense = f.put(f"icmp eq i64 {self.stride}, {self.row_bytes}")
         if self.count > 1:

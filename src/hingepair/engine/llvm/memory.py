@@ -23,10 +23,7 @@ MAX_STREAMED: Final = 512  # most components of an output that is staged as a wh
 _LINE: Final = f"<{CACHE_LINE // 8} x i64>"  # LLVM's type of a cache line, which is copied as a whole
 _TARGET: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"  # parameters that say where samples go
 MEMORY_FUNCTIONS: Final = {
-    "lanes": "ptr noalias %to, i64 %stride, i64 %rest",
     "gather": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %stride, i64 %step, i64 %rest",
-    "numbers": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %step",
-    "columns": "ptr noalias %to, i64 %count, ptr %row, i64 %stride",
     "scatter": f"ptr noalias %from, i64 %count, {_TARGET}",
     "rows": "ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %to, i64 %pitch, i1 %filled",
     "panels": f"ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, {_TARGET}",
@@ -38,22 +35,13 @@ samples, `step` those between components, and `rest` the number of samples that 
 
 def memory_functions(float_type: str) -> list[str]:
     """Return LLVM code of the functions for numbers of type "double" or "float"."""
-    makers = (_lanes, _gather, _numbers, _columns, _scatter, _rows, _panels, _flush)
-    declared = "declare void @llvm.prefetch.p0(ptr, i32, i32, i32)\ndeclare i64 @llvm.umin.i64(i64, i64)"
+    makers = (_gather, _scatter, _rows, _panels, _flush)
+    declared = "declare i64 @llvm.umin.i64(i64, i64)"
     return [declared, *(make(float_type, NUMBER_BYTES[float_type]) for make in makers)]
 
 
 def _begin(name: str, float_type: str) -> FunctionBuilder:
     return FunctionBuilder(f"void {shared_name(name, float_type)}({MEMORY_FUNCTIONS[name]})")
-
-
-def _lanes(float_type: str, _: int) -> str:
-    """Return the function `lanes`, which stores the byte offsets of lanes 1 to 7 from lane 0."""
-    f = _begin("lanes", float_type)
-    for k, offset in enumerate(_lane_offsets(f)):
-        f.store_word(offset, "%to", 8 * k)
-    f.do("ret void")
-    return f.text()
 
 
 def _lane_offsets(f: FunctionBuilder) -> list[str]:
@@ -91,41 +79,6 @@ def _gather(float_type: str, number_bytes: int) -> str:
                     one = f.put(f"load {float_type}, ptr {f.pointer_at(sample, offset)}, align 1")
                     value = f.put(f"insertelement {vector} {value}, {float_type} {one}, i32 {k}")
                 keep(c, value)
-    f.do("ret void")
-    return f.text()
-
-
-def _numbers(float_type: str, number_bytes: int) -> str:
-    """Return the function `numbers`, which copies selected components of one sample into a contiguous array."""
-    f = _begin("numbers", float_type)
-    with f.loop("%count") as c:
-        source = f.pointer_at("%row", f.multiply(f.load_entry("%which", c), "%step"))
-        one = f.put(f"load {float_type}, ptr {source}, align 1")
-        target = f.pointer_at("%to", f.multiply(c, number_bytes))
-        f.do(f"store {float_type} {one}, ptr {target}, align {number_bytes}")
-    f.do("ret void")
-    return f.text()
-
-
-def _columns(float_type: str, number_bytes: int) -> str:
-    """Return the function `columns`, which loads eight contiguous rows of eight or more components into vectors.
-
-    Eight components are transposed at a time; the last eight overlap those before if need be.
-    """
-    f = _begin("columns", float_type)
-    vector, vector_bytes = f"<{LANES} x {float_type}>", LANES * number_bytes
-    last = f.put(f"sub i64 %count, {LANES}")
-    with f.loop("%count", step=str(LANES)) as c:
-        first = f.put(f"call i64 @llvm.umin.i64(i64 {c}, i64 {last})")
-        row = f.pointer_at("%row", f.multiply(first, number_bytes))
-        ahead = f.multiply("%stride", PREFETCH_SAMPLES)
-        rows = []
-        for sample in [f.pointer_at(row, f.multiply("%stride", k)) for k in range(LANES)]:
-            f.do(f"call void @llvm.prefetch.p0(ptr {f.pointer_at(sample, ahead)}, i32 0, i32 2, i32 1)")
-            rows.append(f.put(f"load {vector}, ptr {sample}, align 1"))
-        target = f.pointer_at("%to", f.multiply(first, vector_bytes))
-        for k, column in enumerate(f.transpose(vector, rows)):
-            f.do(f"store {vector} {column}, ptr {f.pointer_at(target, vector_bytes * k)}, align {vector_bytes}")
     f.do("ret void")
     return f.text()
 

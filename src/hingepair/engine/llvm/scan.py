@@ -14,13 +14,13 @@ from typing import Final
 
 from hingepair.engine.llvm.arithmetic import Arithmetic
 from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder
-from hingepair.engine.llvm.ir import InputReader, KernelBuilder
-from hingepair.engine.llvm.schedule import ComponentGroup
+from hingepair.engine.llvm.ir import KernelBuilder
+from hingepair.engine.llvm.reading import InputReader
+from hingepair.engine.llvm.schedule import ComponentGroup, Schedule
 from hingepair.engine.trace import Operand
 from hingepair.engine.ufunc import default_float_environment
 
 SCAN_WORDS: Final = 6  # integers in a row of the table
-_MASKED_LOAD: Final = "@llvm.masked.load.v8f64.p0"  # of the lanes that a mask names
 COUNTS: Final = ("%records", "%every", "%stages")  # numbers of records, of steps of each, of stages of each step
 
 
@@ -40,12 +40,12 @@ def scan_ir(
         outputs: components of the outputs by name, whose rows follow.
         fuse: whether sums are fused with products (FMA).
     """
-    groups = [ComponentGroup(tuple(constants), False)] if constants else []
-    groups += [ComponentGroup(tuple(parts), in_frame=True) for parts in inputs.values()]
+    groups = [ComponentGroup(tuple(parts), in_frame=True) for parts in inputs.values()]
     results = [ComponentGroup(tuple(parts), in_frame=True) for parts in outputs.values()]
-    names, first = list(outputs), len(groups) - len(inputs)
-    passed = {g: names.index(f"next_{one}") for g, one in enumerate(inputs, first) if f"next_{one}" in outputs}
-    return _ScanBuilder(Arithmetic(groups, results, "double", fuse), passed).module()
+    names = list(outputs)
+    passed = {g: names.index(f"next_{one}") for g, one in enumerate(inputs) if f"next_{one}" in outputs}
+    schedule = Schedule(constants, groups, results, fuse)
+    return _ScanBuilder(Arithmetic(schedule, "double"), passed).module()
 
 
 class _ScanBuilder(KernelBuilder):
@@ -61,47 +61,36 @@ class _ScanBuilder(KernelBuilder):
     def __init__(self, arithmetic: Arithmetic, passed: Mapping[int, int]) -> None:
         super().__init__(arithmetic)
         self.passed = passed
-        self.declarations = [f"declare <8 x double> {_MASKED_LOAD}(ptr, i32, <8 x i1>, <8 x double>)"]
-        self.functions: dict[str, str] = {}
-
-    def module(self) -> str:
-        """Return the LLVM module."""
-        return "\n\n".join([super().module(), *self.declarations, *self.functions.values()]) + "\n"
 
     def write_kernel(self) -> None:
         """Write the loops over blocks of samples, and in them over records, steps and stages."""
         f, inputs = self.f, self.inputs
         environment, restore = default_float_environment(f)
-        self.declarations += environment
+        self.functions += environment
         rows = self.begin_kernel(SCAN_WORDS)
         most = max(len(group.values) for group in (*self.outputs, *inputs))
         f.do(f"%stage = getelementptr i8, ptr {f.buffer(LANES * most * 8)}, i64 0")
         f.do(f"%read = alloca [{len(inputs)} x i64], align 8")
-        for g, group in enumerate(inputs):
+        for g in range(len(inputs)):
             f.store_word(0, "%read", 8 * g)
-            if not group.varies:
-                InputReader(self, g, rows[g][:3]).read_uniform()
         self.call_steps(self.schedule.uniform_steps)
-        passed = {g: _Rows(self, f"state{g}", self.input_slots(g), rows[g]) for g in self.passed}
-        read = {
-            g: _Rows(self, f"input{g}", self.input_slots(g), rows[g])
-            for g, group in enumerate(inputs)
-            if group.varies and g not in passed
-        }
+        readers = [InputReader(self, g, rows[g]) for g in range(len(inputs))]
+        read = {g: one for g, one in enumerate(readers) if g not in self.passed}
+        passed = {readers[g]: _Writer(self, f"state{g}", self.input_slots(g), rows[g]) for g in self.passed}
         written = [
-            _Rows(self, f"output{g}", self.schedule.slots_of(g), rows[len(inputs) + g])
-            for g, group in enumerate(self.outputs)
+            _Writer(self, f"output{g}", self.schedule.slots_of(g), rows[len(inputs) + g])
+            for g in range(len(self.outputs))
         ]
         with f.loop("%samples", step=str(LANES)) as i:
             left = f.put(f"sub i64 %samples, {i}")
-            for state in passed.values():
-                state.read(state.address(i), left)
+            for reader in passed:
+                reader.read(reader.address(i), left)
             with f.loop(COUNTS[0]) as r, f.loop(COUNTS[1]) as s, f.loop(COUNTS[2]) as j:
-                for g, one in read.items():
-                    address, last = one.address(i, r, s, j), f.pointer_at("%read", 8 * g)
+                for g, reader in read.items():
+                    address, last = reader.address(i, r, s, j), f.pointer_at("%read", 8 * g)
                     with f.when(f.put(f"icmp ne i64 {address}, {f.load_word(last, 0)}")):
                         f.do(f"store i64 {address}, ptr {last}, align 8")
-                        one.read(address, left)
+                        reader.read(address, left)
                 self.call_steps(self.schedule.varying_steps)
                 for one in written:
                     due = f.put(f"icmp ne i64 {one.start}, 0")
@@ -112,8 +101,8 @@ class _ScanBuilder(KernelBuilder):
                     with f.when(due):
                         one.write(one.address(i, r, s, j), left)
                 self.pass_on()
-            for state in passed.values():
-                state.write(state.address(i), left)
+            for reader, state in passed.items():
+                state.write(reader.address(i), left)
         restore()
         f.do("ret void")
 
@@ -135,92 +124,55 @@ class _ScanBuilder(KernelBuilder):
             self.arithmetic.store_slot(f, slot, value)
 
 
-class _Rows:
-    """Builder of the code that moves the components of eight samples between the frame and rows in memory.
+class _Writer:
+    """Builder of the code that writes the components of eight samples from the frame into rows in memory.
 
     Args:
         scan: builder of the scan.
-        name: name of the functions.
+        name: name of the function.
         slots: slots of the components.
         row: the integers of the table's row.
     """
 
     def __init__(self, scan: _ScanBuilder, name: str, slots: Sequence[int], row: Sequence[str]) -> None:
-        self.scan, self.name, self.slots = scan, name, slots
+        self.scan, self.slots, self.function = scan, slots, f"@write.{name}"
         self.start, self.stride, self.step, *self.strides = row
-        self.table = scan.add_table(range(len(slots)))
         self.dense = scan.f.put(f"icmp eq i64 {self.step}, 8")
+        scan.functions.append(self._function())
 
     def address(self, *indices: str) -> str:
-        """Return the address of a sample at a record, step and stage; those that are left out are the first."""
+        """Return the address of a sample at a record, step and stage."""
         address = self.start
-        for index, stride in zip(indices, (self.stride, *self.strides), strict=False):
+        for index, stride in zip(indices, (self.stride, *self.strides), strict=True):
             address = self.scan.f.put(f"add i64 {address}, {self.scan.f.multiply(index, stride)}")
         return address
-
-    def read(self, address: str, samples_left: str) -> None:
-        """Read the eight samples from an address on, or the `samples_left` that exist."""
-        f, count = self.scan.f, len(self.slots)
-        row = f.put(f"inttoptr i64 {address} to ptr")
-        differ = f.put(f"icmp ne i64 {self.stride}, 0")
-        with f.when_else(f.put(f"and i1 {differ}, {self._whole(samples_left)}")) as otherwise:
-            self._call("get", row, self.stride)
-            otherwise()
-            to = self.scan.arithmetic.slot_address(f, self.slots[0])
-            source = f"ptr {row}, i64 {self.stride}, i64 {self.step}, i64 {samples_left}"
-            self.scan.call_shared("gather", f"ptr {to}", f"ptr {self.table}, i64 {count}", source)
 
     def write(self, address: str, samples_left: str) -> None:
         """Write the eight samples from an address on, or the `samples_left` that exist."""
         f, count = self.scan.f, len(self.slots)
         row = f.put(f"inttoptr i64 {address} to ptr")
-        with f.when_else(self._whole(samples_left)) as otherwise:
-            self._call("put", row, self.stride)
+        full = f.put(f"icmp sge i64 {samples_left}, {LANES}")
+        with f.when_else(f.put(f"and i1 {self.dense}, {full}")) as otherwise:
+            f.do(f"call void {self.function}(ptr %frame, ptr {row}, i64 {self.stride})")
             otherwise()
-            self._call("put", "%stage", str(8 * count))
+            f.do(f"call void {self.function}(ptr %frame, ptr %stage, i64 {8 * count})")
             target = f"ptr {row}, i64 {self.stride}, i64 {self.step}, i64 {samples_left}"
             self.scan.call_shared("scatter", f"ptr %stage, i64 {count}", target)
 
-    def _whole(self, samples_left: str) -> str:
-        """Return the condition that there are eight samples whose components lie side by side."""
-        full = self.scan.f.put(f"icmp sge i64 {samples_left}, {LANES}")
-        return self.scan.f.put(f"and i1 {self.dense}, {full}")
-
-    def _call(self, kind: str, row: str, stride: str) -> None:
-        """Call the function `get` or `put` of these components; write it first if need be."""
-        name = f"@{kind}.{self.name}"
-        if name not in self.scan.functions:
-            self.scan.functions[name] = self._function(name, kind == "get")
-        self.scan.f.do(f"call void {name}(ptr %frame, ptr {row}, i64 {stride})")
-
-    def _function(self, name: str, reads: bool) -> str:
-        """Return the function that moves the components: eight of eight samples at a time are transposed, and the
-        last eight overlap those before if need be.
+    def _function(self) -> str:
+        """Return the function: eight components of eight samples at a time are transposed, and the last eight overlap
+        those before if need be.
         """
-        f = FunctionBuilder(f"internal void {name}(ptr noalias %frame, ptr %row, i64 %stride)")
+        f = FunctionBuilder(f"internal void {self.function}(ptr noalias %frame, ptr %row, i64 %stride)")
         arithmetic, vector, count = self.scan.arithmetic, self.scan.arithmetic.vector, len(self.slots)
         rows = [f.pointer_at("%row", f.multiply("%stride", k)) for k in range(LANES)]
-        exist = ", ".join(f"i1 {k < count}".lower() for k in range(LANES))
         for c in range(0, count, LANES):
             first = max(0, min(c, count - LANES))
-            slots = self.slots[first : first + LANES]
-            places = [f.pointer_at(row, 8 * first) for row in rows]
-            if reads and count >= LANES:
-                vectors = [f.put(f"load {vector}, ptr {place}, align 8") for place in places]
-            elif reads:
-                options = f"i32 8, <{LANES} x i1> <{exist}>, {vector} poison"
-                vectors = [f.put(f"call {vector} {_MASKED_LOAD}(ptr {place}, {options})") for place in places]
-            else:
-                addresses = [arithmetic.slot_address(f, slot) for slot in slots]
-                vectors = [f.put(f"load {vector}, ptr {address}, align {CACHE_LINE}") for address in addresses]
-                vectors += ["poison"] * (LANES - len(slots))
-            turned = f.transpose(vector, vectors)
-            if reads:
-                for slot, column in zip(slots, turned, strict=False):
-                    arithmetic.store_slot(f, slot, column)
-            else:
-                for place, numbers in zip(places, turned, strict=True):
-                    self._store_first(f, place, numbers, len(slots))
+            addresses = [arithmetic.slot_address(f, slot) for slot in self.slots[first : first + LANES]]
+            vectors = [f.put(f"load {vector}, ptr {address}, align {CACHE_LINE}") for address in addresses]
+            vectors += ["poison"] * (LANES - len(vectors))
+            for row, numbers in zip(rows, f.transpose(vector, vectors), strict=True):
+                self._store_first(f, f.pointer_at(row, 8 * first), numbers, len(addresses))
         f.do("ret void")
         return f.text()
 

@@ -1,25 +1,21 @@
 """The schedule of a kernel's arithmetic: which step computes a value, and where the frame keeps it.
 
-A frame is an array of vectors, with one slot for each value that more than one function reads. Where samples share
-hundreds of inputs, these are stored in the frame as numbers. The values are computed in steps: arithmetic of limited
-length, and sines that are computed together. LLVM's time grows faster than the length of a function, and values in
-the frame need no registers between the functions.
+A frame is an array of vectors, with one slot for each value that more than one function reads. The values are
+computed in steps: arithmetic of limited length, and sines that are computed together. LLVM's time grows faster than
+the length of a function, and values in the frame need no registers between the functions.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple, TypeAlias
 
-from hingepair.engine.llvm.builder import LANES
 from hingepair.engine.llvm.sines import SINES
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 
-MAX_NARROW: Final = 16  # most components of an output assembled in registers, and needed ones of an input there
-# Where registers are few, loading a vector is quicker than a broadcast; but 256 vectors (16 kB) are half a cache.
-MAX_UNIFORM_VECTORS: Final = 256  # inputs shared by all samples that the frame holds as vectors; more are numbers
+MAX_NARROW: Final = 16  # most components of an output that is assembled in registers
 _UNSPLIT: Final = 1000  # most operations of a program that is one LLVM function, so that few values pass the frame
 _SPLIT: Final = 300  # operations of each function of a longer program: LLVM spills few registers then
 
@@ -28,8 +24,7 @@ class ComponentGroup(NamedTuple):
     """The components of one array, which lie at one common stride in memory."""
 
     values: tuple[Operand, ...]  # traced inputs, or results
-    varies: bool = True  # from sample to sample
-    in_frame: bool = False  # whether the kernel itself moves it to or from the frame, however few components it has
+    in_frame: bool = False  # whether all of it has slots of the frame
 
     @property
     def narrow(self) -> bool:
@@ -51,7 +46,7 @@ class Node:
         self.stores: list[int] = []  # narrow outputs that are stored right after it has been computed
         self.made = -1  # the step that makes it; -1 if there is none
         self.slot = -1  # of the frame; -1 if it has none
-        self.number = -1  # its place among the numbers of the frame; -1 if it has none
+        self.number = -1  # its place among the constants; -1 if it is none of them
 
     @property
     def read_nodes(self) -> list[Node]:
@@ -69,38 +64,42 @@ class Step(NamedTuple):
     name: str  # of the function
     lines: list[Node]  # to compute, in order; none for sines
     angles: list[Node]  # [rad] whose sines are computed; none for arithmetic
-    loads: dict[int, list[int]]  # components to load, by the index of the input
 
 
 class Schedule:
     """The steps that compute a kernel's values, and the frame through which they pass values.
 
     Args:
+        constants: inputs that are equal at all samples, in their order in memory.
         inputs: groups of input components.
         outputs: groups of output components.
         fuse: whether sums are fused with products (FMA).
 
     Attributes:
         inputs, outputs: the groups.
-        input_nodes: for each input, its components; None where one is not needed.
+        has_constants: whether there are constants.
         output_nodes: for each output, its components.
         uniform_steps: steps that compute the values which do not vary from sample to sample.
         varying_steps: steps that compute those which do.
         stored_last: narrow outputs that are stored at the end of the last step.
         frame_size: number of slots.
-        register_inputs: indices of the inputs that steps load into registers; other inputs are gathered into the
-            frame.
-        input_slots: for each input, the components needed as vectors, and the first slot of the gathered ones.
-        input_scalars: for each input, the components needed as one number for all samples, and their first slot,
-            which holds eight of them.
-        constant_slots: number of the slot of each constant in a wide output.
+        input_slots: for each input, the components that are read, and the first of their slots.
+        constant_slots: slots of the constants and known numbers that sines and wide outputs read.
     """
 
-    def __init__(self, inputs: Sequence[ComponentGroup], outputs: Sequence[ComponentGroup], fuse: bool) -> None:
-        self.inputs, self.outputs = inputs, outputs
+    def __init__(
+        self,
+        constants: Sequence[Operand],
+        inputs: Sequence[ComponentGroup],
+        outputs: Sequence[ComponentGroup],
+        fuse: bool,
+    ) -> None:
+        self.inputs, self.outputs, self.has_constants = inputs, outputs, bool(constants)
         lines = _nodes(needed_values(value for group in outputs for value in group.values), fuse)
         nodes = {id(node.value): node for node in lines}
-        self.input_nodes = [[nodes.get(id(value)) for value in group.values] for group in inputs]
+        for k, value in enumerate(constants):
+            if id(value) in nodes:
+                nodes[id(value)].number = k
         self.output_nodes: list[list[Operation]] = [
             [nodes[id(value)] if isinstance(value, TracedValue) else value for value in group.values]
             for group in outputs
@@ -110,17 +109,11 @@ class Schedule:
                 node.is_read = True
         self.uniform_steps = _steps("once", (node for node in lines if not node.value.varies))
         self.varying_steps = _steps("block", (node for node in lines if node.value.varies))
-        self.register_inputs = {
-            g
-            for g, (group, parts) in enumerate(zip(inputs, self.input_nodes, strict=True))
-            if group.varies and sum(one is not None for one in parts) <= MAX_NARROW and not group.in_frame
-        }
         self.stored_last: list[int] = []
         self._schedule_stores()
-        self._schedule_loads()
-        self._assign_slots()
+        self._assign_slots(nodes)
 
-    # ---- stores and loads
+    # ---- stores
 
     def _schedule_stores(self) -> None:
         """Note for each narrow output the value after which it is stored: the last of its components; if sines, which
@@ -139,25 +132,6 @@ class Schedule:
                 last = max(varying, key=position.__getitem__, default=None)
                 (self.stored_last if last is None or last in by_sines else last.stores).append(g)
 
-    def _schedule_loads(self) -> None:
-        """Enter each component of an input in registers in the `loads` of a step: the first that reads it, but none
-        behind one that stores, since an output may overlap an input.
-        """
-        steps = self.varying_steps
-        first: dict[Node, int] = {}
-        for s, step in enumerate(steps):
-            for node in self._read_by(step):
-                first.setdefault(node, s)
-        stores = [any(node.stores for node in step.lines) for step in steps]
-        latest = stores.index(True) if any(stores) else len(steps) - 1  # step that may load
-        for g in sorted(self.register_inputs):
-            for c, part in enumerate(self.input_nodes[g]):
-                if part is not None:
-                    s = min(first.get(part, latest), latest)
-                    while steps[s].angles:
-                        s -= 1
-                    steps[s].loads[g].append(c)
-
     def _read_by(self, step: Step) -> Iterator[Node]:
         """Yield the values that a step reads or stores in outputs."""
         yield from step.angles
@@ -169,29 +143,34 @@ class Schedule:
         for g in outputs:
             yield from (one for one in self.output_nodes[g] if isinstance(one, Node))
 
-    def _made_by(self, step: Step) -> list[Node]:
-        """Return the values that a step loads or computes."""
-        loaded = (self.input_nodes[g][c] for g, components in step.loads.items() for c in components)
-        return [*(node for node in loaded if node is not None), *step.lines]
-
     # ---- the frame
 
-    def _assign_slots(self) -> None:
+    def _assign_slots(self, nodes: Mapping[int, Node]) -> None:
         """Assign a slot to each value that passes from one function to another; a slot is used again when its value
         is not needed any more.
         """
         steps = [*self.uniform_steps, *self.varying_steps]
+        self.frame_size = 0
+        self.input_slots: list[tuple[list[int], int]] = []
+        for group in self.inputs:
+            parts = [nodes.get(id(value)) for value in group.values]
+            used = [c for c, node in enumerate(parts) if group.in_frame or node is not None]
+            self.input_slots.append((used, self.frame_size))
+            for k, c in enumerate(used, self.frame_size):
+                if (node := parts[c]) is not None:
+                    node.slot = k
+            self.frame_size += len(used)
         wide = [one for g, group in enumerate(self.outputs) if not group.narrow for one in self.output_nodes[g]]
-        self._assign_input_slots({*wide, *(angle for step in steps for angle in step.angles)})
-        # Constants of wide outputs, which `rows` reads from the frame.
-        self.constant_slots: dict[float, int] = {}
-        for one in wide:
-            if not isinstance(one, Node) and one not in self.constant_slots:
+        self.constant_slots: dict[Operation, int] = {}
+        for one in (*wide, *(angle for step in self.uniform_steps for angle in step.angles)):
+            if one not in self.constant_slots and (not isinstance(one, Node) or one.number >= 0):
                 self.constant_slots[one] = self.frame_size
                 self.frame_size += 1
+                if isinstance(one, Node):
+                    one.slot = self.constant_slots[one]
         # Sines have places behind each other, for they are computed together; other values share places in time.
         for s, step in enumerate(steps):
-            for node in self._made_by(step):
+            for node in step.lines:
                 node.made = s
             for angle in step.angles:
                 for line in angle.sines:
@@ -203,30 +182,6 @@ class Schedule:
         last |= {one: len(steps) for one in wide if isinstance(one, Node) and one.made >= 0}
         self._share_slots(steps, last)
 
-    def _assign_input_slots(self, vectors: set[Operation]) -> None:
-        """Assign slots to the inputs that are gathered into the frame before the steps; `vectors` are needed as such
-        also where samples share many inputs, which are numbers otherwise.
-        """
-        size = 0
-        self.input_slots: list[tuple[list[int], int]] = []
-        self.input_scalars: list[tuple[list[int], int]] = []
-        for g, (group, parts) in enumerate(zip(self.inputs, self.input_nodes, strict=True)):
-            used = [c for c, node in enumerate(parts) if group.in_frame or node is not None]
-            shared = used if len(used) > MAX_UNIFORM_VECTORS and not group.varies else []
-            gathered = [c for c in used if parts[c] in vectors] if shared else used
-            self.input_scalars.append((shared, size))
-            for k, c in enumerate(shared):
-                if (node := parts[c]) is not None:
-                    node.number = size * LANES + k
-            size += -(-len(shared) // LANES)
-            self.input_slots.append((gathered, size))
-            if g not in self.register_inputs:
-                for k, c in enumerate(gathered):
-                    if (node := parts[c]) is not None:
-                        node.slot = size + k
-                size += len(gathered)
-        self.frame_size = size
-
     def _share_slots(self, steps: Sequence[Step], last: dict[Node, int]) -> None:
         """Assign a slot to each value that another step reads than the one that makes it, until its `last` use."""
         varying = len(self.uniform_steps)
@@ -237,7 +192,7 @@ class Schedule:
                 ending[s].append(node)
         free: list[int] = []
         for s, step in enumerate(steps):
-            for node in self._made_by(step):
+            for node in step.lines:
                 if node in last:
                     node.slot = free.pop() if free else self.frame_size
                     self.frame_size = max(self.frame_size, node.slot + 1)
@@ -301,10 +256,9 @@ def _steps(prefix: str, lines: Iterable[Node]) -> list[Step]:
         first.update(line for angle in angles for line in angle.sines)
         rest = [node for node in rest if node not in first]
     parts += _split(rest)
-    if prefix == "block":  # the first step loads inputs, the last step stores outputs
-        parts = [([], []), *parts] if not parts or parts[0][1] else parts
-        parts = [*parts, ([], [])] if parts[-1][1] else parts
-    return [Step(f"{prefix}{k}", *part, defaultdict(list)) for k, part in enumerate(parts)]
+    if prefix == "block":  # the last step stores outputs
+        parts = [*parts, ([], [])] if not parts or parts[-1][1] else parts
+    return [Step(f"{prefix}{k}", *part) for k, part in enumerate(parts)]
 
 
 def _split(lines: Sequence[Node]) -> list[tuple[list[Node], list[Node]]]:
