@@ -1,6 +1,6 @@
 """Images: code that runs wherever it is mapped."""
 
-from __future__ import annotations
+from __future__ import gc
 
 import ctypes
 import math
@@ -78,6 +78,7 @@ def test_code_is_freed_with_its_kernel():
         ends = [line.split()[0].split("-") for line in lines if "r-xp 00000000 00:00 0" in line]
         return sum(int(end, 16) - int(start, 16) for start, end in ends)
 
+    gc.collect()  # kernels of other tests
     before = mapped()
     kernels = [native.Kernel("references", lambda: ALL_REFERENCES) for _ in range(20)]
     assert mapped() > before

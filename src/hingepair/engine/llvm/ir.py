@@ -98,8 +98,7 @@ class KernelBuilder:
         readers = [InputReader(self, g, row) for g, row in enumerate(rows[: len(self.inputs)])]
         writers = [_OutputWriter(self, g, row) for g, row in enumerate(rows[len(self.inputs) :])]
         self.call_steps(self.schedule.uniform_steps)
-        start = self.write_direct_blocks(readers, writers)
-        with f.loop("%samples", start=start, step=str(LANES)) as i:
+        with f.loop("%samples", step=str(LANES)) as i:
             left = f.put(f"sub i64 %samples, {i}")
             for writer in writers:
                 writer.begin_samples(i, left)
@@ -135,29 +134,6 @@ class KernelBuilder:
             arithmetic.store_slot(f, slot, arithmetic.constant(f, one))
         return rows
 
-    def write_direct_blocks(self, readers: Sequence[InputReader], writers: Sequence[_OutputWriter]) -> str:
-        """Write the loop over complete blocks whose rows go directly into the outputs: it runs if all of these are
-        contiguous and none is streamed. Return the index of the first sample that is left.
-        """
-        f = self.f
-        direct = "true"
-        for writer in writers:
-            direct = f.put(f"and i1 {direct}, {writer.dense}")
-            if writer.streamed != "false":
-                direct = f.put(f"and i1 {direct}, {f.put(f'xor i1 {writer.streamed}, true')}")
-        stop = f.put(f"select i1 {direct}, i64 {f.put(f'and i64 %samples, -{LANES}')}, i64 0")
-        with f.loop(stop, step=str(LANES)) as i:
-            for writer in writers:
-                writer.set_row_address(writer.row(i))
-            for reader in readers:
-                reader.prefetch(i)
-                reader.read(reader.address(i), str(LANES))
-            self.call_steps(self.schedule.varying_steps)
-            for writer in writers:
-                if not writer.group.narrow:
-                    writer.write_rows(writer.row(i), "false")
-        return stop
-
     def call_steps(self, steps: Sequence[Step]) -> None:
         """Call the steps in order."""
         for step in steps:
@@ -184,12 +160,11 @@ class _OutputWriter:
 
     def __init__(self, kernel: KernelBuilder, index: int, row: Sequence[str]) -> None:
         f = self.f = kernel.f
-        self.kernel, self.group = kernel, kernel.outputs[index]
+        self.kernel, self.index, self.group = kernel, index, kernel.outputs[index]
         self.start, self.stride, self.step = row
         self.base = f.put(f"inttoptr i64 {self.start} to ptr")
         self.count, number_bytes = len(self.group.values), kernel.number_bytes
         self.row_bytes = self.count * number_bytes
-        self.word_offset = 8 * index
         self.streamed = "false"
         self.dense = f.put(f"icmp eq i64 {self.stride}, {self.row_bytes}")
         if self.count > 1:
@@ -204,23 +179,16 @@ class _OutputWriter:
         buffer = f.buffer(CACHE_LINE + LANES * staged * number_bytes)
         self.stage = f.pointer_at(buffer, CACHE_LINE)  # behind the rest of a line that is not full yet
 
-    def row(self, i: str) -> str:
-        """Return the address of a sample."""
-        return self.f.pointer_at(self.base, self.f.multiply(i, self.stride))
-
-    def set_row_address(self, address: str) -> None:
-        """Tell the steps where to write the rows of a block."""
-        self.f.do(f"store ptr {address}, ptr {self.f.pointer_at('%places', self.word_offset)}, align 8")
-
     def begin_samples(self, i: str, samples_left: str) -> None:
         """Choose where the rows of the block at i are written: into the output, or first into the stage."""
         f = self.f
-        self.i, self.to, self.rest = i, self.row(i), samples_left
+        self.i, self.to, self.rest = i, f.pointer_at(self.base, f.multiply(i, self.stride)), samples_left
         full = f.put(f"icmp sge i64 {samples_left}, {LANES}")
         self.direct = f.put(f"and i1 {self.dense}, {full}")
         if self.streamed != "false":
             self.direct = f.put(f"and i1 {self.direct}, {f.put(f'xor i1 {self.streamed}, true')}")
-        self.set_row_address(f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}"))
+        address = f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}")
+        f.do(f"store ptr {address}, ptr {f.pointer_at('%places', 8 * self.index)}, align 8")  # for the steps
 
     def flush(self, i: str, count: str, is_last: str) -> None:
         """Stream `count` samples from the stage to the output, from sample i on."""

@@ -65,20 +65,13 @@ def _gather(float_type: str, number_bytes: int) -> str:
             one = f.put(f"load {float_type}, ptr {f.pointer_at('%row', offset)}, align 1")
             keep(c, f.splat(vector, f"{float_type} {one}"))
         otherwise()
-        full = f.put(f"icmp sge i64 %rest, {LANES}")
-        side_by_side = f.put(f"and i1 {full}, {f.put(f'icmp eq i64 %stride, {number_bytes}')}")
-        with f.when_else(side_by_side) as otherwise_scattered:
-            with f.loop("%count") as c:
-                offset = f.multiply(f.load_entry("%which", c), "%step")
-                keep(c, f.put(f"load {vector}, ptr {f.pointer_at('%row', offset)}, align 1"))
-            otherwise_scattered()
-            samples = ["%row", *(f.pointer_at("%row", offset) for offset in _lane_offsets(f))]
-            with f.loop("%count") as c:
-                offset, value = f.multiply(f.load_entry("%which", c), "%step"), "poison"
-                for k, sample in enumerate(samples):
-                    one = f.put(f"load {float_type}, ptr {f.pointer_at(sample, offset)}, align 1")
-                    value = f.put(f"insertelement {vector} {value}, {float_type} {one}, i32 {k}")
-                keep(c, value)
+        samples = ["%row", *(f.pointer_at("%row", offset) for offset in _lane_offsets(f))]
+        with f.loop("%count") as c:
+            offset, value = f.multiply(f.load_entry("%which", c), "%step"), "poison"
+            for k, sample in enumerate(samples):
+                one = f.put(f"load {float_type}, ptr {f.pointer_at(sample, offset)}, align 1")
+                value = f.put(f"insertelement {vector} {value}, {float_type} {one}, i32 {k}")
+            keep(c, value)
     f.do("ret void")
     return f.text()
 
