@@ -1,8 +1,9 @@
 """Images: code that runs wherever it is mapped."""
 
-from __future__ import gc
+from __future__ import annotations
 
 import ctypes
+import gc
 import math
 from pathlib import Path
 
