@@ -1,4 +1,5 @@
-"""Goals of frames: a position, an attitude, or a direction of the z axis, each of a class that gives its equations.
+"""Goals: a position, an attitude or a direction of the z axis of a frame, the centre of mass, a coordinate. Each is a
+class that gives its equations.
 
 A target is a row of numbers, those of all goals in order.
 """
@@ -13,11 +14,32 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
-from hingepair.equations.spatial import Scalar, Vector, add, cross, dot, scale, subtract
+from hingepair.equations.spatial import (
+    ZERO_VECTOR,
+    Scalar,
+    Vector,
+    add,
+    compose,
+    cross,
+    dot,
+    rotate,
+    scale,
+    subtract,
+    transpose,
+)
 from hingepair.equations.trees import Pose
 from hingepair.numeric.arrays import Float64Array
+from hingepair.plans.trees import TreeQuantities
 
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 _MAX_DISTANCE = 10.0  # from a target, in reaches of the robot; beyond, the direction alone counts
+
+
+class Place(NamedTuple):
+    """Where a goal's frame is, and how it moves."""
+
+    pose: Pose
+    moves: list[list[Any]]  # the six rows of its Jacobian, by q
 
 
 class Approach(NamedTuple):
@@ -31,17 +53,45 @@ class Approach(NamedTuple):
 
 @dataclass(frozen=True)
 class Goal(ABC):
-    """Kind of target of one frame, without the target's numbers."""
+    """Kind of target, without the target's numbers."""
 
-    frame: int  # its index in the request
+    frame: int  # index of the frame in the request
+    seen_from: int | None = None  # index of the frame in whose axes the target is given; None: in those of the base
     shape: ClassVar[tuple[int, ...]]  # of a target
     is_length: ClassVar[bool]  # whether its error is a distance [m], not an angle [rad]
     rank: ClassVar[int] = 3  # how many coordinates it determines
+    error_name: ClassVar[str]  # the result that has its error
 
     @property
     def size(self) -> int:
         """Count of numbers of a target."""
         return int(np.prod(self.shape))
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Indices of the frames on which it depends."""
+        return (self.frame,) if self.seen_from is None else (self.frame, self.seen_from)
+
+    def place(self, found: TreeQuantities, jacobian: Sequence[Any]) -> Place:
+        """Return the place that is compared with a target; `jacobian` is that of all frames, row by row."""
+        own = self._place_of(self.frame, found, jacobian)
+        if self.seen_from is None:
+            return own
+        other = self._place_of(self.seen_from, found, jacobian)
+        back, offset = transpose(other.pose.S), subtract(own.pose.d, other.pose.d)
+        columns = []
+        for one, two in zip(zip(*own.moves, strict=True), zip(*other.moves, strict=True), strict=True):
+            turn = _vector(two[3:])
+            linear = subtract(subtract(_vector(one[:3]), _vector(two[:3])), cross(turn, offset))
+            columns.append((*rotate(back, linear), *rotate(back, subtract(_vector(one[3:]), turn))))
+        pose = Pose(compose(back, own.pose.S), rotate(back, offset), ZERO_VECTOR)
+        return Place(pose, [list(row) for row in zip(*columns, strict=True)])
+
+    @staticmethod
+    def _place_of(frame: int, found: TreeQuantities, jacobian: Sequence[Any]) -> Place:
+        n = found.form.dof
+        rows = [list(jacobian[i * n : (i + 1) * n]) for i in range(6 * frame, 6 * frame + 6)]
+        return Place(found.frame_poses[frame], rows)
 
     @abstractmethod
     def pose(self, frame: Pose) -> tuple[Scalar, ...]:
@@ -53,7 +103,7 @@ class Goal(ABC):
 
     @abstractmethod
     def approach(self, frame: Pose, moves: list[Any], target: Sequence[Any], weight: Any, tolerance: Any) -> Approach:
-        """Return what a step towards a target needs; `moves` are the six rows of the frame's Jacobian."""
+        """Return what a step towards a target needs; `moves` are the six rows of the place's Jacobian."""
 
     @abstractmethod
     def comparable(self, values: Float64Array, reach: float) -> Float64Array:
@@ -65,6 +115,7 @@ class Position(Goal):
 
     shape = (3,)
     is_length = True
+    error_name = "position_error"
 
     def pose(self, frame: Pose) -> tuple[Scalar, ...]:
         """Return the origin."""
@@ -93,10 +144,74 @@ class Position(Goal):
         return shares
 
 
+class CentreOfMass(Position):
+    """Goal that the centre of mass of the robot is at a point."""
+
+    error_name = "centre_of_mass_error"
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Return nothing: all bodies count."""
+        return ()
+
+    def place(self, found: TreeQuantities, jacobian: Sequence[Any]) -> Place:  # noqa: ARG002
+        """Return the centre of mass with the axes of the base."""
+        rows, n = found.centre_of_mass_jacobian(), found.form.dof
+        moves = [list(rows[i * n : (i + 1) * n]) for i in range(3)]
+        return Place(Pose(_IDENTITY, found.centre_from_base, ZERO_VECTOR), [*moves, *([0.0] * n for _ in range(3))])
+
+
+class Coordinate(Goal):
+    """Goal that a coordinate, an angle, has a value; `frame` is its column in q."""
+
+    shape = ()
+    is_length = False
+    rank = 1
+    error_name = "coordinate_error"
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Return nothing: no frame counts."""
+        return ()
+
+    def place(self, found: TreeQuantities, jacobian: Sequence[Any]) -> Place:  # noqa: ARG002
+        """Return the coordinate in the place of x."""
+        unit = [float(k == self.frame) for k in range(found.form.dof)]
+        pose = Pose(_IDENTITY, (found.values["q"][self.frame], 0.0, 0.0), ZERO_VECTOR)
+        return Place(pose, [unit, *([0.0] * found.form.dof for _ in range(5))])
+
+    def pose(self, frame: Pose) -> tuple[Scalar, ...]:
+        """Return the coordinate."""
+        return (frame.d[0],)
+
+    def error(self, frame: Pose, target: Sequence[Any]) -> Scalar:
+        """Return the absolute difference."""
+        off = target[0] - frame.d[0]
+        return where_less(off, 0.0, -off, off)
+
+    def approach(self, frame: Pose, moves: list[Any], target: Sequence[Any], weight: Any, tolerance: Any) -> Approach:
+        """Return the equation of the difference."""
+        off = (target[0] - frame.d[0]) * weight
+        unmet = where_less(self.error(frame, target), tolerance, 0.0, 1.0)
+        return Approach([[x * weight for x in moves[0]]], [off], off * off, unmet)
+
+    def comparable(self, values: Float64Array, reach: float) -> Float64Array:
+        """Return values relative to the reach, or to half a turn."""
+        size = reach if self.is_length else np.pi
+        return np.asarray(values / (size + np.abs(values)))
+
+
+class Displacement(Coordinate):
+    """Goal that a coordinate, a displacement, has a value."""
+
+    is_length = True
+
+
 class _Turned(Goal):
     """Base class of goals of the attitude, whose error is an angle."""
 
     is_length = False
+    error_name = "angle_error"
 
     @abstractmethod
     def _turn(self, S: Sequence[Any], target: Sequence[Any]) -> tuple[Vector, Scalar, Scalar]:

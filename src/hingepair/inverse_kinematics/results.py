@@ -16,6 +16,13 @@ _ERRORS = {  # texts of attributes
     "angle_error": "Angle between the frame's attitude, or axis, and the wanted one; None without such targets; "
     "(...,) rad. With targets by frame (..., frames), and 0 where none is wanted.",
 }
+_ERRORS |= {
+    "centre_of_mass_error": "Distance of the centre of mass from its target; None without one; (...,) m.",
+    "coordinate_error": "Differences of single coordinates from their targets, in the order of these; None without "
+    "any; (..., targets) rad or m.",
+    "base_R": "Position of a base that was solved for; None of one that is held; (..., 3) m.",
+    "base_S": "Attitude of a base that was solved for; None of one that is held; (..., 3, 3).",
+}
 _STEPS = "Number of steps that were taken; (...,)."
 
 
@@ -28,6 +35,10 @@ class _Solutions(Results):
     ok: NDArray[np.bool_]
     position_error: FloatArray | None
     angle_error: FloatArray | None
+    centre_of_mass_error: FloatArray | None
+    coordinate_error: FloatArray | None
+    base_R: FloatArray | None  # noqa: N815
+    base_S: FloatArray | None  # noqa: N815
     steps: NDArray[np.int64]
 
     def __repr__(self) -> str:

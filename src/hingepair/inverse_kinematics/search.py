@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hingepair.engine.calls import Call
 from hingepair.engine.results import Results
-from hingepair.inverse_kinematics.goals import Goal, off_axis
+from hingepair.inverse_kinematics.goals import Coordinate, Goal, off_axis
 from hingepair.inverse_kinematics.starts import PER_SHARE, Starts
 from hingepair.inverse_kinematics.steps import Problem, measure_loop, shifts_by_column, slide_loop, step_loop
 from hingepair.numeric.arrays import Float64Array
@@ -101,6 +101,7 @@ class Solver:
         limits: least and greatest coordinates, shape (dof, 2).
         reaches: for each goal, the stretched length of the chain that carries its frame [m].
         weights: for each goal, what a metre or a radian of its error counts where not all can vanish.
+        held: columns of coordinates that stay where a trial begins near the target.
     """
 
     def __init__(
@@ -112,6 +113,7 @@ class Solver:
         limits: Float64Array,
         reaches: tuple[float, ...],
         weights: Sequence[float],
+        held: tuple[int, ...] = (),
     ) -> None:
         self.dof = form.dof
         self.low, self.high = np.ascontiguousarray(limits.T)
@@ -119,18 +121,18 @@ class Solver:
         shifts = np.array(shifts_by_column(form))
         self._shifts = shifts > 0
         if form.closure is None:
-            carrying = {joint for goal in goals for joint in joints_to_base(form, request.frames[goal.frame])}
-            self._moving = np.isin(np.arange(form.dof), [form.columns[joint] for joint in carrying])
+            self._moving = np.isin(np.arange(form.dof), [*_columns_that_move(goals, form, request)])
             # A coordinate that also drives a mimic joint is not the same after a turn.
             self._turns = (np.bincount(form.columns, minlength=form.dof) == 1) & ~self._shifts
         else:  # loops may let every coordinate move every frame
             self._moving = np.ones(form.dof, bool)
             self._turns = ~self._shifts
+        self._moving[[*held]] = False
         self.redundant = int(self._moving.sum()) > sum(goal.rank for goal in goals)
         sizes = [reach if goal.is_length else 1.0 for goal, reach in zip(goals, reaches, strict=True)]
         self._weights = np.array(weights, np.float64) / max(np.multiply(weights, sizes))
         bounded = bool(np.isfinite(limits[self._moving]).any())
-        self._problem = Problem(form, request, goals, bounded, len(constants))
+        self._problem = Problem(form, request, goals, bounded, len(constants), held)
         self._known = {"constants": constants, "weights": self._weights, "low": self.low, "high": self.high}
         self._measure_call = self._call(measure_loop(self._problem))
         self._step_call = self._call(step_loop(self._problem, False))
@@ -160,6 +162,16 @@ class Solver:
     def _pull_call(self) -> Call:
         """Step that also moves towards a posture."""
         return self._call(step_loop(self._problem, True))
+
+    @property
+    def step(self) -> Callable[..., Any]:
+        """A step of coordinates (..., dof) towards targets: the function of q, target and options."""
+        return self._step_call.rows
+
+    @property
+    def step_to_posture(self) -> Callable[..., Any]:
+        """A step that also moves towards a posture: the function of q, target, options and posture."""
+        return self._pull_call.rows
 
     def starts(self, seed: int) -> Starts:
         """Return the starts of a seed, within the limits and around their middle; only those of the last are kept."""
@@ -387,6 +399,19 @@ class Solver:
             found = step(q, poses, options)
             q = found["q_new"]
         return before, q, found["unmet"]
+
+
+def _columns_that_move(goals: Sequence[Goal], form: Form, request: Request) -> set[int]:
+    """Return the columns of the coordinates that move what goals compare."""
+    columns: set[int] = set()
+    for goal in goals:
+        if isinstance(goal, Coordinate):
+            columns.add(goal.frame)
+        elif not goal.frames:  # the centre of mass
+            columns |= {*form.columns}
+        for frame in goal.frames:
+            columns |= {form.columns[joint] for joint in joints_to_base(form, request.frames[frame])}
+    return columns
 
 
 def joints_to_base(form: Form, body: int) -> list[int]:

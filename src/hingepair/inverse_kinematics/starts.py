@@ -46,7 +46,7 @@ class Starts:
         self._measure, self._goals, self._reaches = measure, goals, reaches
         self._low, self._high, self._seed = low, high, seed
         # The sum of products of a target with a pose stays below 2^24, up to which float32 holds integers.
-        self._fine = min(1.0, (10 / len({goal.frame for goal in goals})) ** 0.5)
+        self._fine = min(1.0, (10 / max(1, sum(goal.is_length for goal in goals))) ** 0.5)
         self._shares: dict[int, tuple[Float64Array, NDArray[np.float32]]] = {}
 
     def nearest(self, targets: Float64Array, share: int, among: int) -> Float64Array:

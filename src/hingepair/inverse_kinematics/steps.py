@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 from hingepair.equations.dynamics import solve_symmetric
-from hingepair.inverse_kinematics.goals import Goal, sum_of, target_size, target_slices
+from hingepair.inverse_kinematics.goals import Goal, Place, sum_of, target_size, target_slices
 from hingepair.plans.trees import Form, Request, TreeQuantities
 
 _DAMPING = 1e-2  # times the squared error; errors are angles, and lengths in reaches of the robot
@@ -48,6 +48,7 @@ class Problem(NamedTuple):
     goals: tuple[Goal, ...]
     bounded: bool  # whether any coordinate that moves a frame has a limit
     constants: int  # count of the robot's numbers
+    held: tuple[int, ...] = ()  # columns of coordinates that do not move
 
 
 @functools.lru_cache(maxsize=64)
@@ -92,29 +93,34 @@ def slide_loop(problem: Problem, columns: tuple[int, ...]) -> Loop:
 
 def _measure(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:
     """Return the pose in the order of a target, and the error of each goal."""
-    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _IDENTITY})
     pose: list[Any] = []
     errors: list[Any] = []
-    for goal, part in zip(problem.goals, target_slices(problem.goals), strict=True):
-        frame = found.frame_poses[goal.frame]
+    places = _places(problem, values)
+    for goal, part, (frame, _) in zip(problem.goals, target_slices(problem.goals), places, strict=True):
         pose += goal.pose(frame)
         errors.append(goal.error(frame, values["target"][part]))
     return {"pose": tuple(pose), "errors": tuple(errors)}
 
 
+def _places(problem: Problem, values: dict[str, Any]) -> list[Place]:
+    """Return the place of each goal."""
+    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _IDENTITY})
+    jacobian = found.jacobian(in_frame=False)
+    return [goal.place(found, jacobian) for goal in problem.goals]
+
+
 def _slide(problem: Problem, columns: tuple[int, ...], values: dict[str, Any]) -> dict[str, Any]:
     """Return the coordinates after the step: one of least squares, which is exact for joints that shift only."""
     q, shifts = values["q"], shifts_by_column(problem.form)
-    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _IDENTITY})
-    n, jacobians = problem.form.dof, found.jacobian(in_frame=False)
     rows: list[Any] = []
     error: list[Any] = []
-    for goal, part in zip(problem.goals, target_slices(problem.goals), strict=True):
+    places = _places(problem, values)
+    for goal, part, (pose, moves) in zip(problem.goals, target_slices(problem.goals), places, strict=True):
         if goal.is_length:
-            frame, target = found.frame_poses[goal.frame], values["target"][part]
-            error += [wanted - place for wanted, place in zip(target, frame.d, strict=True)]
-            moves = [jacobians[i * n : (i + 1) * n] for i in range(6 * goal.frame, 6 * goal.frame + 3)]
-            rows += [[row[k] * (1 / shifts[k]) for k in columns] for row in moves]  # by metres, whatever the pitch
+            wanted = values["target"][part]
+            error += [one - place for one, place in zip(wanted, goal.pose(pose), strict=True)]
+            # By metres, whatever the pitch.
+            rows += [[row[k] * (1 / shifts[k]) for k in columns] for row in moves[: len(wanted)]]
     new = [*q]
     for k, change in zip(columns, _damped_solution(rows, error, _SLIDE_DAMPING), strict=True):
         new[k] = q[k] + change * (1 / shifts[k])
@@ -124,16 +130,15 @@ def _slide(problem: Problem, columns: tuple[int, ...], values: dict[str, Any]) -
 def _step(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:
     """Return the coordinates after a step towards a target, and the count of errors that exceed their tolerances."""
     q, (caution, position_tolerance, angle_tolerance, pull) = values["q"], values["options"]
-    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _IDENTITY})
-    n, jacobians = problem.form.dof, found.jacobian(in_frame=False)
     rows: list[Any] = []
     error: list[Any] = []
     misfit: Any = 0.0
     unmet: Any = 0.0
-    for goal, part, weight in zip(problem.goals, target_slices(problem.goals), values["weights"], strict=True):
-        moves = [jacobians[i * n : (i + 1) * n] for i in range(6 * goal.frame, 6 * goal.frame + 6)]
+    places = _places(problem, values)
+    slices = target_slices(problem.goals)
+    for goal, part, weight, (pose, moves) in zip(problem.goals, slices, values["weights"], places, strict=True):
         tolerance = position_tolerance if goal.is_length else angle_tolerance
-        own = goal.approach(found.frame_poses[goal.frame], moves, values["target"][part], weight, tolerance)
+        own = goal.approach(pose, moves, values["target"][part], weight, tolerance)
         rows += own.rows
         error += own.error
         misfit = misfit + own.misfit
@@ -141,7 +146,11 @@ def _step(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:
     misfit = where_less(misfit, 0.0, 0.0, misfit)  # a cosine may exceed 1 by its rounding
     damping = misfit * _DAMPING + square_root(misfit) * caution + _LEAST_DAMPING
 
-    moving = [k for k in range(n) if any(type(row[k]) is not float or row[k] != 0 for row in rows)]
+    moving = [
+        k
+        for k in range(problem.form.dof)
+        if k not in problem.held and any(type(row[k]) is not float or row[k] != 0 for row in rows)
+    ]
     new = [*q]
     if moving:
         rows = [[row[k] for k in moving] for row in rows]

@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final, NamedTuple, Unpack
 
 import numpy as np
 
 from hingepair.engine.backend import execution_of
 from hingepair.engine.threads import run_in_threads
-from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.inverse_kinematics.goals import Attitude, Direction, Goal, Position
+from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
+from hingepair.inverse_kinematics.goals import (
+    Attitude,
+    CentreOfMass,
+    Coordinate,
+    Direction,
+    Displacement,
+    Goal,
+    Position,
+)
+from hingepair.inverse_kinematics.one_target import solve_one
 from hingepair.inverse_kinematics.paths import follow
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.inverse_kinematics.search import MAX_TRIALS, Solutions, Solver, Targets
 from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.building.floating import BASE_JOINTS, on_moved_base, tree_with_base_joints
 from hingepair.mechanism.computations import RobotComputation
-from hingepair.mechanism.constants import RobotConstants
+from hingepair.mechanism.constants import RobotConstants, robot_constants
 from hingepair.mechanism.options import SEARCH_DEFAULTS, SearchOptions, check_options
 from hingepair.mechanism.states import FrameState
 from hingepair.mechanism.tree import Frame, Tree
@@ -31,9 +42,12 @@ from hingepair.numeric.arrays import (
     row_norms,
     vectors,
 )
+from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import check_rotation
 
 _MAX_SOLVERS: Final = 32  # that a robot keeps; one more replaces all
+_OF_CALLS: Final = {"frame", "q0", "direction", "centre_of_mass", "coordinates", "relative_to", "base_motion"}
+_AT_ORIGIN: Final = BodyMotion(R=np.zeros(3), S=np.eye(3))
 
 
 class Query(NamedTuple):
@@ -43,6 +57,8 @@ class Query(NamedTuple):
     targets: Targets  # of all samples in one row
     shape: tuple[int, ...]  # of the targets
     by_frame: bool  # whether targets were given by frame
+    frames: int  # count of frames that have targets
+    base: BodyMotion | None  # where a base starts that is solved for
     seed: int
     workers: int
 
@@ -65,7 +81,7 @@ class Query(NamedTuple):
         pieces = [piece for piece in np.array_split(finite, self.workers) if len(piece)]
         run_in_threads(solve_some, pieces, self.workers)
         shape = self.shape if count is None else (*self.shape, count)
-        arrays = self._arrays(found, shape)
+        arrays = self.result_arrays(found, shape)
         arrays |= {"steps": steps.reshape(self.shape), "starts": starts.reshape(self.shape)}
         return InverseKinematics(arrays, self.shape)
 
@@ -84,34 +100,135 @@ class Query(NamedTuple):
 
         pieces = [piece for piece in np.array_split(np.arange(count), self.workers) if len(piece) and samples]
         run_in_threads(follow_some, pieces, self.workers)
-        arrays = self._arrays(found, self.shape)
+        arrays = self.result_arrays(found, self.shape)
         arrays |= {"jumps": jumps.reshape(self.shape), "steps": steps.reshape(self.shape)}
         return InverseKinematicsPath(arrays, self.shape)
 
-    def _arrays(self, found: Solutions, shape: tuple[int, ...]) -> dict[str, Any]:
+    def result_arrays(self, found: Solutions, shape: tuple[int, ...]) -> dict[str, Any]:
         """Return coordinates and errors by the names of results."""
-        arrays = {"q": found.q.reshape(*shape, self.solver.dof), "ok": found.ok.reshape(shape)}
-        goals, errors = self.solver.goals, found.errors.reshape(*shape, len(self.solver.goals))
-        for name, is_length in (("position_error", True), ("angle_error", False)):
-            columns = [k for k, goal in enumerate(goals) if goal.is_length == is_length]
-            if columns:
-                of_frames = np.zeros((*shape, 1 + goals[-1].frame))
+        q, errors = found.q.reshape(*shape, self.solver.dof), found.errors.reshape(*shape, len(self.solver.goals))
+        arrays = _split_base(q, self.base, shape) | {"ok": found.ok.reshape(shape)}
+        goals = self.solver.goals
+        for name in dict.fromkeys(goal.error_name for goal in goals):
+            columns = [k for k, goal in enumerate(goals) if goal.error_name == name]
+            if name == "coordinate_error":
+                arrays[name] = errors[..., columns]
+            elif name == "centre_of_mass_error":
+                arrays[name] = errors[..., columns[0]]
+            else:
+                of_frames = np.zeros((*shape, self.frames))
                 of_frames[..., [goals[k].frame for k in columns]] = errors[..., columns]
                 arrays[name] = of_frames if self.by_frame else of_frames[..., 0]
         return arrays
 
 
-class _FrameTargets(NamedTuple):
-    """What one frame is to reach, at all samples."""
+def _split_base(q: Float64Array, base: BodyMotion | None, shape: tuple[int, ...]) -> dict[str, Any]:
+    """Return q and, where the base was solved for from a pose, the pose found."""
+    if base is None:
+        return {"q": q}
+    S1 = np.asarray(base.S, np.float64)
+    S1, R1 = (one.reshape(*one.shape[: one.ndim - rank], *(1,) * (len(shape) - one.ndim + rank), *one.shape[-rank:])
+              for one, rank in ((S1, 2), (np.asarray(base.R, np.float64), 1)))  # fmt: skip
+    R = R1 + (S1 @ q[..., :3, None])[..., 0]
+    return {"q": q[..., BASE_JOINTS:], "base_R": R, "base_S": S1 @ np.asarray(euler_to_matrix(q[..., 3:6]))}
 
-    frame: Frame  # whose z axis is the one that has a direction
-    goals: tuple[Goal, ...]
-    values: dict[str, Float64Array]  # of the goals, by the name of the argument that has them
 
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Return the shapes of the samples."""
-        named = zip(self.goals, self.values.items(), strict=True)
-        return {name: array.shape[: array.ndim - len(goal.shape)] for goal, (name, array) in named}
+class PreparedInverseKinematics:
+    """Inverse kinematics of one target at a time, from coordinates near it. `robot.prepare` makes it."""
+
+    def __init__(
+        self,
+        tree: Tree,
+        constants: RobotConstants,
+        frames: str | Iterable[str] | None,
+        outputs: Any,
+        options: Mapping[str, Any],
+    ) -> None:
+        if outputs is not None:
+            raise ArgumentError("outputs", "None, since q and errors are returned", quoted(outputs))
+        check_options('prepare("inverse_kinematics")', options, SearchOptions)
+        for name in _OF_CALLS & options.keys():
+            expected = "nothing: frames are prepared, and targets given to the call"
+            raise ArgumentError(name, expected, quoted(options[name]))
+        if not isinstance(prefer := options.get("prefer"), str | None) and np.ndim(prefer) != 1:
+            raise ArgumentError("prefer", "one posture", quoted(prefer))
+        self._tree, self._constants, self._options = tree, constants, options
+        given = tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
+        self.frames: tuple[str, ...] = given
+        self._queries: dict[tuple[bool, bool], Query] = {}
+
+    def _query(self, has_R: bool, has_S: bool) -> Query:
+        """Return the arguments for targets of these kinds, with poses of no meaning."""
+        query = self._queries.get((has_R, has_S))
+        if query is None:
+            R = {name: np.zeros(3) for name in self.frames} if has_R else None
+            S = {name: np.eye(3) for name in self.frames} if has_S else None
+            query = read_query(self._tree, self._constants, R, S, "inverse_kinematics", **self._options)
+            self._queries[has_R, has_S] = query
+        return query
+
+    def __call__(
+        self, R: Any = None, S: Any = None, q0: Any = None, base_motion: BodyMotion | None = None
+    ) -> InverseKinematics:
+        """Return coordinates at which the frames have wanted poses, near q0.
+
+        Args:
+            R: wanted positions [m]; shape (3,) of one frame, (frames, 3) of several; or None.
+            S: wanted rotation matrices; shape (3, 3), (frames, 3, 3), or None.
+            q0: coordinates at which the search begins; shape (dof,). By default those in the middle of the limits.
+            base_motion: pose of the base, or the one at which it begins where it is solved for.
+        """
+        query, several = self._query(R is not None, S is not None), len(self.frames) > 1
+        solver, lead = query.solver, (len(self.frames),) if several else ()
+        parts = []
+        if R is not None:
+            parts.append(_checked_target("R", R, (*lead, 3)).reshape(len(self.frames), 3))
+        if S is not None:
+            turns = _checked_target("S", S, (*lead, 3, 3))
+            check_rotation("S", turns)
+            parts.append(turns.reshape(len(self.frames), 9))
+        if base_motion is not None:
+            parts = [_seen_from_base(part, base_motion) for part in parts]
+        pose = np.concatenate(parts, axis=1).ravel()
+        near, count = solver.middle, len(self._constants.names)
+        if q0 is not None:
+            near = np.zeros(solver.dof)
+            near[solver.dof - count :] = _checked_target("q0", q0, (count,))
+        targets = query.targets
+        posture = None if targets.posture is None else targets.posture[0]
+        tolerances = targets.position_tolerance, targets.angle_tolerance
+        found, steps, starts = solve_one(solver, pose, near, posture, tolerances, query.seed)
+        start = None if query.base is None else base_motion or query.base
+        arrays = query._replace(by_frame=several, base=start).result_arrays(found, ())
+        return InverseKinematics({**arrays, "steps": np.int64(steps), "starts": np.int64(starts)}, ())
+
+    def __repr__(self) -> str:
+        return f"PreparedInverseKinematics(frames={self.frames})"
+
+
+def _checked_target(name: str, value: Any, shape: tuple[int, ...]) -> Float64Array:
+    array = real_array(name, value).astype(np.float64, copy=False)
+    if array.shape != shape:
+        raise ShapeError(name, f"shape {shape}, one target", f"shape {array.shape}")
+    return array
+
+
+def _seen_from_base(rows: Float64Array, base: BodyMotion) -> Float64Array:
+    """Return positions (frames, 3) or attitudes (frames, 9) in axes of the base, positions from its origin."""
+    if base.S is None:
+        raise ArgumentError("base_motion", "a BodyMotion with R and S", quoted(base))
+    S1 = np.asarray(base.S, np.float64)
+    if rows.shape[1] == 3:
+        return np.asarray((rows - base.R) @ S1)
+    return np.asarray(S1.T @ rows.reshape(-1, 3, 3)).reshape(rows.shape)
+
+
+class _Target(NamedTuple):
+    """A goal, and its targets of all samples."""
+
+    goal: Goal
+    label: str  # the argument that has them
+    values: Float64Array  # (..., *goal.shape)
 
 
 def read_query(
@@ -122,26 +239,23 @@ def read_query(
     path = method == "inverse_kinematics_path"
     given: dict[str, Any] = {**SEARCH_DEFAULTS, **options}
     q0, prefer, base_motion, seed = (given[name] for name in ("q0", "prefer", "base_motion", "seed"))
-    if not constants.names:
-        raise ArgumentError("robot", "a joint that moves", "none")
     if tree.samples is not None and tree.samples.lengths:
         tree.single()
     workers = execution_of("auto", given["workers"]).workers
     if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
         raise ArgumentError("seed", "an integer from 0", quoted(seed))
+    solves = _solves_for_base(given["base"], constants)
+    if not constants.names and not solves:
+        raise ArgumentError("robot", "a joint that moves", "none")
     tolerances = [number_not_below_0(name, given[name]) for name in ("position_tolerance", "angle_tolerance")]
-    wanted = {"R": R, "S": S, "direction": given["direction"]}
-    by_frame = any(isinstance(value, Mapping) for value in wanted.values())
-    frames = {
-        name: _read_target(tree, number, name, R, S, given["direction"], given["axis"], by_frame)
-        for number, name in enumerate(_frame_names(tree, given["frame"], wanted))
-    }
-    shapes = {label: shape for target in frames.values() for label, shape in target.shapes().items()}
+    frames, targets = _read_targets(tree, R, S, given)
+    shapes = {one.label: one.values.shape[: one.values.ndim - len(one.goal.shape)] for one in targets}
     near = posture = None
     if q0 is not None:
         near = _read_posture("q0", q0, tree, path)
         shapes["q0"] = near.shape[:-1]
     box = _read_limits(given["limits"], tree)
+    held = _read_held(given["held"], tree, q0)
     if isinstance(prefer, str):
         check_choice("prefer", prefer, ("middle",))
     elif prefer is not None:
@@ -155,17 +269,48 @@ def read_query(
     if path and not shape:
         raise ShapeError("R", "an axis of samples, shape (..., samples, 3)", "one target")
 
-    reaches = {name: _reach(tree, one.frame) for name, one in frames.items()}
-    solver = _solver(constants, frames, box, reaches, given["weights"])
-    size = len(constants.names)
+    solver = _solver(constants, frames, [one.goal for one in targets], box, given["weights"], held, solves)
+    poses = np.concatenate([_in_base_axes(one, base_motion, shape) for one in targets], axis=1)
     if isinstance(prefer, str):
-        posture = solver.middle
-    rows = [
-        None if one is None else np.broadcast_to(one, (*shape, size)).reshape(-1, size) for one in (near, posture)
-    ]
-    poses = np.concatenate([_in_base_axes(one, base_motion, shape) for one in frames.values()], axis=1)
-    targets = Targets(poses, rows[0], rows[1], *tolerances)
-    return Query(solver, targets, shape, by_frame, int(seed), workers)
+        posture = solver.middle[solver.dof - len(constants.names) :]
+    if solves and near is None:  # a solution is wanted near where the base starts
+        near = solver.middle[BASE_JOINTS:]
+    near, posture = (_rows_of(one, shape, solver.dof) for one in (near, posture))
+    by_frame = any(isinstance(value, Mapping) for value in (R, S, given["direction"]))
+    count = len({one.goal.frame for one in targets if one.goal.frames})
+    start = (base_motion or _AT_ORIGIN) if solves else None
+    return Query(
+        solver, Targets(poses, near, posture, *tolerances), shape, by_frame, count, start, int(seed), workers
+    )
+
+
+def _rows_of(posture: Float64Array | None, shape: tuple[int, ...], size: int) -> Float64Array | None:
+    """Return coordinates for all samples, (N, size), those of a base 0; None for None."""
+    if posture is None:
+        return None
+    rows = np.zeros((*shape, size))
+    rows[..., size - posture.shape[-1] :] = posture
+    return rows.reshape(-1, size)
+
+
+def _solves_for_base(base: Any, constants: RobotConstants) -> bool:
+    """Return whether the pose of the base is solved for, as the argument `base` says."""
+    check_choice("base", base, ("hold", "solve"))
+    if base == "solve" and not constants.free:
+        raise ArgumentError("base", '"hold", since the base is fixed (with_base("free") frees it)', quoted(base))
+    return bool(base == "solve")
+
+
+def _read_held(held: Any, tree: Tree, q0: Any) -> tuple[int, ...]:
+    """Return the columns of the joints that do not move."""
+    names = [joint.name for joint in tree.coordinates]
+    given = (held,) if isinstance(held, str) else tuple(held)
+    for name in given:
+        if name not in names:
+            raise ArgumentError("held", choices(names) + nearest(str(name), names), quoted(name))
+    if given and q0 is None:
+        raise ArgumentError("q0", "coordinates, at which joints are held", None)
+    return tuple(sorted(names.index(name) for name in {*given}))
 
 
 def read_solutions(solutions: Any, select: str, q0: Any) -> int | None:
@@ -189,10 +334,61 @@ def read_max_change(max_change: Any) -> float:
     return number
 
 
-def _frame_names(tree: Tree, frame: str | None, given: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of the frames that have targets, by default that of the only tip."""
+def _read_targets(
+    tree: Tree, R: Any, S: Any, given: Mapping[str, Any]
+) -> tuple[dict[tuple[str, str], Frame], list[_Target]]:
+    """Return the frames that goals compare, by name and role, and all targets."""
+    wanted = {"R": R, "S": S, "direction": given["direction"]}
+    by_frame = any(isinstance(value, Mapping) for value in wanted.values())
+    others = given["centre_of_mass"] is not None or given["coordinates"] is not None
+    names = _frame_names(tree, given["frame"], wanted, others)
+    frames: dict[tuple[str, str], Frame] = {}
+    read = []
+    for number, name in enumerate(names):
+        frames[name, ""], own = _read_target(tree, name, R, S, given["direction"], given["axis"], by_frame)
+        read.append((number, name, own))
+    targets: list[_Target] = []
+    origins = _origins(tree, given["relative_to"], names)
+    for number, name, kinds in read:
+        origin = None
+        if name in origins:
+            frames.setdefault((origins[name], "from"), tree.known_frame("relative_to", origins[name]))
+            origin = [*frames].index((origins[name], "from"))
+        targets += [_Target(kind(number, origin), label, values) for kind, label, values in kinds]
+    if given["centre_of_mass"] is not None:
+        tree.single()
+        values = np.asarray(_vectors_of_targets("centre_of_mass", given["centre_of_mass"], 3), np.float64)
+        targets.append(_Target(CentreOfMass(-1), "centre_of_mass", values))
+    columns = {joint.name: k for k, joint in enumerate(tree.coordinates)}
+    for name, value in (given["coordinates"] or {}).items():
+        if name not in columns:
+            known = [*columns]
+            raise ArgumentError("coordinates", choices(known) + nearest(str(name), known), quoted(name))
+        column, label = columns[name], f"coordinates[{name!r}]"
+        kind = Displacement if tree.coordinates[column].unit == "m" else Coordinate
+        targets.append(_Target(kind(column), label, real_array(label, value).astype(np.float64)))
+    return frames, targets
+
+
+def _origins(tree: Tree, relative_to: Any, names: tuple[str, ...]) -> dict[str, str]:
+    """Return, by the name of a frame, the frame in whose axes and from whose origin its targets are given."""
+    origins = relative_to if isinstance(relative_to, Mapping) else dict.fromkeys(names, relative_to)
+    for name, origin in origins.items():
+        if name not in names:
+            raise ArgumentError("relative_to", choices(list(names)), quoted(name))
+        if origin is not None:
+            tree.known_frame("relative_to", origin)
+    return {name: origin for name, origin in origins.items() if origin is not None}
+
+
+def _frame_names(tree: Tree, frame: str | None, given: Mapping[str, Any], others: bool) -> tuple[str, ...]:
+    """Return the names of the frames that have targets, by default that of the only tip; none is needed if there are
+    other targets.
+    """
     present = {name: value for name, value in given.items() if value is not None}
     if not present:
+        if others:
+            return ()
         raise ArgumentError("R", "positions, or attitudes in S or direction", None)
     if not any(isinstance(value, Mapping) for value in present.values()):
         if frame is not None:
@@ -225,9 +421,11 @@ def _vectors_of_targets(label: str, value: Any, *tail: int) -> Any:
 
 
 def _read_target(
-    tree: Tree, number: int, name: str, R: Any, S: Any, direction: Any, axis: Any, by_frame: bool
-) -> _FrameTargets:
-    """Return the checked targets of one frame, the one with this number; `by_frame`: arguments are dicts."""
+    tree: Tree, name: str, R: Any, S: Any, direction: Any, axis: Any, by_frame: bool
+) -> tuple[Frame, list[tuple[type[Goal], str, Float64Array]]]:
+    """Return a frame, whose z axis is the one that has a direction, and its targets: what kinds, of which arguments,
+    and their numbers. `by_frame`: arguments are dicts.
+    """
     frame = tree.known_frame("frame", name)
     labels = {one: f"{one}[{name!r}]" if by_frame else one for one in ("R", "S", "direction", "axis")}
     given: list[Any] = [(one or {}).get(name) if by_frame else one for one in (R, S, direction)]
@@ -236,26 +434,24 @@ def _read_target(
             raise ArgumentError(labels["S"], f"None, since {labels['R']} has attitudes", quoted(given[1]))
         given[:2] = given[0].R, given[0].S
     place, attitude, toward = given
-    goals: list[Goal] = []
-    values: dict[str, Any] = {}
+    found: list[tuple[type[Goal], str, Any]] = []
     if place is not None:
-        goals.append(Position(number))
-        values[labels["R"]] = _vectors_of_targets(labels["R"], place, 3)
+        found.append((Position, labels["R"], _vectors_of_targets(labels["R"], place, 3)))
     if attitude is not None and toward is not None:
         if by_frame or S is not None:
             raise ArgumentError(labels["direction"], f"None, since {labels['S']} is given", quoted(toward))
         attitude = None
     if attitude is not None:
-        goals.append(Attitude(number))
-        values[labels["S"]] = _vectors_of_targets(labels["S"], attitude, 3, 3)
-        check_rotation(labels["S"], values[labels["S"]])
+        turns = _vectors_of_targets(labels["S"], attitude, 3, 3)
+        check_rotation(labels["S"], turns)
+        found.append((Attitude, labels["S"], turns))
     if toward is not None:
-        goals.append(Direction(number))
-        values[labels["direction"]] = _unit_vectors(labels["direction"], vectors(labels["direction"], toward, 3))
+        ways = _unit_vectors(labels["direction"], vectors(labels["direction"], toward, 3))
+        found.append((Direction, labels["direction"], ways))
         own = axis.get(name, (0, 0, 1)) if isinstance(axis, Mapping) else axis
         own = _unit_vectors(labels["axis"], one_constant(labels["axis"], own, 3))
         frame = Frame(frame.body, frame.R, frame.S @ _axes_about(own))
-    return _FrameTargets(frame, tuple(goals), {label: np.asarray(one, np.float64) for label, one in values.items()})
+    return frame, [(kind, label, np.asarray(values, np.float64)) for kind, label, values in found]
 
 
 def _unit_vectors(name: str, values: Any) -> Float64Array:
@@ -299,16 +495,17 @@ def _read_limits(limits: Any, tree: Tree) -> Float64Array:
     return array
 
 
-def _read_weights(weights: Any, reaches: Mapping[str, float]) -> list[tuple[float, float]]:
-    """Return for each frame the weights of a metre and of a radian of error, by default 1 / reach and 1."""
+def _weights_of(goals: Sequence[Goal], names: Sequence[str], reaches: Sequence[float], weights: Any) -> list[float]:
+    """Return what a metre or a radian of each goal's error counts, by default 1 / reach and 1."""
     found = []
-    for name, reach in reaches.items():
+    for goal, reach in zip(goals, reaches, strict=True):
+        name = names[goal.frame] if goal.frames else ""
         pair = weights.get(name) if isinstance(weights, Mapping) else weights
         label = f"weights[{name!r}]" if isinstance(weights, Mapping) else "weights"
         values = (1 / reach, 1.0) if pair is None else tuple(one_constant(label, pair, 2).tolist())
         if min(values) <= 0:
             raise ArgumentError(label, "positive numbers", quoted(pair))
-        found.append(values)
+        found.append(values[not goal.is_length])
     return found
 
 
@@ -325,44 +522,50 @@ def _reach(tree: Tree, frame: Frame) -> float:
     return lengths + sum(travel for travel in travels if travel <= most) or 1.0
 
 
-def _in_base_axes(target: _FrameTargets, base: BodyMotion | None, shape: tuple[int, ...]) -> Float64Array:
+def _in_base_axes(target: _Target, base: BodyMotion | None, shape: tuple[int, ...]) -> Float64Array:
     """Return the numbers of a target for all samples, (N, size), in axes of the base and from its reference point."""
-    columns = []
-    for goal, values in zip(target.goals, target.values.values(), strict=True):
-        rows = np.broadcast_to(values, (*shape, *goal.shape)).reshape(-1, *goal.shape)
-        if base is not None:
-            R1 = np.broadcast_to(base.R, (*shape, 3)).reshape(-1, 3).astype(np.float64)
-            S1 = np.broadcast_to(base.S, (*shape, 3, 3)).reshape(-1, 3, 3).astype(np.float64)
-            S1 = S1 if len(goal.shape) == 1 else S1[..., None]
-            rows = rows - R1 if goal.is_length else rows
-            # Not by matmul, which may add in another order in another batch.
-            turned = [
-                S1[:, 0, c] * rows[:, 0] + S1[:, 1, c] * rows[:, 1] + S1[:, 2, c] * rows[:, 2] for c in range(3)
-            ]
-            rows = np.stack(turned, axis=1)
-        columns.append(rows.reshape(len(rows), goal.size))
-    return np.concatenate(columns, axis=1)
+    goal = target.goal
+    rows = np.broadcast_to(target.values, (*shape, *goal.shape)).reshape(-1, *goal.shape)
+    if base is not None and goal.seen_from is None and goal.shape:
+        R1 = np.broadcast_to(base.R, (*shape, 3)).reshape(-1, 3).astype(np.float64)
+        S1 = np.broadcast_to(base.S, (*shape, 3, 3)).reshape(-1, 3, 3).astype(np.float64)
+        S1 = S1 if len(goal.shape) == 1 else S1[..., None]
+        rows = rows - R1 if goal.is_length else rows
+        # Not by matmul, which may add in another order in another batch.
+        turned = [S1[:, 0, c] * rows[:, 0] + S1[:, 1, c] * rows[:, 1] + S1[:, 2, c] * rows[:, 2] for c in range(3)]
+        rows = np.stack(turned, axis=1)
+    return rows.reshape(len(rows), goal.size)
 
 
 def _solver(
     constants: RobotConstants,
-    targets: Mapping[str, _FrameTargets],
+    frames: Mapping[tuple[str, str], Frame],
+    goals: list[Goal],
     limits: Float64Array,
-    reaches: Mapping[str, float],
     weights: Any,
+    held: tuple[int, ...],
+    solves: bool,
 ) -> Solver:
     """Return the Solver of these goals, limits and weights, which is made at its first use and cached."""
-    frames = tuple(target.frame for target in targets.values())
-    goals = tuple(goal for target in targets.values() for goal in target.goals)
-    pairs, lengths = _read_weights(weights, reaches), [*reaches.values()]
-    counts = tuple(pairs[goal.frame][not goal.is_length] for goal in goals)
-    key = tuple(targets), goals, counts, limits.tobytes(), tuple(frame.S.tobytes() for frame in frames)
+    tree, own = constants.tree, [*frames.values()]
+    lengths = [_reach(tree, frame) for frame in own]
+    whole = max([*lengths, *(_reach(tree, tree.known_frame("frame", tip)) for tip in tree.tips)])
+    reaches = [lengths[goal.frame] if goal.frames else whole for goal in goals]
+    counts = _weights_of(goals, [name for name, _ in frames], reaches, weights)
+    axes = tuple(frame.S.tobytes() for frame in own)
+    key = tuple(frames), tuple(goals), tuple(counts), limits.tobytes(), held, solves, axes
     solvers: dict[Any, Solver] = constants.cache.others.setdefault("inverse_kinematics", {})
     solver = solvers.get(key)
     if solver is None:
-        found = RobotComputation(constants, ("R", "S"), False, frames, (), None)
-        numbers, own = found.known["constants"], tuple(lengths[goal.frame] for goal in goals)
-        solver = Solver(found.form, found.request, numbers, goals, limits, own, counts)
+        if solves:
+            free = np.broadcast_to((-np.inf, np.inf), (BASE_JOINTS, 2))
+            constants = robot_constants(tree_with_base_joints(tree), free=False)
+            own, limits = [on_moved_base(frame) for frame in own], np.concatenate([free, limits])
+            goals = [replace(one, frame=one.frame + BASE_JOINTS * isinstance(one, Coordinate)) for one in goals]
+            held = tuple(column + BASE_JOINTS for column in held)
+        found = RobotComputation(constants, ("R", "S"), False, tuple(own), (), None)
+        numbers = found.known["constants"]
+        solver = Solver(found.form, found.request, numbers, tuple(goals), limits, tuple(reaches), counts, held)
         if len(solvers) >= _MAX_SOLVERS:
             solvers.clear()
         solvers[key] = solver

@@ -32,7 +32,12 @@ from hingepair.mechanism.computations import (
     result_class,
 )
 from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
-from hingepair.mechanism.inverse_kinematics import read_max_change, read_query, read_solutions
+from hingepair.mechanism.inverse_kinematics import (
+    PreparedInverseKinematics,
+    read_max_change,
+    read_query,
+    read_solutions,
+)
 from hingepair.mechanism.linkages import follow_path
 from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, open_samples, transmission
 from hingepair.mechanism.options import (
@@ -259,7 +264,13 @@ class MechanismMethods(Frozen, Shown):
             direction: in place of S, wanted directions of an axis of the frame, shape (..., 3); any length. The turn
                 about it is free.
             axis: the axis of the frame that has the direction, in frame axes, shape (3,); a dict by frame.
+            relative_to: name of a frame from whose origin and in whose axes the targets are given; a dict by frame.
+            centre_of_mass: wanted positions of the centre of mass [m]; shape (..., 3).
+            coordinates: wanted coordinates by joint [rad or m]; shape (...) each.
             q0: coordinates of the first start; those beyond a limit are put on it. By default, all starts are random.
+            held: name or names of joints that stay at q0.
+            base: what a free base does: "hold" keeps it where `base_motion` says; "solve" finds its pose, base_R and
+                base_S, beside q, from there on.
             limits: whether the coordinates stay within `robot.position_limits`; or limits, shape (dof, 2).
             prefer: coordinates that are approached as far as that does not move the frames; or "middle", those in the
                 middle of the limits.
@@ -272,7 +283,7 @@ class MechanismMethods(Frozen, Shown):
             position_tolerance: greatest distance from R [m] of a solution. Solutions are exact to about 1e-15 times
                 the size of the robot where its Jacobian is regular.
             angle_tolerance: greatest angle [rad] of a solution.
-            base_motion: pose of the base, by default at the origin.
+            base_motion: pose of the base, by default at the origin; where base="solve", the one that it starts at.
             seed: seed of the random starts.
             workers: number of threads; -1 for one thread per core.
 
@@ -961,8 +972,24 @@ class MechanismMethods(Frozen, Shown):
             return written, None
         return written, conventions.written_v(convention, rates, base_motion, free)
 
+    def _prepared_rollout(
+        self, refused: dict[str, Any], shared: dict[str, Any], options: dict[str, Any]
+    ) -> PreparedRollout:
+        """Return a prepared rollout; refuse what it does not take."""
+        for name, value in refused.items():
+            if value is not None:
+                raise ArgumentError(name, "None, since a rollout records q and qd", quoted(value))
+        inspect.signature(self.rollout).bind("q0", "qd0", "tau", **options)  # a TypeError as of any call
+        rolled = functools.partial(self.rollout, **shared, **options)
+        return PreparedRollout(rolled, len(self._constants.names), self.base == "free")
+
     @overload
     def prepare(self, given: Literal["rollout"], *, dt: float, **rollout: Any) -> PreparedRollout: ...
+
+    @overload
+    def prepare(  # type: ignore[overload-overlap]
+        self, given: Literal["inverse_kinematics"], *, frames: str | Iterable[str] | None = None, **options: Any
+    ) -> PreparedInverseKinematics: ...
 
     @overload
     def prepare(
@@ -998,7 +1025,8 @@ class MechanismMethods(Frozen, Shown):
                 alpha1, the motion of the base; force1 and torque1, loads on a free base. Or a word for them: "pose",
                 "velocity" or "acceleration" of frames, for q, qd and qdd as far as needed; "jacobian_in_frame"; or
                 the name of a method such as "jacobian", "jacobian_rate", "inverse_dynamics", "mass_matrix" or
-                "inverse_dynamics_derivatives", for its first arguments; or "rollout", for q0, qd0 and tau.
+                "inverse_dynamics_derivatives", for its first arguments; or "rollout", for q0, qd0 and tau; or
+                "inverse_kinematics", for R, S and q0 of one target.
 
                 What is not given of the base is zero, S1 the identity; but a1 and alpha1 of a free base are results
                 of forward dynamics.
@@ -1008,12 +1036,14 @@ class MechanismMethods(Frozen, Shown):
             wrenches: names of links or other frames on which wrenches act in dynamics. Behind the other arguments,
                 the call then takes force_0 and torque_0 of the first, and so on, as `inverse_dynamics` does.
             backend: "auto" and "compiled" compile during this call, "numpy" never does.
-            **rollout: for "rollout", dt and the other options of the method `rollout`.
+            **rollout: for "rollout", dt and the other options of the method `rollout`; for "inverse_kinematics"
+                options of that method, such as `prefer`, `limits` and `base`.
 
         Returns:
             A `Prepared`, whose calls return what the method returns; with outputs of several methods the result of
             the one that has the first, in which the others are attributes of frames' motions, or else
-            `result["jacobian"]`. A `PreparedRollout` of "rollout".
+            `result["jacobian"]`. A `PreparedRollout` of "rollout"; a `PreparedInverseKinematics`, which steps from
+            q0 to the target of a call, of "inverse_kinematics".
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an argument that is not given.
@@ -1025,13 +1055,10 @@ class MechanismMethods(Frozen, Shown):
         (6,)
         """
         if given == "rollout":
-            for name, value in {"frames": frames, "outputs": outputs}.items():
-                if value is not None:
-                    raise ArgumentError(name, "None, since a rollout records q and qd", quoted(value))
             shared: dict[str, Any] = {"gravity": gravity, "joint_loads": joint_loads, "workers": workers}
-            inspect.signature(self.rollout).bind("q0", "qd0", "tau", **rollout)  # a TypeError as of any call
-            rolled = functools.partial(self.rollout, **shared, **rollout)
-            return PreparedRollout(rolled, len(self._constants.names), self.base == "free")
+            return self._prepared_rollout({"frames": frames, "outputs": outputs}, shared, rollout)
+        if given == "inverse_kinematics":
+            return PreparedInverseKinematics(self._tree, self._constants, frames, outputs, rollout)
         if rollout:
             raise ArgumentError(next(iter(rollout)), 'an option of prepare("rollout", ...) alone', quoted(given))
         names = checked_given(given)

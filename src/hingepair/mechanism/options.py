@@ -113,7 +113,12 @@ class SearchOptions(TypedDict, total=False):
     frame: str | None
     direction: Any
     axis: Any
+    relative_to: str | Mapping[str, str] | None
+    centre_of_mass: Any
+    coordinates: Mapping[str, ArrayLike] | None
     q0: Coordinates | None
+    held: str | Iterable[str]
+    base: str
     limits: bool | ArrayLike
     prefer: str | Coordinates | None
     weights: Any
@@ -127,7 +132,9 @@ class SearchOptions(TypedDict, total=False):
 SEARCH_DEFAULTS: Final[dict[str, Any]] = {
     **dict.fromkeys(("frame", "direction")),
     "axis": (0, 0, 1),
-    "q0": None,
+    **dict.fromkeys(("relative_to", "centre_of_mass", "coordinates", "q0")),
+    "held": (),
+    "base": "hold",
     "limits": True,
     **dict.fromkeys(("prefer", "weights")),
     "position_tolerance": 1e-9,
