@@ -16,8 +16,10 @@ from hingepair.engine.loops import Loop
 from hingepair.equations import spatial as eq
 from hingepair.equations.joints import HINGE
 from hingepair.equations.quantities import QUANTITIES, Quantity, sample_shape, unit_of
-from hingepair.equations.spatial import add, rotate
+from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross, rotate
+from hingepair.equations.trees import Pose, Rates, axis_of, turned
 from hingepair.numeric.blocks import hinge_terms
+from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.attitudes import rotation_defect
 from hingepair.plans.constraints import CONSTRAINTS, ConstraintQuantities
 from hingepair.plans.fronts import (
@@ -130,6 +132,74 @@ def _bearing_torque(tree: TreeQuantities) -> Any:
     """Return the torque of the hinge across its axis."""
     x, y, _ = tree.transmitted_wrenches[1][1]
     return rotate(tree.poses[1].S, (x, y, 0.0))
+
+
+class Lever(NamedTuple):
+    """Where a frame is, world axes."""
+
+    d: Vector  # from R1 to the frame
+    by_psi: Vector  # less the derivative of d by psi: S1 n x S2 u2
+    centripetal: Vector  # by_psi x S1 n
+
+
+class PairQuantities(TreeQuantities):
+    """The quantities of a tree of one hinge, whose frames of body 2 are seen from body 1 (E7-E9): their vectors are
+    turned by the hinge, then with body 1, which rounds less than the attitude of body 2 would.
+
+    Args:
+        form: the form of all pairs.
+        request: the frames of the pair.
+        values: by name, as those of a tree.
+        given_attitude: whether S1 is given. It may be a rotation to nine digits only; then the cross products of E2
+            and E8 keep the hinge point of both bodies together to the last digit.
+    """
+
+    def __init__(self, form: Form, request: Request, values: Mapping[str, Any], given_attitude: bool) -> None:
+        super().__init__(form, request, values)
+        self._given_attitude = given_attitude
+
+    @lock_free_cached_property
+    def levers(self) -> list[Lever]:
+        """List of the levers of all frames; of frames of body 1, which do not depend on psi, d alone."""
+        return [self._lever(body, constants["R"]) for body, constants in self.frames]
+
+    def _lever(self, body: int, R: Any) -> Lever:
+        S1, (joint,) = self.values["S1"], self.placements
+        if body == 0:
+            return Lever(rotate(S1, R), ZERO_VECTOR, ZERO_VECTOR)
+        x, y, z = turned(joint.turn or (0.0, 1.0), R)
+        arm = rotate(joint.S, (x, y, z))
+        d = rotate(S1, add(joint.r, arm))
+        if self._given_attitude:
+            axis = axis_of(self.poses[1])
+            by_psi = cross(rotate(S1, arm), axis)
+            return Lever(d, by_psi, cross(by_psi, axis))
+        return Lever(d, *(rotate(S1, rotate(joint.S, v)) for v in ((y, -x, 0.0), (-x, -y, 0.0))))
+
+    @lock_free_cached_property
+    def frame_poses(self) -> list[Pose]:
+        """List of the poses of all frames, with the attitudes of their bodies."""
+        pairs = zip(self.frames, self.levers, strict=True)
+        return [Pose(self.poses[body].S, lever.d, lever.d) for (body, _), lever in pairs]
+
+    @lock_free_cached_property
+    def frame_velocities(self) -> list[Rates]:
+        """List of (v, omega) of all frames."""
+        v1, omega1 = self.velocities[0]
+        return [
+            (eq.velocity2(v1, omega1, lever.d, lever.by_psi, self.qd[0]), self.velocities[body][1])
+            for (body, _), lever in zip(self.frames, self.levers, strict=True)
+        ]
+
+    def _accelerations_of_frames(self, body_accelerations: Sequence[Rates], qdd: Sequence[Scalar]) -> list[Rates]:
+        """Return (a, alpha) of all frames, from those of the bodies."""
+        (a1, alpha1), (_, omega1), (psid,), (psidd,) = body_accelerations[0], self.velocities[0], self.qd, qdd
+        found = []
+        for (body, _), lever in zip(self.frames, self.levers, strict=True):
+            relative = eq.relative_acceleration(lever.by_psi, lever.centripetal, psid, psidd)
+            a = eq.acceleration2(a1, omega1, alpha1, lever.d, lever.by_psi, psid, relative)
+            found.append((a, body_accelerations[body][1]))
+        return found
 
 
 _FORCES: Final = OUTPUTS["tau"].inputs
@@ -367,7 +437,7 @@ class PairRequest(NamedTuple):
             if front is Geometry:
                 values = Geometry(values, [point.body for point in self.points])
             elif front is ForwardDynamics:
-                values = ForwardDynamics(values, TreeQuantities(_FORM, self.tree, values))
+                values = ForwardDynamics(values, self._quantities(values))
             else:
                 values = front(values)
         found: dict[str, Any] = {}
@@ -378,9 +448,12 @@ class PairRequest(NamedTuple):
             elif "S2" in self.given and name in CONSTRAINTS:
                 found[name] = CONSTRAINTS[name][1](constraints)
             else:
-                tree = tree or TreeQuantities(_FORM, self.tree, values)
+                tree = tree or self._quantities(values)
                 found[name] = _output(self, name).compute(tree)
         return found
+
+    def _quantities(self, values: Mapping[str, Any]) -> PairQuantities:
+        return PairQuantities(_FORM, self.tree, values, "S1" in self.given)
 
 
 _QUATERNIONS: Final[Mapping[str, type[Front]]] = {"quat_xyzw": QuaternionXYZW, "quat_wxyz": QuaternionWXYZ}

@@ -280,10 +280,10 @@ class TreeQuantities:
     @lock_free_cached_property
     def frame_accelerations(self) -> list[eq.Rates]:
         """List of (a, alpha) of all frames, world axes."""
-        return self._accelerations_of_frames(self.accelerations)
+        return self._accelerations_of_frames(self.accelerations, self.qdd)
 
-    def _accelerations_of_frames(self, body_accelerations: Sequence[eq.Rates]) -> list[eq.Rates]:
-        """Return (a, alpha) of all frames, world axes, from those of the bodies."""
+    def _accelerations_of_frames(self, body_accelerations: Sequence[eq.Rates], _: Sequence[Scalar]) -> list[eq.Rates]:
+        """Return (a, alpha) of all frames, world axes, from those of the bodies and the joints."""
         return [
             eq.frame_acceleration(pose, self.velocities[body][1], body_accelerations[body])
             for pose, (body, _) in zip(self.frame_poses, self.frames, strict=True)
@@ -326,7 +326,8 @@ class TreeQuantities:
         is taken to have no acceleration; any other base has the given acceleration.
         """
         base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration
-        a, alpha = self._accelerations_of_frames(self._body_accelerations(self.bias_qdd, base))[0]
+        bodies = self._body_accelerations(self.bias_qdd, base)
+        a, alpha = self._accelerations_of_frames(bodies, self.bias_qdd)[0]
         return (*a, *alpha)
 
     # ---- dynamics, base axes
