@@ -86,7 +86,6 @@ def in_pieces(path, record, *counts):
 @pytest.mark.parametrize("kind", ["csv", "npz", "parquet", "nc"])
 def test_a_file_is_the_same_in_pieces(tmp_path, kind, monkeypatch):
     monkeypatch.setattr("hingepair.mechanism.results.RESULT_ROWS_PER_BLOCK", 16)
-    monkeypatch.setattr("hingepair.mechanism.results._CSV_ROWS_PER_WRITE", 5)
     rng = np.random.default_rng(1)
     record = Record(np.arange(40.0), {"R2": rng.standard_normal((40, 3)), "psi": rng.standard_normal(40)}, "a walk")
     whole = record.save(tmp_path / f"whole.{kind}").read_bytes()

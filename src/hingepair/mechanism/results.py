@@ -17,8 +17,8 @@ from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.names import Names
 from hingepair.numeric.optional import require
-from hingepair.tables.column_file import csv_line, write_npz
-from hingepair.tables.data_frames import column_names, data_frame, dataset, split_columns
+from hingepair.tables.column_file import write_npz
+from hingepair.tables.data_frames import data_frame, dataset
 from hingepair.tables.sheets import Sheet, Shown
 from hingepair.tables.units import IN_SI, SI, Columns, Units, UnitsLike
 from hingepair.tables.whole_file import whole_file
@@ -27,8 +27,6 @@ RESULT_ROWS_PER_BLOCK: Final = 131072
 """Rows that are computed and written at a time, and largest row group of a .parquet file."""
 MAX_HELD_INSTANTS: Final = 10_000_000
 """Largest number of instants that are held in memory; more are computed block by block, or refused."""
-
-_CSV_ROWS_PER_WRITE = 8192  # rows of a .csv that are turned into text at a time
 
 RowWriter: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
 """Function that takes instants and the arrays at these instants by name."""
@@ -259,15 +257,12 @@ def result_file(
     target = Path(path)
     check_ending(target)
     kind = target.suffix.lower()
-    if samples > MAX_HELD_INSTANTS and kind in _WHOLE_WRITERS:
+    if samples > MAX_HELD_INSTANTS and kind in (".npz", ".nc"):
         limit = f"more than {MAX_HELD_INSTANTS} instants, which go block by block"
         expected = f"a name that ends in .csv or .parquet for {limit}"
         raise ArgumentError("path", expected, quoted(str(target)))
-    with (
-        whole_file(target, inputs) as file,
-        _WRITERS[kind](file, samples, described, columns) as add,
-    ):
-        yield lambda t, arrays: add(*_converted(columns, t, arrays))
+    with whole_file(target, inputs) as file, _WRITERS[kind](file, described, columns) as add:
+        yield add
 
 
 def check_ending(path: Path) -> None:
@@ -276,110 +271,66 @@ def check_ending(path: Path) -> None:
         raise ArgumentError("path", f"a file name that ends in {', '.join(RESULT_FILE_SUFFIXES)}", quoted(str(path)))
 
 
-def _converted(
-    columns: Columns, t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]
-) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Return instants and arrays in the units of `columns`."""
-    return columns.converted("t", t), {name: columns.converted(name, array) for name, array in arrays.items()}
-
-
 @contextlib.contextmanager
-def _csv_writer(file: IO[bytes], _: int, __: str, columns: Columns) -> Iterator[RowWriter]:
+def _csv_writer(file: IO[bytes], described: str, columns: Columns) -> Iterator[RowWriter]:
     """Yield a function that appends rows as CSV, after a line of column names."""
-    is_header_written = False
+    heads = iter([True])
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Append rows with the instants t [s] and the components of the arrays in the dict `arrays`, one line per
-        instant.
-        """
-        nonlocal is_header_written
-        if not is_header_written:
-            is_header_written = True
-            file.write(csv_line([columns.heading("t"), *column_names(arrays, columns.heading)]).encode())
-        parts = split_columns({"t": t, **arrays})
-        for start in range(0, len(t), _CSV_ROWS_PER_WRITE):
-            rows = np.stack([part[start : start + _CSV_ROWS_PER_WRITE] for part in parts], axis=1)
-            file.write("".join([",".join(map(repr, row)) + "\n" for row in rows.tolist()]).encode())
+        frame = data_frame({"t": t, **arrays}, columns, described)
+        frame.to_csv(file, index=False, header=next(heads, False), na_rep="nan", lineterminator="\n")
 
     yield add
 
 
 @contextlib.contextmanager
-def _parquet_writer(file: IO[bytes], _: int, described: str, columns: Columns) -> Iterator[RowWriter]:
+def _parquet_writer(file: IO[bytes], described: str, columns: Columns) -> Iterator[RowWriter]:
     """Yield a function that appends row groups in the Parquet format, with description and units as metadata."""
     arrow, parquet = require("pyarrow", "save"), require("pyarrow.parquet", "save")
-    writer: Any = None
+    writers: list[Any] = []
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Append rows with the instants t [s] and the components of the arrays in the dict `arrays`, as row groups of
-        the file.
-        """
-        nonlocal writer
-        parts = [
-            arrow.Array.from_buffers(arrow.from_numpy_dtype(c.dtype), len(c), [None, arrow.py_buffer(c)])
-            for c in map(np.ascontiguousarray, split_columns({"t": t, **arrays}))
-        ]
-        facts = {name: columns.unit(name) for name in ("t", *arrays)} | {"description": described}
-        names = [columns.heading("t"), *column_names(arrays, columns.heading)]
-        table = arrow.table(parts, names=names).replace_schema_metadata(facts)
-        writer = writer or opened.enter_context(parquet.ParquetWriter(file, table.schema, use_dictionary=False))
-        writer.write_table(table, RESULT_ROWS_PER_BLOCK)
+        frame = data_frame({"t": t, **arrays}, columns, described)
+        table = arrow.Table.from_pandas(frame, preserve_index=False)
+        table = table.replace_schema_metadata({**frame.attrs["units"], "description": described})
+        if not writers:
+            writers.append(opened.enter_context(parquet.ParquetWriter(file, table.schema, use_dictionary=False)))
+        writers[0].write_table(table, RESULT_ROWS_PER_BLOCK)
 
     with contextlib.ExitStack() as opened:
         yield add
 
 
 @contextlib.contextmanager
-def _collecting_writer(
-    file: IO[bytes], samples: int, described: str, columns: Columns, write: Callable[..., None]
+def _whole_writer(
+    file: IO[bytes], described: str, columns: Columns, write: Callable[..., None]
 ) -> Iterator[RowWriter]:
     """Yield a function that collects rows, all of which `write` gets at the end."""
-    array_by_name: dict[str, Any] = {}
-    count = 0
-
-    def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Collect the instants t [s] and the arrays in the dict `arrays` of one block. A block of all samples is kept
-        without a copy.
-        """
-        nonlocal count
-        for name, array in {"t": t, **arrays}.items():
-            if len(t) == samples:
-                array_by_name[name] = array
-            else:
-                whole = array_by_name.setdefault(name, np.empty((samples, *array.shape[1:]), array.dtype))
-                whole[count:][: len(t)] = array
-        count += len(t)
-
-    yield add
-    write(file, array_by_name, described, columns)
+    blocks: list[dict[str, NDArray[Any]]] = []
+    yield lambda t, arrays: blocks.append({"t": t, **arrays})
+    names = blocks[0] if blocks else {}
+    write(file, {one: np.concatenate([block[one] for block in blocks]) for one in names}, described, columns)
 
 
 def _write_npz(file: IO[bytes], arrays: dict[str, Any], _: str, columns: Columns) -> None:
-    write_npz(file, {columns.heading(name): array for name, array in arrays.items()})
+    write_npz(file, {columns.heading(name): columns.converted(name, array) for name, array in arrays.items()})
 
 
 def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, columns: Columns) -> None:
-    """Write arrays, t among them, in the format .nc."""
-    dataset = Record(arrays.pop("t"), arrays, described, (), columns.unit).to_xarray()
-    written = Names(name for name in dataset.variables if name.isascii())
-    for name in [name for name in dataset.data_vars if not name.isascii()]:  # SciPy writes no other letters
-        dataset[name].attrs.setdefault("long_name", name)
-        dataset = dataset.rename_vars(
-            {name: written.take(name.encode("ascii", "replace").decode().replace("?", "_"))}
-        )
-    file.write(dataset.to_netcdf(engine="scipy"))
+    table = dataset(arrays, ("time",), columns, described, arrays.pop("t"))
+    written = Names(name for name in table.variables if name.isascii())
+    for name in [name for name in table.data_vars if not name.isascii()]:  # SciPy writes no other letters
+        table[name].attrs.setdefault("long_name", name)
+        table = table.rename_vars({name: written.take(name.encode("ascii", "replace").decode().replace("?", "_"))})
+    file.write(table.to_netcdf(engine="scipy"))
 
 
-# Functions that write all arrays at once, by the ending of the file.
-_WHOLE_WRITERS: Final[dict[str, Callable[..., None]]] = {
-    ".npz": _write_npz,
-    ".nc": _write_netcdf,
-}
-# Context managers that take blocks of rows, by the ending of the file.
 _WRITERS: Final[dict[str, Callable[..., contextlib.AbstractContextManager[RowWriter]]]] = {
     ".csv": _csv_writer,
     ".parquet": _parquet_writer,
-    **{kind: functools.partial(_collecting_writer, write=write) for kind, write in _WHOLE_WRITERS.items()},
+    ".npz": functools.partial(_whole_writer, write=_write_npz),
+    ".nc": functools.partial(_whole_writer, write=_write_netcdf),
 }
+"""Context managers that take blocks of rows, by the ending of the file."""
 RESULT_FILE_SUFFIXES: Final = tuple(_WRITERS)
 """Endings of files that results are written to."""
