@@ -15,7 +15,7 @@ import os
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple, NoReturn, TypeAlias
 
@@ -86,17 +86,6 @@ def _as_ours(path: Path, work: Callable[[], Any]) -> Any:
 def _check_rows(count: int, got: object = None) -> None:
     if count > MAX_FILE_ROWS:
         raise ArgumentError("", f"at most {MAX_FILE_ROWS} samples", count if got is None else got)
-
-
-def csv_line(cells: Iterable[str]) -> str:
-    r"""Return a line of a .csv file, with its line break; cells with commas, quotes or line breaks are quoted.
-
-    >>> csv_line(["t", "shoulder, left"])
-    't,"shoulder, left"\n'
-    """
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(cells)
-    return text.getvalue()
 
 
 def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
