@@ -12,7 +12,7 @@ import pytest
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, LETTERS, ExactRobot
 from hingepair.mechanism.mechanism import tree_of
-from hingepair.validation.robot_scales import FRAME_MOTION, RobotScales
+from hingepair.validation.scales import Scales
 from support import states
 from support.trees import Robot, random_model, record_of
 from support.truths import largest_errors
@@ -75,7 +75,7 @@ def check(name, got, truth, axes, bound, scale):
 
 
 def scales_of(robot, coordinates, motion):
-    return RobotScales(tree_of(robot), coordinates, motion, np.array(GRAVITY))
+    return Scales(tree_of(robot), coordinates, motion, np.array(GRAVITY))
 
 
 @functools.cache
@@ -96,7 +96,7 @@ def test_motion_is_within_its_bounds(arm, sizes, backend):
     for k, link in enumerate(LINKS[arm]):
         frame = tree_of(robot).links[link]
         exact, scale = truth.motion(frame), scales.motion(frame)
-        for name in (*FRAME_MOTION, "d"):
+        for name in (*LETTERS, "d"):
             got, own = getattr(state, name)[:, k], scale.get(name, scale["R"])
             check(name, got, exact[name], 2 if name == "S" else 1, bounds[name][:, k], own)
 

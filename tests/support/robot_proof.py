@@ -17,7 +17,7 @@ import pinocchio as pin
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
 from hingepair.mechanism.mechanism import tree_of
-from hingepair.validation.robot_scales import RobotScales
+from hingepair.validation.scales import Scales
 from support import states
 
 U = 2.0**-53
@@ -211,7 +211,7 @@ def is_singular(matrix):
 
 def scales_of(robot, reference, mode, joints, base, links, tips):
     """The scale of every output, of shapes that broadcast against them."""
-    scales = RobotScales(tree_of(robot), list(joints), base, np.array((0, 0, -9.81)))
+    scales = Scales(tree_of(robot), list(joints), base, np.array((0, 0, -9.81)))
     columns = np.zeros((6 + len(reference.ratios), 6 + robot.dof))
     columns[:6, :6], columns[6:, 6:] = np.eye(6), np.abs(reference.ratios)
     columns = columns if mode == "free" else columns[:, 6:]
