@@ -68,7 +68,8 @@ if TYPE_CHECKING:
     from hingepair.rotations.euler import euler_rate_matrix, euler_rates, euler_to_matrix, matrix_to_euler
     from hingepair.scenes.derive import derive
     from hingepair.scenes.load import load_scene
-    from hingepair.sweeps.search import search
+    from hingepair.scenes.variants.search import search
+    from hingepair.scenes.variants.vary import vary
     from hingepair.tables.instants import MeasurementWarning
     from hingepair.validation.cross_validate import cross_validate
     from hingepair.validation.pinocchio_twin import to_pinocchio
@@ -137,6 +138,7 @@ __all__ = [
     "to_pinocchio",
     "to_urdf",
     "unskew",
+    "vary",
     "view",
 ]
 
@@ -165,7 +167,8 @@ _LAZY_MODULE_BY_NAME = {
         "mechanism.joints": "Screw Slider",
         "mechanism.states": "MechanismState",
         "mechanism.bodies.body": "Body Box Cylinder Sphere",
-        "sweeps.search": "search",
+        "scenes.variants.search": "search",
+        "scenes.variants.vary": "vary",
         "mechanism.pairs.tolerances": "sample_pairs",
         "pictures.page": "view",
         "pictures.plot": "plot",

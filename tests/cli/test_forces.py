@@ -117,13 +117,13 @@ def test_the_torque_limit_and_the_rate_limit_are_compared(tmp_path):
 DRIVEN = """
 [dynamics]
 base = "fixed"
-hinge_torque = "{}"
-stiffness = 2
-rest = 0.1
-damping = 0.3
-friction = 0.2
-stops = [-0.5, 0.5]
-stop_damping = 1
+psi.tau = "{}"
+psi.stiffness = 2
+psi.rest = 0.1
+psi.damping = 0.3
+psi.friction = 0.2
+psi.stops = [-0.5, 0.5]
+psi.stop_damping = 1
 [time]
 start = 0
 stop = 1
@@ -160,11 +160,11 @@ def test_the_torque_about_the_hinge_axis_is_split_into_what_gives_it(tmp_path):
 
 LOADS = """
 [dynamics]
-stiffness = 2
-rest = 0.1
-damping = 0.3
-friction = 0.2
-stops = [-0.5, 0.3]
+psi.stiffness = 2
+psi.rest = 0.1
+psi.damping = 0.3
+psi.friction = 0.2
+psi.stops = [-0.5, 0.3]
 gravity = [0, 0, -3]
 """
 

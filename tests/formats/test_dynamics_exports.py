@@ -72,8 +72,8 @@ def moved_by_mujoco(text, t, qvel):
 @pytest.mark.slow
 @pytest.mark.parametrize("base", ["fixed", "pinned", "free"])
 def test_mujoco_moves_the_model_as_the_scene_moves(tmp_path, base):
-    table = f'[dynamics]\nbase = "{base}"\nstiffness = 3\nrest = 0.4\ndamping = 0.2\n{START}'
-    text = PAIR + table + "psid_0 = 1.5\n" + TIME
+    table = f'[dynamics]\nbase = "{base}"\npsi.stiffness = 3\npsi.rest = 0.4\npsi.damping = 0.2\n{START}'
+    text = PAIR + table + "psi.qd_0 = 1.5\n" + TIME
     model = exported(tmp_path, "mjcf", text, left_out="psid_0")
     scene = hp.load_scene(tmp_path / "scene.toml")
     start = [0.0] * {"fixed": 0, "pinned": 3, "free": 6}[base] + [1.5]
@@ -83,7 +83,7 @@ def test_mujoco_moves_the_model_as_the_scene_moves(tmp_path, base):
 
 
 def test_mujoco_moves_a_planar_scene_in_its_gravity(tmp_path):
-    text = PLANE + '[dynamics]\nbase = "fixed"\nphi_0 = 0.3\ndamping = 0.1\n' + TIME
+    text = PLANE + '[dynamics]\nbase = "fixed"\nphi_0 = 0.3\npsi.damping = 0.1\n' + TIME
     found = moved_by_mujoco(exported(tmp_path, "mjcf", text), np.linspace(0, 1, 11), [0.0])
     np.testing.assert_allclose(found, hp.load_scene(tmp_path / "scene.toml").motion.source.psi, rtol=0, atol=1e-8)
     upright = exported(tmp_path, "mjcf", text.replace("damping", "gravity = [1, -2]\ndamping"))
@@ -96,17 +96,17 @@ base = "fixed"
 """
 WHOLE += START
 WHOLE += """
-psi_0 = 0.1
-stiffness = 2
-rest = 0.3
-damping = 0.5
-friction = 0.2
-friction_rate = 0.02
-stops = [-1, 1]
-stop_stiffness = 500
-stop_damping = 20
-hinge_torque = "sin(t)"
-force2 = [0, 0, 1]
+psi.q_0 = 0.1
+psi.stiffness = 2
+psi.rest = 0.3
+psi.damping = 0.5
+psi.friction = 0.2
+psi.friction_rate = 0.02
+psi.stops = [-1, 1]
+psi.stop_stiffness = 500
+psi.stop_damping = 20
+psi.tau = "sin(t)"
+wrenches.body2.force = [0, 0, 1]
 gravity = [0, 0, -1.6]
 tol = 1e-8
 """

@@ -29,12 +29,12 @@ FREE = """
 [dynamics]
 R1_0 = [0, 0, 1.5]
 omega1_0 = [0.5, 3, 1]
-psid_0 = -1
-hinge_torque = "0.05*sin(3*psi) - 0.01*psid + rate*t"
+psi.qd_0 = -1
+psi.tau = "0.05*sin(3*psi) - 0.01*psid + rate*t"
 force1 = [0.1, "0.2*t", 0]
-torque2 = [0, "0.1*psi", 0.2]
-force2 = [0.3, 0, "0.1*psid"]
-damping = 0.02
+wrenches.body2.torque = [0, "0.1*psi", 0.2]
+wrenches.body2.force = [0.3, 0, "0.1*psid"]
+psi.damping = 0.02
 [constants]
 rate = 0.1
 """
@@ -69,7 +69,7 @@ def test_a_free_scene_moves_as_simulate_says(tmp_path):
 
 @pytest.mark.slow
 def test_a_scene_ends_where_until_passes_zero(tmp_path):
-    text = PAIR + '[dynamics]\nbase = "fixed"\npsid_0 = -1\nuntil = "psi - 0.5"\n'
+    text = PAIR + '[dynamics]\nbase = "fixed"\npsi.qd_0 = -1\nuntil = "psi - 0.5"\n'
     scene = scene_of(tmp_path, text)
     assert scene.samples < 11
     np.testing.assert_allclose(scene.evaluate(["R2"]).psi[-1], 0.5, rtol=1e-9)
@@ -97,7 +97,7 @@ def test_a_prescribed_base_carries_the_hinge(tmp_path):
         f"{name} = {value}" for name, value in (("x", "'0.1*sin(6*t)'"), ("y", 0), ("z", 0), ("phi_x", 0))
     )
     motion = f"[motion]\nsequence = 'ZYX'\n{turn}\nphi_y = '0.4*t'\nphi_z = 't'\n"
-    load = "[dynamics]\nbase = 'prescribed'\nstiffness = 2\nrest = 0.2\ngravity = [0, 0, -1.6]\n"
+    load = "[dynamics]\nbase = 'prescribed'\npsi.stiffness = 2\npsi.rest = 0.2\ngravity = [0, 0, -1.6]\n"
     scene = scene_of(tmp_path, PAIR + motion + load)
     forces, spring = scene.forces(), hp.HingeLoad(stiffness=2, rest=0.2)
     psi = scene.motion.simulated.psi
@@ -142,7 +142,7 @@ def test_all_that_hangs_on_talos_elbow_is_body2():
 
 
 def test_stops_may_be_the_limits(tmp_path):
-    text = "[dynamics]\nbase = 'fixed'\npsid_0 = 3\nstops = true\nstop_stiffness = 3000\ngravity = [0, 0, 0]\n"
+    text = "[dynamics]\nbase = 'fixed'\npsi.qd_0 = 3\npsi.stops = true\npsi.stop_stiffness = 3000\ngravity = [0, 0, 0]\n"
     scene = scene_of(tmp_path, PAIR + text)
     assert np.abs(scene.motion.simulated.psi).max() < 0.33
     assert np.abs(np.diff(np.sign(scene.motion.simulated.psid))).max() == 2
@@ -154,11 +154,11 @@ def test_stops_may_be_the_limits(tmp_path):
     [
         ("base = 'held'", r"dynamics\.base: expected one of free, pinned, fixed, prescribed"),
         ("bass = 'free'", r"dynamics\.bass: .*unknown key|dynamics\.bass: expected"),
-        ("hinge_torque = 'phi'", r"dynamics\.hinge_torque: "),
+        ("psi.tau = 'phi'", r"dynamics\.psi\.tau: "),
         ("force1 = [0, 'psi_d', 0]", r"dynamics\.force1\[1\]: "),
         ("force1 = [0, 0]", r"dynamics\.force1: expected three numbers"),
         ("tol = 1", r"dynamics\.tol: expected a number from"),
-        ("damping = -1", r"dynamics\.damping: expected 0 or above"),
+        ("psi.damping = -1", r"dynamics\.psi\.damping: expected 0 or above"),
         ("gravity = 9.81", r"dynamics\.gravity: "),
         ("base = 'pinned'\nv1_0 = [1, 0, 0]", r"dynamics\.v1_0: expected None or zeros"),
         ("base = 'prescribed'\nR1_0 = [1, 0, 0]", r"dynamics\.R1_0: expected no such key together with base"),
@@ -166,7 +166,7 @@ def test_stops_may_be_the_limits(tmp_path):
         ("[motion]\nx = 0", r"motion\.x: expected"),
         ("base = 'prescribed'\n[motion]\npsi = 0", r"dynamics\.base: .* since \[motion\] gives psi"),
         ("phi_0 = 1", r"dynamics\.phi_0: expected"),
-        ("hinge_torque = 'log(0.2 - t)'", r"dynamics: expected a motion that can be followed"),
+        ("psi.tau = 'log(0.2 - t)'", r"dynamics: expected a motion that can be followed"),
     ],
     ids=range(15),
 )
@@ -176,11 +176,11 @@ def test_what_cannot_be_used_is_named(tmp_path, text, message):
 
 
 def test_a_scene_has_rigid_stops_and_breaks(tmp_path):
-    motion = "[dynamics]\nbase = 'fixed'\ngravity = [0, 0, 0]\nhinge_torque = '{}*(1 + 3*step(t - 0.25))'\n"
-    keys = "stops = [-1, 1]\nstop_restitution = 0.0\nbreaks = [0.25]\n"
+    motion = "[dynamics]\nbase = 'fixed'\ngravity = [0, 0, 0]\npsi.tau = '{}*(1 + 3*step(t - 0.25))'\n"
+    keys = "psi.stops = [-1, 1]\npsi.stop_restitution = 0.0\nbreaks = [0.25]\n"
     found = scene_of(tmp_path, PAIR + motion.format(1) + keys).motion.simulated
     slow, quick = (float(found.psidd[found.t.searchsorted(t)]) for t in (0.2, 0.3))
     assert quick == pytest.approx(4 * slow, rel=1e-12)
     assert found.psi.max() <= 1
     with pytest.raises(hp.SceneError, match=r"stop_damping: expected 0, since stop_restitution"):
-        scene_of(tmp_path, PAIR + motion.format(1) + keys + "stop_damping = 2\n").evaluate()
+        scene_of(tmp_path, PAIR + motion.format(1) + keys + "psi.stop_damping = 2\n").evaluate()

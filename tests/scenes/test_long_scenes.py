@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hingepair.scenes.motions.motion import UniformInstants
 from scipy.spatial.transform import Rotation
 
 import hingepair as hp
 from hingepair.cli.summary import RunSummary
 from hingepair.formats.recordings import read_recording
-from hingepair.scenes.instants import UniformInstants
 from support.sparse import sparse
 from support.work import HANG
 

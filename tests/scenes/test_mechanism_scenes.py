@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hingepair.scenes.scene import Scene
 
 import hingepair as hp
-from hingepair.scenes.robot_scene import RobotScene
 
 U = 2.0**-53
 
@@ -56,10 +56,10 @@ samples = 41
 GOOD = JOINTS + MOTION + TIME
 
 
-def scene_of(tmp_path: Path, text: str) -> RobotScene:
+def scene_of(tmp_path: Path, text: str) -> Scene:
     (tmp_path / "digger.toml").write_text(text, encoding="utf-8")
     scene = hp.load_scene(tmp_path / "digger.toml")
-    assert isinstance(scene, RobotScene)
+    assert isinstance(scene, Scene)
     return scene
 
 

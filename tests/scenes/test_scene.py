@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hingepair.scenes.scene import Scene
 from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.cli.main import app
 from hingepair.scenes.load import SceneFile
 from hingepair.scenes.motions.waypoints import PROFILES, interpolate_way_points
-from hingepair.scenes.pair_scene import PairScene
 from support.work import bounded_calls
 
 U = 2.0**-53
@@ -41,7 +41,7 @@ samples = 21
 """
 
 
-def scene_of(tmp_path: Path, text: str | bytes) -> PairScene:
+def scene_of(tmp_path: Path, text: str | bytes) -> Scene:
     path = tmp_path / "my.toml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return hp.load_scene(path)

@@ -22,13 +22,13 @@ n = [0, 1, 0.3]
 body1 = { mass = 0.6, centre_of_mass = [0.1, 0, 0], inertia = [0.002, 0.03, 0.031] }
 body2 = { mass = 1.1, centre_of_mass = [0, 0.05, 0.02], inertia = [0.004, 0.02, 0.021] }
 [dynamics]
-psi_0 = 0.2
-psid_0 = -3
-damping = 0.02
-stiffness = 0.3
-hinge_torque = "0.1*sin(5*t)"
-force2 = [0, "0.2*sin(3*t)", 0.1]
-torque2 = [0.01, 0, "0.02*t"]
+psi.q_0 = 0.2
+psi.qd_0 = -3
+psi.damping = 0.02
+psi.stiffness = 0.3
+psi.tau = "0.1*sin(5*t)"
+wrenches.body2.force = [0, "0.2*sin(3*t)", 0.1]
+wrenches.body2.torque = [0.01, 0, "0.02*t"]
 """
 PLANE = """
 planar = true
@@ -38,10 +38,10 @@ u2 = [-0.3, 0]
 body1 = { mass = 1.3, centre_of_mass = [0.5, 0, 0], inertia = [0.1, 0.1, 0.12] }
 body2 = { mass = 0.7, centre_of_mass = [0.4, 0, 0], inertia = [0.05, 0.08, 0.09] }
 [dynamics]
-psi_0 = 0.5
-damping = 0.02
-force2 = [0.1, "0.2*t"]
-torque2 = 0.03
+psi.q_0 = 0.5
+psi.damping = 0.02
+wrenches.body2.force = [0.1, "0.2*t"]
+wrenches.body2.torque = 0.03
 """
 TIME = "[time]\nstart = 0\nstop = 1\nsamples = 101\n"
 SIMULATION_BASE_NAMES = {

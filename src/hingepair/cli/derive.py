@@ -16,7 +16,7 @@ from hingepair.cli.sources import Body1FrameOption, Body2FrameOption, JointArgum
 from hingepair.errors import HingePairError
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.scenes.pair_scene import FURTHER_OUTPUTS
+from hingepair.scenes.subjects.pair import FURTHER_OUTPUTS
 
 if TYPE_CHECKING:
     from hingepair.symbolic.closed_forms import ClosedForms, PairForms
@@ -114,9 +114,9 @@ def _pair_forms(source: Source, symbols: Sequence[str]) -> _PairForms:
     from hingepair.scenes.derive import derive as closed_forms
     from hingepair.scenes.derive import derive_any_motion
 
-    setup = source.dynamics()
-    if source.has_motion and (setup is None or not setup.simulates):
-        scene = source.scene_file.scene().require_pair()
+    if source.has_motion and not source.scene_file.is_simulated:
+        scene = source.scene_file.scene()
+        scene.require_pair()
         named = tuple(name for name in scene.outputs or () if name not in FURTHER_OUTPUTS)
         return _PairForms(closed_forms(scene, symbols), scene.title, named)
     pair = source.pair()

@@ -22,7 +22,7 @@ import typer
 from hingepair.errors import ArgumentError, printable, quoted
 from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK
 from hingepair.plans.pairs import PLANE, SPACE
-from hingepair.scenes.pair_scene import FURTHER_OUTPUTS
+from hingepair.scenes.subjects.pair import FURTHER_OUTPUTS
 from hingepair.tables.sheets import ruled_table
 from hingepair.tables.whole_file import check_writable, whole_file
 

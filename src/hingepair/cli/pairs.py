@@ -19,13 +19,13 @@ from hingepair.formats.xml_text import commented
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
-from hingepair.scenes.motions.motion import PRESCRIBED
+from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
+from hingepair.scenes.motions.dynamics import PRESCRIBED
 
 if TYPE_CHECKING:
-    from hingepair.scenes.motions.simulated import DynamicsSetup
+    from hingepair.scenes.motions.dynamics import Dynamics
 
 ExportedArgument = Annotated[
     str,
@@ -80,8 +80,8 @@ def urdf_command(
     if setup is None:
         return write_text(to_urdf(pair, base=requested_base or "free"), out, named.files)
     base = requested_base or ("fixed" if setup.base in {"fixed", PRESCRIBED} else "free")
-    load = HingeLoad(**{key: value for key, value in setup.hinge.items() if key in {"damping", "friction", "stops"}})
-    text = to_urdf(pair, base=base, hinge_torque=load, body1=setup.body1 if base == "fixed" else None)
+    load = _load_of(setup, ("damping", "friction", "stops"))
+    text = to_urdf(pair, base=base, hinge_torque=load, body1=setup.start if base == "fixed" else None)
     written = {"damping", "friction", "stops", *(_START_POSE if base == "fixed" else ())}
     written |= {"base"} if requested_base or setup.base in {"free", "fixed"} else set()
     return write_text(_add_omission_comment("URDF", text, setup, written), out, named.files)
@@ -128,16 +128,15 @@ def mjcf_command(
     else:
         vector = PLANAR_GRAVITY if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY
         if setup is not None and "gravity" in setup.keys:
-            vector = setup.others["gravity"]
+            vector = setup.gravity[: len(pair.u1)]
         else:
             assumed.append(f"gravity is ({', '.join(f'{component:g}' for component in vector)}) m/s^2")
     hinge_keys = ("stiffness", "rest", "damping", "friction", "stops")
-    hinge = {} if setup is None else {key: value for key, value in setup.hinge.items() if key in hinge_keys}
     text = to_mjcf(
         pair if isinstance(pair, HingePair) else pair.to_spatial(),
         base=base,
-        hinge_torque=HingeLoad(**hinge),
-        body1=None if setup is None else setup.body1,
+        hinge_torque=_load_of(setup, hinge_keys),
+        body1=None if setup is None else setup.start,
         gravity=(*vector, 0.0)[:3],
     )
     if assumed:
@@ -166,15 +165,22 @@ def parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
     raise ArgumentError("--gravity", expected, repr(text))
 
 
+def _load_of(setup: Dynamics | None, keys: tuple[str, ...]) -> HingeLoad:
+    """Return the load of the hinge as far as these fields go."""
+    load = HingeLoad() if setup is None else setup.loads.get("psi", HingeLoad())
+    return HingeLoad(**{key: getattr(load, key) for key in keys})
+
+
 _START_POSE: Final = ("R1_0", "S1_0", "phi_0")
 """Keys of the table [dynamics] for the pose of body 1 at the start."""
 
 
-def _add_omission_comment(file_format: str, text: str, setup: DynamicsSetup, written_keys: set[str]) -> str:
+def _add_omission_comment(file_format: str, text: str, setup: Dynamics, written_keys: set[str]) -> str:
     """Return a model with a comment on the keys of [dynamics] that are not in `written_keys`, but for those of the
     simulation alone (tol, until, ...); emit the same sentence as a DynamicsWarning.
     """
-    keys = [key for key in setup.keys if key not in {*written_keys, "tol", "breaks", "max_steps", "until"}]
+    known = {*written_keys, "tol", "breaks", "max_steps", "until"}
+    keys = [key for key in setup.keys if key.removeprefix("psi.") not in known]
     if not keys:
         return text
     shown = ", ".join(f'base = "{setup.base}"' if key == "base" else key for key in keys)

@@ -78,10 +78,9 @@ def run_command(
             summary.add(part)
             if add is not None:
                 add(part.t, part.recorded())
-    residuals, notes = summary.residuals(), summary.notes()
+    notes = summary.notes()
     if as_json:
-        largest = {r.label: {"largest": r.largest, "in_u_scale": r.ratio} for r in residuals}
-        result = {**scene.facts(), "not_finite": summary.lost, "outputs": summary.ranges(), "residuals": largest}
+        result = {**scene.facts(), "not_finite": summary.lost, "outputs": summary.ranges()}
         result |= {"notes": notes, "file": None if out is None else str(out)}
         result |= {"energy_balance": balance.facts()} if balance else {}
         print(json_text(result | ({"plan": asdict(plan)} if plan else {})))
@@ -95,12 +94,10 @@ def run_command(
     for frame, shown in summary.coincident_frames.items():
         print(printable(f"{frame} moves exactly as {shown} and is not shown"))
     print(*map(printable, summary.omissions()), sep="\n", end="\n" * bool(summary.omissions()))
-    some = summary.lost < scene.samples
     if summary.lost:
-        others = "ranges and residuals are those of the other instants" if some else "the table has no numbers"
+        some = summary.lost < scene.samples
+        others = "ranges are those of the other instants" if some else "the table has no numbers"
         print(f"{summary.lost} of {scene.samples} instants are not finite; {others}")
-    for r in residuals if some else ():
-        print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
     _print_notes(notes, out)
 
 
@@ -127,7 +124,7 @@ def check_command(
         print(compared.to_json() if as_json else compared)
         raise typer.Exit(0 if compared.ok else 1)
     scene = load_scene(Path(source))
-    report = scene.cross_validate(scene.max_check_instants)
+    report = scene.cross_validate(scene.subject.max_check_instants)
     notes = (*scene.suspicions(), *scene.motion.notes)
     if report.samples < scene.samples:
         notes = (f"{report.samples} of the {scene.samples} instants are compared, evenly spread", *notes)

@@ -9,7 +9,7 @@ import typer
 from hingepair.cli.output import JsonOption, print_title
 from hingepair.cli.scenes import SceneArgument
 from hingepair.errors import ArgumentError, quoted
-from hingepair.sweeps.search import Range, search
+from hingepair.scenes.variants.search import Range, search
 from hingepair.tables.sheets import json_text
 
 
@@ -19,8 +19,8 @@ def search_command(
         list[str],
         typer.Option(
             metavar="KEY[=LOW:HIGH]",
-            help="Number of the scene to vary, such as dynamics.damping=0.1:10, in the unit of the scene file; may "
-            "be given several times.",
+            help="Number of the scene to vary, such as dynamics.psi.damping=0.1:10, in the unit of the scene file; "
+            "may be given several times.",
         ),
     ],
     until: Annotated[
@@ -70,5 +70,7 @@ def _read_range(text: str) -> tuple[str, Range]:
     try:
         low, high = map(float, ends.split(":"))
     except ValueError:
-        raise ArgumentError("--vary", "KEY or KEY=LOW:HIGH, such as dynamics.damping=0.1:10", quoted(text)) from None
+        raise ArgumentError(
+            "--vary", "KEY or KEY=LOW:HIGH, such as dynamics.psi.damping=0.1:10", quoted(text)
+        ) from None
     return key.strip(), (low, high)

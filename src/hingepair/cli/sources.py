@@ -20,13 +20,12 @@ from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.results import RESULT_FILE_SUFFIXES
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes.load import SceneFile, load_scene
-from hingepair.scenes.pair_scene import PairScene
+from hingepair.scenes.scene import Scene
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import HINGE_TYPES
 
 if TYPE_CHECKING:
-    from hingepair.scenes.motions.simulated import DynamicsSetup
-    from hingepair.scenes.robot_scene import RobotScene
+    from hingepair.scenes.motions.dynamics import Dynamics
 
 SourceArgument = Annotated[
     str,
@@ -153,7 +152,7 @@ class Source:
             return self.scene_file.mechanism
         return load_robot(self.text) if names_robot(self.text) else None
 
-    def dynamics(self) -> DynamicsSetup | None:
+    def dynamics(self) -> Dynamics | None:
         """Return what the table [dynamics] of a scene file says."""
         return self.scene_file.dynamics if self.is_scene else None
 
@@ -171,7 +170,7 @@ class Source:
         return self.joint
 
 
-def load_named_scene(path: Path) -> PairScene | RobotScene:
+def load_named_scene(path: Path) -> Scene:
     """Read a scene file; refuse a robot's name and a URDF file, which have no motion."""
     word = str(path)
     if names_robot(word):

@@ -1,9 +1,8 @@
-"""The summary of a scene's run: three instants, the range of each component, the largest residuals."""
+"""The summary of a scene's run: three instants, the range of each component."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +11,6 @@ from hingepair.scenes.scene import NoteCollector, Scene, SceneResult
 from hingepair.tables.data_frames import column_names, plain_magnitudes, split_columns, with_magnitudes
 from hingepair.tables.sheets import instant_text, number_texts, offset_text, round_offset
 from hingepair.tables.units import UnitsLike
-
-
-class LargestResidual(NamedTuple):
-    """Largest residual of a constraint over all instants, and its ratio to u * scale."""
-
-    label: str
-    meaning: str
-    unit: str
-    largest: float
-    ratio: float
 
 
 class RunSummary:
@@ -47,7 +36,6 @@ class RunSummary:
         self._components: dict[str, list[str]] = {}  # by array
         self._matrices: list[str] = []
         self._smallest = self._largest = np.array(np.nan)
-        self._residuals = np.full((len(scene.residuals), 2), np.nan)
         self.coincident_frames: dict[str, str] = {}
         self.lost = 0
 
@@ -72,13 +60,7 @@ class RunSummary:
         values[lost] = np.nan
         self._smallest = np.fmin(self._smallest, np.fmin.reduce(values))
         self._largest = np.fmax(self._largest, np.fmax.reduce(values))
-        self._residuals = np.fmax(self._residuals, part.residual_sizes())
         self._notes.add(part)
-
-    def residuals(self) -> tuple[LargestResidual, ...]:
-        """Return the largest residuals of the scene's constraints."""
-        both = zip(self._scene.residuals, self._residuals.tolist(), strict=True)
-        return tuple(LargestResidual(*residual, *worst) for residual, worst in both)
 
     def notes(self) -> tuple[str, ...]:
         """Return the notes on the run."""

@@ -11,8 +11,8 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import JsonOption, out_option, print_title
-from hingepair.sweeps.stores import STORE_SUFFIXES
-from hingepair.sweeps.sweep import Progress, load_sweep, run_sweep
+from hingepair.scenes.variants.stores import STORE_SUFFIXES
+from hingepair.scenes.variants.sweep import Progress, load_sweep, run_sweep
 from hingepair.tables.sheets import json_text
 
 SweepArgument = Annotated[Path, typer.Argument(metavar="SWEEP", help="Sweep file (TOML).")]

@@ -23,7 +23,7 @@ from hingepair.pictures.curves import (
 )
 from hingepair.pictures.motion_samples import Array
 from hingepair.pictures.robot_motion import RobotMotion
-from hingepair.scenes.robot_scene import RobotResult, RobotScene
+from hingepair.scenes.scene import Scene, SceneResult
 from hingepair.tables.units import Columns, Units, UnitsLike
 
 if TYPE_CHECKING:
@@ -41,18 +41,16 @@ _BLOCK: Final = 65_536  # instants of which the paths are computed in one call
 _COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
 
 
-def plot_mechanism(
-    source: RobotScene | RobotResult, outputs: Iterable[str] | None, units: UnitsLike = None
-) -> Figure:
+def plot_mechanism(source: Scene | SceneResult, outputs: Iterable[str] | None, units: UnitsLike = None) -> Figure:
     """Return a new figure of the motion of a robot: position, rate and motor torque or force of each moving joint
     over time, and the paths of the scene's frames in space.
 
     Args:
         source: a scene of a mechanism, or its result, whose scene is drawn.
-        outputs: names of the outputs to draw instead, as for `RobotScene.evaluate`.
+        outputs: names of the outputs to draw instead, as for `Scene.evaluate`.
         units: units in place of SI units; by default those of the scene.
     """
-    scene = source if isinstance(source, RobotScene) else source.scene
+    scene = source if isinstance(source, Scene) else source.scene
     columns = scene.in_units(units)
     collector = CurveCollector()
     if outputs is not None:
@@ -78,7 +76,7 @@ def plot_mechanism(
         collector.add_piece(part.t, scene.samples, by_joint | paths)
     drawn = columns._replace(si_unit=lambda name: "m" if name == PATHS else _joint_unit(scene, *_joint_curve(name)))
     curves = collector.curves(drawn, lambda _: False)  # limits are drawn beside the values
-    joints = [joint for joint in tree_of(scene.mechanism).coordinates if joint.name in scene.motion.moving]
+    joints = [joint for joint in tree_of(scene.mechanism_only).coordinates if joint.name in scene.motion.moving]
     figure = _draw_joint_panels(figure_class(), joints, scene.frames, quantities, curves, drawn)
     return finish_figure(figure, scene.title)
 
@@ -120,14 +118,14 @@ def _unit_of(joint: Joint, quantity: str) -> str:
     return {"q": joint.unit, "qd": f"{joint.unit}/s", "tau": joint.effort_unit}[quantity]
 
 
-def _columns_by_joint(piece: RobotResult, quantity: str) -> dict[str, Array]:
+def _columns_by_joint(piece: SceneResult, quantity: str) -> dict[str, Array]:
     """Return q, qd or tau of each moving joint, shape (N,), by its name."""
     array = getattr(piece, quantity)
     moving = piece.scene.motion.moving
-    return {joint: array[:, i] for i, joint in enumerate(piece.scene.mechanism.names) if joint in moving}
+    return {joint: array[:, i] for i, joint in enumerate(piece.scene.subject.names) if joint in moving}
 
 
-def _is_attitude(scene: RobotScene, name: str) -> bool:
+def _is_attitude(scene: Scene, name: str) -> bool:
     """Return whether an output of a scene is a rotation matrix, which is drawn as Euler angles."""
     return name.startswith("S_") and scene.unit(name) == "1"
 
@@ -138,7 +136,7 @@ def _joint_curve(name: str) -> tuple[str, str]:
     return quantity, joint
 
 
-def _joint_unit(scene: RobotScene, quantity: str, joint: str) -> str:
+def _joint_unit(scene: Scene, quantity: str, joint: str) -> str:
     """Return the SI unit of q, qd or tau of a joint; of instants if `joint` is empty."""
     if not joint:
         return "s"

@@ -14,8 +14,8 @@ from hingepair.mechanism.pairs.geometry import check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.motion.simulated import SimulatedPlanarMotion
 from hingepair.motion.trajectory import Trajectory
-from hingepair.scenes.instants import Rows
-from hingepair.scenes.pair_scene import PairResult, PairScene
+from hingepair.scenes.motions.known import Rows
+from hingepair.scenes.scene import Scene, SceneResult
 
 Array: TypeAlias = NDArray[Any]
 
@@ -25,7 +25,7 @@ MAX_SHOWN: Final = 2000
 # Velocities, then accelerations of body 2: two for each order of derivatives.
 BODY2_RATES: Final = ("v2", "omega2", "a2", "alpha2")
 
-MotionSource: TypeAlias = HingePair | PairScene | PairResult | Trajectory | SimulatedPlanarMotion
+MotionSource: TypeAlias = HingePair | Scene | SceneResult | Trajectory | SimulatedPlanarMotion
 
 RecordedMotion: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str, Array]]
 """A motion in memory: instants [s], pair, motion of body 1, psi [rad], and further arrays by name."""
@@ -61,8 +61,8 @@ def spread_samples(source: object) -> ShownMotion:
     """Return a `ShownMotion` of at most MAX_SHOWN evenly spread samples of the motion of a scene or its result, a
     trajectory or a pair, with the available velocities and accelerations of body 2.
     """
-    source = source.scene if isinstance(source, PairResult) else source
-    if isinstance(source, PairScene):
+    source = source.scene if isinstance(source, SceneResult) else source
+    if isinstance(source, Scene):
         return _scene_samples(source, source.sampled(MAX_SHOWN, _scene_outputs(source, None)), None)
     motion = _recorded_motion(source)
     return _recorded_samples(motion, spread_rows(len(motion[0])), None)
@@ -86,24 +86,24 @@ def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Itera
         outputs = (outputs,) if isinstance(outputs, str) else tuple(outputs)
         if not outputs:
             raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none")
-    source = source.scene if isinstance(source, PairResult) else source
-    if isinstance(source, PairScene):
+    source = source.scene if isinstance(source, SceneResult) else source
+    if isinstance(source, Scene):
         for part in source.blocks(_scene_outputs(source, outputs)):
             yield _scene_samples(source, part, outputs)
     else:
         yield _recorded_samples(_recorded_motion(source), slice(None), outputs)
 
 
-def _scene_outputs(scene: PairScene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
+def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
     """Return `outputs` or, of None, the velocities and accelerations of body 2 that the motion has, and psi."""
     if outputs is not None:
         return outputs
     return (*BODY2_RATES[: 2 * scene.motion.level], "psi")
 
 
-def _scene_samples(scene: PairScene, piece: PairResult, outputs: tuple[str, ...] | None) -> ShownMotion:
+def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
     """Return a piece of a scene's result with `outputs`; None: velocities and accelerations of body 2."""
-    arrays, bodies = piece.requested_arrays(), piece.known.body_arrays(scene.pair)
+    arrays, bodies = piece.requested_arrays(), scene.require_pair().poses(piece.known)
     outputs_by_name = arrays if outputs is not None else _rate_vectors(arrays)
     return ShownMotion(scene.space, scene.title, scene.samples, piece.t, bodies, piece.known.psi, outputs_by_name)
 

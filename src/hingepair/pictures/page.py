@@ -36,14 +36,13 @@ from hingepair.pictures.motion_samples import (
 )
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
 from hingepair.pictures.robot_motion import RobotMotion, base_poses, read_robot_motion
-from hingepair.scenes.pair_scene import PairResult, PairScene
-from hingepair.scenes.robot_scene import RobotResult, RobotScene, scene_of_simulation
+from hingepair.scenes.scene import Scene, SceneResult, scene_of_simulation
 from hingepair.tables.units import SCALES, Units, UnitsLike
 from hingepair.tables.whole_file import whole_file
 
 
 def view(
-    source: MotionSource | Mechanism | RobotScene | RobotResult | SimulatedRobotMotion,
+    source: MotionSource | Mechanism | SimulatedRobotMotion,
     path: str | os.PathLike[str] | None = None,
     q: ArrayLike | None = None,
     t: ArrayLike | None = None,
@@ -107,17 +106,17 @@ def view(
         for name, value in (("q", q), ("t", t), ("base_motion", base_motion), ("tau", tau)):
             if value is not None:
                 raise ArgumentError(name, "None, since only a robot (a Mechanism) takes a motion", quoted(value))
-        source = source.scene if isinstance(source, PairResult | RobotResult) else source
+        source = source.scene if isinstance(source, SceneResult) else source
         source = scene_of_simulation(source) if isinstance(source, SimulatedRobotMotion) else source
-        if isinstance(source, RobotScene):
+        if isinstance(source, Scene) and source.mechanism is not None:
             model, motion = _robot_content(source, number_not_below_0("meshes", meshes))
         else:
             model, motion = _pair_content(source)
-    shown = source.in_units(units).units if isinstance(source, PairScene | RobotScene) else Units.of(units)
+    shown = source.in_units(units).units if isinstance(source, Scene) else Units.of(units)
     html = _page_html(model, motion, shown)
     page = Page(model.title, len(motion.t), motion.samples, motion.q.shape[1], html, tuple(model.notes))
     if path is not None:
-        page.save(path, source.files if isinstance(source, PairScene | RobotScene) else ())
+        page.save(path, source.files if isinstance(source, Scene) else ())
     return page
 
 
@@ -209,11 +208,11 @@ def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
     return pair_model(samples.pair, samples.title), motion
 
 
-def _robot_content(scene: RobotScene, megabytes: float) -> tuple[PageModel, _PageMotion]:
+def _robot_content(scene: Scene, megabytes: float) -> tuple[PageModel, _PageMotion]:
     """Return the model and at most MAX_SHOWN instants of the motion of a robot's scene."""
-    robot = scene.mechanism
+    robot = scene.mechanism_only
     part = scene.sampled(MAX_SHOWN, ("q", "qd", "tau")[: scene.motion.level + 1])
-    base, t = part.known.base, part.t
+    base, t = part.known.base_motion, part.t
     motion = _PageMotion(
         *(t, scene.samples, *base_poses(base, len(t)), part.q, {}),
         qd=part.qd if scene.motion.level >= VELOCITY else None,

@@ -33,8 +33,8 @@ from hingepair.pictures.motion_samples import Array, MotionSource, ShownMotion, 
 from hingepair.pictures.robot_motion import read_robot_motion
 from hingepair.pictures.smoothed_plot import plot_smoothed
 from hingepair.plans.pairs import point_outputs, unit_among
-from hingepair.scenes.pair_scene import PAIR_FORCES, PairResult, PairScene
-from hingepair.scenes.robot_scene import RobotResult, RobotScene, scene_of_simulation
+from hingepair.scenes.scene import Scene, SceneResult, scene_of_simulation
+from hingepair.scenes.subjects.pair import PAIR_FORCES
 from hingepair.tables.units import Columns, Units
 
 if TYPE_CHECKING:
@@ -66,14 +66,7 @@ _TITLES: Final = {
 
 
 def plot(
-    source: MotionSource
-    | Mechanism
-    | RobotScene
-    | RobotResult
-    | SimulatedRobotMotion
-    | SmoothedMotion
-    | SmoothedAngle
-    | Record,
+    source: MotionSource | Mechanism | SimulatedRobotMotion | SmoothedMotion | SmoothedAngle | Record,
     outputs: Iterable[str] | None = None,
     units: str | None = None,
     *,
@@ -142,12 +135,12 @@ def plot(
         return plot_smoothed(source, outputs, units)
     if isinstance(source, SimulatedRobotMotion):
         source = scene_of_simulation(source)
-    if isinstance(source, RobotScene | RobotResult):
+    source = source.scene if isinstance(source, SceneResult) else source
+    if isinstance(source, Scene) and source.mechanism is not None:
         return plot_mechanism(source, outputs, units)
-    source = source.scene if isinstance(source, PairResult) else source
     points = point_outputs(constants_of(source).points) if isinstance(source, HingePair) else ()
     columns = Columns(Units.of(units), lambda name: unit_among(points, name))
-    columns = source.in_units(units) if isinstance(source, PairScene | Result) else columns
+    columns = source.in_units(units) if isinstance(source, Scene | Result) else columns
     columns = columns._replace(si_unit=_drawn_unit(columns.si_unit))
     if outputs is not None:
         outputs = (outputs,) if isinstance(outputs, str) else tuple(outputs)
@@ -194,7 +187,7 @@ def _collect_motion(source: MotionSource, outputs: tuple[str, ...] | None) -> tu
     collector = CurveCollector()
     t, loads = _loads(source, outputs)
     moving = None if outputs is None else tuple(name for name in outputs if name not in loads)
-    title = source.title if isinstance(source, PairScene) else ""
+    title = source.title if isinstance(source, Scene) else ""
     for samples in sample_pieces(source, moving) if moving != () else ():
         title = samples.title
         collector.add_piece(
@@ -209,9 +202,9 @@ def _collect_motion(source: MotionSource, outputs: tuple[str, ...] | None) -> tu
 
 def _loads(source: MotionSource, outputs: tuple[str, ...] | None) -> tuple[Array, dict[str, Array]]:
     """Return instants, and of a pair with masses the forces among `outputs`, by default those of the hinge."""
-    if isinstance(source, PairScene):
+    if isinstance(source, Scene):
         names = [name for name in outputs or () if name in PAIR_FORCES]
-        known = source.pair.body2 is not None and source.motion.level == ACCELERATION
+        known = source.space.body2 is not None and source.motion.level == ACCELERATION
         if outputs is None and known and source.samples <= MAX_HELD_INSTANTS:
             names = ["hinge_torque", "hinge_force", *["bearing_torque"] * (source.dimensions == 3)]
         return (source.t, source.arrays(names)) if names else (np.zeros(0), {})

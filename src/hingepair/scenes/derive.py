@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.scenes.load import SceneFile
-from hingepair.scenes.pair_scene import PairScene
-from hingepair.scenes.robot_scene import RobotScene
+from hingepair.scenes.scene import Scene
 from hingepair.scenes.tables import Table
 from hingepair.symbolic.closed_forms import SYMBOLIC_CONSTANTS, FrameForms, PairForms, point_key
 from hingepair.symbolic.exact import (
@@ -32,17 +31,11 @@ from hingepair.symbolic.expressions import Expression
 from hingepair.symbolic.writing import constant_value
 
 
-@overload
-def derive(scene_or_pair: PairScene | HingePair | PlanarPair, symbolic: Iterable[str] = ()) -> PairForms: ...
-@overload
 def derive(
-    scene_or_pair: RobotScene | Mechanism, symbolic: Iterable[str] = (), frame: str | None = None
-) -> FrameForms: ...
-def derive(
-    scene_or_pair: PairScene | RobotScene | HingePair | PlanarPair | Mechanism,
+    scene_or_pair: Scene | HingePair | PlanarPair | Mechanism,
     symbolic: Iterable[str] = (),
     frame: str | None = None,
-) -> PairForms | FrameForms:
+) -> Any:
     r"""Return closed forms as SymPy expressions. A Scene, a HingePair or a PlanarPair gives a PairForms with the
     equations E1-E11 (docs/concepts/equations.md). A Mechanism, or its scene, gives the FrameForms of one
     link, joint or frame.
@@ -109,19 +102,19 @@ def derive(
     [2*sin(q_1) + sin(q_1 + q_2)],
     [                          0]])
     """
-    if isinstance(scene_or_pair, RobotScene):
+    if isinstance(scene_or_pair, Scene) and scene_or_pair.mechanism is not None:
         scene_or_pair = scene_or_pair.mechanism
     if isinstance(scene_or_pair, Mechanism):
         return FrameForms(scene_or_pair, frame, symbolic)
     if frame is not None:
         raise ArgumentError("frame", "a robot, whose frame it is", quoted(scene_or_pair))
-    if isinstance(scene_or_pair, PairScene):
-        scene = scene_or_pair
-        names = _symbolic_names(symbolic, scene.pair, scene.constants)
+    if isinstance(scene_or_pair, Scene):
+        scene, pair = scene_or_pair, scene_or_pair.require_pair().pair
+        names = _symbolic_names(symbolic, pair, scene.constants)
         symbolic_constants = tuple(name for name in names if name in scene.constants)
-        motion = scene.functions().expressions(symbolic_constants)
-        written = _exact_pair_values(scene.pair, scene.tables, symbolic_constants)
-        return PairForms(scene.pair, motion, scene.sequence, names, written)
+        motion = {name: own for part in scene.functions for name, own in part.expressions(symbolic_constants).items()}
+        written = _exact_pair_values(pair, scene.tables, symbolic_constants)
+        return PairForms(pair, motion, scene.sequence, names, written)
     pair = scene_or_pair
     if not isinstance(pair, HingePair | PlanarPair):
         raise ArgumentError("scene_or_pair", "a Scene, a HingePair, a PlanarPair or a Mechanism", quoted(pair))
@@ -136,12 +129,13 @@ def derive_any_motion(file: SceneFile, symbolic: Iterable[str] = ()) -> PairForm
         file: the scene file, whose motion is ignored.
         symbolic: as for `derive`.
     """
-    pair, constants, setup = file.pair, file.tables.constants, file.dynamics
+    pair, setup = file.pair, file.dynamics
+    constants = file.tables.table("constants", required=False).values
     names = _symbolic_names(symbolic, pair, constants)
     symbolic_constants = tuple(name for name in names if name in constants)
     motion: dict[str, Expr] = {}
-    if setup is not None and setup.base == "fixed" and setup.body1 is not None:
-        x, y, z, *phi = map(exact, (*setup.body1.R.tolist(), *matrix_to_euler(setup.body1.S).tolist()))
+    if setup is not None and setup.base == "fixed" and setup.start is not None:
+        x, y, z, *phi = map(exact, (*setup.start.R.tolist(), *matrix_to_euler(setup.start.S).tolist()))
         given = (x, y, phi[2]) if isinstance(pair, PlanarPair) else (x, y, z, *phi)
         kind = PLANE if isinstance(pair, PlanarPair) else SPACE
         motion = dict(zip(kind.coordinates[:-1], given, strict=True))

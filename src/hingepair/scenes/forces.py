@@ -5,29 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hingepair.equations.quantities import ACCELERATION
-from hingepair.errors import ArgumentError
-from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS, HingeLoad
+from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.joints import KINDS, JointKind
-from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.mechanism import tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.results import Record
-from hingepair.mechanism.states import MechanismForces
 from hingepair.mechanism.tree import Joint, loads_note
-from hingepair.motion.simulated import SimulatedMotion, SimulatedPlanarMotion
-from hingepair.numeric.arrays import Float64Array, one_constant
-from hingepair.scenes.motions.joints import JointMotion, KnownJointMotion
-from hingepair.scenes.motions.known import MotionByBody1
-from hingepair.scenes.motions.motion import Motion, PairMotion, impact_sentences, non_finite_sentences
+from hingepair.numeric.arrays import Float64Array
+from hingepair.scenes.motions.known import Known
+from hingepair.scenes.motions.motion import impact_sentences, non_finite_sentences
 from hingepair.tables.data_frames import column_names, plain_magnitudes, with_magnitudes
 from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts, ruled_table
 from hingepair.tables.units import Columns, Units, UnitsLike
+
+if TYPE_CHECKING:
+    from hingepair.scenes.scene import Scene
 
 # Headings of the table of joints: the effort against its limit, then position and rate.
 _HEADINGS = (
@@ -188,116 +187,68 @@ class SceneForces(Record):
         return {"gravity": list(self.gravity), **joints, "outputs": ranges}
 
 
-def check_accelerations(motion: Motion) -> None:
-    """Raise an ArgumentError if a motion has no accelerations."""
-    if motion.level < ACCELERATION:
-        raise ArgumentError("scene", f"a motion with accelerations, which forces need{motion.hint}", motion.origin)
-
-
-# ---- pairs
-
-
-def pair_forces(
-    pair: HingePair | PlanarPair,
-    motion: PairMotion,
-    t: Float64Array,
-    gravity: ArrayLike | None,
-    record: Mapping[str, Any],
-) -> SceneForces:
-    """Return the forces that the motion of a pair requires at its instants t, as `Scene.forces` describes them."""
-    check_accelerations(motion)
-    flat = isinstance(pair, PlanarPair)
-    size, fall = 2 if flat else 3, motion.gravity(pair)
-    if gravity is not None:
-        if motion.simulated or motion.fall is not None:
-            raise ArgumentError("gravity", "None, since the table [dynamics] of the scene has a gravity", gravity)
-        fall = (*one_constant("gravity", gravity, size).tolist(), 0.0)[:3]
-    known = motion.source.part(slice(None), ACCELERATION)
-    arrays = _required_forces(pair, known.in_space(pair), fall, motion.hinge_load)
-    if motion.simulated:
-        given = _forces_from_body2_loads(dynamics_in_space(pair), motion.simulated)
-        arrays = {name: array - given[name] for name, array in arrays.items()}
-        loads = motion.simulated.loads
-        parts = {name: loads[name] for part in TORQUE_PARTS if (name := f"{part}_torque") in loads}
-        if len(parts) > 1:  # a motor alone is the hinge_torque
-            arrays = {"hinge_torque": arrays.pop("hinge_torque"), **parts, **arrays}
-    notes = [*non_finite_sentences(arrays), *_torque_limit_sentences(pair, t, arrays)]
-    if motion.simulated:
-        notes += impact_sentences(motion.simulated.impacts, {"psi": "rad"})
-    if motion.hinge_load is not None:
-        notes += _rest_friction_sentences(motion.hinge_load, np.asarray(known.hinge_angle(1)))
-    if flat and gravity is None and not motion.simulated and motion.fall is None:
-        down = ", ".join(f"{component:g}" for component in fall[:size])
-        notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
-    shown = _plane_components(arrays) if flat else arrays
-    return SceneForces(t, shown, record, gravity=fall[:size], notes=tuple(notes))
-
-
-def _required_forces(
-    pair: HingePair | PlanarPair,
-    body1_motion: MotionByBody1,
+def scene_forces(
+    scene: Scene,
+    arrays: dict[str, NDArray[Any]],
     gravity: tuple[float, ...],
-    load: HingeLoad | None,
-) -> dict[str, NDArray[Any]]:
-    """Return the forces and torques that a pair's motion requires, by name, in world axes; force1 and torque1 only if
-    body 1 has mass properties. With a load of the hinge, hinge_torque is also in parts, of which the motor's is the
-    rest.
+    record: Mapping[str, Any],
+    *,
+    assumed: bool,
+) -> SceneForces:
+    """Return the forces `arrays` at the instants of a scene as `Scene.forces` describes them.
+
+    Args:
+        scene: the scene.
+        arrays: the forces by name.
+        gravity: the gravity that they were computed with; (3,).
+        record: further arguments of a `Record` by name.
+        assumed: whether gravity was not asked for.
     """
-    space = dynamics_in_space(pair)
-    psi, psid, psidd = body1_motion.hinge
-    wrench = space.hinge_wrench(body1_motion.body1, psi, psid, psidd, gravity=gravity)
-    arrays = {"hinge_torque": wrench.hinge_torque}
-    if load is not None:
-        parts = {f"{name}_torque": np.asarray(part) for name, part in load.parts(0.0, psi, psid).items()}
-        arrays |= parts | {"motor_torque": wrench.hinge_torque - sum(parts.values())}
-    arrays["bearing_torque"] = wrench.bearing_torque
-    arrays |= {"hinge_force": wrench.force}
-    if pair.body1 is not None:
-        forces = space.inverse_dynamics(body1_motion.body1, psi, psid, psidd, gravity=gravity)
-        arrays |= {"force1": forces.force1, "torque1": forces.torque1}
-    return arrays
+    motion, t, subject = scene.motion, scene.times(), scene.subject
+    notes = [*non_finite_sentences(arrays)]
+    loads: tuple[JointLoad, ...] = ()
+    tau = None
+    if scene.mechanism is None:
+        notes += _torque_limit_sentences(scene.pair, t, arrays)
+    if motion.simulated is not None:
+        notes += impact_sentences(motion.simulated.impacts, {joint.name: joint.unit for joint in subject.joints})
+    known = motion.source.part(slice(None), ACCELERATION)
+    if motion.simulated is None:
+        notes += _rest_friction_sentences(motion.loads, known, scene.pair is not None)
+    if subject.planar and assumed and motion.simulated is None and not scene.has_own_gravity:
+        down = ", ".join(f"{component:g}" for component in gravity[:2])
+        notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
+    if scene.mechanism is not None:
+        efforts = [arrays[f"tau_{name}"] for name in subject.names]
+        tau = np.stack(efforts, axis=-1) if efforts else np.zeros((len(t), 0))
+        loads = tuple(_summarize_joint(joint, i, t, known, tau[:, i]) for i, joint in enumerate(subject.joints))
+        for load in loads:
+            notes += _effort_limit_sentences(load, len(t))
+        if (left_out := loads_note(tree_of(scene.mechanism))) and not scene.counts_joint_loads:
+            notes.append(f"{left_out}; joint_loads = true in [dynamics] counts them")
+    return SceneForces(
+        t, arrays, record, gravity=gravity[: scene.dimensions], notes=tuple(notes), tau=tau, loads=loads
+    )
 
 
-def _forces_from_body2_loads(
-    pair: HingePair, motion: SimulatedMotion | SimulatedPlanarMotion
-) -> dict[str, NDArray[Any]]:
-    """Return the part of each required force, by name, that the loads on body 2 of a simulated motion supply."""
-    state = pair.forward_kinematics_from_body1(motion.body1, motion.psi, outputs=("S2", "d"))
-    force, torque = motion.loads["force2"], motion.loads["torque2"]
-    hinge_point_torque = torque - np.cross(state.S2 @ pair.u2, force)
-    axis = motion.body1.S @ pair.n
-    axial_torque = (axis * hinge_point_torque).sum(axis=-1)
-    return {
-        "hinge_torque": axial_torque,
-        "bearing_torque": hinge_point_torque - axis * axial_torque[:, None],
-        "hinge_force": force,
-        "force1": force,
-        "torque1": torque + np.cross(state.d, force),
-    }
-
-
-def _rest_friction_sentences(load: HingeLoad, rates: Float64Array) -> Iterator[str]:
-    """Yield one sentence if there are instants at which dry friction is not known, since psi' is 0."""
-    still = int((rates == 0).sum())
-    if still and load.sticking_friction:
-        yield (
-            f"friction_torque is 0 at {still} of {rates.size} instants, where psi' is 0; friction may hold up to "
-            f"{load.sticking_friction:g} N m of motor_torque there"
-        )
-
-
-def _plane_components(force_arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return the forces by name in the plane: x and y of hinge_force and force1, z of torque1, no bearing_torque."""
-    components: dict[str, slice | int] = {"hinge_force": slice(2), "force1": slice(2), "torque1": 2}
-    return {
-        name: array[..., components[name]] if name in components else array
-        for name, array in force_arrays.items()
-        if name != "bearing_torque"
-    }
+def _rest_friction_sentences(loads: Mapping[str, HingeLoad], known: Known, is_pair: bool) -> Iterator[str]:
+    """Yield a sentence for each joint at whose instants of rest dry friction is not known."""
+    for name, load in loads.items():
+        rates = known.column(1, known.names.index(name))
+        still = int((rates == 0).sum())
+        if still and load.sticking_friction:
+            friction, motor = (
+                ("friction_torque", "motor_torque") if is_pair else (f"friction of {name}", f"tau_{name}")
+            )
+            unit = "N m" if is_pair else "N m or N"
+            yield (
+                f"{friction} is 0 at {still} of {rates.size} instants, where {name}' is 0; friction may hold up to "
+                f"{load.sticking_friction:g} {unit} of {motor} there"
+            )
 
 
 def _torque_limit_sentences(
-    pair: HingePair | PlanarPair, t: Float64Array, force_arrays: Mapping[str, NDArray[Any]]
+    pair: HingePair | PlanarPair | None, t: Float64Array, arrays: Mapping[str, NDArray[Any]]
 ) -> Iterator[str]:
     """Yield one sentence if the pair has a torque_limit and motor_torque, or hinge_torque if there is no motor,
     exceeds this limit at any of the instants t; otherwise yield nothing.
@@ -305,44 +256,11 @@ def _torque_limit_sentences(
     limit = getattr(pair, "torque_limit", None)
     if limit is None:
         return
-    name = "motor_torque" if "motor_torque" in force_arrays else "hinge_torque"
-    beyond = np.flatnonzero(np.abs(force_arrays[name]) > limit)
+    name = "motor_torque" if "motor_torque" in arrays else "hinge_torque"
+    beyond = np.flatnonzero(np.abs(arrays[name]) > limit)
     if beyond.size:
-        first = f"first at t = {instant_text(t[beyond[0]])} s ({force_arrays[name][beyond[0]]:.6g})"
+        first = f"first at t = {instant_text(t[beyond[0]])} s ({arrays[name][beyond[0]]:.6g})"
         yield f"{name} exceeds the torque_limit, {limit:g} N m, at {beyond.size} of {len(t)} instants, {first}"
-
-
-# ---- robots
-
-
-def robot_forces(
-    robot: Mechanism,
-    motion: JointMotion,
-    known: KnownJointMotion,
-    acting: MechanismForces,
-    t: Float64Array,
-    gravity: tuple[float, ...],
-    record: Mapping[str, Any],
-    joint_loads: bool,
-) -> SceneForces:
-    """Return the forces `acting` on a robot at the instants t of its motion, as `Scene.forces` describes them.
-    `joint_loads` says whether springs, dampers and friction of the joints as described count.
-    """
-    tau = np.asarray(acting.tau, dtype=np.float64)
-    arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
-    arrays |= {"force1": acting.force1, "torque1": acting.torque1}
-    notes = [*non_finite_sentences(arrays)]
-    if motion.simulated is not None:
-        units = {joint.name: joint.unit for joint in tree_of(robot).coordinates}
-        notes += impact_sentences(motion.simulated.impacts, units)
-    loads = tuple(
-        _summarize_joint(joint, i, t, known, tau[:, i]) for i, joint in enumerate(tree_of(robot).coordinates)
-    )
-    for load in loads:
-        notes += _effort_limit_sentences(load, len(t))
-    if not joint_loads and (left_out := loads_note(tree_of(robot))):
-        notes.append(f"{left_out}; joint_loads = true in [mechanism] counts them")
-    return SceneForces(t, arrays, record, gravity=gravity, notes=tuple(notes), tau=tau, loads=loads)
 
 
 def _converted_load(load: JointLoad, units: Units) -> JointLoad:
@@ -393,7 +311,7 @@ def _limit_text(value: float) -> str:
 
 
 def _summarize_joint(
-    joint: Joint, joint_index: int, t: Float64Array, known_motion: KnownJointMotion, tau: Float64Array
+    joint: Joint, joint_index: int, t: Float64Array, known_motion: Known, tau: Float64Array
 ) -> JointLoad:
     """Return the JointLoad of a joint from its effort `tau` (N,) and its motion at the instants t."""
     finite = np.isfinite(tau)

@@ -5,35 +5,36 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Final
 
 from hingepair.errors import SceneError, quoted
-from hingepair.mechanism.options import DEFAULT_GRAVITY
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.scenes.motions.motion import PairMotion
-from hingepair.scenes.pair_scene import PairScene
-from hingepair.scenes.pair_table import read_pair
+from hingepair.scenes.bodies import MECHANISM_TABLES, is_of_mechanism, read_mechanism, read_pair
+from hingepair.scenes.motions.dynamics import Dynamics, read_dynamics, read_simulated_motion, simulates
+from hingepair.scenes.motions.functions import read_function_motion
+from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.scene import Scene
+from hingepair.scenes.subjects.mechanism import MechanismSubject
+from hingepair.scenes.subjects.pair import PairSubject
+from hingepair.scenes.subjects.subject import Subject
 from hingepair.scenes.suspicions import file_suspicions
-from hingepair.scenes.tables import Table, read_tables
+from hingepair.scenes.tables import Table, read_let, read_tables
 from hingepair.symbolic.expressions import constant_name_fault, parse_constant
 from hingepair.tables.column_tables import column_table
 from hingepair.tables.units import Units
 
-if TYPE_CHECKING:
-    from hingepair.mechanism.mechanism import Mechanism
-    from hingepair.scenes.motions.simulated import DynamicsSetup
-    from hingepair.scenes.robot_scene import RobotScene
-
-# Top-level keys of scene files, of both kinds and of each.
-_COMMON_TABLES = ("title", "constants", "motion", "dynamics", "time", "outputs")
-_PAIR_TABLES = (*_COMMON_TABLES, "planar", "pair", "tolerances")
-_ROBOT_TABLES = (*_COMMON_TABLES, "mechanism", "joint", "base")
+_COMMON: Final = ("title", "constants", "let", "motion", "dynamics", "time", "outputs")
+_OF_PAIRS: Final = (*_COMMON, "planar", "pair", "tolerances")
+_OF_MECHANISMS: Final = (*_COMMON, *MECHANISM_TABLES)
+_BEFORE: Final = {  # keys of [mechanism] as scenes had them, and where they are now
+    key: f"{key} in [dynamics]" for key in ("base", "gravity", "joint_loads")
+}
 
 
-def load_scene(path: str | os.PathLike[str], log: Any = None) -> PairScene | RobotScene:
+def load_scene(path: str | os.PathLike[str], log: Any = None) -> Scene:
     """Read a TOML scene file, whose format docs/scenes.md describes.
 
     Args:
@@ -43,8 +44,7 @@ def load_scene(path: str | os.PathLike[str], log: Any = None) -> PairScene | Rob
             keys count as for that file.
 
     Returns:
-        A `PairScene` or, if the file describes a robot, a `RobotScene`. Both have a method `evaluate()`, which
-        computes the outputs at the instants of the scene.
+        A `Scene`. Its method `evaluate()` computes the outputs at the instants of the scene.
 
     Raises:
         SceneError: the file cannot be read as a scene. The message is one line; it names the file and, if a key of
@@ -54,78 +54,100 @@ def load_scene(path: str | os.PathLike[str], log: Any = None) -> PairScene | Rob
     return SceneFile(path, log).scene()
 
 
-def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> PairScene | RobotScene:
-    """Return the scene of a top-level table with evaluated constants, from the file at `path`."""
-    place = Path(path)
-    common: dict[str, Any] = {
-        "path": place,
-        "outputs": None,
-        "constants": {key: float(value) for key, value in tables.constants.items()},
-        "files": tuple(file.absolute() for file in _source_files(tables, place)),
-        "tables": tables,
-    }
-    scene: PairScene | RobotScene
-    scene = _robot_scene(tables, common) if _is_of_robot(tables) else _pair_scene(tables, common)
+def scene_from_tables(
+    tables: Table, path: Path, subject: Subject | None = None, motion: Motion | None = None
+) -> Scene:
+    """Return the scene of a top-level table with evaluated constants, from the file at `path`.
+
+    Args:
+        tables: the top-level table.
+        path: path of its file.
+        subject: what moves; by default it is read.
+        motion: the motion; by default it is read or simulated.
+    """
+    subject = read_subject(tables, path.parent) if subject is None else subject
+    dynamics = read_dynamics(tables, subject)
+    if motion is None:
+        try:
+            motion = _read_motion(tables, path.parent, subject, dynamics)
+        except SceneError as error:
+            if error.got == "an unknown key" and error.loc and error.loc[-1] in subject.names:
+                got = "a joint in another table"
+                raise SceneError(error.name, "the motion of a joint under [motion]", got) from None
+            raise
+        simulated = motion.simulated
+        if simulated is not None and isinstance(subject, MechanismSubject):
+            subject = MechanismSubject(simulated.robot, subject.frames)
+    scene = Scene(
+        path=path,
+        title=tables.text("title", default=subject.name),
+        subject=subject,
+        motion=motion,
+        gravity=dynamics.gravity,
+        outputs=None,
+        constants={key: float(value) for key, value in tables.constants.items() if key not in tables.let},
+        files=tuple(file.absolute() for file in _source_files(tables, path)),
+        tables=tables,
+    )
     outputs = tables.table("outputs", required=False)
     outputs.check_keys(("names", "units"))
     if "units" in outputs.values:
         with outputs.naming("units"):
             scene = replace(scene, units=Units(outputs.text("units")))
-    if "names" not in outputs.values:
+    names = outputs.names("names", 'a list of names such as ["R2", "v2"], of a robot ["R", "tau"]')
+    if names is None:
         return scene
-    names = outputs.values["names"]
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
-        outputs.fail("names", 'a list of names such as ["R2", "v2"], of a robot ["R", "tau"]')
     with outputs.naming("names"):
         scene.request(names)
-    return replace(scene, outputs=tuple(dict.fromkeys(names)))
+    return replace(scene, outputs=names)
 
 
-def _pair_scene(tables: Table, common: dict[str, Any]) -> PairScene:
-    pair = _read_pair(tables)
-    motion = _read_motion(tables, common["path"].parent, pair)
-    return PairScene(title=tables.text("title", default=pair.name), pair=pair, motion=motion, **common)
+def read_subject(tables: Table, folder: Path) -> Subject:
+    """Return what moves in a scene."""
+    if not is_of_mechanism(tables):
+        return PairSubject(read_pair(tables))
+    mechanism = tables.table("mechanism", required=False)
+    for key, now in _BEFORE.items():
+        if key in mechanism.values:
+            mechanism.refuse(key, now, "a key of [mechanism]")
+    base = tables.table("dynamics", required=False).values.get("base")
+    robot = read_mechanism(tables, folder, base="free" if base == "free" else "fixed")
+    return MechanismSubject(robot, tuple(mechanism.table("frames", required=False).values) or robot.tips)
 
 
-def _robot_scene(tables: Table, common: dict[str, Any]) -> RobotScene:
-    """Return the scene of a robot with the fields that it has in `common` with that of a pair."""
-    from hingepair.scenes.motions.joints import read_joint_motion
-    from hingepair.scenes.robot_scene import RobotScene
-    from hingepair.scenes.robot_table import is_stray_joint, read_gravity, read_joint_loads, read_mechanism
+def _read_motion(tables: Table, folder: Path, subject: Subject, dynamics: Dynamics) -> Motion:
+    """Return the motion that the tables [motion], [dynamics] and [time] define."""
+    if simulates(tables, subject):
+        return read_simulated_motion(tables, subject, dynamics)
+    if "file" in tables.table("motion").values:
+        from hingepair.scenes.motions.logs import read_log
 
-    folder = common["path"].parent
-    try:
-        robot = read_mechanism(tables, folder)
-        if "dynamics" in tables.values:
-            from hingepair.scenes.motions.simulated_joints import read_simulated_joints
-
-            motion = read_simulated_joints(tables, robot, read_gravity(tables))
-            robot = motion.simulated.robot if motion.simulated else robot
-        else:
-            motion = read_joint_motion(tables, folder, robot)
-    except SceneError as error:
-        if is_stray_joint(tables, folder, error):
-            raise SceneError(error.name, "the motion of a joint under [motion]", "a joint in another table") from None
-        raise
-    frames = tuple(tables.table("mechanism", required=False).table("frames", required=False).values)
-    return RobotScene(
-        title=tables.text("title", default=robot.name),
-        mechanism=robot,
-        motion=motion,
-        gravity=read_gravity(tables) or DEFAULT_GRAVITY,
-        joint_loads=read_joint_loads(tables),
-        frames=frames or robot.tips,
-        **common,
-    )
+        motion = read_log(tables, folder, subject)
+    else:
+        motion = read_function_motion(tables, subject)
+    unused = [key for key in dynamics.keys if key.split(".")[-1] in {"q_0", "qd_0", "tau"} or key in _SIMULATED]
+    for key in unused:
+        wanted = "no such key, since [motion] gives all that moves: `hingepair forces` gives what motors exert"
+        tables.table("dynamics").refuse(key, wanted, "a value")
+    return replace(motion, loads=dynamics.loads)
 
 
-def with_same_motion(scene: Scene, tables: Table) -> Scene:
-    """Return the scene with its motion, but with the pair or robot of other tables."""
-    if _is_of_robot(tables):
-        from hingepair.scenes.robot_table import read_mechanism
-
-        return replace(scene, mechanism=read_mechanism(tables, scene.path.parent), tables=tables)  # type: ignore[call-arg]
-    return replace(scene, pair=_read_pair(tables), tables=tables)  # type: ignore[call-arg]
+_SIMULATED: Final = frozenset(
+    {
+        "R1_0",
+        "S1_0",
+        "phi_0",
+        "v1_0",
+        "omega1_0",
+        "force1",
+        "torque1",
+        "wrenches",
+        "tol",
+        "max_steps",
+        "breaks",
+        "until",
+    }
+)  # keys of [dynamics] for what is simulated
 
 
 class SceneFile:
@@ -157,73 +179,68 @@ class SceneFile:
 
     @property
     def has_motion(self) -> bool:
-        """Whether there is [dynamics], [motion] with more than constants, or [motion] together with [time]."""
+        """Whether there is [dynamics], [motion] with keys, or [motion] together with [time]."""
         tables = self.tables
-        keys = tables.table("motion", required=False).values.keys() - {"constants"}
+        keys = tables.table("motion", required=False).values
         return bool(keys) or "dynamics" in tables.values or {"motion", "time"} <= tables.values.keys()
 
+    @property
+    def is_simulated(self) -> bool:
+        """Whether [dynamics] simulates the motion, so that it has no closed form."""
+        return simulates(self.tables, self.subject)
+
     @lock_free_cached_property
+    def subject(self) -> Subject:
+        """What moves; the motion is not read."""
+        return read_subject(self.tables, Path(self.path).parent)
+
+    @property
     def pair(self) -> HingePair | PlanarPair:
-        """The pair that the file describes; its motion is not read.
+        """The pair that the file describes.
 
         Raises:
             SceneError: the scene is one of a robot.
         """
-        return _read_pair(self.tables)
+        return self.subject.pair if self.subject.pair is not None else read_pair(self.tables)
 
-    @lock_free_cached_property
+    @property
     def mechanism(self) -> Mechanism | None:
         """The robot; None in the scene of a pair."""
-        if not _is_of_robot(self.tables):
-            return None
-        from hingepair.scenes.robot_table import read_mechanism
-
-        return read_mechanism(self.tables, Path(self.path).parent)
+        return self.subject.mechanism
 
     @lock_free_cached_property
-    def dynamics(self) -> DynamicsSetup | None:
-        """What the table [dynamics] of a pair's scene says; None if there is no such table."""
-        if "dynamics" not in self.tables.values:
-            return None
-        from hingepair.scenes.motions.simulated import read_dynamics_setup
-
-        motion = self.tables.table("motion", required=False)
-        return read_dynamics_setup(self.tables.table("dynamics"), self.pair, motion)
+    def dynamics(self) -> Dynamics | None:
+        """What the table [dynamics] says; None if there is no such table."""
+        return read_dynamics(self.tables, self.subject) if "dynamics" in self.tables.values else None
 
     @property
     def suspicions(self) -> tuple[str, ...]:
         """Sentences on numbers that are probably in another unit."""
-        if self.mechanism is None:
-            limits: Any = {"psi": getattr(self.pair, "limits", None) or ()}
-        else:
-            from hingepair.mechanism.mechanism import tree_of
-
-            joints = tree_of(self.mechanism).coordinates
-            limits = {joint.name: joint.position_limits for joint in joints if joint.unit == "rad"}
+        joints = self.subject.joints
+        limits = {joint.name: joint.position_limits for joint in joints if joint.unit == "rad"}
         return tuple(dict.fromkeys(file_suspicions(self.tables.values, limits)))
 
-    def scene(self) -> PairScene | RobotScene:
+    def scene(self) -> Scene:
         """Return the scene with its motion, as `load_scene`."""
-        return scene_from_tables(self.tables, self.path)
+        return scene_from_tables(self.tables, Path(self.path))
 
 
 def with_constants_evaluated(tables: Table) -> Table:
-    """Return a scene's top-level table with its constants evaluated; refuse a sweep and unknown tables."""
+    """Return a scene's top-level table with its constants and [let] evaluated; refuse a sweep and unknown tables."""
     if {"scene", "vary"} <= tables.values.keys():
         raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
-    if _is_of_robot(tables):
+    if is_of_mechanism(tables):
         for key in tables.values:
-            if key in _PAIR_TABLES and key not in _ROBOT_TABLES:
+            if key == "base":
+                tables.fail(key, "x, y, z, phi_x, phi_y, phi_z and sequence in [motion] in its place")
+            if key in _OF_PAIRS and key not in _OF_MECHANISMS:
                 tables.fail(key, "nothing of this name in the scene of a mechanism, by [mechanism] or [[joint]]")
-        tables.check_keys(_ROBOT_TABLES)
+        tables.check_keys(_OF_MECHANISMS)
     else:
-        tables.check_keys((*_PAIR_TABLES, "mechanism", "joint"))
+        tables.check_keys((*_OF_PAIRS, "mechanism", "joint"))
+    if "constants" in tables.table("motion", required=False).values:
+        tables.table("motion").refuse("constants", "constants in a table [constants]", "a table")
     constants = tables.table("constants", required=False)
-    motion = tables.table("motion", required=False)
-    if "constants" in motion.values:  # where scenes had them until 0.1
-        if constants.values:
-            tables.refuse("constants", "constants in one table", "[constants] and [motion.constants]")
-        constants = motion.table("constants")
     values: dict[str, Any] = {}
     for key, value in constants.values.items():
         fault = constant_name_fault(key)
@@ -231,57 +248,8 @@ def with_constants_evaluated(tables: Table) -> Table:
             constants.refuse(key, fault, quoted(key))
         with constants.naming(key):
             values[key] = parse_constant(key, value, values) if isinstance(value, str) else constants.number(key)
-    return replace(tables, constants=values)
-
-
-def _is_of_robot(tables: Table) -> bool:
-    return not tables.values.keys().isdisjoint({"mechanism", "joint"})
-
-
-def _read_pair(tables: Table) -> HingePair | PlanarPair:
-    if _is_of_robot(tables):
-        tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
-    return read_pair(tables.table("pair"), tables.flag("planar"))
-
-
-def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> PairMotion:
-    """Return the motion that the tables [motion], [dynamics] and [time] define."""
-    if "dynamics" in tables.values:
-        from hingepair.scenes.motions.simulated import (
-            gives_psi,
-            read_dynamics_setup,
-            read_simulated_motion,
-            with_hinge_loads,
-        )
-
-        motion, dynamics = tables.table("motion", required=False), tables.table("dynamics")
-        if gives_psi(motion):
-            setup = read_dynamics_setup(dynamics, pair, motion)
-            return with_hinge_loads(_read_given_motion(tables, motion, folder, pair), setup, dynamics)
-        return read_simulated_motion(dynamics, motion, tables.table("time"), pair)
-    return _read_given_motion(tables, tables.table("motion"), folder, pair)
-
-
-def _read_given_motion(tables: Table, motion: Table, folder: Path, pair: HingePair | PlanarPair) -> PairMotion:
-    """Return the motion that the Table [motion] defines by expressions, rates or a log."""
-    planar = isinstance(pair, PlanarPair)
-    if "file" not in motion.values:
-        if "psi_dot" in motion.values and "omega1" not in motion.values:
-            motion.fail("omega1", "the angular velocity of body 1, since psi_dot is given")
-        from hingepair.scenes.motions.functions import read_expression_motion
-
-        return read_expression_motion(motion, tables.table("time"), planar)
-    from hingepair.scenes.motions.logs import read_log
-
-    if planar:
-        motion.fail(
-            "file",
-            "no such key beside planar = true: without it, u1 and u2 have three numbers, n = [0, 0, 1], and a log in "
-            "the plane needs no z, phi_x and phi_y",
-        )
-    if "time" in tables.values:
-        tables.fail("time", "no such table, since the column t of motion.file has the instants")
-    return read_log(motion, folder)
+    tables = replace(tables, constants=values, let=tables.table("let", required=False).values)
+    return replace(tables, constants=read_let(tables, values))
 
 
 def _source_files(tables: Table, path: Path) -> tuple[Path, ...]:

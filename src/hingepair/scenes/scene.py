@@ -1,12 +1,12 @@
-"""Scenes: a pair or a robot, its motion, and the instants to compute, from a TOML file.
+"""Scenes: a pair or a mechanism, its motion, and the instants to compute, from a TOML file.
 
-docs/scenes.md describes the format. What depends on what moves is in `pair_scene` and `robot_scene`.
+docs/scenes.md describes the format.
 """
 
 from __future__ import annotations
 
-import abc
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -15,30 +15,35 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.loops import OperationCounts
-from hingepair.equations.quantities import VELOCITY, unit_of
-from hingepair.errors import ArgumentError
+from hingepair.equations.quantities import ACCELERATION, VELOCITY
+from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
+from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
+from hingepair.mechanism.pairs.states import Energy, Momentum
 from hingepair.mechanism.results import MAX_HELD_INSTANTS, RESULT_ROWS_PER_BLOCK, Result
 from hingepair.motion.energy_balance import EnergyBalance
+from hingepair.motion.run import stop_overrun
 from hingepair.motion.trajectory import describe_instants
-from hingepair.numeric.arrays import Float64Array, Frozen, read_only
+from hingepair.numeric.arrays import Frozen, one_constant, read_only
 from hingepair.scenes import suspicions
-from hingepair.scenes.forces import SceneForces
-from hingepair.scenes.instants import Instants, Rows
-from hingepair.scenes.motions.motion import LimitCounter, Motion, kink_sentences
+from hingepair.scenes.forces import SceneForces, scene_forces
+from hingepair.scenes.motions.known import Known, Rows
+from hingepair.scenes.motions.motion import Instants, Motion, kink_sentences
+from hingepair.scenes.subjects.mechanism import MechanismSubject
+from hingepair.scenes.subjects.pair import PairSubject
+from hingepair.scenes.subjects.subject import Acting, Computed, Subject
 from hingepair.scenes.tables import Table
 from hingepair.tables.sheets import Sheet, Shown, cell_text, instant_text
 from hingepair.tables.units import SI, Columns, Units, UnitsLike
 
 if TYPE_CHECKING:
+    from hingepair.motion.simulate_robot import SimulatedRobotMotion
+    from hingepair.scenes.motions.functions import FunctionsOfTime
+    from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
-
-
-class Residual(NamedTuple):
-    """A constraint whose residual a run reports."""
-
-    label: str
-    meaning: str
-    unit: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,32 +57,6 @@ class ScenePlan:
     #: (what is left out, why)
     skipped: tuple[tuple[str, str], ...]
 
-    @classmethod
-    def of(
-        cls, outputs: Iterable[str], counts: Iterable[OperationCounts], order: int, level: int, still: Iterable[str]
-    ) -> ScenePlan:
-        """Return the plan of programs with these counts of operations.
-
-        Args:
-            outputs: names of the outputs that are computed.
-            counts: numbers of operations of each program.
-            order: highest order of the derivatives that the outputs need.
-            level: highest order of the derivatives that the motion has.
-            still: names of the coordinates that do not change.
-        """
-        operations = OperationCounts(*map(sum, zip((0, 0, 0), *counts, strict=True)))
-        reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
-        skipped = [(f"{('first', 'second')[i]} derivatives of the coordinates", reasons[i]) for i in range(order, 2)]
-        if operations.folded:
-            skipped.append(
-                (f"{operations.folded} operations", "their results are known, such as products with 0 or 1")
-            )
-        if operations.shared:
-            skipped.append((f"operations at each instant: {operations.shared}", "they depend on constants only"))
-        if names := ", ".join(still):
-            skipped.append((f"sines, cosines and rates of {names}", "these coordinates do not change"))
-        return cls(tuple(outputs), operations, tuple(skipped))
-
     def __str__(self) -> str:
         left = f"{self.operations.per_sample} operations at each instant, of {self.operations.unfolded} in all"
         lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {left}"]
@@ -85,88 +64,146 @@ class ScenePlan:
         return "\n".join(lines)
 
 
+class JointCoordinates(NamedTuple):
+    """Coordinates (q, qd, qdd) of all joints at the instants; unknown derivatives are None."""
+
+    #: shape (N, dof) rad or m
+    q: NDArray[np.float64]
+    #: first derivatives
+    qd: NDArray[np.float64] | None = None
+    #: second derivatives
+    qdd: NDArray[np.float64] | None = None
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SceneResult(Frozen, Result, abc.ABC):
-    """Results of a scene at its instants; an output that was not computed is None."""
+class SceneResult(Frozen, Result):
+    """Results of a scene at its instants; an output that was not computed is None.
+
+    Of a pair, every attribute of its state (R2, S2, d, v2, ...) and the coordinates; `result["tip"].R` is the
+    position of a point. q, qd and qdd have shape (samples, 7), in the plane (samples, 4); psi, psid and psidd have
+    shape (samples,). If the attitude of body 1 is not given by Euler angles, q is x, y, z, the quaternion qx, qy, qz,
+    qw (qw >= 0) and psi; qd is v1, omega1 and psi'; qdd is a1, alpha1 and psi''. quat1 and quat2, shape (samples, 4),
+    are the quaternions (x, y, z, w), w >= 0, of S1 and S2.
+
+    Of a mechanism, `result["tool"].R` is the position of a frame; `result.R` holds the positions of all frames, with
+    an axis of frames behind the axis of samples; likewise S, v, omega, a, alpha. q, qd, qdd and tau have shape
+    (samples, dof), in the order of `scene.mechanism.names`. force1 and torque1, shape (samples, 3), act on the base
+    about its reference point.
+    """
 
     #: instants; shape (samples,) s
     t: NDArray[np.float64]
-    #: the computed states; None if no output needs them
-    state: Any
     #: the scene that was evaluated
-    scene: Any
-    #: the motion that the state was computed from
-    known: Any
+    scene: Scene
+    #: the motion at the instants
+    known: Known
     #: the requested outputs
     requested: Any
+    #: the states and forces
+    computed: Computed
     #: index of the first instant; 0 except in blocks
     first: int = 0
     _names_hidden_from_dir: ClassVar[frozenset[str]] = Result._names_hidden_from_dir | {
-        *("coincident_frames", "energy", "energy_balance", "first", "known", "momentum", "requested"),
-        *("requested_arrays", "residual_sizes"),
+        *("coincident_frames", "computed", "energy", "energy_balance", "first", "known", "momentum", "requested"),
+        "requested_arrays",
     }
 
     @property
     def described(self) -> str:
         """The title of the scene."""
-        title: str = self.scene.title
-        return title
+        return self.scene.title
 
     @property
     def inputs(self) -> tuple[Path, ...]:
         """The files of the scene, which `save` refuses to overwrite."""
-        files: tuple[Path, ...] = self.scene.files
-        return files
+        return self.scene.files
+
+    @property
+    def state(self) -> Any:
+        """The computed states; None if no output needs them."""
+        return self.computed.state
 
     def unit(self, name: str) -> str:
         """Return the unit of a recorded array, or of one of its components, by its name."""
-        unit: str = self.scene.unit(name)
-        return unit
+        return self.scene.unit(name)
 
     def in_units(self, units: UnitsLike) -> Columns:
         """Return names and numbers of columns in units; None for those of the scene."""
-        columns: Columns = self.scene.in_units(units)
-        return columns
+        return self.scene.in_units(units)
 
-    @abc.abstractmethod
     def requested_arrays(self) -> dict[str, NDArray[Any]]:
         """Return the requested outputs by name; shape (samples, ...). Coordinates are named like columns of a log."""
+        return self.scene.subject.arrays(self.requested, self.known, self.computed)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return the requested outputs and the coordinates by name; shape (samples, ...)."""
-        coordinates: dict[str, NDArray[Any]] = self.known.coordinates()
-        return self.requested_arrays() | coordinates
-
-    def residual_sizes(self) -> NDArray[np.float64]:
-        """Return rows (largest value, its ratio to u * scale) for the scene's `residuals`; NaN if none is finite."""
-        return np.empty((0, 2))
+        return self.requested_arrays() | self.known.coordinates()
 
     def coincident_frames(self) -> dict[str, str]:
         """Return, by frame of a robot, the earlier frame that moves exactly as it."""
-        return {}
+        return self.scene.subject.coincident_frames(self.requested, self.computed)
+
+    def energy(self) -> Energy:
+        """Compute the kinetic and potential energy [J] (equations D7, T7), in the scene's gravity."""
+        scene, known = self.scene, self._with_rates()
+        if scene.pair is None:
+            arguments = known.arguments()[:2]
+            return scene.mechanism_only.energy(*arguments, gravity=scene.gravity, base_motion=known.base_motion)
+        pair = dynamics_in_space(scene.pair)
+        return pair.energy(known.body1, known.psi, known.hinge[1], gravity=scene.gravity)
+
+    def momentum(self) -> Momentum:
+        """Compute the linear and angular momentum (equations D8, T8), about the world's origin."""
+        scene, known = self.scene, self._with_rates()
+        if scene.pair is None:
+            return scene.mechanism_only.momentum(*known.arguments()[:2], base_motion=known.base_motion)
+        return dynamics_in_space(scene.pair).momentum(known.body1, known.psi, known.hinge[1])
 
     def energy_balance(self) -> EnergyBalance:
         """Compute the energy balance of the whole motion, as `Scene.energy_balance`."""
-        balance: EnergyBalance = self.scene.energy_balance()
-        return balance
+        return self.scene.energy_balance()
+
+    def _with_rates(self) -> Known:
+        if self.known.level < (VELOCITY if self.scene.pair is None else ACCELERATION):
+            order = "first derivatives, such as v" if self.scene.pair is None else "second derivatives, such as a2"
+            raise ArgumentError("outputs", f"some that need {order}", "none of them")
+        return self.known
+
+    def __getitem__(self, name: str) -> Any:
+        """Return the motion of a frame or of a point by its name, such as `result["tip"].R`, or an output."""
+        if self.state is None:
+            raise ArgumentError("frame", "no frame, since no output is of one", quoted(name))
+        return self.state[name]
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name in self.__dataclass_fields__:
+            raise AttributeError(name)
+        return self.scene.subject.attribute(name, self.known, self.computed)
+
+    def _available_names(self) -> Iterable[str]:
+        return self.scene.subject.attribute_names(self.known, self.computed)
 
     def __repr__(self) -> str:
-        return f"SceneResult({describe_instants(self.t)}, {self._of_what()})"
-
-    @abc.abstractmethod
-    def _of_what(self) -> str: ...
+        what = f"state={self.state!r}"
+        if self.scene.pair is None:
+            what = f"frames: {', '.join(self.state.frames) if self.state is not None else 'none'}"
+        return f"SceneResult({describe_instants(self.t)}, {what})"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
-class Scene(Shown, abc.ABC):
+class Scene(Shown):
     """Scene as read from a scene file: what moves, how, and when to look."""
 
     #: path of the scene file
     path: Path
     #: title of the scene, a sentence
     title: str
+    #: what moves
+    subject: Subject
     #: the motion and its instants
     motion: Motion
+    #: acceleration of free fall, world axes [m/s^2]; (3,)
+    gravity: tuple[float, ...]
     #: names of the outputs that `evaluate` computes by default; None for all of body 2, or for the motion of a
     #: robot's frames and moving joints
     outputs: tuple[str, ...] | None
@@ -179,9 +216,86 @@ class Scene(Shown, abc.ABC):
     #: units of tables, plots and files unless others are asked for
     units: Units = SI
 
-    #: number of instants that are compared with Pinocchio in a second or some
-    max_check_instants: ClassVar[int]
-    _noted: ClassVar[str]  # a cheap output, evaluated for the sake of the notes
+    # ---- what moves
+
+    @property
+    def pair(self) -> HingePair | PlanarPair | None:
+        """The HingePair, or for a planar scene the PlanarPair; None in the scene of a mechanism."""
+        return self.subject.pair
+
+    @property
+    def mechanism(self) -> Mechanism | None:
+        """The robot, with the frames and the payload of the file; None in the scene of a pair."""
+        return self.subject.mechanism
+
+    @property
+    def mechanism_only(self) -> Mechanism:
+        """The mechanism; an ArgumentError in the scene of a pair."""
+        if self.mechanism is None:
+            raise ArgumentError("scene", "the scene of a mechanism", "the scene of a pair")
+        return self.mechanism
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frames of a mechanism that are computed by default; none of a pair."""
+        return self.subject.frames if isinstance(self.subject, MechanismSubject) else ()
+
+    @property
+    def space(self) -> HingePair:
+        """The pair as a HingePair."""
+        return self.require_pair().space
+
+    @property
+    def dimensions(self) -> int:
+        """Number of components of a vector such as gravity."""
+        return self.subject.dimensions
+
+    def require_pair(self) -> PairSubject:
+        """Return what moves if it is a pair; otherwise raise a SceneError."""
+        if not isinstance(self.subject, PairSubject):
+            self.tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
+        return self.subject
+
+    def coordinates(self) -> JointCoordinates:
+        """Return (q, qd, qdd) of the joints at all instants, each of shape (samples, dof); psi of a pair."""
+        known = self.known(slice(len(self.times())), self.motion.level)
+        return JointCoordinates(*(known.array(order) for order in range(known.level + 1)))
+
+    def base_motion(self) -> BodyMotion | None:
+        """Return the motion of body 1 or of the base at all instants; None if it rests at the origin."""
+        return self.known(slice(len(self.times())), self.motion.level).base_motion
+
+    def known(self, rows: Rows, order: int) -> Known:
+        """Return the motion at some of the instants, with derivatives up to `order`."""
+        return self.motion.source.part(rows, order)
+
+    @property
+    def functions(self) -> tuple[FunctionsOfTime, ...]:
+        """The coordinates as functions of time: those of body 1, and psi; raise an ArgumentError without them."""
+        from hingepair.scenes.motions.functions import FunctionSource
+
+        source = self.motion.source
+        if self.pair is None or not isinstance(source, FunctionSource) or source.base is None:
+            wanted = "a scene whose motion is coordinates as expressions in t"
+            raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
+        return source.base, source.joints
+
+    @property
+    def expressions(self) -> dict[str, Expr | None]:
+        """SymPy expressions of the coordinates of a pair by name (x, y, z, phi_x, phi_y, phi_z, psi; in the plane x,
+        y, phi, psi). The value of a coordinate given by way points is None.
+        """
+        return {name: found for part in self.functions for name, found in part.expressions().items()}
+
+    @property
+    def has_own_gravity(self) -> bool:
+        """Whether [dynamics] gives gravity."""
+        return "gravity" in self.tables.table("dynamics", required=False).values
+
+    @property
+    def counts_joint_loads(self) -> bool:
+        """Whether springs, dampers and friction of the joints as the robot's file describes them count."""
+        return self.tables.table("dynamics", required=False).flag("joint_loads")
 
     # ---- the instants
 
@@ -234,14 +348,31 @@ class Scene(Shown, abc.ABC):
         """Name of the backend for the whole scene and its blocks, which so agree to the bit."""
         return "auto" if self.samples <= RESULT_ROWS_PER_BLOCK else "compiled"
 
-    @property
-    def dimensions(self) -> int:
-        """Number of components of a vector such as gravity."""
-        return 3
+    # ---- variants
+
+    def with_values(self, values: Mapping[str, float]) -> Scene:
+        """Return the scene with other numbers; what they do not change is taken over.
+
+        Args:
+            values: numbers by their keys in the file, such as "pair.u1[0]", "dynamics.psi.damping" or
+                "joint[1].body2.mass"; an expression is text, such as "deg(30)".
+
+        Raises:
+            ArgumentError: a key leads to no number of the scene.
+            SceneError: there is no scene with these numbers.
+
+        >>> import hingepair as hp
+        >>> scene = hp.load_scene("models/landing_gear.toml").with_values({"pair.u1[0]": 0.3})
+        >>> float(scene.pair.u1[0])
+        0.3
+        """
+        from hingepair.scenes.variants.vary import with_values
+
+        return with_values(self, values)
 
     # ---- results
 
-    def evaluate(self, outputs: Iterable[str] | None = None) -> Any:
+    def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
         """Compute outputs at all instants of the scene.
 
         Args:
@@ -268,7 +399,7 @@ class Scene(Shown, abc.ABC):
         """
         return self._evaluated(slice(len(self.times())), self.request(outputs))
 
-    def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> Any:
+    def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> SceneResult:
         """Compute outputs at evenly spread instants; the motion of the result has all derivatives of the scene.
 
         Args:
@@ -277,7 +408,7 @@ class Scene(Shown, abc.ABC):
         """
         return self._evaluated(self.spread(max_instants), self.request(outputs), self.motion.level)
 
-    def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[Any]:
+    def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
         """Yield a SceneResult for each block of 131,072 instants in turn, for scenes that do not fit into memory.
 
         The motion of each block has first derivatives if the scene's motion has them.
@@ -290,35 +421,76 @@ class Scene(Shown, abc.ABC):
             rows = slice(start, start + RESULT_ROWS_PER_BLOCK)
             yield self._evaluated(rows, request, min(self.motion.level, VELOCITY))
 
-    @abc.abstractmethod
     def request(self, outputs: Iterable[str] | None) -> Any:
         """Return what `evaluate` computes for these outputs; raise an ArgumentError for unknown ones, or for outputs
         that need derivatives that the motion lacks.
         """
+        return self.subject.request(self.outputs if outputs is None else outputs, self.motion)
 
-    @abc.abstractmethod
     def _evaluated(self, rows: Rows, request: Any, min_order: int = 0) -> SceneResult:
-        """Return the result at some of the instants; its motion has derivatives of `min_order` at least."""
+        known = self.known(rows, max(self.subject.order(request, self.motion.level), min_order))
+        computed = self.subject.compute(request, known, self._acting(rows), self.backend)
+        first = (rows.start or 0) if isinstance(rows, slice) else 0
+        t = np.asarray(read_only(self.instants[rows]))
+        return SceneResult(t, self, known, request, computed, first)
 
-    @abc.abstractmethod
+    def _acting(self, rows: Rows, gravity: tuple[float, ...] | None = None) -> Acting:
+        return Acting(self.motion, rows, self.gravity if gravity is None else gravity)
+
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """Return what `evaluate` would compute and skip, and why, as an object whose text says so.
 
         Args:
             outputs: as for `evaluate`.
         """
+        names, counts, order = self.subject.plan(self.request(outputs), self.motion)
+        level, known = self.motion.level, self.known(slice(1), 0)
+        operations = OperationCounts(*map(sum, zip((0, 0, 0), *counts, strict=True)))
+        reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
+        skipped = [(f"{('first', 'second')[i]} derivatives of the coordinates", reasons[i]) for i in range(order, 2)]
+        if operations.folded:
+            known_results = "their results are known, such as products with 0 or 1"
+            skipped.append((f"{operations.folded} operations", known_results))
+        if operations.shared:
+            skipped.append((f"operations at each instant: {operations.shared}", "they depend on constants only"))
+        if still := ", ".join(known.constant_names()):
+            skipped.append((f"sines, cosines and rates of {still}", "these coordinates do not change"))
+        return ScenePlan(names, operations, tuple(skipped))
 
     def check_arrays(self, outputs: Iterable[str]) -> None:
         """Raise an ArgumentError for outputs that `arrays` does not compute."""
-        self.request(outputs)
+        names = tuple(outputs)
+        moving = tuple(name for name in names if name not in self.subject.force_names)
+        if moving:
+            self.request(moving)
 
-    @abc.abstractmethod
     def arrays(self, outputs: Iterable[str] | None = None) -> dict[str, NDArray[Any]]:
         """Return outputs by name, those of `forces` too; shape (samples, ...)."""
+        if outputs is None:
+            return self.evaluate().requested_arrays()
+        names, of_forces = tuple(outputs), self.subject.force_names
+        self.check_arrays(names)
+        moving = [name for name in names if name not in of_forces]
+        arrays = self.evaluate(moving).requested_arrays() if moving else {}
+        if len(moving) < len(names):
+            if self.motion.level < ACCELERATION:
+                self.tables.refuse("motion", "a motion with accelerations, which forces need", self.motion.origin)
+            forces = self._force_arrays()
+            for name in names:
+                if name in of_forces and name not in forces:
+                    needed = "loads in [dynamics]" if name.removesuffix("_torque") in TORQUE_PARTS else "masses"
+                    self.tables.refuse("pair", f"{needed} and a kind of pair that {name} needs", "none")
+                arrays |= {name: forces[name]} if name in of_forces else {}
+        return arrays
+
+    def _force_arrays(self, gravity: tuple[float, ...] | None = None) -> dict[str, NDArray[Any]]:
+        """Return the forces that the motion requires at all instants."""
+        rows = slice(len(self.times()))
+        return self.subject.forces(self.known(rows, ACCELERATION), self._acting(rows, gravity))
 
     def unit(self, name: str) -> str:
         """Return the unit of an output, or of one of its components such as R2_x."""
-        return unit_of(name)
+        return self.subject.unit(name)
 
     def in_units(self, units: UnitsLike) -> Columns:
         """Return names and numbers of columns in units; None for those of the scene."""
@@ -334,10 +506,8 @@ class Scene(Shown, abc.ABC):
         Args:
             max_instants: largest number of instants to compare, evenly spread; all instants by default.
         """
-        return self._compared(slice(len(self.times())) if max_instants is None else self.spread(max_instants))
-
-    @abc.abstractmethod
-    def _compared(self, rows: Rows) -> CrossValidation: ...
+        rows = slice(len(self.times())) if max_instants is None else self.spread(max_instants)
+        return self.subject.compare(self.known(rows, self.motion.level), self._acting(rows))
 
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
         """Compute the forces that the motion requires at the instants.
@@ -359,14 +529,13 @@ class Scene(Shown, abc.ABC):
             - bearing_torque [N m], (N, 3): torque of body 1 on body 2 perpendicular to the axis;
             - force1 [N] and torque1 [N m], (N, 3): the load that must act on body 1 at R1, if it has mass properties.
 
-            In the plane, forces have two components, torques one, and there is no bearing torque. If [dynamics]
-            simulates the motion, the loads on body 2 are subtracted, since the hinge need not supply them, and
-            hinge_torque is split into motor_torque, spring_torque, damper_torque, friction_torque and stop_torque, as
-            far as they act.
+            In the plane, forces have two components, torques one, and there is no bearing torque. Loads on body 2 are
+            subtracted, since the hinge need not supply them, and with loads of the joint hinge_torque is split into
+            motor_torque, spring_torque, damper_torque, friction_torque and stop_torque, as far as they act.
 
             Of a robot (equations T1 to T3):
 
-            - tau, (N, dof): torques of hinges [N m] and forces of sliders [N];
+            - tau, (N, dof): what motors exert, torques of hinges [N m] and forces of sliders [N];
             - force1 [N] and torque1 [N m], (N, 3): the load on the base about its reference point; of a fixed base,
               its reaction;
             - loads: a JointLoad for each joint with a coordinate of its own, with the rms and the largest value of
@@ -376,8 +545,18 @@ class Scene(Shown, abc.ABC):
             ArgumentError: the motion has no accelerations, body 2 of a pair has no mass properties, or gravity is
                 given although [dynamics] has a gravity of its own.
         """
+        motion, size = self.motion, self.dimensions
+        if gravity is not None:
+            if motion.simulated is not None or self.has_own_gravity:
+                raise ArgumentError("gravity", "None, since the table [dynamics] of the scene has a gravity", gravity)
+            fall: tuple[float, ...] = (*one_constant("gravity", gravity, size).tolist(), 0.0)[:3]
+        else:
+            fall = self.gravity
+        if motion.level < ACCELERATION:
+            expected = f"a motion with accelerations, which forces need{motion.hint}"
+            raise ArgumentError("scene", expected, motion.origin)
         record = {"described": f"forces: {self.title}", "inputs": self.files, "unit": self.unit, "units": self.units}
-        return self._forces(self.times(), gravity, record)
+        return scene_forces(self, self._force_arrays(fall), fall, record, assumed=gravity is None)
 
     def energy_balance(self) -> EnergyBalance:
         """Compute the energy balance of a motion that [dynamics] simulates: the work of each load since the first
@@ -393,9 +572,6 @@ class Scene(Shown, abc.ABC):
         balance: EnergyBalance = simulated.energy_balance()
         return balance
 
-    @abc.abstractmethod
-    def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces: ...
-
     # ---- what is said about a scene
 
     def notes(self, units: UnitsLike = None) -> tuple[str, ...]:
@@ -406,74 +582,41 @@ class Scene(Shown, abc.ABC):
             units: units of limits that are left, in place of SI units; by default those of the scene.
         """
         collector = NoteCollector(self, units)
-        for block in self.blocks((self._noted,)):
+        for block in self.blocks((self.subject.noted,)):
             collector.add(block)
         return collector.sentences()
-
-    @abc.abstractmethod
-    def watches(self) -> list[LimitCounter]:
-        """Return a new counter for each quantity that has limits."""
-
-    def last_notes(self, _watches: Sequence[LimitCounter]) -> Iterable[str]:
-        """Return sentences on the motion itself, from what was watched of it."""
-        return self.motion.notes
 
     def suspicions(self) -> tuple[str, ...]:
         """Return sentences on numbers of the file, and on the motion at up to 101 instants, that are probably in
         another unit, such as degrees or millimetres.
         """
-        rows, motion, limits = self.spread(suspicions.MAX_JUDGED), self.motion, self.angle_limits()
+        rows, motion = self.spread(suspicions.MAX_JUDGED), self.motion
+        limits = {joint.name: joint.position_limits for joint in self.subject.joints if joint.unit == "rad"}
         sentences = suspicions.file_suspicions(self.tables.values, limits)
         sentences += suspicions.function_suspicions(motion.functions, np.asarray(motion.t[rows]), limits)
         if motion.level:
-            sentences += suspicions.motion_suspicions(motion.t, *self._sizes(rows))
+            sentences += suspicions.motion_suspicions(motion.t, self.known(rows, motion.level), self.pair is not None)
         return tuple(dict.fromkeys(sentences))
-
-    @abc.abstractmethod
-    def angle_limits(self) -> dict[str, Sequence[float]]:
-        """Return the limits of the hinges by the names of their angles; empty where there are none."""
-
-    @abc.abstractmethod
-    def _sizes(self, rows: Rows) -> tuple[Float64Array, Any, Any]:
-        """Return sizes of the rates [rad/s], (N,), and velocity and acceleration of body 1, (N, 3) or None."""
-
-    @property
-    def residuals(self) -> tuple[Residual, ...]:
-        """Constraints whose residuals results have."""
-        return ()
-
-    @abc.abstractmethod
-    def is_moved_by(self, keys: Sequence[Sequence[str | int]]) -> bool:
-        """Return whether the motion may depend on numbers of the file, to which paths of keys and indices lead."""
-
-    @abc.abstractmethod
-    def require_pair(self) -> Any:
-        """Return the scene if it is one of a pair; otherwise raise an ArgumentError."""
 
     # ---- how a scene is shown
 
     def heading(self) -> tuple[str, str]:
         """Return a line on what moves, and a line on the instants."""
         t = f"t = {instant_text(self.start)} to {instant_text(self.stop)} s"
-        return self._subject(), f"{self.samples} instant{'s' * (self.samples != 1)}, {t}; {self.motion.description}"
-
-    @abc.abstractmethod
-    def _subject(self) -> str: ...
+        count = f"{self.samples} instant{'s' * (self.samples != 1)}, {t}; {self.motion.description}"
+        return self.subject.describe(self.motion.moving), count
 
     def facts(self) -> dict[str, Any]:
         """Return what commands with --json print of the scene."""
         facts = {"scene": str(self.path), "title": self.title, "samples": self.samples}
-        return {**facts, "start": self.start, "stop": self.stop, **self._own_facts()}
-
-    @abc.abstractmethod
-    def _own_facts(self) -> dict[str, Any]: ...
+        return {**facts, "start": self.start, "stop": self.stop, **self.subject.facts(self.motion)}
 
     def __repr__(self) -> str:
         return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
 
     def _sheet(self) -> Sheet:
         """Return what notebooks show."""
-        what, *more = self._motion_rows()
+        what, *more = self.subject.rows(self.motion, self.outputs)
         rows = [
             what,
             ("instants", str(self.samples)),
@@ -483,17 +626,13 @@ class Scene(Shown, abc.ABC):
         ]
         return Sheet(self.title, (("", "value", "unit"), *((*row, "")[:3] for row in rows)))
 
-    @abc.abstractmethod
-    def _motion_rows(self) -> list[tuple[str, str]]:
-        """Return rows of a table on what moves, on the motion, and on the outputs."""
-
 
 class NoteCollector:
     """Collector of notes on a scene that is evaluated in blocks, in units or those of the scene."""
 
     def __init__(self, scene: Scene, units: UnitsLike = None) -> None:
         self._units = scene.in_units(units).units
-        self._scene, self._watches, self._kinks = scene, scene.watches(), 0
+        self._scene, self._watches, self._kinks = scene, scene.subject.watches(scene.motion), 0
 
     def add(self, block: SceneResult) -> None:
         """Count kinks and instants outside limits in one block of results; the blocks come in order of time."""
@@ -507,4 +646,39 @@ class NoteCollector:
         sentences = [*scene.suspicions()]
         for watch in self._watches:
             sentences += watch.sentences(scene.samples, self._units)
-        return tuple(dict.fromkeys((*sentences, *kink_sentences(self._kinks), *scene.last_notes(self._watches))))
+        return tuple(dict.fromkeys((*sentences, *kink_sentences(self._kinks), *self._last_sentences())))
+
+    def _last_sentences(self) -> Iterator[str]:
+        """Yield sentences on soft stops and on the motion itself."""
+        motion, joints = self._scene.motion, self._scene.subject.joints
+        by_name = {watch.shown: watch for watch in self._watches}
+        for i, joint in enumerate(joints):
+            watch = by_name[joint.name]
+            shown = least, most = watch.least, watch.most
+            if motion.simulated is not None:  # between the instants, too
+                least, most = motion.simulated.q_range[i].tolist()
+            if soft := stop_overrun(joint.name, joint.unit, watch.stops, least, most):
+                yield f"{soft}; stop_stiffness hardens them"
+            low, high = watch.stops
+            at_instants, deepest = (max(low - one, other - high) for one, other in (shown, (least, most)))
+            if deepest > max(1.05 * at_instants, 1e-9):  # rad or m; less is rounding
+                unit = joint.unit
+                depths = (
+                    f"{deepest:.3g} {unit} into a stop between instants, {max(at_instants, 0):.3g} {unit} at them"
+                )
+                yield f"{joint.name} presses {depths}: more instants show the peak of its force"
+        yield from motion.notes
+        if math.isnan(motion.error_estimate):
+            yield motion.doubt
+
+
+def scene_of_simulation(found: SimulatedRobotMotion) -> Scene:
+    """Return a simulated motion of a robot as a scene, for pictures; it has no file, and stops are not noted."""
+    from hingepair.scenes.motions.dynamics import simulated_motion
+
+    robot = found.robot
+    subject = MechanismSubject(robot, found.state().frames)
+    return Scene(
+        path=Path(robot.name), title=found.described, subject=subject, motion=simulated_motion(subject, found, {}),
+        outputs=None, constants={}, files=(), tables=Table(robot.name, "", {}, {}), gravity=found.gravity,
+    )  # fmt: skip

@@ -14,8 +14,9 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.tables.suspicions import DEGREES_IN_SCENES, suspicions
 
 if TYPE_CHECKING:
-    from hingepair.scenes.instants import Instants
     from hingepair.scenes.motions.functions import FunctionsOfTime
+    from hingepair.scenes.motions.known import Known
+    from hingepair.scenes.motions.motion import Instants
 
 MAX_JUDGED: Final = 101
 """Number of instants at which a motion is judged, evenly spread."""
@@ -23,9 +24,9 @@ MAX_JUDGED: Final = 101
 _ANGLES, _RATES, _LENGTHS = "written angles", "written rates", "written lengths"
 _KIND_BY_KEY: Final[Mapping[str, str]] = {
     **dict.fromkeys(
-        ("phi", "phi_x", "phi_y", "phi_z", "psi", "phi_0", "psi_0", "rest", "stops", "rad", "rpy"), _ANGLES
+        ("phi", "phi_x", "phi_y", "phi_z", "psi", "phi_0", "psi_0", "q_0", "rest", "stops", "rad", "rpy"), _ANGLES
     ),
-    **dict.fromkeys(("omega1", "psi_dot", "omega1_0", "psid_0", "rate_limit", "friction_rate"), _RATES),
+    **dict.fromkeys(("omega1", "psi_dot", "omega1_0", "qd_0", "rate_limit", "friction_rate"), _RATES),
     **dict.fromkeys(
         ("u1", "u2", "centre_of_mass", "center_of_mass", "center", "box", "sphere", "cylinder", "length"), _LENGTHS
     ),
@@ -110,13 +111,20 @@ def function_suspicions(
                 )
 
 
-def motion_suspicions(t: Instants, rates: Float64Array, v: Any, a: Any) -> Iterator[str]:
-    """Yield a sentence if the instants t are probably not in seconds, judged by `rates` [rad/s], or if body 1, which
-    has velocities v and accelerations a, (N, 3) or None, probably moves in millimetres.
+def motion_suspicions(t: Instants, known: Known, is_pair: bool) -> Iterator[str]:
+    """Yield a sentence if the instants t are probably not in seconds, judged by the rates of the known motion at some
+    of them, or if body 1 of a pair probably moves in millimetres.
     """
+    rates = np.max([np.abs(known.column(1, i)) for i in range(len(known.names))], axis=0, initial=0.0)
+    rates = np.broadcast_to(rates, (known.count,))
+    if is_pair:
+        body1 = known.body1
+        rates = rates + np.linalg.norm(np.broadcast_to(np.asarray(body1.omega), (known.count, 3)), axis=1)
     step = float(np.median(np.diff(np.asarray(t[:MAX_JUDGED])))) if len(t) > 1 else 0.0
     stamps = step * np.arange(len(rates))
     yield from suspicions("sampled motion", "t", np.stack((stamps, step * np.cumsum(rates)), axis=-1))
-    if v is not None and a is not None:
-        pair = (np.broadcast_to(np.asarray(array, dtype=np.float64), (len(rates), 3)) for array in (v, a))
-        yield from suspicions("motion", "body 1", np.stack(tuple(pair), axis=1))
+    if is_pair and known.level > 1:
+        moved = (
+            np.broadcast_to(np.asarray(array, dtype=np.float64), (len(rates), 3)) for array in (body1.v, body1.a)
+        )
+        yield from suspicions("motion", "body 1", np.stack(tuple(moved), axis=1))

@@ -8,7 +8,7 @@ import os
 import re
 import reprlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, NoReturn, TypeAlias
 
@@ -23,9 +23,11 @@ from hingepair.rotations.sequences import find_sequence
 from hingepair.symbolic.expressions import (
     Expression,
     constant_cosine,
+    constant_name_fault,
     constant_sine,
     in_radians,
     parse_constant,
+    parse_expression,
 )
 from hingepair.symbolic.expressions import number as exact_number
 
@@ -93,8 +95,10 @@ class Table(NamedSource):
 
     #: values by key, as the TOML parser returns them
     values: dict[str, Any]
-    #: values by name of the constants that expressions may use
+    #: values by name of the constants that expressions may use, and the expressions of [let]
     constants: Mapping[str, float | Expression]
+    #: names of the table [let] with their texts
+    let: Mapping[str, Any] = field(default_factory=dict)
 
     def read(self, reader_by_key: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
         """Return what the readers, functions of (table, key), make of the keys that the table has or that are
@@ -123,6 +127,25 @@ class Table(NamedSource):
         if not isinstance(value, dict):
             self.fail(key, f"a table [{f'{self.name}.' if self.name else ''}{key}]")
         return replace(self, name=f"{self.name}.{key}" if self.name else key, values=value)
+
+    def tables(self, key: str, expected: str, *, required: bool = True) -> list[Table]:
+        """Return the list of tables under a key as Tables, with errors that say what was `expected`; an empty list
+        if the key is absent and not `required`.
+        """
+        values = self.values.get(key, None if required else [])
+        if not isinstance(values, list) or not all(isinstance(each, dict) for each in values):
+            self.fail(key, expected)
+        place = f"{self.name}.{key}" if self.name else key
+        return [replace(self, name=f"{place}[{i}]", values=each) for i, each in enumerate(values)]
+
+    def names(self, key: str, expected: str) -> tuple[str, ...] | None:
+        """Return the names in the list under a key, each once; None if the key is absent."""
+        value = self.values.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
+            self.fail(key, expected)
+        return tuple(dict.fromkeys(value))
 
     def entries(self, key: str, count: int, variables: str) -> Table:
         """Return the list of `count` (2 or 3) entries under a key as a Table with the keys key[0], key[1], ...;
@@ -263,6 +286,32 @@ class Table(NamedSource):
     def _constant_expression(self, key: str, text: str, symbolic_constants: Collection[str] = ()) -> Expression:
         with self.naming(key):
             return parse_constant(key, text, self.constants, symbolic_constants)
+
+
+def names_in(table: Table, symbolic_constants: Collection[str] = ()) -> Mapping[str, float | Expression]:
+    """Return the constants and names of [let] of a scene, with names of [let] in terms of `symbolic_constants`."""
+    if not table.let or not symbolic_constants:
+        return table.constants
+    return read_let(
+        table, {key: value for key, value in table.constants.items() if key not in table.let}, symbolic_constants
+    )
+
+
+def read_let(table: Table, constants: Mapping[str, float | Expression], symbols: Collection[str] = ()) -> dict[str, float | Expression]:
+    """Return constants and, behind them, the expressions of [let], which may use t and earlier names."""
+    found = dict(constants)
+    let = replace(table, name="let", values=dict(table.let))
+    for key, text in table.let.items():
+        fault = constant_name_fault(key)
+        if fault or key in constants:
+            let.refuse(key, fault or "another name: [constants] has it", quoted(key))
+        with let.naming(key):
+            found[key] = (
+                parse_expression(key, text, found, symbols)
+                if isinstance(text, str)
+                else exact_number(let.number(key))
+            )
+    return found
 
 
 Key: TypeAlias = Callable[[Table, str], Any]

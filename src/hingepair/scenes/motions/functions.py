@@ -6,7 +6,7 @@ They are the coordinates themselves, or the rates that are integrated.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
@@ -17,14 +17,13 @@ from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError
 from hingepair.motion.signals import CallableSignal as Signal
 from hingepair.numeric.arrays import Float64Array
-from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from hingepair.scenes.instants import Instants, Rows, read_instants, read_instants_array
 from hingepair.scenes.motions.integrated import integrate_motion
-from hingepair.scenes.motions.known import MotionByCoordinates
-from hingepair.scenes.motions.motion import PairMotion, euler_axes_phrase
+from hingepair.scenes.motions.known import PSI, EulerBase, Known, Rows
+from hingepair.scenes.motions.motion import Instants, Motion, read_instants, read_instants_array
 from hingepair.scenes.motions.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
-from hingepair.scenes.tables import Table
+from hingepair.scenes.subjects.subject import Subject
+from hingepair.scenes.tables import Table, names_in
 from hingepair.symbolic.expressions import Expression, number, parse_expression
 from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
 
@@ -81,14 +80,12 @@ class FunctionsOfTime:
             if isinstance(function, WayPoints):
                 found[name] = None
                 continue
-            text = self.table.values[name]
+            text, written = self.table.values[name], function
             with self.table.naming(name):
-                found[name] = to_sympy(
-                    name,
-                    parse_expression(name, text, self.table.constants, symbolic_constants)
-                    if isinstance(text, str)
-                    else function,
-                )
+                if isinstance(text, str):
+                    known = names_in(self.table, symbolic_constants)
+                    written = parse_expression(name, text, known, symbolic_constants)
+                found[name] = to_sympy(name, written)
         return found
 
     def _of_expressions(self) -> TimeFunctions:
@@ -100,59 +97,89 @@ _time_functions = functools.lru_cache(maxsize=16)(TimeFunctions)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MotionByFunctions:
-    """Motion of a pair by functions of t."""
+class FunctionSource:
+    """Motion of joints, and of body 1 or a base, by functions of time."""
 
     #: instants [s]
     t: Instants
-    #: of x, y, z, phi_x, phi_y, phi_z, psi, or in the plane of x, y, phi, psi [m, rad]
-    functions: FunctionsOfTime
-    #: Euler sequence of body 1; None of a planar pair
+    #: names of all joints, in order
+    names: tuple[str, ...]
+    #: of the joints that move [rad or m]
+    joints: FunctionsOfTime
+    #: where the other joints rest [rad or m]
+    rests: Mapping[str, float]
+    #: coordinates of body 1 or the base [m, rad]; None where it rests at the origin
+    base: FunctionsOfTime | None
+    #: Euler sequence of the base; None in the plane
     sequence: str | None
     level: ClassVar[int] = ACCELERATION
 
-    def part(self, rows: Rows, order: int) -> MotionByCoordinates:
-        """Return a MotionByCoordinates: the coordinates and their derivatives up to `order` at the scene's instants
-        with the indices `rows`, a slice or an array.
-        """
+    def part(self, rows: Rows, order: int) -> Known:
+        """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
         t = self.t[rows]
-        return MotionByCoordinates(t.size, self.functions.derivatives(t, order), self.sequence)
+        moved = self.joints.derivatives(t, order) if self.joints.names else ((),) * (order + 1)
+        joints = []
+        for k, values in enumerate(moved):
+            own: dict[str, Any] = {**(self.rests if k == 0 else dict.fromkeys(self.rests, 0.0))}
+            own |= dict(zip(self.joints.names, values, strict=True))
+            joints.append(tuple(own[name] for name in self.names))
+        return Known(self.names, t.size, tuple(joints), base_at(self.base, self.sequence, t, order))
 
 
-def read_expression_motion(motion: Table, time: Table, planar: bool) -> PairMotion:
-    """Return the PairMotion that the Tables [motion] and [time] define by functions of t: coordinates, or angular
+def base_at(base: FunctionsOfTime | None, sequence: str | None, t: Float64Array, order: int) -> EulerBase | None:
+    """Return the motion of body 1 or a base at the instants t, with derivatives up to `order`."""
+    return None if base is None else EulerBase(base.derivatives(t, order), sequence)
+
+
+def read_function_motion(tables: Table, subject: Subject) -> Motion:
+    """Return the Motion that the tables [motion] and [time] define by functions of t: coordinates, or angular
     velocity and hinge rate, which are integrated (equation E12).
     """
-    if "omega1" in motion.values or "psi_dot" in motion.values:
-        return _read_rate_motion(motion, read_instants_array(time), planar)
-    names = (PLANE if planar else SPACE).coordinates
-    rests = "psi" in motion.values and motion.values.keys().isdisjoint(names[:-1])
-    if rests:
-        motion = replace(motion, values=dict.fromkeys(names[:-1], 0) | motion.values)
-    functions, sequence = read_coordinate_functions(motion, names, () if planar else ("file", "omega1"))
-    t = read_instants(time)
-    how = euler_axes_phrase(sequence) if sequence else "in the plane z = 0"
-    how = "body 1 rests at the origin" if rests else how
-    given = MotionByFunctions(t, functions, sequence)
-    origin = "coordinates as expressions in t"
-    return PairMotion(t=t, source=given, origin=origin, how=how, functions=(functions,))
+    motion = tables.table("motion")
+    if subject.pair is not None and not motion.values.keys().isdisjoint({"omega1", "psi_dot"}):
+        if "omega1" not in motion.values:
+            motion.fail("omega1", "the angular velocity of body 1, since psi_dot is given")
+        return _read_rate_motion(motion, read_instants_array(tables.table("time")), subject.planar)
+    subject.check_motion_keys(motion, further=("file", "omega1"))
+    base, sequence = read_base(motion, subject)
+    joints = read_functions(motion, PSI if subject.pair is not None else subject.moved_by(motion))
+    how = "" if subject.pair is None else base_phrase(base, sequence)
+    t = read_instants(tables.table("time"))
+    return Motion(
+        t=t,
+        source=FunctionSource(t, subject.names, joints, subject.rests, base, sequence),
+        origin="functions of t" if subject.pair is None else "coordinates as expressions in t",
+        how=how,
+        functions=(joints,) if base is None else (base, joints),
+        moving=joints.names,
+    )
 
 
-def read_coordinate_functions(
-    motion: Table, names: tuple[str, ...], other_keys: tuple[str, ...] = ()
-) -> tuple[FunctionsOfTime, str | None]:
-    """Return the coordinates `names` of a Table and the Euler sequence, None if phi, the angle in the plane, is among
-    them; refuse keys other than these and `other_keys`.
+def read_base(motion: Table, subject: Subject) -> tuple[FunctionsOfTime | None, str | None]:
+    """Return the coordinates of body 1 or of the base in [motion], and their Euler sequence; None where it has none.
+    Of a pair all are required, of a mechanism they are 0 unless given.
     """
-    planar = "phi" in names
-    motion.check_keys((*names, "constants", *(() if planar else ("sequence",)), *other_keys))
-    return read_functions(motion, names), None if planar else motion.choice("sequence", SEQUENCE_NAMES, "XYZ")
+    planar = subject.planar
+    names = subject.base_names
+    sequence = None if planar else motion.choice("sequence", SEQUENCE_NAMES, "XYZ")
+    if motion.values.keys().isdisjoint(names):
+        return None, sequence
+    if subject.pair is None:
+        motion = replace(motion, values=dict.fromkeys(names, 0) | motion.values)
+    return read_functions(motion, names), sequence
 
 
-def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> PairMotion:
-    """Return the PairMotion that the functions omega1 and psi_dot of a Table give, integrated (equation E12)."""
+def base_phrase(base: object, sequence: str | None) -> str:
+    """Return how body 1 of a pair moves, for reports."""
+    if base is None:
+        return "body 1 rests at the origin"
+    return f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}" if sequence else "in the plane z = 0"
+
+
+def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
+    """Return the Motion that the functions omega1 and psi_dot of a Table give, integrated (equation E12)."""
     start_keys = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
-    table.check_keys(("psi_0", "method", "tol", "omega1", "psi_dot", "constants", *start_keys))
+    table.check_keys(("psi_0", "method", "tol", "omega1", "psi_dot", *start_keys))
     axes = start_keys[:2] if planar else start_keys[:3]
     omega = (
         replace(table, values={"omega1": table.values.get("omega1")}) if planar else table.entries("omega1", 3, "t")

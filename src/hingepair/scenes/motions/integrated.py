@@ -14,8 +14,8 @@ from hingepair.motion.solve import SolveOptions, solve
 from hingepair.motion.trajectory import quaternions_to_matrices, rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import check_rotation
-from hingepair.scenes.motions.known import MotionByCoordinates, motion_by_body1
-from hingepair.scenes.motions.motion import LazyValue, PairMotion
+from hingepair.scenes.motions.known import PSI, EulerBase, Known, known_by_body1
+from hingepair.scenes.motions.motion import LazyValue, Motion
 from hingepair.scenes.tables import Table
 
 
@@ -28,7 +28,7 @@ def integrate_motion(
     *,
     planar: bool = False,
     **motion_fields: Any,
-) -> PairMotion:
+) -> Motion:
     """Integrate the angular velocity of body 1 and the hinge rate (equation E12; in the plane E11).
 
     Args:
@@ -57,20 +57,21 @@ def integrate_motion(
             solution.check_tolerance(options)
         error = LazyValue(lambda: solution.largest_error)
     arrays = {**arrays, "psi": solution.psi}
+    joints = tuple((arrays[name],) for name in ("psi", "psid", "psidd") if name in arrays)
     if planar:
-        rows = (("R1", "phi", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
-        arrays["phi"] = solution.orientations
-        source: Any = MotionByCoordinates(
-            t.size, tuple((*arrays[R].T, arrays[a], arrays[b]) for R, a, b in rows), None
-        )
+        rows = (("R1", solution.orientations), ("v1", arrays["omega1"]), ("a1", arrays["alpha1"]))
+        base = EulerBase(tuple((*arrays[R].T, angle) for R, angle in rows), None)
+        source = Known(PSI, t.size, joints, base)
     else:
         arrays["S1"] = quaternions_to_matrices(solution.orientations)
         if body:
             arrays |= {
                 name: rotate_to_world(arrays["S1"], arrays[name]) for name in ("omega1", "alpha1") if name in arrays
             }
-        source = motion_by_body1(arrays)
-    return PairMotion(
+        joints = joints if {"a1", "alpha1"} <= arrays.keys() else joints[:2]
+        source = known_by_body1(PSI, joints, arrays)
+    return Motion(
+        moving=PSI,
         t=read_only(t),
         source=source,
         origin="integrated from rates",

@@ -1,278 +1,204 @@
-"""Inputs that determine a pair's motion at some instants: its coordinates, or body 1's motion and the hinge angle.
+"""The motion of a scene at some instants: coordinates of joints, and the motion of body 1 or of a base.
 
-Each kind answers the same calls, so that what computes, explains or checks a scene need not know which it has.
+A pair has one joint, psi; its body 1 is the base.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.pairs.accuracy import angular_rate_sizes, euler_rate_sizes
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
+from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import motion_in_space
-from hingepair.mechanism.states import PairState, PlanarState
-from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.plans.pairs import PLANE, SPACE, PairKind
-from hingepair.rotations.matrices import matrix_to_quaternion, rotation_exp
-from hingepair.scenes.instants import Rows
+from hingepair.numeric.arrays import Float64Array
+from hingepair.plans.pairs import PLANE, SPACE
+from hingepair.rotations.matrices import matrix_to_quaternion
 
-if TYPE_CHECKING:
-    from hingepair.validation.report import CrossValidation
+Rows: TypeAlias = slice | NDArray[np.intp]
+"""Indices of some of the instants."""
+Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]
+"""Values, rates and accelerations as far as known: a tuple each, of arrays, or floats for what does not change."""
 
-Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
-HINGE_NAMES = ("psi", "psid", "psidd")
-"""Names of the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
-_GIVEN = tuple(zip(("R1", "v1", "a1"), ("S1", "omega1", "alpha1"), HINGE_NAMES, strict=True))
-"""By the order of the derivative, names of body 1's position and attitude and of the hinge angle."""
-_POSES = ("R1", "S1", "R2", "S2")  # outputs of both bodies
-_ANGULAR_VELOCITIES = ("omega1", "omega2")  # likewise
+RATE_SUFFIXES: Final = ("", "d", "dd")
+"""Suffixes of a joint's name in columns, by the order of the derivative."""
+PSI: Final = ("psi",)
+"""The joint of a pair."""
+_CARRIER: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))  # only its body 1 counts
+_LETTERS: Final = ("R", "S", "v", "omega", "a", "alpha")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MotionByCoordinates:
-    """Motion of a pair by its seven coordinates, or four in the plane."""
+class EulerBase(NamedTuple):
+    """Motion of body 1 or of a base by x, y, z and three Euler angles, or in the plane by x, y, phi."""
 
-    #: number of instants
-    count: int
-    #: (q[, qd[, qdd]]), tuples of seven or four: arrays of shape (count,), floats for what does not change
     derivatives: Derivatives
-    #: Euler sequence of body 1; None in the plane
+    #: Euler sequence such as "XYZ"; None in the plane
     sequence: str | None
 
-    @property
-    def level(self) -> int:
-        """Order of the highest known derivative: 0, 1 or 2."""
-        return len(self.derivatives) - 1
-
-    @property
-    def psi(self) -> Float64Array:
-        """The hinge angle; shape (count,) rad."""
-        return self.hinge_angle(0)
-
-    def hinge_angle(self, order: int) -> Float64Array:
-        """Return psi, or its derivative of an order that is known; shape (count,) rad, rad/s, rad/s^2."""
-        return self._column(order, -1)
-
-    def coordinates(self) -> dict[str, Float64Array]:
-        """Return the coordinates as a dict of arrays by name, shape (count,) each. Results record them beside the
-        requested outputs.
-        """
-        return self.log_columns(0)
-
-    def log_columns(self, order: int) -> dict[str, Float64Array]:
-        """Return the coordinates (`order` 0) or their known derivatives of the given order as a dict of arrays, shape
-        (count,) each, by the column names of a log.
-        """
-        names = tuple(self._kind.columns.values())[order]
-        return {name: self._column(order, i) for i, name in enumerate(names)}
-
-    def part(self, rows: Rows, order: int) -> MotionByCoordinates:
-        """Return the MotionByCoordinates at the instants with the indices `rows`, with the known derivatives up to
-        `order`.
-        """
-        kept = tuple(
-            tuple(value[rows] if isinstance(value, np.ndarray) else value for value in values)
-            for values in self.derivatives[: order + 1]
-        )
-        count = len(range(*rows.indices(self.count))) if isinstance(rows, slice) else rows.size
-        return MotionByCoordinates(count, kept, self.sequence)
-
-    def forward_kinematics(
-        self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto"
-    ) -> PairState | PlanarState:
-        """Compute outputs of a pair along the motion; return a PairState, in the plane a PlanarState. `outputs` are
-        names of outputs, or None for all outputs of body 2 that the known derivatives allow. `backend` is "auto",
-        "numpy" or "compiled".
-        """
-        state: PairState | PlanarState = pair.forward_kinematics(
-            *self._of_many(), outputs=outputs, backend=backend, **self._sequence()
-        )
-        return state
-
-    def cross_validate(self, pair: Any) -> CrossValidation:
-        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation."""
-        from hingepair.validation.cross_validate import cross_validate
-
-        report: CrossValidation = cross_validate(pair, *self.derivatives, **self._sequence())
-        return report
-
-    def constant_names(self) -> tuple[str, ...]:
-        """Return the names of the coordinates that are floats and so do not change."""
-        return tuple(
-            name
-            for name, value in zip(self._kind.coordinates, self.derivatives[0], strict=True)
-            if not _varies(value)
-        )
-
-    def in_space(self, pair: Any) -> MotionByBody1:
-        """Return this motion of the pair in space as a MotionByBody1, with all known derivatives. A planar motion
-        becomes a motion in the plane z = 0.
-        """
-        if not self.sequence:
-            body1, *hinge = motion_in_space(*self._of_many())
-            return MotionByBody1(body1, tuple(hinge))
-        names = [name for part in _GIVEN[: self.level + 1] for name in part[:2]]
-        arrays = self.forward_kinematics(pair, tuple(names)).arrays()
-        return motion_by_body1(
-            arrays | {part[2]: self._column(i, -1) for i, part in enumerate(_GIVEN[: self.level + 1])}
-        )
-
-    def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Return R1, S1, R2, S2 of a pair as a dict of arrays in space. For a planar pair, they lie in the plane z =
-        0. If first derivatives are known, add omega1, omega2, psid and W1, the size [rad/s] relative to which errors
-        of omega1 are measured.
-        """
-        if self.sequence:
-            arrays = self.forward_kinematics(pair, _POSES + _ANGULAR_VELOCITIES * bool(self.level)).arrays()
-            if self.level:
-                W1, _ = euler_rate_sizes(np.stack([self._column(1, i) for i in (3, 4, 5)], axis=-1))
-                arrays |= {"psid": self._column(1, -1), "W1": np.asarray(W1)}
-            return arrays
-        body1, zero = self.in_space(pair).body1, np.zeros((self.count, 1))
-        state_arrays = self.forward_kinematics(pair, None).arrays()
-        arrays = {"R1": body1.R, "S1": body1.S, "R2": np.concatenate((state_arrays["R2"], zero), axis=-1)}
-        arrays["S2"] = rotation_exp(np.concatenate((zero, zero, state_arrays["phi2"][:, None]), axis=-1))
-        if body1.omega is not None:
-            arrays |= {
-                "omega1": body1.omega,
-                "omega2": np.concatenate((zero, zero, state_arrays["omega2"][:, None]), axis=-1),
-            }
-            arrays |= {"psid": self._column(1, -1), "W1": np.abs(self._column(1, 2))}
-        return arrays
-
-    @property
-    def _kind(self) -> PairKind:
-        return SPACE if self.sequence else PLANE
-
-    def _column(self, order: int, i: int) -> Float64Array:
-        return np.broadcast_to(np.asarray(self.derivatives[order][i], dtype=np.float64), (self.count,))
-
-    def _sequence(self) -> dict[str, Any]:
-        return {"sequence": self.sequence} if self.sequence else {}
-
-    def _of_many(self) -> Derivatives:
-        """Return the derivatives with at least one coordinate as an array, which shows the number of instants."""
-        q, *rates = self.derivatives
-        return (q, *rates) if _varies(q) else ((np.full(self.count, q[0]), *q[1:]), *rates)
+    def body(self, count: int) -> BodyMotion:
+        """Return this motion as a BodyMotion in space, shape (count,)."""
+        q, *rates = ((*row, 0.0) for row in self.derivatives)
+        if not any(isinstance(value, np.ndarray) for value in q):
+            q = (np.full(count, q[0]), *q[1:])  # an array shows the number of instants
+        if self.sequence is None:
+            body, *_ = motion_in_space(q, *rates)
+            found: BodyMotion = body
+            return found
+        names = ("R1", "S1", "v1", "omega1", "a1", "alpha1")[: 2 * len(self.derivatives)]
+        arrays = _CARRIER.forward_kinematics(q, *rates, outputs=names, sequence=self.sequence).arrays()
+        return motion_of_rotations(**{name[:-1]: array for name, array in arrays.items()})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MotionByBody1:
-    """Motion of a pair by the motion of body 1 in space and the hinge angle."""
+class Known:
+    """Motion at some instants, as far as its derivatives are known."""
 
-    #: shape (count,); with v and omega where psi' is there, a and alpha where psi'' is
-    body1: BodyMotion
-    #: (psi[, psi'[, psi'']]); shape (count,) each
-    hinge: tuple[Float64Array, ...]
-    sequence: ClassVar[None] = None
-    derivatives: ClassVar[Derivatives] = ()
+    #: names of the joints, in order; psi of a pair
+    names: tuple[str, ...]
+    #: number of instants
+    count: int
+    #: coordinates of the joints
+    joints: Derivatives
+    #: motion of body 1 or of the base; None where it rests at the origin
+    base: EulerBase | BodyMotion | None = None
 
     @property
     def level(self) -> int:
         """Order of the highest known derivative: 0, 1 or 2."""
-        return len(self.hinge) - 1
+        return len(self.joints) - 1
+
+    @property
+    def sequence(self) -> str | None:
+        """Euler sequence of the base; None if its attitude is not given by three Euler angles."""
+        return self.base.sequence if isinstance(self.base, EulerBase) else None
+
+    @property
+    def derivatives(self) -> Derivatives:
+        """All coordinates of a pair by Euler angles or in the plane: those of body 1, then psi."""
+        base = self.base.derivatives if isinstance(self.base, EulerBase) else ()
+        return tuple((*own, *joint) for own, joint in zip(base, self.joints, strict=False))
+
+    @property
+    def body1(self) -> BodyMotion:
+        """Motion of body 1 or of the base in space; shape (count,)."""
+        if self.base is None:
+            still = np.zeros((self.count, 3))
+            return motion_of_rotations(
+                S=np.broadcast_to(np.eye(3), (self.count, 3, 3)),
+                **dict.fromkeys([letter for letter in _LETTERS[: 2 * self.level + 2] if letter != "S"], still),
+            )
+        return self.base.body(self.count) if isinstance(self.base, EulerBase) else self.base
+
+    @property
+    def base_motion(self) -> BodyMotion | None:
+        """What methods of a Mechanism take as `base_motion`."""
+        return None if self.base is None else self.body1
+
+    @property
+    def hinge(self) -> tuple[Float64Array, ...]:
+        """(psi[, psi'[, psi'']]) of a pair; shape (count,) each."""
+        return tuple(self.column(order, 0) for order in range(self.level + 1))
 
     @property
     def psi(self) -> Float64Array:
-        """The hinge angle; shape (count,) rad."""
-        return self.hinge_angle(0)
+        """The hinge angle of a pair; shape (count,) rad."""
+        return self.column(0, 0)
 
-    def hinge_angle(self, order: int) -> Float64Array:
-        """Return psi, or its derivative of an order that is known; shape (count,) rad, rad/s, rad/s^2."""
-        return read_only(self.hinge[order])
+    def column(self, order: int, joint: int) -> Float64Array:
+        """Return the coordinate (`order` 0) of the joint with the index `joint`, or its derivative, (count,)."""
+        return np.broadcast_to(np.asarray(self.joints[order][joint], dtype=np.float64), (self.count,))
+
+    def array(self, order: int) -> Float64Array:
+        """Return the coordinates (`order` 0) of all joints, or their derivatives; shape (count, dof)."""
+        columns = [self.column(order, joint) for joint in range(len(self.names))]
+        return np.stack(columns, axis=-1) if columns else np.zeros((self.count, 0))
+
+    def part(self, rows: Rows, order: int) -> Known:
+        """Return the motion at the instants with the indices `rows`, with the known derivatives up to `order`."""
+        count = len(range(*rows.indices(self.count))) if isinstance(rows, slice) else rows.size
+        base = self.base
+        if isinstance(base, EulerBase):
+            base = base._replace(derivatives=_rows_of(base.derivatives, rows, order))
+        elif base is not None:
+            letters = _LETTERS[: 2 * (min(order, self.level) + 1)]
+            base = motion_of_rotations(**{letter: np.asarray(getattr(base, letter))[rows] for letter in letters})
+        return replace(self, count=count, joints=_rows_of(self.joints, rows, order), base=base)
+
+    def arguments(self) -> tuple[Any, ...]:
+        """Return (q[, qd[, qdd]]) as methods of Mechanism take them: dicts by joint name, with an array for each
+        joint or a float for one that does not move; arrays (count, 0) of a robot without joints.
+        """
+        if not self.names:
+            return tuple(np.zeros((self.count, 0)) for _ in self.joints)
+        rows = [dict(zip(self.names, values, strict=True)) for values in self.joints]
+        if not any(np.ndim(value) for value in rows[0].values()):
+            rows[0][self.names[0]] = self.column(0, 0)  # an array shows the number of instants
+        return tuple(rows)
+
+    def pair_arguments(self) -> Derivatives:
+        """Return the coordinates of a pair with at least one array, which shows the number of instants."""
+        q, *rates = self.derivatives
+        if any(isinstance(value, np.ndarray) for value in q):
+            return (q, *rates)
+        return ((np.full(self.count, q[0]), *q[1:]), *rates)
 
     def coordinates(self) -> dict[str, Float64Array]:
-        """Return the hinge angle as a dict with the key psi, shape (count,). Results record it beside the requested
-        outputs.
-        """
-        return {"psi": self.psi}
+        """Return the coordinates that results record beside the outputs, by name; shape (count,) each."""
+        base = self.base_columns(0) if isinstance(self.base, EulerBase) and self.names == PSI else {}
+        return base | self.joint_columns(0)
 
-    def log_columns(self, order: int) -> dict[str, Float64Array]:
-        """Return columns of a log as a dict of arrays, shape (count,) each: position, quaternion and psi for `order`
-        0, velocities and psi' for 1, accelerations and psi'' for 2.
-        """
-        place, turning, angle = _GIVEN[order]
-        body1_arrays = {place: getattr(self.body1, place[:-1])}
-        if order:
-            body1_arrays[turning] = getattr(self.body1, turning[:-1])
+    def joint_columns(self, order: int) -> dict[str, Float64Array]:
+        """Return the coordinates of the joints, or their derivatives, as columns of a log by name."""
+        return {name + RATE_SUFFIXES[order]: self.column(order, i) for i, name in enumerate(self.names)}
+
+    def base_columns(self, order: int) -> dict[str, Float64Array]:
+        """Return the columns of a log that give body 1: Euler angles, or position and quaternion, or their rates."""
+        if isinstance(self.base, EulerBase):
+            kind = SPACE if self.base.sequence else PLANE
+            names, values = (*kind.columns.values(),)[order], self.base.derivatives[order]
+            return {
+                name: np.broadcast_to(np.asarray(value, np.float64), (self.count,))
+                for name, value in zip(names[:-1], values, strict=True)
+            }
+        place, turning = (("R1", "S1"), ("v1", "omega1"), ("a1", "alpha1"))[order]
+        arrays = {name: getattr(self.body1, name[:-1]) for name in ((place, turning) if order else (place,))}
         columns = {
-            f"{name}_{c}" if order else c: v
-            for name, a in body1_arrays.items()
-            for c, v in zip("xyz", a.T, strict=True)
+            f"{name}_{letter}" if order else letter: column
+            for name, array in arrays.items()
+            for letter, column in zip("xyz", np.asarray(array).T, strict=True)
         }
-        attitude = {} if order else quaternion_columns(self.body1.S)
-        return columns | attitude | {angle: self.hinge_angle(order)}
+        return columns | ({} if order else quaternion_columns(self.body1.S))
 
     def constant_names(self) -> tuple[str, ...]:
-        """Return no names: constant inputs are not looked for in this kind of motion."""
-        return ()
-
-    def part(self, rows: Rows, order: int) -> MotionByBody1:
-        """Return the MotionByBody1 at the instants with the indices `rows`, with the known derivatives up to
-        `order`.
-        """
-        letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * min(order, self.level) + 2]
-        arrays = {letter: getattr(self.body1, letter)[rows] for letter in letters}
-        return MotionByBody1(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
-
-    def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto") -> PairState:
-        """Compute outputs of a pair along the motion; return a PairState. `outputs` are names of outputs, or None for
-        all outputs of body 2 that the known derivatives allow. `backend` is "auto", "numpy" or "compiled".
-        """
-        state: PairState = pair.forward_kinematics_from_body1(
-            self.body1, *self.hinge, outputs=outputs, backend=backend
-        )
-        return state
-
-    def cross_validate(self, pair: Any) -> CrossValidation:
-        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation."""
-        from hingepair.validation.cross_validate import cross_validate
-
-        return cross_validate(pair, self.body1, *self.hinge)
-
-    def in_space(self, _: Any) -> MotionByBody1:
-        """Return this motion unchanged; it is already in space."""
-        return self
-
-    def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """Return R1, S1, R2, S2 of a HingePair as a dict of arrays. If first derivatives are known, add omega1,
-        omega2, psid and W1, the size [rad/s] relative to which errors of omega1 are measured.
-        """
-        if not self.level:
-            return self.forward_kinematics(pair, _POSES).arrays()
-        W1, _ = angular_rate_sizes(self.body1.omega)
-        return self.forward_kinematics(pair, _POSES + _ANGULAR_VELOCITIES).arrays() | {
-            "psid": self.hinge[1],
-            "W1": np.asarray(W1),
-        }
+        """Return the names of coordinates that do not change."""
+        names, values = self.names, self.joints[0]
+        if isinstance(self.base, EulerBase):
+            kind = SPACE if self.base.sequence else PLANE
+            names, values = (*kind.coordinates[:-1], *names), (*self.base.derivatives[0], *values)
+        return tuple(name for name, value in zip(names, values, strict=True) if not np.ndim(value))
 
 
-def quaternion_columns(S: NDArray[Any], digit: str = "") -> dict[str, Float64Array]:
+def quaternion_columns(S: NDArray[Any] | None, digit: str = "") -> dict[str, Float64Array]:
     """Return the quaternions (qw >= 0) of rotation matrices (N, 3, 3) as columns qx, qy, qz, qw + `digit`, (N,)."""
     w, x, y, z = matrix_to_quaternion(np.asarray(S, dtype=np.float64)).T
     return {f"q{letter}{digit}": column for letter, column in zip("xyzw", (x, y, z, w), strict=True)}
 
 
-KnownMotion: TypeAlias = MotionByCoordinates | MotionByBody1
-"""The kinds, which answer the same calls."""
-
-
-def motion_by_body1(array_by_name: Mapping[str, NDArray[Any]]) -> MotionByBody1:
-    """Return the MotionByBody1 of arrays by name: R1, S1, psi and, as far as known, v1, omega1, psid, a1, alpha1,
-    psidd. Its derivatives go up to the highest order of which all three arrays are present.
+def known_by_body1(names: tuple[str, ...], joints: Derivatives, arrays: Mapping[str, NDArray[Any]]) -> Known:
+    """Return the motion of joints, and of a body 1 given by R1, S1 and, as far as `joints` have rates, v1, omega1,
+    a1, alpha1.
     """
-    level = max(i for i, names in enumerate(_GIVEN) if array_by_name.keys() >= {*names})
-    arrays = {name[:-1]: array_by_name[name] for names in _GIVEN[: level + 1] for name in names[:2]}
-    return MotionByBody1(
-        BodyMotion(**arrays),
-        tuple(array_by_name[names[2]] for names in _GIVEN[: level + 1]),
+    letters = _LETTERS[: 2 * len(joints)]
+    body1 = BodyMotion(**{letter: arrays[f"{letter}1"] for letter in letters})
+    return Known(names, len(body1.R), joints, body1)
+
+
+def _rows_of(derivatives: Derivatives, rows: Rows, order: int) -> Derivatives:
+    return tuple(
+        tuple(value[rows] if isinstance(value, np.ndarray) else value for value in values)
+        for values in derivatives[: order + 1]
     )
-
-
-def _varies(group: Any) -> bool:
-    return any(isinstance(value, np.ndarray) for value in (group if isinstance(group, tuple) else (group,)))

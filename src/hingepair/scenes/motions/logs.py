@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.equations.quantities import unit_of
+from hingepair.equations.quantities import ACCELERATION, unit_of
 from hingepair.errors import SceneError, choices, nearest, quoted
 from hingepair.measured.robust import LOSSES
 from hingepair.measured.smoothing.smooth import longest_filled, smooth
@@ -29,12 +29,16 @@ from hingepair.motion.signals import SampledSignal
 from hingepair.motion.trajectory import rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.pairs import PLANE, SPACE
+from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCE_NAMES
+from hingepair.scenes.motions.functions import FunctionsOfTime, base_at, base_phrase, read_base
 from hingepair.scenes.motions.integrated import integrate_motion
-from hingepair.scenes.motions.known import HINGE_NAMES, MotionByCoordinates, motion_by_body1
-from hingepair.scenes.motions.motion import PairMotion, PairMotionSource, euler_axes_phrase
+from hingepair.scenes.motions.known import RATE_SUFFIXES, EulerBase, Known, known_by_body1
+from hingepair.scenes.motions.motion import Motion
+from hingepair.scenes.subjects.mechanism import MechanismSubject
+from hingepair.scenes.subjects.subject import Subject
 from hingepair.scenes.tables import NamedSource, Table
 from hingepair.tables.column_tables import ColumnTable
 from hingepair.tables.instants import MeasurementWarning, gap_sentences, instants_of, split_at_gaps
@@ -61,6 +65,9 @@ LOG_ARRAYS: Final[dict[str, tuple[str, ...]]] = {
 """Names of the columns of each array that a log may have."""
 LOG_COLUMNS: Final = tuple(dict.fromkeys(("t", *(column for own in LOG_ARRAYS.values() for column in own))))
 """Names of all columns that a log of a pair may have: t and the columns of the arrays."""
+
+HINGE_NAMES: Final = ("psi", "psid", "psidd")
+"""Names of the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
 
 Part: TypeAlias = dict[str, Float64Array]
 """A quantity and its derivatives by name, as far as they are known; shape (N, k) each."""
@@ -112,30 +119,46 @@ class LogLayout(NamedTuple):
         return Vocabulary(self.columns, self.unit_of, components, headings)
 
 
-_PAIR_LOG_LAYOUT: Final = LogLayout(
-    LOG_ARRAYS,
-    LOG_COLUMNS,
-    frozenset({"phi", "psi"}),
-    {
-        **dict.fromkeys(("phi_x", "phi_y", "phi_z", "psi"), "angle"),
-        "qx": "quaternion x",
-        "omega1": "gyroscope",
-        "psid": "rate",
-    },
-    frozenset({*SPACE.levels, *PLANE.levels}),
-    "run --outputs q,qd,qdd --out FILE writes what is read here",
-    {"phi": "rad", "phid": "rad/s", "phidd": "rad/s^2"},
-    {
-        ("z", "phi_x", "phi_y"): ("x", "y", "phi_z"),
-        ("v1_z",): ("v1_x", "v1_y"),
-        ("phid_x", "phid_y"): ("phid_z",),
-        ("a1_z",): ("a1_x", "a1_y"),
-        ("phidd_x", "phidd_y"): ("phidd_z",),
-    },
-    # Results of a scene in the plane have one angle.
-    {"phi": "phi_z", "phid": "phid_z", "phidd": "phidd_z"},
-)
-"""LogLayout of the log of a pair: its angles, its results and the command that writes it."""
+_JUDGED_OF_BODY_1: Final = {
+    **dict.fromkeys(("phi_x", "phi_y", "phi_z"), "angle"),
+    "qx": "quaternion x",
+    "omega1": "gyroscope",
+}
+_BODY_1_UNITS: Final = {"phi": "rad", "phid": "rad/s", "phidd": "rad/s^2"}
+_WRITING: Final = "run --outputs q,qd,qdd --out FILE writes what is read here"
+
+
+def log_layout(subject: Subject) -> LogLayout:
+    """Return the LogLayout of the log of what moves: columns of body 1 or the base, and of the joints."""
+    suffixes = dict(enumerate(RATE_SUFFIXES))
+    if subject.pair is not None:
+        judged = {**_JUDGED_OF_BODY_1, "psi": "angle", "psid": "rate"}
+        planar = {
+            ("z", "phi_x", "phi_y"): ("x", "y", "phi_z"),
+            ("v1_z",): ("v1_x", "v1_y"),
+            ("phid_x", "phid_y"): ("phid_z",),
+            ("a1_z",): ("a1_x", "a1_y"),
+            ("phidd_x", "phidd_y"): ("phidd_z",),
+        }
+        others = {"phi": "phi_z", "phid": "phid_z", "phidd": "phidd_z"}  # results in the plane have one angle
+        results = frozenset({*SPACE.levels, *PLANE.levels})
+        angles = frozenset({"phi", "psi"})
+        return LogLayout(LOG_ARRAYS, LOG_COLUMNS, angles, judged, results, _WRITING, _BODY_1_UNITS, planar, others)
+    joints = {f"q{ending}": tuple(name + ending for name in subject.names) for ending in RATE_SUFFIXES}
+    body_1 = {name: own for name, own in LOG_ARRAYS.items() if name in _OF_BODY_1} if subject.base_names else {}
+    columns = tuple(dict.fromkeys(("t", *(column for own in (*body_1.values(), *joints.values()) for column in own))))
+    arrays = body_1 | {name: own for name, own in joints.items() if name not in columns}  # a joint may be called q
+    hinges = sorted(joint.name for joint in subject.joints if joint.unit == "rad")
+    judged = (_JUDGED_OF_BODY_1 if body_1 else {}) | dict.fromkeys(hinges, "angle")
+    units = _BODY_1_UNITS | {
+        joint.name + suffixes[k]: joint.unit + per
+        for joint in subject.joints
+        for k, per in enumerate(("", "/s", "/s^2"))
+    }
+    results = frozenset({*FRAME_OUTPUTS, "quat", "tau", "force1", "torque1"})
+    return LogLayout(arrays, columns, frozenset({"phi", *hinges}), judged, results, _WRITING, units)
+
+
 SMOOTHING_KEYS: Final = {
     "smooth": "",
     "loss": "whose outliers it makes count little",
@@ -148,26 +171,40 @@ _EULER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
+_OF_BODY_1: Final = frozenset({"quat_wxyz", *_POSITION, *_EULER, *_QUATERNION})
 _DEGREES: Final = 'unit = "deg" for {} in [motion.columns]'  # for messages
 _HEADINGS: Final = f'{_DEGREES} (unit = "compass" for headings clockwise from north)'
 
 
-def read_log(table: Table, folder: Path) -> PairMotion:
+def read_log(tables: Table, folder: Path, subject: Subject) -> Motion:
     """Return the motion of the log that [motion] names, as it is, smoothed or integrated."""
-    integrated = table.flag("integrate")
-    integration_keys = ("psi_0", "method", "S1_0")
-    for key in integration_keys:
-        if key in table.values and not integrated:
-            table.fail(key, "no such key without integrate = true, which integrates a log of rates")
-    keys = integration_keys if integrated else ("sequence",)
-    table.check_keys(("file", "columns", "ignore", "integrate", "frame", "constants", *SMOOTHING_KEYS, *keys))
-    smoothed = is_smoothed(table)
-    if smoothed and integrated:
+    table = tables.table("motion")
+    if subject.planar:
+        table.fail(
+            "file",
+            "no such key beside planar = true: without it, u1 and u2 have three numbers, n = [0, 0, 1], and a log in "
+            "the plane needs no z, phi_x and phi_y",
+        )
+    if "time" in tables.values:
+        tables.fail("time", "no such table, since the column t of motion.file has the instants")
+    integrated = subject.pair is not None and table.flag("integrate")
+    options = ("file", "columns", "ignore", *SMOOTHING_KEYS)
+    given: tuple[str, ...] = ()
+    if isinstance(subject, MechanismSubject):
+        subject.check_joint_names(table, options)
+        given = subject.base_names
+    else:
+        integration_keys = ("psi_0", "method", "S1_0")
+        for key in integration_keys:
+            if key in table.values and not integrated:
+                table.fail(key, "no such key without integrate = true, which integrates a log of rates")
+        options = (*options, "integrate", *(integration_keys if integrated else ()))
+    table.check_keys((*options, "frame", *(() if integrated else ("sequence",)), *given))
+    smooths = is_smoothed(table)
+    if smooths and integrated:
         table.fail("smooth", "no such key together with integrate: smoothing computes all rates")
-    log = Log(log_path(table, folder), _PAIR_LOG_LAYOUT, table)
-    if smoothed:
-        return _read_smoothed_motion(table, log)
-    return _integrate_rates(table, log) if integrated else _read_stated_motion(table, log)
+    log = Log(log_path(table, folder), log_layout(subject), table)
+    return _integrate_rates(table, log) if integrated else _read_samples(table, log, subject, smooths)
 
 
 def is_smoothed(table: Table) -> bool:
@@ -302,7 +339,7 @@ class Log(NamedSource):
         """Add what a log of a motion in the plane leaves out, as zeros; a note on them starts with `absence`."""
         added = planar_zeros(self.columns, self.layout.planar, self._sequence)
         self.columns |= dict.fromkeys(added, np.zeros(len(self.columns["t"])))
-        if self.layout is _PAIR_LOG_LAYOUT and "psi" in self.columns and {*self.columns} <= {"t", *HINGE_NAMES}:
+        if self.layout.planar and "psi" in self.columns and {*self.columns} <= {"t", *HINGE_NAMES}:
             order = max(k for k, name in enumerate(HINGE_NAMES) if name in self.columns)
             at_rest = [name for names in (_POSITION, _EULER) for name in names[: order + 1]]
             zeros = np.zeros(len(self.columns["t"]))
@@ -390,87 +427,105 @@ class Log(NamedSource):
         return np.asarray(quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False))
 
 
-def _read_stated_motion(table: Table, log: Log) -> PairMotion:
-    """Return the motion of a log, with derivatives up to the highest order that the log has."""
-    attitude = _attitude_names(log)
+def _read_samples(table: Table, log: Log, subject: Subject, smooths: bool) -> Motion:
+    """Return the motion of the samples of a log, with derivatives up to the highest order that the log has, or that
+    smoothing finds.
+    """
+    attitude = _attitude_names(log, required=subject.pair is not None)
     if attitude is _QUATERNION and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
-    parts = {
-        names: log.quantity_and_rates(names)
-        for names in (
-            _POSITION,
-            attitude,
-            HINGE_NAMES,
-        )
-    }
-    level, frame = _highest_derivative(log, parts), _velocity_frame(table, log)
+    groups = (_POSITION, attitude) if attitude else ()
+    parts = {names[0]: log.quantity_and_rates(names) for names in groups}
+    for name in subject.names:
+        names = tuple(name + ending for ending in RATE_SUFFIXES)
+        if subject.pair is not None or not {*names}.isdisjoint(log.columns):
+            groups = (*groups, names)
+            parts[name] = log.quantity_and_rates(names)
+    joints = tuple(name for name in subject.names if name in parts)
+    if not joints:
+        log.refuse(subject.names[0] if subject.names else "t", "a column for each joint that moves", "none of them")
     sequence = table.choice("sequence", SEQUENCE_NAMES, "XYZ")
-    source: PairMotionSource
+    functions: tuple[FunctionsOfTime, ...] = ()
+    base: Any = None
+    if smooths:
+        return _smoothed_motion(table, log, subject, parts, attitude, sequence)
+    level, frame = _highest_derivative(log, groups, parts), _velocity_frame(table, log)
+    how = ""
     if attitude is _EULER:
-        rows = tuple(_seven_coordinates([part[names[i]] for names, part in parts.items()]) for i in range(level + 1))
-        source, how = MotionByCoordinates(log.t.size, rows, sequence), euler_axes_phrase(sequence)
-    else:
-        arrays = {name: array for part in parts.values() for name, array in part.items()}
+        rows = [_columns(parts["R1"][_POSITION[i]], parts["phi"][_EULER[i]]) for i in range(level + 1)]
+        base = EulerBase(tuple(rows), sequence)
+        how = base_phrase(base, sequence)
+    elif attitude is _QUATERNION:
+        arrays = parts["R1"] | parts["quat_xyzw"]
         arrays["S1"] = log.rotations(arrays["quat_xyzw"])
         if frame == "body":
-            rate_names = [name for name in _QUATERNION[1:] if name in arrays]
-            arrays |= {name: rotate_to_world(arrays["S1"], arrays[name]) for name in rate_names}
-        source, how = motion_by_body1(arrays), "attitude as quaternions"
-    if not level:
+            rates = [name for name in _QUATERNION[1:] if name in arrays]
+            arrays |= {name: rotate_to_world(arrays["S1"], arrays[name]) for name in rates}
+        base = known_by_body1((), ((),) * (level + 1), arrays).base
+        how = "attitude as quaternions"
+    elif subject.pair is None:
+        base_functions, _ = read_base(table, subject)
+        functions = () if base_functions is None else (base_functions,)
+        base = base_at(base_functions, sequence, log.t, level)
+    rests = subject.rests
+    rows_of_joints = tuple(
+        tuple(
+            _float_if_constant(parts[name][name + RATE_SUFFIXES[k]]) if name in parts else rests[name] * (k == 0)
+            for name in subject.names
+        )
+        for k in range(level + 1)
+    )
+    if not level and subject.pair is not None:
         log.notes.append("the log has no rates: smooth = true in [motion] gives v2, a2, ...")
-    return PairMotion(
+    return Motion(
         t=log.t,
-        source=source,
+        source=Known(subject.names, log.t.size, rows_of_joints, base),
         origin="samples in a file",
-        how=how,
+        how=how if subject.pair is not None else "",
         hint=log.hint,
         notes=tuple(log.notes),
+        functions=functions,
+        moving=joints,
     )
 
 
-def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
-    """Return the motion that smoothing of position, attitude and psi finds, with first and second derivatives."""
-    attitude = _attitude_names(log)
-    read = {
-        "t",
-        *(
-            column
-            for names in (
-                _POSITION,
-                attitude,
-                HINGE_NAMES,
-            )
-            for column in LOG_ARRAYS.get(names[0], names[:1])
-        ),
-    }
+def _smoothed_motion(
+    table: Table, log: Log, subject: Subject, parts: Mapping[str, Part], attitude: tuple[str, ...], sequence: str
+) -> Motion:
+    """Return the motion that smoothing of poses and coordinates finds, with first and second derivatives."""
+    read = {"t", *(column for name in parts for column in log.layout.columns_of(name)), *LOG_ARRAYS["quat_xyzw"]}
     for column in log.columns:
         if column not in read:
-            log.refuse(
-                column, "samples of x, y, z, of an attitude and of psi, since motion.smooth is true", "a column"
-            )
-    euler_keys = ("sequence",) if attitude is _EULER else ()
-    table.check_keys(("file", "columns", "ignore", "constants", *SMOOTHING_KEYS, *euler_keys))
-    R1, turns, psi = (
-        log.quantity_and_rates(names)[names[0]]
-        for names in (
-            _POSITION,
-            attitude,
-            HINGE_NAMES,
+            of_pair = "samples of x, y, z, of an attitude and of psi"
+            wanted = of_pair if subject.pair is not None else "coordinates of joints alone"
+            log.refuse(column, f"{wanted}, since motion.smooth is true", "a column")
+    samples: dict[str, Any] = {name: parts[name][name] for name in subject.names if name in parts}
+    if attitude:
+        turns = parts[attitude[0]][attitude[0]]
+        S1 = np.asarray(euler_to_matrix(turns, sequence)) if attitude is _EULER else log.rotations(turns)
+        samples = {"body": BodyMotion(R=parts["R1"]["R1"], S=S1), **samples}
+    found = dict(zip(samples, smoothed(table, log, samples), strict=True))
+    base_functions, _ = (None, None) if attitude else read_base(table, subject)
+    base = found.pop("body") if attitude else base_at(base_functions, sequence, log.t, ACCELERATION)
+    if isinstance(base, BodyMotion):
+        base = BodyMotion(**{letter: getattr(base, letter) for letter in ("R", "S", "v", "omega", "a", "alpha")})
+    rests = subject.rests
+    joints = tuple(
+        tuple(
+            _float_if_constant(np.asarray(found[name][k])) if name in found else rests[name] * (k == 0)
+            for name in subject.names
         )
+        for k in range(3)
     )
-    if attitude is _EULER:
-        S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCE_NAMES, "XYZ")))
-    else:
-        S1 = log.rotations(turns)
-    body, angle = smoothed(table, log, {"body": BodyMotion(R=R1, S=S1), "psi": psi})
-    arrays = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
-    arrays |= dict(zip(HINGE_NAMES, angle, strict=True))
-    return PairMotion(
+    is_pair = subject.pair is not None
+    return Motion(
         t=log.t,
-        source=motion_by_body1(arrays),
-        origin="samples in a file",
-        how="smoothed, with their rates",
+        source=Known(subject.names, log.t.size, joints, base),
+        origin="samples in a file" if is_pair else "samples in a file, smoothed, with their rates",
+        how="smoothed, with their rates" if is_pair else "",
         notes=tuple(log.notes),
+        functions=() if base_functions is None else (base_functions,),
+        moving=tuple(found),
     )
 
 
@@ -568,7 +623,7 @@ def _cut_sentences(t: Float64Array, samples_by_name: Mapping[str, NDArray[Any]],
     return [f"{', '.join(names)}: {sentence}" for sentence, names in names_by_sentence.items()]
 
 
-def _integrate_rates(table: Table, log: Log) -> PairMotion:
+def _integrate_rates(table: Table, log: Log) -> Motion:
     """Return the motion by rates (E12); without columns of its position, body 1 stays at the origin."""
     rates = (
         _QUATERNION[1:],
@@ -600,35 +655,38 @@ def _integrate_rates(table: Table, log: Log) -> PairMotion:
     return replace(integrate_motion(table, log.since, signals, arrays, notes=tuple(log.notes)), t=log.t)
 
 
-def _attitude_names(log: Log) -> tuple[str, ...]:
-    """Return _EULER or _QUATERNION, whichever the log has; refuse both and neither."""
+def _attitude_names(log: Log, *, required: bool) -> tuple[str, ...]:
+    """Return _EULER or _QUATERNION, whichever the log has; refuse both and, if `required`, neither."""
     euler = any(column in log.columns for column in LOG_ARRAYS["phi"])
     attitude_names, other_names = (_EULER, _QUATERNION) if euler else (_QUATERNION, _EULER)
     if not euler and not any(column in log.columns for column in LOG_ARRAYS["quat_xyzw"]):
+        if not required and not any(column in log.columns for column in LOG_ARRAYS["R1"]):
+            return ()
         hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in log.columns else ""
         log.refuse("phi_x", f"columns phi_x, phi_y, phi_z, or qx, qy, qz, qw{hint}", "neither")
     for column in (column for name in other_names for column in LOG_ARRAYS[name]):
         if column in log.columns:
-            log.refuse(
-                column,
-                f"no such column in a log with {LOG_ARRAYS[attitude_names[0]][0]}",
-                "a column",
-            )
+            log.refuse(column, f"no such column in a log with {LOG_ARRAYS[attitude_names[0]][0]}", "a column")
     return attitude_names
 
 
-def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part]) -> int:
+def _highest_derivative(log: Log, groups: tuple[tuple[str, ...], ...], parts: Mapping[str, Part]) -> int:
     """Return the highest derivative order, 0 to 2, that any quantity has; refuse a log in which another lacks it."""
-    level = max(i for names, part in arrays_by_quantity.items() for i in range(3) if names[i] in part)
-    for names, part in arrays_by_quantity.items():
+    level = max(i for names in groups for i in range(3) if names[i] in parts[names[0]])
+    for names in groups:
         for name in names[: level + 1]:
-            if name not in part:
+            if name not in parts[names[0]]:
                 column = log.layout.columns_of(name)[0]
                 log.refuse(column, "a column, since the log has other rates", "no such column")
     return level
 
 
-def _seven_coordinates(parts: list[Float64Array]) -> tuple[float | Float64Array, ...]:
-    """Return the columns of position (N, 3), Euler angles (N, 3) and psi (N,); floats for what does not change."""
-    columns = [np.ascontiguousarray(column) for column in np.column_stack(parts).T]
-    return tuple(float(column[0]) if (column == column[0]).all() else column for column in columns)
+def _columns(position: Float64Array, angles: Float64Array) -> tuple[float | Float64Array, ...]:
+    """Return the columns of position (N, 3) and Euler angles (N, 3); floats for what does not change."""
+    return tuple(_float_if_constant(column) for column in np.column_stack((position, angles)).T)
+
+
+def _float_if_constant(column: Float64Array) -> float | Float64Array:
+    """Return a column, or one float if all its values are equal."""
+    column = np.ascontiguousarray(column)
+    return float(column[0]) if (column == column[0]).all() else column

@@ -1,55 +1,96 @@
-"""The motion of a scene, whatever it comes from: its parts, its errors, and what is noted about it."""
+"""The motion of a scene, whatever it comes from: its instants, its source, its errors, and what is noted about it."""
 
 from __future__ import annotations
 
-import abc
 import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
-from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.mechanism.results import MAX_HELD_INSTANTS
 from hingepair.motion.run import Impact
-from hingepair.motion.simulated import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.motion.trajectory import Deferred
-from hingepair.numeric.arrays import Float64Array
-from hingepair.scenes.instants import Instants, Rows
-from hingepair.scenes.motions.known import KnownMotion
+from hingepair.numeric.arrays import Float64Array, read_only
+from hingepair.scenes.motions.known import Known, Rows
+from hingepair.scenes.tables import Key, Table
 from hingepair.tables.sheets import instant_text
 from hingepair.tables.units import SI, Units
 
-PRESCRIBED: Final = "prescribed"
-"""Value of `base` in [dynamics] for a body 1 that moves as [motion] says."""
+MAX_SAMPLES: Final = 1_000_000_000
+"""Largest number of instants of a scene; results of many go into a file block by block."""
 
 
-class MotionSource(Protocol):
-    """Protocol of a motion at all instants of a scene."""
+@dataclass(frozen=True, slots=True)
+class UniformInstants:
+    """Evenly spaced instants [s] from `start` to `stop`, both included, worked out where they are needed.
 
-    @property
-    def level(self) -> int:
-        """Order of the highest derivative that the motion has: 0, 1 or 2."""
+    >>> UniformInstants(0.0, 1.0, 5)[1:3]
+    array([0.25, 0.5 ])
+    """
 
-    def part(self, rows: Rows, order: int, /) -> Any:
-        """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
+    start: float
+    stop: float
+    samples: int
+
+    def __len__(self) -> int:
+        return self.samples
+
+    def __getitem__(self, rows: int | Rows) -> Any:
+        """Return one instant as a float64, or an array of the instants with the given indices."""
+        if isinstance(rows, slice):
+            numbers: Any = np.arange(*rows.indices(self.samples), dtype=np.float64)
+        else:
+            numbers = np.asarray(rows, dtype=np.float64)
+            if ((numbers < -self.samples) | (numbers >= self.samples)).any():
+                raise IndexError(f"index out of range for {self.samples} instants")
+            numbers = numbers % self.samples
+        step = (self.stop - self.start) / max(self.samples - 1, 1)
+        instants: Float64Array = numbers * step + self.start
+        last = (numbers == self.samples - 1) & (self.samples > 1)
+        return np.where(last, self.stop, instants)[()]
 
 
-class PairMotionSource(MotionSource, Protocol):
-    """Protocol of a pair's motion at all instants of a scene."""
+Instants: TypeAlias = UniformInstants | Float64Array
+"""Increasing instants [s]."""
 
-    @property
-    def sequence(self) -> str | None:
-        """Euler sequence of body 1, such as "XYZ"; None if its attitude is not given by three Euler angles."""
 
-    def part(self, rows: Rows, order: int, /) -> KnownMotion:
-        """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
+def read_instants(time: Table) -> UniformInstants:
+    """Return the instants that the keys start, stop and samples of the Table [time] define."""
+    keys: dict[str, Key] = {"start": Table.number, "stop": Table.number, "samples": _read_sample_count}
+    start, stop, samples = time.read(keys, required=keys).values()
+    if not 0 <= stop - start < np.inf:
+        time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
+    if samples == 1 and stop > start:
+        time.fail("samples", f"at least 2, from start = {start!r} to stop = {stop!r}, or stop = start")
+    closest = 2 * float(np.spacing(max(abs(start), abs(stop))))
+    if samples > 1 and 0 < stop - start < (samples - 1) * closest:
+        time.fail("samples", f"fewer: near t = {stop:.9g} s, floats tell instants {closest:.2g} s apart")
+    return UniformInstants(start, stop, samples)
+
+
+def read_instants_array(time: Table) -> Float64Array:
+    """Return the instants of the Table [time] as a read-only array (samples,) s; refuse more than memory holds."""
+    t = read_instants(time)
+    if len(t) > MAX_HELD_INSTANTS:
+        most = f"at most {MAX_HELD_INSTANTS} where a motion is integrated, which is done in memory"
+        time.fail("samples", most)
+    return np.asarray(read_only(t[:]))
+
+
+def _read_sample_count(time: Table, key: str) -> int:
+    """Return the integer from 1 to MAX_SAMPLES under a key of [time]; 1e6 is one, too."""
+    value: Any = time.values.get(key)
+    if type(value) is float and value.is_integer():
+        value = int(value)
+    if type(value) is not int or not 1 <= value <= MAX_SAMPLES:
+        time.fail(key, f"an integer from 1 to {MAX_SAMPLES}")
+    return value
 
 
 class LazyValue(Deferred):
@@ -71,8 +112,23 @@ class LazyValue(Deferred):
         return self._value
 
 
+class MotionSource(Protocol):
+    """A motion at all instants of a scene: functions of t, or a `Known` motion."""
+
+    @property
+    def level(self) -> int:
+        """Order of the highest derivative that the motion has: 0, 1 or 2."""
+
+    @property
+    def sequence(self) -> str | None:
+        """Euler sequence of the base; None if its attitude is not given by three Euler angles."""
+
+    def part(self, rows: Rows, order: int, /) -> Known:
+        """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Motion(abc.ABC):
+class Motion:
     """Motion at the instants of a scene."""
 
     #: instants [s]
@@ -81,6 +137,10 @@ class Motion(abc.ABC):
     source: MotionSource
     #: where the motion comes from, in words
     origin: str
+    #: how body 1 turns, or how the motion was computed, in words; may be empty
+    how: str = ""
+    #: names of the joints that the scene moves
+    moving: tuple[str, ...]
     #: how to get derivatives that are missing, for messages
     hint: str = ""
     #: functions of t that define the motion; they tell in which intervals they have kinks
@@ -91,8 +151,10 @@ class Motion(abc.ABC):
     errors: Mapping[str, LazyValue] = field(default_factory=dict)
     #: why an error is unknown, in words; otherwise empty
     doubt: str = ""
-    #: the simulated motion; None if the motion was not simulated
+    #: the simulated motion, a SimulatedRobotMotion; None if the motion was not simulated
     simulated: Any = None
+    #: what acts at joints beside their motors, by name
+    loads: Mapping[str, HingeLoad] = field(default_factory=dict)
 
     @property
     def error_estimate(self) -> float:
@@ -100,8 +162,15 @@ class Motion(abc.ABC):
         unknown = [math.nan] * bool(self.doubt)
         return float(np.max([error() for error in self.errors.values()] or unknown, initial=0.0))
 
-    def with_error(self, how: str) -> str:
-        """Return `how` the motion was computed, with its estimated error if it has any."""
+    @property
+    def level(self) -> int:
+        """Order of the highest derivative that the motion has: 0, 1 or 2."""
+        return self.source.level
+
+    @property
+    def description(self) -> str:
+        """How body 1 turns or how the motion was computed, with the estimated error of a computed motion."""
+        how = self.how or self.origin
         if not self.errors:
             return how
         estimates = ", ".join(f"{error():.1g} {unit}" for unit, error in self.errors.items())
@@ -120,52 +189,12 @@ class Motion(abc.ABC):
             )
         return tuple(notes)
 
-    @property
-    def level(self) -> int:
-        """Order of the highest derivative that the motion has: 0, 1 or 2."""
-        return self.source.level
-
-    @property
-    def description(self) -> str:
-        """Where the motion comes from, or how it was computed, for reports."""
-        return self.origin
-
     def count_kinks(self, start: int, stop: int) -> int:
         """Return the number of intervals that end at the instants start to stop - 1 and contain a kink or a jump of a
         function of t.
         """
         t = self.t[max(start - 1, 0) : stop]
         return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PairMotion(Motion):
-    """Motion of a pair at the instants of a scene."""
-
-    source: PairMotionSource
-    #: how body 1 turns, or how the motion was computed, in words
-    how: str
-    #: the simulated motion; None if the motion was not simulated
-    simulated: SimulatedMotion | SimulatedPlanarMotion | None = None
-    #: lower and upper stop of the simulated hinge [rad]; infinite without a stop
-    stops: tuple[float, float] = (-math.inf, math.inf)
-    #: spring, damper, friction and stops beside a given psi, in whose forces they are told from the motor's torque
-    hinge_load: HingeLoad | None = None
-    #: gravity in space [m/s^2] beside a given psi; None for the pair's default
-    fall: tuple[float, ...] | None = None
-
-    @property
-    def description(self) -> str:
-        """How body 1 turns or how the motion was computed, with the estimated error of a computed motion."""
-        return self.with_error(self.how)
-
-    def gravity(self, pair: HingePair | PlanarPair) -> tuple[float, ...]:
-        """Return the gravity in space [m/s^2]: that of [dynamics], otherwise the pair's default."""
-        if self.simulated:
-            return self.simulated.gravity
-        if self.fall is not None:
-            return self.fall
-        return (*PLANAR_GRAVITY, 0.0) if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY
 
 
 class LimitCounter:
@@ -184,15 +213,15 @@ class LimitCounter:
         shown: str,
         limits: tuple[float, float],
         unit: str,
-        values: Callable[[Any], Float64Array],
+        values: Callable[[Known], Float64Array],
         stops: tuple[float, float] = (-math.inf, math.inf),
     ) -> None:
-        self._shown, self._limits, self._unit, self._values = shown, limits, unit, values
-        self._stops = stops
+        self.shown, self._limits, self._unit, self._values = shown, limits, unit, values
+        self.stops = stops
         self._outside, self._first = 0, (math.nan, math.nan)
         self.least, self.most = math.inf, -math.inf
 
-    def add(self, t: Float64Array, known: Any) -> None:
+    def add(self, t: Float64Array, known: Known) -> None:
         """Update the counter and the extremes with the known motion at further instants t."""
         values = self._values(known)
         self.least = float(np.fmin.reduce(values, initial=self.least))
@@ -213,13 +242,13 @@ class LimitCounter:
         factor, unit = units.factor(self._unit), units.unit(self._unit)
         lower, upper = self._limits
         when = f"at {self._outside} of {instant_count} instants"
-        if (self.least >= lower or self._stops[0] >= lower) and (self.most <= upper or self._stops[1] <= upper):
-            depth = factor * max(self._stops[0] - self.least, self.most - self._stops[1])
-            yield f"{self._shown} presses into its stops, which are springs, {when}, {depth:.3g} {unit} deep at most"
+        if (self.least >= lower or self.stops[0] >= lower) and (self.most <= upper or self.stops[1] <= upper):
+            depth = factor * max(self.stops[0] - self.least, self.most - self.stops[1])
+            yield f"{self.shown} presses into its stops, which are springs, {when}, {depth:.3g} {unit} deep at most"
         else:
             t, value = self._first
             yield (
-                f"{self._shown} leaves its limits, {factor * lower:g} to {factor * upper:g} {unit}, {when}, "
+                f"{self.shown} leaves its limits, {factor * lower:g} to {factor * upper:g} {unit}, {when}, "
                 f"first at t = {instant_text(t)} s ({factor * value + 0.0:.6g})"
             )
 
@@ -255,8 +284,3 @@ def non_finite_sentences(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
     lost = int((~np.logical_and.reduce(finite)).sum())
     if lost:
         yield f"{lost} of {len(finite[0])} instants have forces that are not finite; ranges are those of the others"
-
-
-def euler_axes_phrase(sequence: str) -> str:
-    """Return a phrase for reports that names the axes of the Euler angles of body 1, from letters such as XYZ."""
-    return f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}"

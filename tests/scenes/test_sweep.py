@@ -17,10 +17,10 @@ import hingepair as hp
 pytest.importorskip("dask.distributed", reason="the extra dask is not installed")
 
 import pyarrow.parquet as pq
+from hingepair.scenes.variants import stores
+from hingepair.scenes.variants import sweep as sweeps
+from hingepair.scenes.variants.sweep import load_sweep, run_sweep
 
-from hingepair.sweeps import stores
-from hingepair.sweeps import sweep as sweeps
-from hingepair.sweeps.sweep import load_sweep, run_sweep
 from support.commands import refusal, run_command
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
@@ -67,8 +67,8 @@ samples = 5
 THROWN = ARM.replace("[motion]\n", "[old]\n").partition("[old]")[0] + """
 [dynamics]
 base = "fixed"
-psi_0 = 0.2
-psid_0 = 0
+psi.q_0 = 0.2
+psi.qd_0 = 0
 [time]
 start = 0
 stop = 1
@@ -171,7 +171,7 @@ KINDS = {
     "motion": ("arm", ARM, "constants.speed", ("speed = 1.5", "speed = {}"), "omega2"),
     "time": ("arm", ARM, "time.stop", ("stop = 3", "stop = {}"), "R2"),
     "coordinates": ("arm", ARM, "pair.u2[0]", ("u2 = [-0.25", "u2 = [{}"), "q"),
-    "dynamics": ("thrown", THROWN, "dynamics.psi_0", ("psi_0 = 0.2", "psi_0 = {}"), "psi"),
+    "dynamics": ("thrown", THROWN, "dynamics.psi.q_0", ("psi.q_0 = 0.2", "psi.q_0 = {}"), "psi"),
     "payload": ("crane", CRANE, "mechanism.payload.boom.mass", ("mass = 1\n", "mass = {}\n"), "tau"),
     "joint": ("crane", CRANE, "joint[0].u1[0]", ("u1 = [0, 0, 1]", "u1 = [{}, 0, 1]"), "R"),
 }
@@ -387,7 +387,7 @@ def test_a_scheduler_that_is_named_computes_all_chunks(scheduler, monkeypatch):
 
 
 def test_stops_of_a_given_motion_follow_swept_limits(tmp_path):
-    text = ARM.replace("n = [1, 2, 0]", "n = [1, 2, 0]\nlimits = [-1, 0.5]") + "[dynamics]\nstops = true\n"
+    text = ARM.replace("n = [1, 2, 0]", "n = [1, 2, 0]\nlimits = [-1, 0.5]") + "[dynamics]\npsi.stops = true\n"
     (tmp_path / "arm.toml").write_text(text)
     (tmp_path / "sweep.toml").write_text(
         'scene = "arm.toml"\noutputs = ["stop_torque"]\nreduce = ["absmax"]\n'

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import hashlib
 import itertools
 import json
-import os
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -21,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import execution_of
-from hingepair.errors import ArgumentError, HingePairError, SceneError, choices, quoted
+from hingepair.errors import ArgumentError, HingePairError, SceneError, quoted
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.optional import require
-from hingepair.scenes.load import SceneFile
+from hingepair.scenes.load import load_scene
 from hingepair.scenes.tables import Table, read_tables
-from hingepair.sweeps.designs import DESIGN_NAMES, design_values, read_varied_number
-from hingepair.sweeps.reductions import REDUCTIONS, is_reduction, reduce_arrays
-from hingepair.sweeps.stores import Store, check_package
-from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
+from hingepair.scenes.variants.designs import DESIGN_NAMES, design_values, read_varied_number
+from hingepair.scenes.variants.reductions import check_reductions, reduce_arrays
+from hingepair.scenes.variants.stores import Store, check_package
+from hingepair.scenes.variants.vary import MAX_STATES, VariantTask, number_path
 from hingepair.tables.units import Columns, Units
 
 # Keys that the file of a sweep may have.
@@ -46,8 +44,6 @@ _SWEEP_FILE_KEYS: Final = (
     "vary",
 )
 _SCENE_TABLES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
-# States (variants times instants) whose arrays are in memory at a time, unless one variant has more.
-_MAX_STATES: Final = 200_000
 _TIMEOUT: Final = 10.0  # s; a scheduler that does not answer until then is given up
 
 Progress = Callable[[int, int], None]
@@ -96,14 +92,8 @@ class SweepWarning(UserWarning):
 class SweepTask:
     """Part of a sweep that is sent to workers."""
 
-    #: path of the scene file
-    path: str
-    #: tables of the scene file as JSON text
-    tables: str
-    #: keys of the varied numbers, as the sweep file writes them
-    keys: tuple[str, ...]
-    #: names of the outputs to compute; None for all that the scene has
-    outputs: tuple[str, ...] | None
+    #: the scene, its varied numbers and its outputs
+    variants: VariantTask
     #: names of the reductions to store; empty to store the outputs at all instants
     reductions: tuple[str, ...]
     #: units of results and levels in place of SI units
@@ -122,17 +112,17 @@ def load_sweep(path: str | Path, units: str | None = None) -> Sweep:
         raise SceneError(table.file, "a sweep, whose key scene names a scene", "a scene (hingepair run computes it)")
     table.check_keys(_SWEEP_FILE_KEYS)
     scene_path = Path(path).parent / table.file_name("scene")
-    scene = read_tables(scene_path)
+    scene = load_scene(scene_path)
     design = table.choice("design", DESIGN_NAMES)
-    entries = table.values.get("vary")
-    if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
-        table.fail("vary", "tables [[vary]], one for each number that is varied")
-    tables = [Table(table.file, f"vary[{i}]", values, table.constants) for i, values in enumerate(entries)]
+    expected = "tables [[vary]], one for each number that is varied"
+    tables = [
+        replace(entry, name=f"vary[{i}]") for i, entry in enumerate(table.tables("vary", expected))
+    ] or table.fail("vary", expected)
     varied = tuple(read_varied_number(entry, design) for entry in tables)
     for i, (entry, number) in enumerate(zip(tables, varied, strict=True)):
         if number.key in {other.key for other in varied[:i]}:
             entry.refuse("key", "a number that is varied once", quoted(number.key))
-        check_number_path(entry, scene.values, parse_key(entry, number.key))
+        number_path(entry, scene.tables.values, number.key)
     samples, seed, chunk_size = (
         _read_whole_number(table, key, minimum) for key, minimum in (("samples", 1), ("seed", 0), ("chunk", 1))
     )
@@ -141,60 +131,44 @@ def load_sweep(path: str | Path, units: str | None = None) -> Sweep:
             if name in table.values:
                 table.refuse(name, 'no such key of a grid (design = "random" or "sobol" has it)', table.values[name])
     numbers = design_values(table, design, varied, samples, seed or 0)
-    reductions = _read_names(table, "reduce") or ()
-    for name in reductions:
-        if not is_reduction(name):
-            table.refuse(
-                "reduce",
-                f"{choices(REDUCTIONS)}; of quantiles any, such as q2.5",
-                quoted(name),
-            )
-    files = (Path(path), *SceneFile(scene_path).files)
-    contents = json.dumps(scene.values, default=str)  # in order: constants and frames may be made of earlier ones
-    task = SweepTask(
-        path=os.path.abspath(scene_path),  # workers may have another working directory
-        tables=contents,
-        keys=tuple(number.key for number in varied),
-        outputs=_read_names(table, "outputs"),
-        reductions=reductions,
-        units=_read_units(table) if units is None else units,
-    )
-    first = _variant_computer(task)
-    try:
-        _compute_any(first, numbers)  # says at once what cannot be computed
-    except ArgumentError as error:
-        named = error.name if isinstance(error, SceneError) else f"{scene_path.name}: {error.name}"
-        where = (
-            f"{_variant_text(task, 0, numbers[0])}: {named}" if error.name != "outputs" else table.label("outputs")
-        )
-        raise SceneError(where, error.expected, error.got) from None
+    names = 'a list of names such as ["R2", "hinge_torque"]'
+    with table.naming("reduce"):
+        reductions = check_reductions("reduce", table.names("reduce", names) or ())
+    outputs = table.names("outputs", names)
+    if outputs is not None:
+        with table.naming("outputs"):
+            scene.check_arrays(outputs)
+    keys = tuple(number.key for number in varied)
+    task = SweepTask(VariantTask.of(scene, keys, outputs), reductions, _read_units(table) if units is None else units)
+    _check_any(task, numbers, scene_path.name)
     if chunk_size is None:
         # At least four chunks and about 1000 at most, of as many variants as are computed at once where that fits.
-        variants_limit = max(len(numbers) // 1000, _MAX_STATES // first.samples)
+        variants_limit = max(len(numbers) // 1000, MAX_STATES // scene.samples)
         chunk_size = max(1, min(-(-len(numbers) // 4), variants_limit))
     return Sweep(
         title=table.text("title", default=f"{Path(path).stem}: {len(numbers)} variants of {scene_path.name}"),
         task=task,
-        keys=task.keys,
+        keys=keys,
         numbers=numbers,
         chunk=chunk_size,
-        identity=_identity_json(task, numbers, chunk_size, files[2:]),
-        files=files,
+        identity=_identity_json(task, numbers, chunk_size, scene.files[1:]),
+        files=(Path(path), *scene.files),
     )
 
 
-def _compute_any(computer: VariantComputer, numbers: Float64Array) -> None:
+def _check_any(task: SweepTask, numbers: Float64Array, scene_name: str) -> None:
     """Compute the first variant or, if that fails, others; raise the error of the first if ten fail."""
-    reason: ArgumentError | None = None
-    for row in numbers[:10]:
+    variants, reason = task.variants.variants(), None
+    for row in numbers[:10].tolist():
         try:
-            computer.compute(row)
+            variants.compute(row)
         except ArgumentError as error:
             reason = reason or error
         else:
             return
     if reason is not None:
-        raise reason
+        named = reason.name if isinstance(reason, SceneError) else f"{scene_name}: {reason.name}"
+        raise SceneError(f"{_variant_text(task, 0, numbers[0])}: {named}", reason.expected, reason.got)
 
 
 def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
@@ -217,16 +191,6 @@ def _read_units(table: Table) -> str:
     return text
 
 
-def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
-    """Return the names in the list under a key of a Table, each once, or None if the key is missing."""
-    value = table.values.get(key)
-    if value is None:
-        return None
-    if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
-        table.fail(key, 'a list of names such as ["R2", "hinge_torque"]')
-    return tuple(dict.fromkeys(value))
-
-
 def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data_files: Sequence[Path]) -> str:
     """Return JSON text of all that the results of a sweep depend on, the version of hingepair and hashes of the
     contents of `data_files` among it.
@@ -236,13 +200,13 @@ def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data
     digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in data_files}
     facts = {
         "hingepair": __version__,
-        "scene": json.loads(task.tables),
+        "scene": json.loads(task.variants.tables),
         "files": digests,
-        "vary": task.keys,
+        "vary": task.variants.keys,
         "values": hashlib.sha256(numbers.tobytes()).hexdigest(),
         "variants": len(numbers),
         "chunk": chunk_size,
-        "outputs": task.outputs,
+        "outputs": task.variants.outputs,
         "reduce": task.reductions,
         "units": task.units,
     }
@@ -402,18 +366,18 @@ def compute_chunk(
         "variant" (the index in the sweep), the varied numbers by key, and either the reductions, (variants,) each, or
         "t", (variants, samples), and the outputs, (variants, samples, ...).
     """
-    computer = _variant_computer(task)
-    step = max(1, _MAX_STATES // computer.samples)
+    shown = task.variants.variants().scene.in_units(task.units)
     parts: list[dict[str, NDArray[Any]]] = []
-    for start in range(0, len(numbers), step):
-        rows = numbers[start : start + step]
-        together = computer.compute_together(rows)
-        if together is None:
-            parts += _compute_one_by_one(computer, task, first_variant + start, rows)
-        else:
-            parts.append(_result_columns(*together, task, computer.in_units(task.units)))
+    done = first_variant
+    for t, arrays, reasons in task.variants.batches(numbers):
+        for i, reason in enumerate(reasons):
+            if reason:
+                where = _variant_text(task, done + i, numbers[done + i - first_variant])
+                warnings.warn(f"{where} is NaN: {reason}", SweepWarning, stacklevel=2)
+        parts.append(_result_columns(t, arrays, task, shown))
+        done += len(reasons)
     columns = {"variant": np.arange(first_variant, first_variant + len(numbers))}
-    columns |= {key: np.ascontiguousarray(numbers[:, k]) for k, key in enumerate(task.keys)}
+    columns |= {key: np.ascontiguousarray(numbers[:, k]) for k, key in enumerate(task.variants.keys)}
     try:
         return columns | {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     except (ValueError, KeyError):
@@ -421,24 +385,11 @@ def compute_chunk(
         raise ArgumentError(f"chunk {chunk_index}", expected, "variants that differ") from None
 
 
-def _compute_one_by_one(
-    computer: VariantComputer, task: SweepTask, first_variant: int, numbers: Float64Array
-) -> Iterator[dict[str, NDArray[Any]]]:
-    """Yield the columns of each variant, with one row; one that cannot be computed is NaN, and a warning says why."""
-    for i, row in enumerate(numbers):
-        try:
-            t, arrays = computer.compute(row)
-        except ArgumentError as error:
-            t, arrays = computer.compute_nothing()
-            where = _variant_text(task, first_variant + i, row)
-            warnings.warn(f"{where} is NaN: {error}", SweepWarning, stacklevel=2)
-        batch = {name: array[None] for name, array in arrays.items()}
-        yield _result_columns(t, batch, task, computer.in_units(task.units))
-
-
 def _variant_text(task: SweepTask, variant_index: int, numbers: Float64Array) -> str:
     """Return the text that names a variant in messages: its index and the values of its varied numbers."""
-    values = ", ".join(f"{key} = {value:.6g}" for key, value in zip(task.keys, numbers.tolist(), strict=True))
+    values = ", ".join(
+        f"{key} = {value:.6g}" for key, value in zip(task.variants.keys, numbers.tolist(), strict=True)
+    )
     return f"variant {variant_index} ({values})"
 
 
@@ -453,19 +404,3 @@ def _result_columns(
     count = len(next(iter(arrays.values())))
     whole = {"t": np.broadcast_to(t, (count, len(t))), **arrays}
     return {columns.heading(name): columns.converted(name, array) for name, array in whole.items()}
-
-
-_CACHE_LOCK = threading.Lock()  # the threads of a worker make one computer for all of them
-
-
-def _variant_computer(task: SweepTask) -> VariantComputer:
-    """Return the VariantComputer of a SweepTask, which each process makes once and caches."""
-    with _CACHE_LOCK:
-        return _cached_variant_computer(task)
-
-
-@functools.lru_cache(maxsize=4)
-def _cached_variant_computer(task: SweepTask) -> VariantComputer:
-    values = json.loads(task.tables)
-    keys = [parse_key(Table("", "", {}, {}), key) for key in task.keys]
-    return VariantComputer(task.path, values, keys, task.outputs)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hingepair.scenes.variants import sweep as sweeps
+from hingepair.scenes.variants.sweep import compute_chunk, load_sweep
 
 import hingepair as hp
-from hingepair.sweeps import sweep as sweeps
-from hingepair.sweeps.sweep import compute_chunk, load_sweep
 
 U = 2.0**-53
 CRANE = """

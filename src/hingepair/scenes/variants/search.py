@@ -7,7 +7,6 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,9 +15,8 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.load import load_scene
 from hingepair.scenes.scene import Scene
-from hingepair.scenes.tables import Table
-from hingepair.sweeps.reductions import REDUCTIONS, reduce_arrays, reduction_ending
-from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
+from hingepair.scenes.variants.reductions import REDUCTIONS, reduce_arrays, reduction_ending
+from hingepair.scenes.variants.vary import Variants, number_at
 from hingepair.tables.sheets import align_columns, cell_text
 
 Range = tuple[float, float] | None
@@ -102,7 +100,7 @@ def search(
 
     Args:
         scene: a Scene, or the path of its file.
-        vary: keys of the numbers, such as "dynamics.damping" or "pair.u1[0]", or a dict that gives a range (low,
+        vary: keys of the numbers, such as "dynamics.psi.damping" or "pair.u1[0]", or a dict that gives a range (low,
             high), or None, for each. Numbers without a range keep their sign.
         until: conditions such as "psi_t_below(0.01) = 5", "psid_min >= -0.2".
         minimize: the result that is to be smallest; needs ranges. Inequalities hold strictly where numbers are found.
@@ -147,7 +145,7 @@ def search(
         notes=(*(() if held else variants.doubts(x, conditions)), *ends),
         ok=held and not ends,
         evaluations=len(variants.known),
-        scene=variants.computer.scene(x),
+        scene=variants.variants.scene_of(x.tolist()),
     )
 
 
@@ -176,30 +174,21 @@ class _Variants:
         names: Sequence[str],
         units: str | None,
     ) -> None:
-        if isinstance(scene, Scene):
-            path = scene.files[0]
-        else:
-            path = Path(scene)
-            scene = load_scene(path)
-        values = dict(scene.tables.values)
+        scene = scene if isinstance(scene, Scene) else load_scene(scene)
         keys = [vary] if isinstance(vary, str) else list(vary)
         if not keys:
-            raise ArgumentError("vary", 'a key such as "dynamics.damping"', quoted(vary))
-        entry = Table("vary", "", {}, {})
-        steps = [parse_key(entry, key) for key in keys]
-        for one in steps:
-            check_number_path(entry, values, one)
+            raise ArgumentError("vary", 'a key such as "dynamics.psi.damping"', quoted(vary))
         self.keys: list[str] = keys
-        self.given = np.array([_number(key, values, one) for key, one in zip(keys, steps, strict=True)])
         ranges = [vary[key] if isinstance(vary, Mapping) else None for key in keys]
+        self._names = names
+        self._columns = [_column(name) for name in names]
+        self.variants = Variants(scene, keys, self._outputs_in(scene))
+        self.given = np.array([number_at(scene, path) for path in self.variants.paths])
         self.low, self.high = np.array([_ends(*each) for each in zip(keys, ranges, self.given, strict=True)]).T
         self.has_ranges = all(one is not None for one in ranges)
         self.start = np.clip(self.given, self.low, self.high)
         self.known: dict[bytes, list[float]] = {}
-        self._names = names
-        self._columns = [_column(name) for name in names]
-        self.computer = VariantComputer(str(path), values, steps, self._outputs_in(scene))
-        self._in_units = self.computer.in_units(units)
+        self._in_units = scene.in_units(units or "")
         self.results(self.start)  # says at once what cannot be computed
 
     def _outputs_in(self, scene: Scene) -> tuple[str, ...]:
@@ -232,7 +221,7 @@ class _Variants:
     def _computed(self, x: Float64Array) -> list[float]:
         """Compute the results at numbers x; NaN where that fails, but an error with the first numbers."""
         try:
-            t, arrays = self.computer.compute(x)
+            t, arrays = self.variants.compute(x.tolist())
         except ArgumentError:
             if not self.known:
                 raise
@@ -273,7 +262,10 @@ class _Variants:
                     f"anywhere in {self.low[0]:g}..{self.high[0]:g}" if one_range else "at any of the numbers tried"
                 )
                 yield f"{name} has no value {where}"
-        stop, unit = self._in_units.units.factor("s") * self.computer.scene(x).stop, self._in_units.unit("t")
+        stop, unit = (
+            self._in_units.units.factor("s") * self.variants.scene_of(x.tolist()).stop,
+            self._in_units.unit("t"),
+        )
         for place, one in enumerate(conditions):
             if self._columns[place][1].startswith("t_") and one.value >= stop:
                 yield f"{one} is not within the motion, which ends at t = {stop:.6g} {unit} (time.stop)"
@@ -298,16 +290,6 @@ def _column(name: str) -> tuple[str, str]:
     if reduction is None:
         raise ArgumentError("until", f"a result that ends in a reduction, _ and {choices(REDUCTIONS)}", quoted(name))
     return name[: -len(reduction) - 1], reduction
-
-
-def _number(key: str, values: Mapping[str, Any], steps: Sequence[str | int]) -> float:
-    """Return the number of a scene to which `steps` lead; refuse an expression."""
-    here: Any = values
-    for step in steps:
-        here = here[step]
-    if isinstance(here, str):
-        raise ArgumentError("vary", "the key of a number, not of an expression", f"{key} = {here!r}")
-    return float(here)
 
 
 def _ends(key: str, ends: Range, start: float) -> tuple[float, float]:
@@ -417,7 +399,7 @@ def _smallest(optimize: Any, variants: _Variants, aim: Any, conditions: Sequence
     penalty for what they miss, then, where that ends beyond a condition, a search up to it.
     """
     if not variants.has_ranges:
-        raise ArgumentError("vary", 'ranges, as in {"dynamics.damping": (0.1, 10)}, beside minimize', "none")
+        raise ArgumentError("vary", 'ranges, as in {"dynamics.psi.damping": (0.1, 10)}, beside minimize', "none")
     width = variants.high - variants.low
     count = len(width)
     if count == 1:

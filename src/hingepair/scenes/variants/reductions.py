@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.arrays import Float64Array
 from hingepair.tables.data_frames import column_names
 from hingepair.tables.units import IN_SI, Columns
@@ -48,6 +49,15 @@ def is_reduction(name: object) -> bool:
     return isinstance(name, str) and (
         name in _REDUCTIONS or any(pattern.fullmatch(name) for pattern in (_QUANTILE, _LEVEL))
     )
+
+
+def check_reductions(name: str, reductions: object) -> tuple[str, ...]:
+    """Return names of reductions as a tuple; refuse others, as the argument `name`."""
+    names = (reductions,) if isinstance(reductions, str) else tuple(reductions)  # type: ignore[arg-type]
+    for one in names:
+        if not is_reduction(one):
+            raise ArgumentError(name, f"{choices(REDUCTIONS)}; of quantiles any, such as q2.5", quoted(one))
+    return names
 
 
 def reduction_ending(column: str) -> str | None:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hingepair.scenes.variants.reductions import reduce_arrays
 from scipy.special import lambertw
 
 import hingepair as hp
-from hingepair.sweeps.reductions import reduce_arrays
 
 ARM = """
 title = "An arm that is raised"
@@ -43,10 +43,10 @@ mass = 1
 inertia = [1, 1, 1]
 [dynamics]
 base = "fixed"
-psi_0 = 1
-psid_0 = 0
-stiffness = 1
-damping = 3
+psi.q_0 = 1
+psi.qd_0 = 0
+psi.stiffness = 1
+psi.damping = 3
 [time]
 start = 0
 stop = 20
@@ -129,10 +129,10 @@ def test_the_damping_of_a_door_is_that_of_the_closed_form(tmp_path: Path) -> Non
     inertia = 1 + 0.45**2
     w = float(-1 - lambertw(-0.01 / np.e, -1).real) / 4
     path = tmp_path / "door.toml"
-    path.write_text(DOOR.replace("stiffness = 1", f"stiffness = {inertia * w**2:.17g}"))
-    found = hp.search(path, {"dynamics.damping": (inertia * w, 4 * inertia * w)}, "psi_t_below(0.01) = 4")
+    path.write_text(DOOR.replace("psi.stiffness = 1", f"psi.stiffness = {inertia * w**2:.17g}"))
+    found = hp.search(path, {"dynamics.psi.damping": (inertia * w, 4 * inertia * w)}, "psi_t_below(0.01) = 4")
     assert found.ok
-    np.testing.assert_allclose(found.values["dynamics.damping"], 2 * inertia * w, rtol=1e-4)
+    np.testing.assert_allclose(found.values["dynamics.psi.damping"], 2 * inertia * w, rtol=1e-4)
 
 
 @pytest.mark.slow
@@ -140,7 +140,7 @@ def test_a_time_just_before_the_end_of_the_motion_is_found(tmp_path: Path) -> No
     """With more damping, psi is not below the level before the motion ends, and the time is NaN."""
     path = tmp_path / "door.toml"
     path.write_text(DOOR.replace("stop = 20", "stop = 2"))
-    found = hp.search(path, "dynamics.damping", "psi_t_below(0.8) = 1.9")
+    found = hp.search(path, "dynamics.psi.damping", "psi_t_below(0.8) = 1.9")
     assert found.ok
     np.testing.assert_allclose(found.results["psi_t_below(0.8)"], 1.9, rtol=1e-9)
 
@@ -150,9 +150,9 @@ def test_an_inequality_that_decides_is_met_exactly(tmp_path: Path) -> None:
     """The lid of a hatch shuts in 5 s, and touches its frame at 0.08 m/s."""
     text = (Path(__file__).parents[2] / "models/hatch.toml").read_text()
     path = tmp_path / "hatch.toml"
-    text = text.replace("stops = true ", 'until = "psi"  # ').replace("stop_restitution = 0.2\n", "")
+    text = text.replace("psi.stops = true ", 'until = "psi"  # ').replace("psi.stop_restitution = 0.2\n", "")
     path.write_text(text.replace("stop = 6", "stop = 12").replace("samples = 601", "samples = 1201"))
-    keys = "dynamics.damping", "dynamics.stiffness"
+    keys = "dynamics.psi.damping", "dynamics.psi.stiffness"
     found = hp.search(path, keys, ("psi_t_below(0.001) = 5", "edge_v_z_last >= -0.08"))
     assert found.ok
     np.testing.assert_allclose(found.results["edge_v_z_last"], -0.08, rtol=1e-6)
@@ -210,9 +210,9 @@ n = [0, 0, 1]
 body2 = { mass = 25, shapes = [{ box = [0.9, 0.04, 2] }] }
 [dynamics]
 base = "fixed"
-psi_0 = 1.5
-stiffness = 10
-damping = 0
+psi.q_0 = 1.5
+psi.stiffness = 10
+psi.damping = 0
 [time]
 start = 0
 stop = 20
@@ -223,7 +223,7 @@ samples = 201
 @pytest.mark.slow
 def test_a_search_starts_from_a_number_that_is_zero(tmp_path):
     (tmp_path / "door.toml").write_text(FREE_DOOR)
-    found = hp.search(tmp_path / "door.toml", {"dynamics.damping": None}, "psi_t_below(0.02) = 5")
+    found = hp.search(tmp_path / "door.toml", {"dynamics.psi.damping": None}, "psi_t_below(0.02) = 5")
     assert found.ok
     assert found.results["psi_t_below(0.02)"] == pytest.approx(5, rel=1e-6)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hingepair.scenes.variants.tolerance import study_tolerances
 
 import hingepair as hp
-from hingepair.sweeps.tolerance import study_tolerances
 from support.commands import refusal, run_command
 
 MODELS = Path(__file__).parents[2] / "models"

@@ -1,0 +1,1 @@
+"""Many variants of a scene: numbers varied, swept, searched for, and their tolerances."""

@@ -1,0 +1,535 @@
+"""Variants of a scene: numbers of the file that have other values, computed together where the library can."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body_motion import motion_of_rotations
+from hingepair.numeric.arrays import Float64Array, real_array
+from hingepair.numeric.caching import lock_free_cached_property
+from hingepair.scenes.bodies import BODY_KEYS, construct_from_table, read_body, read_mechanism, with_payload
+from hingepair.scenes.load import load_scene, scene_from_tables, with_constants_evaluated
+from hingepair.scenes.motions.functions import FunctionSource
+from hingepair.scenes.motions.known import EulerBase, Known
+from hingepair.scenes.scene import Scene
+from hingepair.scenes.subjects.pair import PairSubject
+from hingepair.scenes.subjects.subject import Acting, Arrays, Subject
+from hingepair.scenes.tables import Table
+
+NumberPath: TypeAlias = tuple[str | int, ...]
+"""Keys and indices that lead to a number of a scene file: ("pair", "u1", 0) of "pair.u1[0]"."""
+
+MAX_STATES: Final = 200_000
+"""States (variants times instants) that are computed at a time."""
+
+# One part of the path to a number of a scene: a key, then indices in brackets. Each number has one spelling.
+_KEY_PART: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[(?:0|[1-9][0-9]{0,8})\])*)")
+_WORD: Final = re.compile(r"[A-Za-z_]\w*")
+
+
+def number_path(table: Table, values: Mapping[str, Any], key: str) -> NumberPath:
+    """Return the path of keys and indices that a key such as "pair.u1[0]" states. Raise a SceneError that names the
+    step that fails, on `key` of `table`, unless it leads to a number or an expression in the tables `values` of a
+    scene file.
+    """
+    path: list[Any] = []
+    for part in key.split("."):
+        match = _KEY_PART.fullmatch(part)
+        if match is None:
+            table.fail("key", 'names with dots, and places in brackets counted from 0, such as "pair.u1[0]"')
+        path.append(match[1])
+        path += [int(place) for place in re.findall(r"\d+", match[2])]
+    here: Any = values
+    for step in path:
+        if isinstance(here, dict) and step not in here:
+            known = tuple(map(str, here))
+            table.refuse("key", f"{choices(known)} at this place{nearest(str(step), known)}", repr(step))
+        if isinstance(here, list) and not isinstance(step, int):
+            table.refuse("key", f"a place in brackets after a list of {len(here)}, such as [0]", repr(step))
+        if isinstance(step, int) and (not isinstance(here, list) or step >= len(here)):
+            size = f"a list of {len(here)}" if isinstance(here, list) else "no list"
+            table.refuse("key", f"a place in a list: there is {size}", repr(step))
+        if not isinstance(here, dict | list):
+            table.refuse("key", "the key of a number of the scene", repr(key))
+        here = here[step]
+    if isinstance(here, bool) or not isinstance(here, int | float | str):
+        table.refuse("key", "the key of a number of the scene, or of an expression", repr(key))
+    return tuple(path)
+
+
+def number_at(scene: Scene, path: NumberPath) -> float:
+    """Return the number or constant expression of a scene to which a path leads."""
+    here: Any = scene.tables.values
+    for step in path:
+        here = here[step]
+    return Table("vary", "", {"number": here}, scene.tables.constants).number("number")
+
+
+def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """Return the scene with other numbers, as `Scene.with_values`."""
+    entry = Table("values", "", {}, {})
+    return changed(scene, [number_path(entry, scene.tables.values, key) for key in values], [*values.values()])
+
+
+def changed(scene: Scene, paths: Sequence[NumberPath], numbers: Sequence[Any]) -> Scene:
+    """Return the scene with these numbers; what they do not change is taken over."""
+    values = dict(scene.tables.values)
+    for root in {path[0] for path in paths}:
+        values[str(root)] = copy.deepcopy(values[str(root)])
+    for path, number in zip(paths, numbers, strict=True):
+        here: Any = values
+        for step in path[:-1]:
+            here = here[step]
+        here[path[-1]] = number
+    tables = replace(scene.tables, values=values)
+    roots = {path[0] for path in paths}
+    if roots & {"constants", "let"}:
+        tables = with_constants_evaluated(replace(tables, constants={}, let={}))
+    subject = scene.subject if roots <= {"motion", "time", "outputs", "title"} else None
+    motion = scene.motion if _keeps_motion(scene, paths) else None
+    return scene_from_tables(tables, scene.path, subject, motion)
+
+
+def _keeps_motion(scene: Scene, paths: Iterable[NumberPath]) -> bool:
+    """Return whether a given motion is the same whatever the numbers are: those of geometry and masses."""
+    resting = ("u1", "u2", "n", "home", "body1", "body2", "torque_limit", "rate_limit")
+    return scene.motion.simulated is None and all(
+        path[0] in ("pair", "outputs", "title")
+        or path[:2] in (("mechanism", "payload"), ("mechanism", "frames"))
+        or (path[0] == "joint" and len(path) > 2 and path[2] in resting)
+        for path in paths
+    )
+
+
+def vary(
+    scene: Scene | str | Path,
+    values: Mapping[str, ArrayLike],
+    outputs: Iterable[str] | None = None,
+    *,
+    reduce: Iterable[str] = (),
+    units: str | None = None,
+    client: Any = None,
+) -> Any:
+    """Compute a scene for all combinations of values of its numbers.
+
+    Variants that differ in geometry, masses or constants of the motion are computed together. A variant that cannot
+    be computed is NaN, and does not end the others.
+
+    Args:
+        scene: a Scene, or the path of its file.
+        values: values by the key of a number in the scene file, such as "pair.u1[0]", "pair.body2.mass",
+            "constants.speed", "joint[1].u1[2]" or "dynamics.psi.damping"; shape (n,) each.
+        outputs: names of outputs, as for `Scene.evaluate`, and of forces such as "hinge_torque"; by default those of
+            the scene.
+        reduce: what is kept of each component over the instants, such as "absmax", "last" or "t_below(0.1)"; all
+            instants by default.
+        units: units of the results in place of SI units, such as "deg, mm"; by default those of the scene.
+        client: `dask.distributed.Client` on whose cluster the variants are computed; by default this process does.
+
+    Returns:
+        An xarray.Dataset: an axis for each key, then `time` unless `reduce` is given, and the components of vectors
+        and matrices. `reason`, an array of texts over the keys, says why a variant is NaN.
+
+    Raises:
+        ArgumentError: a key leads to no number of the scene, or an output is unknown.
+
+    >>> import hingepair as hp
+    >>> values = {"pair.u1[0]": [0.3, 0.4], "pair.body2.mass": [20, 25, 30]}
+    >>> found = hp.vary("models/landing_gear.toml", values, ["R2"])
+    >>> dict(found.sizes)
+    {'pair.u1[0]': 2, 'pair.body2.mass': 3, 'time': 2401, 'xyz': 3}
+    """
+    from hingepair.numeric.optional import require
+    from hingepair.scenes.variants.reductions import check_reductions, reduce_arrays
+    from hingepair.tables.data_frames import dataset
+
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    if not isinstance(values, Mapping) or not values:
+        raise ArgumentError("values", 'values by key, such as {"pair.u1[0]": [0.3, 0.4]}', quoted(values))
+    axes = {}
+    for key, own in values.items():
+        axes[key] = real_array(f"values[{key!r}]", own).astype(np.float64).ravel()
+    entry = Table("values", "", {}, {})
+    for key in axes:
+        number_path(entry, scene.tables.values, key)
+    reductions = check_reductions("reduce", reduce)
+    names = None if outputs is None else tuple(outputs)
+    task = VariantTask.of(scene, tuple(axes), names)
+    numbers = np.stack([axis.ravel() for axis in np.meshgrid(*axes.values(), indexing="ij")], axis=-1)
+    shape, columns = tuple(map(len, axes.values())), scene.in_units(units)
+    xarray = require("xarray", "hp.vary")
+    batches = task.batches(numbers) if client is None else _on_cluster(client, task, numbers)
+    if reductions:
+        parts = []
+        for t, arrays, reasons in batches:
+            parts.append((reduce_arrays(t, arrays, reductions, columns), reasons))
+        found = {name: np.concatenate([own[name] for own, _ in parts]).reshape(shape) for name in parts[0][0]}
+        data = xarray.Dataset({name: (tuple(axes), array) for name, array in found.items()})
+    else:
+        parts = [(arrays, reasons) for _, arrays, reasons in (own for own in batches)]
+        whole = {name: np.concatenate([own[name] for own, _ in parts]) for name in parts[0][0]}
+        whole = {name: array.reshape(*shape, *array.shape[1:]) for name, array in whole.items()}
+        data = dataset(whole, (*axes, "time"), columns, f"{scene.title}, varied", scene.times())
+    reasons = [reason for _, own in parts for reason in own]
+    data["reason"] = (tuple(axes), np.array(reasons, dtype=object).reshape(shape))
+    return data.assign_coords(axes)
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Variants that were computed together."""
+
+    t: Float64Array  # instants [s]; (samples,)
+    arrays: Arrays  # outputs by name; (variants, samples, ...)
+    reasons: list[str]  # why a variant is NaN; otherwise empty
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.t, self.arrays, self.reasons))
+
+
+@dataclass(frozen=True, slots=True)
+class VariantTask:
+    """What to compute for each variant, which is sent to workers."""
+
+    #: path of the scene file
+    path: str
+    #: tables of the scene file as JSON text, in their order
+    tables: str
+    #: keys of the varied numbers
+    keys: tuple[str, ...]
+    #: names of the outputs; None for all that the scene has
+    outputs: tuple[str, ...] | None
+
+    @classmethod
+    def of(cls, scene: Scene, keys: tuple[str, ...], outputs: tuple[str, ...] | None) -> VariantTask:
+        """Return the task of a scene; workers may have another working directory."""
+        tables = json.dumps(scene.tables.values, default=str)
+        task = cls(str(scene.path.absolute()), tables, keys, outputs)
+        _computers[task] = Variants(scene, keys, outputs)
+        return task
+
+    def variants(self) -> Variants:
+        """Return the computer of the variants, which each process makes once."""
+        if self not in _computers:
+            tables = with_constants_evaluated(Table(self.path, "", json.loads(self.tables), {}))
+            scene = scene_from_tables(tables, Path(self.path))
+            if len(_computers) > 3:
+                _computers.clear()
+            _computers[self] = Variants(scene, self.keys, self.outputs)
+        return _computers[self]
+
+    def batches(self, numbers: Float64Array) -> Iterator[Batch]:
+        """Yield the results of variants, `numbers` (variants, keys), in their order."""
+        return self.variants().batches(numbers)
+
+
+_computers: dict[VariantTask, Variants] = {}
+
+
+def _on_cluster(client: Any, task: VariantTask, numbers: Float64Array) -> Iterator[Batch]:
+    """Yield the results of variants in their order, computed on the cluster of a Dask client."""
+    size = max(1, math.ceil(len(numbers) / max(4 * len(client.scheduler_info()["workers"]), 1)))
+    parts = [numbers[start : start + size] for start in range(0, len(numbers), size)]
+    for future in client.map(_all_batches, [task] * len(parts), parts, pure=False):
+        yield from future.result()
+
+
+def _all_batches(task: VariantTask, numbers: Float64Array) -> list[Batch]:
+    return [*task.batches(numbers)]
+
+
+class Variants:
+    """Computer of the outputs of a scene for any values of some of its numbers.
+
+    Args:
+        scene: the scene.
+        keys: keys of the numbers.
+        outputs: names of the outputs to compute for each variant; None for all that the scene has.
+    """
+
+    def __init__(self, scene: Scene, keys: Sequence[str], outputs: Sequence[str] | None) -> None:
+        entry = Table("vary", "", {}, {})
+        self.scene, self.outputs = scene, None if outputs is None else tuple(outputs)
+        self.paths = [number_path(entry, scene.tables.values, key) for key in keys]
+        if self.outputs is not None:
+            scene.check_arrays(self.outputs)
+
+    def scene_of(self, numbers: Sequence[float]) -> Scene:
+        """Return the scene with these numbers."""
+        return changed(self.scene, self.paths, numbers)
+
+    def batches(self, numbers: Float64Array) -> Iterator[Batch]:
+        """Yield the results of variants, `numbers` (variants, keys), in their order."""
+        step = max(1, MAX_STATES // self.scene.samples)
+        for start in range(0, len(numbers), step):
+            rows = numbers[start : start + step]
+            batch = self._together(rows)
+            yield self._one_by_one(rows) if batch is None else batch
+
+    def compute(self, numbers: Sequence[float]) -> tuple[Float64Array, Arrays]:
+        """Return t, (samples,) s, and the outputs by name, (samples, ...), of one variant."""
+        scene = self.scene_of(numbers)
+        return scene.times(), scene.arrays(self.outputs)
+
+    def _one_by_one(self, numbers: Float64Array) -> Batch:
+        """Compute each variant by itself; NaN and the reason for one that cannot be computed. A motion that ends
+        earlier than the longest is NaN behind its end.
+        """
+        found: list[tuple[Float64Array, Arrays] | None] = []
+        reasons = []
+        for row in numbers.tolist():
+            try:
+                found.append(self.compute(row))
+                reasons.append("")
+            except ArgumentError as error:
+                found.append(None)
+                reasons.append(str(error))
+        done = [own for own in found if own is not None] or [(self.scene.times(), self.scene.arrays(self.outputs))]
+        t, first = max(done, key=lambda own: len(own[0]))
+        arrays = {name: np.full((len(found), *array.shape), np.nan) for name, array in first.items()}
+        for i, own in enumerate(found):
+            for name, array in {} if own is None else own[1].items():
+                arrays[name][i, : len(array)] = array
+        return Batch(t, arrays, reasons)
+
+    # ---- variants together
+
+    def _together(self, numbers: Float64Array) -> Batch | None:
+        """Compute variants in one call; None where they must be computed one by one."""
+        if self.scene.motion.simulated is not None or len(numbers) < 2:
+            return None
+        try:
+            if self._moves_only:
+                return self._of_motions(numbers)
+            return self._of_subjects(numbers) if _keeps_motion(self.scene, self.paths) else None
+        except ArgumentError:  # of some variant: found again one by one
+            return None
+
+    @lock_free_cached_property
+    def _moves_only(self) -> bool:
+        """Whether the numbers are those of [motion], and constants that stand in [motion] alone."""
+        if not isinstance(self.scene.motion.source, FunctionSource):
+            return False
+        values, names = self.scene.tables.values, set()
+        for path in self.paths:
+            if path[0] == "constants":
+                names.add(str(path[1]))
+            elif path[0] != "motion":
+                return False
+        for table in ("constants", "let"):
+            for name, text in values.get(table, {}).items():
+                if names & {*_WORD.findall(text if isinstance(text, str) else "")}:
+                    names.add(name)
+        others = {
+            key: own for key, own in values.items() if key not in ("constants", "let", "motion", "title", "outputs")
+        }
+        return names.isdisjoint(_WORD.findall(" ".join(_texts(others))))
+
+    def _of_motions(self, numbers: Float64Array) -> Batch:
+        """Compute variants whose motions differ: their instants are those of one long motion."""
+        scene, names = self.scene, self.outputs
+        rows, level = slice(len(scene.times())), scene.motion.level
+        parts = [self.scene_of(row).known(rows, level) for row in numbers.tolist()]
+        known = _joined(parts)
+        arrays = self._arrays(scene.subject, known, names)
+        shape = (len(numbers), scene.samples)
+        return Batch(
+            scene.times(),
+            {name: own.reshape(*shape, *own.shape[1:]) for name, own in arrays.items()},
+            [""] * len(numbers),
+        )
+
+    def _arrays(self, subject: Subject, known: Known, names: tuple[str, ...] | None) -> Arrays:
+        """Return the outputs, and forces, of a subject along a known motion."""
+        scene = self.scene
+        moving = None if names is None else tuple(name for name in names if name not in subject.force_names)
+        acting = Acting(scene.motion, slice(None), scene.gravity)
+        arrays: Arrays = {}
+        if moving is None or moving:
+            request = scene.request(moving)
+            part = known.part(slice(None), subject.order(request, scene.motion.level))
+            arrays |= subject.arrays(request, part, subject.compute(request, part, acting, "auto"))
+        if names is not None and len(moving or ()) < len(names):
+            forces = subject.forces(known, acting)
+            arrays |= {name: forces[name] for name in names if name in subject.force_names}
+        return arrays
+
+    @lock_free_cached_property
+    def _known(self) -> Known:
+        return self.scene.known(slice(len(self.scene.times())), self.scene.motion.level)
+
+    def _of_subjects(self, numbers: Float64Array) -> Batch | None:
+        """Compute variants along one motion that differ in geometry or masses."""
+        subject = self.scene.subject
+        arrays = self._of_pairs(numbers) if isinstance(subject, PairSubject) else self._of_payloads(numbers)
+        if arrays is None:
+            return None
+        shape, plain = (len(numbers), self.scene.samples), self._plain_shapes
+        whole = {name: np.broadcast_to(array, (*shape, *plain[name])) for name, array in arrays.items()}
+        return Batch(self.scene.times(), whole, [""] * len(numbers))
+
+    @lock_free_cached_property
+    def _plain_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shape of each output at one instant."""
+        arrays = self._arrays(self.scene.subject, self._known, self.outputs)
+        return {name: array.shape[1:] for name, array in arrays.items()}
+
+    def _of_pairs(self, numbers: Float64Array) -> Arrays | None:
+        """Return the outputs of pairs that differ in components of u1, u2 and n, and in masses, in which forces are
+        linear.
+        """
+        pair: Any = self.scene.pair
+        geometry: dict[str, NDArray[Any]] = {}
+        masses: dict[str, int] = {}
+        for column, path in enumerate(self.paths):
+            if len(path) == 3 and path[1] in ("u1", "u2", "n") and isinstance(path[2], int):
+                if path[1] == "n" and any(isinstance(c, str) for c in self.scene.tables.values["pair"]["n"]):
+                    return None
+                own = self._written(str(path[1]))
+                array = geometry.setdefault(str(path[1]), np.tile(own, (len(numbers), 1)))
+                array[:, path[2]] = numbers[:, column]
+            elif len(path) == 3 and path[1] in ("body1", "body2") and path[2] == "mass":
+                masses[str(path[1])] = column
+            else:
+                return None
+        pair = replace(pair, **{key: array[:, None] for key, array in geometry.items()}) if geometry else pair
+        known, names = self._known, self.outputs
+        if not masses:
+            return self._arrays(PairSubject(pair), known, names)
+        table = self.scene.tables.table("pair")
+        ends = {body: (numbers[:, column].min(), numbers[:, column].max()) for body, column in masses.items()}
+
+        def with_masses(**chosen: float) -> Arrays:
+            bodies = {
+                body: read_body(replace(table, values={body: {**table.values[body], "mass": chosen[body]}}), body)
+                for body in masses
+            }
+            return self._arrays(PairSubject(replace(pair, **bodies)), known, names)
+
+        least = {body: own[0] for body, own in ends.items()}
+        base = with_masses(**least)
+        arrays = dict(base)
+        for body, column in masses.items():
+            low, high = ends[body]
+            if low == high:
+                continue
+            other = with_masses(**(least | {body: high}))
+            share = (numbers[:, column] - low) / (high - low)
+            for name, array in base.items():
+                slope = other[name] - array
+                if slope.any():
+                    lead = share.reshape(-1, *[1] * (max(array.ndim, 1 + self._ndim(name)) - 1))
+                    arrays[name] = arrays[name] + lead * slope
+        return arrays
+
+    def _ndim(self, name: str) -> int:
+        """Return the number of axes of an output with an axis of instants."""
+        return 1 + len(self._plain_shapes[name])
+
+    def _written(self, key: str) -> Float64Array:
+        """Return u1, u2 or n as the file has it."""
+        table = self.scene.tables.table("pair")
+        return np.array(table.numbers(key, len(table.values[key])))
+
+    def _of_payloads(self, numbers: Float64Array) -> Arrays | None:
+        """Return the outputs of robots that differ in payloads."""
+        if any(path[:2] != ("mechanism", "payload") for path in self.paths):
+            return None
+        table = self.scene.tables.table("mechanism")
+        links = tuple(dict.fromkeys(str(path[2]) for path in self.paths))
+        robot = self._unloaded
+        payload = table.table("payload")
+        robot = with_payload(robot, table, [link for link in payload.values if link not in links])
+        for link in links:
+            described = payload.table(link)
+            bodies = []
+            for row in numbers.tolist():
+                values = copy.deepcopy(described.values)
+                for path, number in zip(self.paths, row, strict=True):
+                    if path[2] == link:
+                        here: Any = values
+                        for step in path[3:-1]:
+                            here = here[step]
+                        here[path[-1]] = number
+                own = replace(described, values=values)
+                bodies.append(construct_from_table(own, _body, own.read(BODY_KEYS, ("mass",))))
+            robot = robot.with_payload(
+                link,
+                mass=np.array([body.mass for body in bodies])[:, None],
+                centre_of_mass=np.array([body.centre_of_mass for body in bodies])[:, None],
+                inertia=np.array([body.inertia for body in bodies])[:, None],
+            )
+        return self._loaded_arrays(robot)
+
+    def _loaded_arrays(self, robot: Any) -> Arrays:
+        """Return the outputs with the forces of robots that differ in payloads; the motion is that of the scene."""
+        scene = self.scene
+        subject: Any = scene.subject
+        request = scene.request(self.outputs)
+        known = self._known
+        acting = Acting(scene.motion, slice(None), scene.gravity)
+        computed = subject.compute(request, known, acting, "auto")
+        if computed.forces is not None:
+            # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
+            forces = subject.efforts(known, acting, computed.forces.outputs, robot=robot, backend="compiled")
+            computed = replace(computed, forces=forces)
+        arrays: Arrays = subject.arrays(request, known, computed)
+        return arrays
+
+    @lock_free_cached_property
+    def _unloaded(self) -> Any:
+        """The robot without payload."""
+        values = self.scene.tables.values
+        bare = {name: value for name, value in values["mechanism"].items() if name != "payload"}
+        tables = replace(self.scene.tables, values={**values, "mechanism": bare})
+        return read_mechanism(tables, self.scene.path.parent, base=self.scene.mechanism_only.base)
+
+
+def _body(**values: Any) -> Any:
+    from hingepair.mechanism.bodies.body import Body
+
+    return Body(**values)
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield all texts in nested tables and lists."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _texts(part)
+
+
+def _joined(parts: Sequence[Known]) -> Known:
+    """Return motions one behind the other as one."""
+    first, counts = parts[0], [part.count for part in parts]
+
+    def columns(rows: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
+        return tuple(
+            own[0]
+            if not any(map(np.ndim, own)) and len({*own}) == 1
+            else np.concatenate([np.broadcast_to(one, (count,)) for one, count in zip(own, counts, strict=True)])
+            for own in zip(*rows, strict=True)
+        )
+
+    def derivatives(of: Sequence[Any]) -> tuple[tuple[Any, ...], ...]:
+        return tuple(columns([own[k] for own in of]) for k in range(len(of[0])))
+
+    base = first.base
+    if isinstance(base, EulerBase):
+        base = base._replace(derivatives=derivatives([part.base.derivatives for part in parts]))  # type: ignore[union-attr]
+    elif base is not None:
+        letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * (first.level + 1)]
+        base = motion_of_rotations(**{c: np.concatenate([getattr(part.base, c) for part in parts]) for c in letters})
+    return replace(first, count=sum(counts), joints=derivatives([part.joints for part in parts]), base=base)
