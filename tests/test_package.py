@@ -71,7 +71,7 @@ PACKAGES_IN_IMPORT_ORDER = (
         "rollouts",
     ),
     *("mechanism", "measured", "motion", "symbolic", "formats"),
-    *("validation", "scenes", "pictures", "sweeps", "bench", "cli"),
+    *("validation", "scenes", "pictures", "bench", "cli"),
 )
 """A package imports only packages that precede it."""
 

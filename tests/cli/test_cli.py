@@ -19,7 +19,6 @@ from hingepair.engine.backend import execution_of
 from hingepair.formats.robots import robot_urdf
 from hingepair.tables.data_frames import column_names
 from support.commands import refusal, run_command
-from support.summed import summed
 from support.work import HANG
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
@@ -98,19 +97,7 @@ def test_run_json_is_strict_and_complete(short_scene: Path) -> None:
     found = json.loads(run_command("run", short_scene, "--json").stdout, parse_constant=refuse)
     assert found["samples"] == 11
     assert found["outputs"]["R2_x"]["first"] == 0.75
-    assert 0 < found["residuals"]["E1"]["in_u_scale"] < 16
     assert found["file"] is None
-
-
-def test_residuals_see_a_broken_constraint(monkeypatch: pytest.MonkeyPatch, short_scene: Path) -> None:
-    from hingepair.scenes import pair_scene as summary
-
-    scene = hp.load_scene(short_scene)
-    assert max(r.ratio for r in summed(scene).residuals()) < 16
-    genuine = summary.compute_arrays
-    moved = lambda pair, names, values, shapes: genuine(pair, names, values | {"R2": values["R2"] + 1e-9}, shapes)  # noqa: E731
-    monkeypatch.setattr(summary, "compute_arrays", moved)
-    assert summed(scene).residuals()[0].ratio > 1e4
 
 
 @pytest.mark.slow

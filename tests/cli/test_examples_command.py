@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hingepair.scenes.variants.sweep import load_sweep
 
 import hingepair as hp
+from hingepair.scenes.variants.sweep import load_sweep
 from support.commands import refusal, run_command
 
 ROOT = Path(__file__).parents[2]

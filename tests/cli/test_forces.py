@@ -172,7 +172,7 @@ gravity = [0, 0, -3]
 def test_the_motor_does_what_loads_beside_a_given_psi_do_not(tmp_path):
     path = scene_file(tmp_path, PENDULUM.replace("20", "300") + MOVED.format("0.4*sin(3*t)**2") + LOADS)
     scene = hp.load_scene(path)
-    forces, (psi, psid) = scene.forces(), scene.motion.source.part(slice(None), 1).in_space(scene.pair).hinge[:2]
+    forces, (psi, psid) = scene.forces(), scene.motion.source.part(slice(None), 1).hinge
     parts = {
         "motor_torque": forces.motor_torque,
         "spring_torque": -2 * (psi - 0.1),

@@ -74,7 +74,7 @@ def moved_by_mujoco(text, t, qvel):
 def test_mujoco_moves_the_model_as_the_scene_moves(tmp_path, base):
     table = f'[dynamics]\nbase = "{base}"\npsi.stiffness = 3\npsi.rest = 0.4\npsi.damping = 0.2\n{START}'
     text = PAIR + table + "psi.qd_0 = 1.5\n" + TIME
-    model = exported(tmp_path, "mjcf", text, left_out="psid_0")
+    model = exported(tmp_path, "mjcf", text, left_out="psi.qd_0")
     scene = hp.load_scene(tmp_path / "scene.toml")
     start = [0.0] * {"fixed": 0, "pinned": 3, "free": 6}[base] + [1.5]
     found = moved_by_mujoco(model, scene.times(), start)
@@ -86,7 +86,7 @@ def test_mujoco_moves_a_planar_scene_in_its_gravity(tmp_path):
     text = PLANE + '[dynamics]\nbase = "fixed"\nphi_0 = 0.3\npsi.damping = 0.1\n' + TIME
     found = moved_by_mujoco(exported(tmp_path, "mjcf", text), np.linspace(0, 1, 11), [0.0])
     np.testing.assert_allclose(found, hp.load_scene(tmp_path / "scene.toml").motion.source.psi, rtol=0, atol=1e-8)
-    upright = exported(tmp_path, "mjcf", text.replace("damping", "gravity = [1, -2]\ndamping"))
+    upright = exported(tmp_path, "mjcf", text.replace("psi.damping", "gravity = [1, -2]\npsi.damping"))
     assert ET.fromstring(upright).find("option").get("gravity") == "1.0 -2.0 0.0"
 
 
@@ -113,7 +113,7 @@ tol = 1e-8
 
 
 def test_mjcf_holds_spring_damping_friction_and_stops(tmp_path):
-    beyond = "psi_0, friction_rate, stop_stiffness, stop_damping, hinge_torque, force2"
+    beyond = "wrenches, psi.q_0, psi.friction_rate, psi.stop_stiffness, psi.stop_damping, psi.tau"
     text = exported(tmp_path, "mjcf", PAIR + WHOLE + TIME, left_out=beyond)
     root = ET.fromstring(text)
     joint = root.find(".//joint[@name='hinge']").attrib
@@ -125,7 +125,8 @@ def test_mjcf_holds_spring_damping_friction_and_stops(tmp_path):
 
 
 def test_urdf_holds_damping_friction_and_stops(tmp_path):
-    beyond = "psi_0, stiffness, rest, friction_rate, stop_stiffness, stop_damping, hinge_torque, force2, gravity"
+    beyond = "wrenches, gravity, psi.q_0, psi.stiffness, psi.rest, psi.friction_rate, psi.stop_stiffness, "
+    beyond += "psi.stop_damping, psi.tau"
     text = exported(tmp_path, "urdf", PAIR + WHOLE + TIME, left_out=beyond)
     joint = ET.fromstring(text).find("joint[@name='hinge']")
     assert joint.find("dynamics").attrib == {"damping": "0.5", "friction": "0.2"}
@@ -150,7 +151,8 @@ def test_urdf_holds_damping_friction_and_stops(tmp_path):
 )
 def test_the_base_is_that_of_the_scene_or_listed(tmp_path, command, base, expected):
     place = "" if base == "prescribed" else START
-    text = PAIR + f'[dynamics]\nbase = "{base}"\n{place}' + TIME
+    carried = "[motion]\nx = 't'\ny = 0\nz = 0\nphi_x = 0\nphi_y = 0\nphi_z = 0\n" * (base == "prescribed")
+    text = PAIR + f'[dynamics]\nbase = "{base}"\n{place}' + carried + TIME
     root = ET.fromstring(exported(tmp_path, command, text, left_out=expected[1]))
     if command == "mjcf":
         kinds = [joint.get("type", joint.tag) for joint in root.findall("worldbody/body/*") if "joint" in joint.tag]

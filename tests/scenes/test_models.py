@@ -56,7 +56,7 @@ def test_scenes_of_mechanisms_stay_within_their_limits_and_pass_the_check(scene)
 @pytest.mark.slow
 def test_loads_of_joints_count_among_the_forces_of_a_scene(tmp_path):
     text = (MODELS / "talos_lift.toml").read_text()
-    (tmp_path / "loaded.toml").write_text(text.replace("[mechanism]", "[mechanism]\njoint_loads = true"))
+    (tmp_path / "loaded.toml").write_text(text.replace("[time]", "[dynamics]\njoint_loads = true\n[time]"))
     with_loads, without = (hp.load_scene(path) for path in (tmp_path / "loaded.toml", MODELS / "talos_lift.toml"))
     forces, robot = with_loads.forces(), with_loads.mechanism
     assert forces.notes[0].startswith("arm_left_4_joint takes up to 17.91 N m, more than its limit of 17.86")

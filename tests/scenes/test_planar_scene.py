@@ -7,7 +7,6 @@ import pytest
 
 import hingepair as hp
 from hingepair.mechanism.states import PlanarState
-from support.summed import summed
 
 PLANAR_MOTION_KIND = """
 planar = true
@@ -88,8 +87,6 @@ def test_checked_against_pinocchio_and_its_constraints(tmp_path):
     assert report.ok
     assert [row.output for row in report.rows] == ["R2", "phi2", "d", "v2", "omega2", "a2", "alpha2"]
     assert "in the plane" in str(report)
-    for residual in summed(scene).residuals():
-        assert residual.ratio <= 8
 
 
 def test_a_wrong_planar_pair_fails_its_check(monkeypatch):

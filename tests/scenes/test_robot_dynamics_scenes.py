@@ -91,10 +91,10 @@ def test_the_commands_take_it():
 
 
 BASES = {
-    "free": ('base = "free"', '[dynamics]\nv1_0 = [0, 0, 3]\nomega1_0 = [0.1, 0.2, 0]', BODY1),
-    "pinned": ('base = "free"', '[dynamics]\nbase = "pinned"\nomega1_0 = [0.1, 0.2, 0]', BODY1),
+    "free": ("", '[dynamics]\nbase = "free"\nv1_0 = [0, 0, 3]\nomega1_0 = [0.1, 0.2, 0]', BODY1),
+    "pinned": ("", '[dynamics]\nbase = "pinned"\nomega1_0 = [0.1, 0.2, 0]', BODY1),
     "fixed": ("", '[dynamics]\nR1_0 = [0, 0, 1]', ""),
-    "prescribed": ("", '[dynamics]\n[base]\nx = "0.1*sin(3*t)"', ""),
+    "prescribed": ("", '[dynamics]\n[motion]\nx = "0.1*sin(3*t)"', ""),
 }  # fmt: skip
 
 
@@ -103,8 +103,8 @@ BASES = {
 def test_all_bases_are_compared_with_pinocchio(tmp_path, base):
     mechanism, text, body1 = BASES[base]
     load = '[dynamics.arm]\nq_0 = 0.3\ntau = "0.5*sin(4*t) - 0.1*qd"\n[dynamics.lift]\nstiffness = 300\n'
-    head, _, tail = text.partition("[base]")
-    whole = head + "\n" + load + (f"[base]{tail}" if tail else "")
+    head, _, tail = text.partition("[motion]")
+    whole = head + "\n" + load + (f"[motion]{tail}" if tail else "")
     found = hp.load_scene(scene(tmp_path, whole, mechanism, body1))
     assert found.motion.simulated.base == ("moving" if base == "prescribed" else base)
     report = found.cross_validate()
@@ -125,7 +125,7 @@ def test_all_bases_are_compared_with_pinocchio(tmp_path, base):
         ("[dynamics]\n[motion]\nelbow = 1", r"motion\.elbow: expected"),
         ("[dynamics]\n[dynamics.arm]\nfriction = 1\n[motion]\narm = 1", r"dynamics\.arm: expected no such table"),
         ('[dynamics]\n[motion]\narm = "abs(t - 0.3)"', r"motion\.arm: expected .* not jump, got .* at t = 0\.3 s"),
-        ('[dynamics]\n[base]\nx = "abs(t - 0.3)"', r"dynamics\.base: expected .* not jump, got a jump of v"),
+        ('[dynamics]\n[motion]\nx = "abs(t - 0.3)"', r"dynamics\.base: expected .* not jump, got a jump of v"),
         ("[dynamics.wrenches.hand]\nforce = [0, 0, 1]", r"dynamics\.wrenches: expected .*arm"),
         ("[dynamics.wrenches.arm]\nforce = [0, 1]", r"wrenches\.arm\.force: expected three numbers"),
         ("[dynamics.wrenches.arm]\nmoment = [0, 1, 0]", r"wrenches\.arm\.moment: expected"),
@@ -157,7 +157,7 @@ lift = "0.1*sin(4*t)"
 
 @pytest.mark.slow
 def test_wrenches_act_on_links_and_joints_of_motion_move_as_given(tmp_path):
-    found = hp.load_scene(scene(tmp_path, LOADED, 'base = "free"', BODY1))
+    found = hp.load_scene(scene(tmp_path, LOADED, "", BODY1))
     given = {
         "driven": {"lift": lambda t: (0.1 * np.sin(4 * t), 0.4 * np.cos(4 * t), -1.6 * np.sin(4 * t))},
         "wrenches": {"arm": (

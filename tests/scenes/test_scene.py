@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hingepair.scenes.scene import Scene
 from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.cli.main import app
 from hingepair.scenes.load import SceneFile
 from hingepair.scenes.motions.waypoints import PROFILES, interpolate_way_points
+from hingepair.scenes.scene import Scene
 from support.work import bounded_calls
 
 U = 2.0**-53
@@ -240,7 +240,7 @@ def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: P
     text = change('psi = "pi*t"', f"psi = {POINTS.replace('PROFILE', profile)}")
     text = text.replace("samples = 21", "samples = 2001")
     scene = scene_of(tmp_path, text)
-    (*_, psi), (*_, psid), (*_, psidd) = scene.coordinates(scene.times())
+    psi, psid, psidd = (array[:, 0] for array in scene.coordinates())
     np.testing.assert_allclose(psi[[0, 500, -1]], (0, -1, np.pi / 2), rtol=0, atol=16 * U)
     h, t = 1e-3, scene.times()[1:-1]
     breaks = (0, 0.5, 2, *(i + j / 3 * (k - i) for i, k in ((0, 0.5), (0.5, 2)) for j in (1, 2)))
@@ -318,7 +318,7 @@ def test_a_trapezoid_keeps_its_limits(tmp_path: Path) -> None:
         'psi = "pi*t"', "psi = { t = [0, 2], value = [0, 1], profile = 'trapezoid', speed = 0.6, acceleration = 4 }"
     )
     scene = scene_of(tmp_path, text.replace("samples = 21", "samples = 2001"))
-    _, (*_, psid), (*_, psidd) = scene.coordinates(scene.times())
+    _, psid, psidd = scene.coordinates()
     assert abs(psid.max() - 0.6) <= 4 * U  # a third of the time each would need 0.75
     assert psidd.max() == -psidd.min() <= 4
 
@@ -430,10 +430,3 @@ def test_constants_stand_beside_a_log_and_alone(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["derive", str(tmp_path / "bare.toml"), "--symbolic", "length", "--outputs", "R2"])
     assert "length" in done.stdout
     assert done.exit_code == 0
-
-
-def test_constants_may_stand_in_the_motion_but_not_in_both(tmp_path: Path) -> None:
-    old = GOOD.replace("[constants]", "[motion.constants]")
-    np.testing.assert_array_equal(scene_of(tmp_path, old).evaluate().R2, scene_of(tmp_path, GOOD).evaluate().R2)
-    with pytest.raises(hp.SceneError, match="toml: constants: expected constants in one table"):
-        scene_of(tmp_path, old + "[constants]\nc = 1\n")

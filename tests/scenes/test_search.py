@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hingepair.scenes.variants.reductions import reduce_arrays
 from scipy.special import lambertw
 
 import hingepair as hp
+from hingepair.scenes.variants.reductions import reduce_arrays
 
 ARM = """
 title = "An arm that is raised"
@@ -150,7 +150,8 @@ def test_an_inequality_that_decides_is_met_exactly(tmp_path: Path) -> None:
     """The lid of a hatch shuts in 5 s, and touches its frame at 0.08 m/s."""
     text = (Path(__file__).parents[2] / "models/hatch.toml").read_text()
     path = tmp_path / "hatch.toml"
-    text = text.replace("psi.stops = true ", 'until = "psi"  # ').replace("psi.stop_restitution = 0.2\n", "")
+    text = text.replace('base = "fixed"', 'base = "fixed"\nuntil = "psi"').replace("stops = true ", "# ")
+    text = text.replace("stop_restitution = 0.2\n", "")
     path.write_text(text.replace("stop = 6", "stop = 12").replace("samples = 601", "samples = 1201"))
     keys = "dynamics.psi.damping", "dynamics.psi.stiffness"
     found = hp.search(path, keys, ("psi_t_below(0.001) = 5", "edge_v_z_last >= -0.08"))

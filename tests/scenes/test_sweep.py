@@ -17,10 +17,10 @@ import hingepair as hp
 pytest.importorskip("dask.distributed", reason="the extra dask is not installed")
 
 import pyarrow.parquet as pq
+
 from hingepair.scenes.variants import stores
 from hingepair.scenes.variants import sweep as sweeps
 from hingepair.scenes.variants.sweep import load_sweep, run_sweep
-
 from support.commands import refusal, run_command
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
@@ -417,7 +417,7 @@ def test_a_variant_that_cannot_be_computed_is_nan_and_the_others_are_not(tmp_pat
         '[[vary]]\nkey = "pair.body2.mass"\nvalues = [-1.0, 2.0, 3.0]\n'
     )
     sweep = load_sweep(tmp_path / "sweep.toml")
-    assert Path(sweep.task.path).is_absolute()
+    assert Path(sweep.task.variants.path).is_absolute()
     with pytest.warns(sweeps.SweepWarning, match=r"variant 0 \(pair.body2.mass = -1\) is NaN: .*mass"):
         found = sweeps.compute_chunk(sweep.task, 0, 0, sweep.numbers)["hinge_torque_max"]
     assert np.isnan(found).tolist() == [True, False, False]

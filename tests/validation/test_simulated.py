@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.scenes.motions.known import MotionByBody1, MotionByCoordinates
+from hingepair.scenes.subjects.pair import PairSubject
 from hingepair.validation.report import MAX_LOAD_RATIO
 from support.commands import run_command
 
@@ -100,12 +100,7 @@ def test_a_simulated_motion_is_compared_with_inverse_dynamics(scenes, base, text
 def with_hinge(scene, change):
     """The scene, whose psi, psid and psidd are others."""
     given = scene.motion.source
-    if isinstance(given, MotionByBody1):
-        return replace(scene, motion=replace(scene.motion, source=replace(given, hinge=change(*given.hinge))))
-    rows = [list(row) for row in given.derivatives]
-    for row, value in zip(rows, change(*(row[-1] for row in rows)), strict=True):
-        row[-1] = value
-    other = MotionByCoordinates(given.count, tuple(map(tuple, rows)), given.sequence)
+    other = replace(given, joints=tuple((row,) for row in change(*given.hinge)))
     return replace(scene, motion=replace(scene.motion, source=other))
 
 
@@ -171,16 +166,13 @@ def test_loads_of_another_pair_are_no_loads_of_this_motion(scenes, harm):
     scene = scenes(SPACE, "free")
     motion = scene.motion.simulated
     assert all(row.ok for row in scene.cross_validate().forces)
-    other = with_simulated(scene, space=HARM[harm](motion.space))
+    harmed = PairSubject(HARM[harm](scene.pair))
+    other = with_simulated(replace(scene, subject=harmed), robot=harmed.robot)
     assert not all(row.ok for row in other.cross_validate().forces)
-    robot_motion = motion.robot_motion
-    lighter = replace(robot_motion, gravity=(0, 0, -9.8))
-    assert not any(row.ok for row in with_simulated(scene, robot_motion=lighter).cross_validate().forces[:3])
+    assert not any(row.ok for row in replace(scene, gravity=(0, 0, -9.8)).cross_validate().forces[:3])
     for name in ("force1", "torque1", "force_psi", "torque_psi", "tau"):
-        more = np.full((len(motion.t), 1 if name == "tau" else 3), 1e-9)
-        loads = {**robot_motion.loads, name: robot_motion.loads.get(name, 0) + more}
-        other = with_simulated(scene, robot_motion=replace(robot_motion, loads=loads))
-        assert not all(row.ok for row in other.cross_validate().forces), name
+        loads = {**motion.loads, name: motion.loads[name] + 1e-9}
+        assert not all(row.ok for row in with_simulated(scene, loads=loads).cross_validate().forces), name
 
 
 @pytest.mark.slow
@@ -198,7 +190,7 @@ def test_a_motion_that_is_further_off_than_the_bound_says_so(tmp_path):
     scene = scene_of(tmp_path, SPACE, "fixed", "tol = 1e-4\n")
     report = scene.cross_validate()
     (note,) = report.notes
-    error = scene.motion.simulated.psi_error_estimate
+    error = scene.motion.simulated.q_error_estimate[0]
     assert (
         f"by its own estimate the motion is off by about {error:.1g} rad of psi, above the bound of 2e-15 rad" in note
     )

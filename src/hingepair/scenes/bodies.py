@@ -211,7 +211,12 @@ def _read_robot(table: Table, folder: Path, base: Any) -> Mechanism:
 def _assemble_joints(tables: Table, table: Table, base: Any) -> Mechanism:
     """Return the Mechanism of the [[joint]] tables in the top-level Table `tables`, which may come in any order."""
     joints: dict[str, Table] = {}
-    for numbered in tables.tables("joint", "tables [[joint]], one for each joint"):
+    described = tables.tables("joint", "tables [[joint]], one for each joint")
+    names = [one.values.get("name") for one in described]
+    for numbered in described:
+        for key in numbered.values:
+            if key in names and key not in _HINGE_KEYS:
+                numbered.refuse(key, "the motion of a joint under [motion]", "a joint in another table")
         numbered.check_keys(("name", "parent", "kind", "pitch", *_HINGE_KEYS))
         name = numbered.text("name")
         if name in joints:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,12 @@ from hingepair.mechanism.results import Record
 from hingepair.mechanism.tree import Joint, loads_note
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.motions.known import Known
-from hingepair.scenes.motions.motion import impact_sentences, non_finite_sentences
+from hingepair.scenes.motions.motion import Motion, impact_sentences, non_finite_sentences
+from hingepair.scenes.subjects.subject import Subject
+from hingepair.scenes.tables import Table
 from hingepair.tables.data_frames import column_names, plain_magnitudes, with_magnitudes
 from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts, ruled_table
 from hingepair.tables.units import Columns, Units, UnitsLike
-
-if TYPE_CHECKING:
-    from hingepair.scenes.scene import Scene
 
 # Headings of the table of joints: the effort against its limit, then position and rate.
 _HEADINGS = (
@@ -188,46 +187,52 @@ class SceneForces(Record):
 
 
 def scene_forces(
-    scene: Scene,
+    subject: Subject,
+    motion: Motion,
+    t: Float64Array,
     arrays: dict[str, NDArray[Any]],
     gravity: tuple[float, ...],
     record: Mapping[str, Any],
+    dynamics: Table,
     *,
     assumed: bool,
 ) -> SceneForces:
     """Return the forces `arrays` at the instants of a scene as `Scene.forces` describes them.
 
     Args:
-        scene: the scene.
+        subject: what moves.
+        motion: its motion.
+        t: the instants [s].
         arrays: the forces by name.
         gravity: the gravity that they were computed with; (3,).
         record: further arguments of a `Record` by name.
-        assumed: whether gravity was not asked for.
+        dynamics: the Table [dynamics].
+        assumed: whether nothing says what gravity is.
     """
-    motion, t, subject = scene.motion, scene.times(), scene.subject
     notes = [*non_finite_sentences(arrays)]
     loads: tuple[JointLoad, ...] = ()
     tau = None
-    if scene.mechanism is None:
-        notes += _torque_limit_sentences(scene.pair, t, arrays)
+    if subject.mechanism is None:
+        notes += _torque_limit_sentences(subject.pair, t, arrays)
     if motion.simulated is not None:
         notes += impact_sentences(motion.simulated.impacts, {joint.name: joint.unit for joint in subject.joints})
     known = motion.source.part(slice(None), ACCELERATION)
     if motion.simulated is None:
-        notes += _rest_friction_sentences(motion.loads, known, scene.pair is not None)
-    if subject.planar and assumed and motion.simulated is None and not scene.has_own_gravity:
+        own = {name: load for name, load in motion.loads.items() if name in dynamics.values}
+        notes += _rest_friction_sentences(own, known, subject.pair is not None)
+    if subject.planar and assumed and motion.simulated is None:
         down = ", ".join(f"{component:g}" for component in gravity[:2])
         notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
-    if scene.mechanism is not None:
+    if subject.mechanism is not None:
         efforts = [arrays[f"tau_{name}"] for name in subject.names]
         tau = np.stack(efforts, axis=-1) if efforts else np.zeros((len(t), 0))
         loads = tuple(_summarize_joint(joint, i, t, known, tau[:, i]) for i, joint in enumerate(subject.joints))
         for load in loads:
             notes += _effort_limit_sentences(load, len(t))
-        if (left_out := loads_note(tree_of(scene.mechanism))) and not scene.counts_joint_loads:
+        if (left_out := loads_note(tree_of(subject.mechanism))) and not dynamics.flag("joint_loads"):
             notes.append(f"{left_out}; joint_loads = true in [dynamics] counts them")
     return SceneForces(
-        t, arrays, record, gravity=gravity[: scene.dimensions], notes=tuple(notes), tau=tau, loads=loads
+        t, arrays, record, gravity=gravity[: subject.dimensions], notes=tuple(notes), tau=tau, loads=loads
     )
 
 

@@ -71,13 +71,15 @@ def scene_from_tables(
         try:
             motion = _read_motion(tables, path.parent, subject, dynamics)
         except SceneError as error:
-            if error.got == "an unknown key" and error.loc and error.loc[-1] in subject.names:
+            if str(error.got) == "an unknown key" and error.loc and error.loc[-1] in subject.names:
                 got = "a joint in another table"
                 raise SceneError(error.name, "the motion of a joint under [motion]", got) from None
             raise
-        simulated = motion.simulated
-        if simulated is not None and isinstance(subject, MechanismSubject):
-            subject = MechanismSubject(simulated.robot, subject.frames)
+    elif motion.simulated is None:
+        motion = replace(motion, loads=dynamics.loads)
+    simulated = motion.simulated
+    if simulated is not None and isinstance(subject, MechanismSubject):
+        subject = MechanismSubject(simulated.robot, subject.frames)
     scene = Scene(
         path=path,
         title=tables.text("title", default=subject.name),
@@ -88,6 +90,7 @@ def scene_from_tables(
         constants={key: float(value) for key, value in tables.constants.items() if key not in tables.let},
         files=tuple(file.absolute() for file in _source_files(tables, path)),
         tables=tables,
+        read=_read_again,
     )
     outputs = tables.table("outputs", required=False)
     outputs.check_keys(("names", "units"))
@@ -100,6 +103,11 @@ def scene_from_tables(
     with outputs.naming("names"):
         scene.request(names)
     return replace(scene, outputs=names)
+
+
+def _read_again(tables: Table, path: Path, subject: Subject | None, motion: Motion | None) -> Scene:
+    """Return the scene of tables whose numbers were changed, with what they leave as it was."""
+    return scene_from_tables(with_constants_evaluated(replace(tables, constants={}, let={})), path, subject, motion)
 
 
 def read_subject(tables: Table, folder: Path) -> Subject:

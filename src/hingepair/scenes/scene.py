@@ -5,9 +5,10 @@ docs/scenes.md describes the format.
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.loops import OperationCounts
+from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, VELOCITY
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
@@ -32,6 +34,7 @@ from hingepair.scenes import suspicions
 from hingepair.scenes.forces import SceneForces, scene_forces
 from hingepair.scenes.motions.known import Known, Rows
 from hingepair.scenes.motions.motion import Instants, Motion, kink_sentences
+from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers
 from hingepair.scenes.subjects.mechanism import MechanismSubject
 from hingepair.scenes.subjects.pair import PairSubject
 from hingepair.scenes.subjects.subject import Acting, Computed, Subject
@@ -176,9 +179,10 @@ class SceneResult(Frozen, Result):
         return self.state[name]
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name in self.__dataclass_fields__:
-            raise AttributeError(name)
-        return self.scene.subject.attribute(name, self.known, self.computed)
+        if not name.startswith("_") and name not in self.__dataclass_fields__:
+            with contextlib.suppress(KeyError):
+                return self.scene.subject.attribute(name, self.known, self.computed)
+        raise missing_attribute_error(self, name)
 
     def _available_names(self) -> Iterable[str]:
         return self.scene.subject.attribute_names(self.known, self.computed)
@@ -215,6 +219,8 @@ class Scene(Shown):
     tables: Table
     #: units of tables, plots and files unless others are asked for
     units: Units = SI
+    #: function that returns the scene of other tables; None of a scene without a file
+    read: Callable[..., Any] | None = None
 
     # ---- what moves
 
@@ -244,6 +250,11 @@ class Scene(Shown):
     def space(self) -> HingePair:
         """The pair as a HingePair."""
         return self.require_pair().space
+
+    @property
+    def sequence(self) -> str | None:
+        """Euler sequence of body 1, such as "XYZ"; None if its attitude is not given by three Euler angles."""
+        return self.motion.source.sequence
 
     @property
     def dimensions(self) -> int:
@@ -291,11 +302,6 @@ class Scene(Shown):
     def has_own_gravity(self) -> bool:
         """Whether [dynamics] gives gravity."""
         return "gravity" in self.tables.table("dynamics", required=False).values
-
-    @property
-    def counts_joint_loads(self) -> bool:
-        """Whether springs, dampers and friction of the joints as the robot's file describes them count."""
-        return self.tables.table("dynamics", required=False).flag("joint_loads")
 
     # ---- the instants
 
@@ -366,9 +372,19 @@ class Scene(Shown):
         >>> float(scene.pair.u1[0])
         0.3
         """
-        from hingepair.scenes.variants.vary import with_values
+        entry = Table("values", "", {}, {})
+        return self.changed([number_path(entry, self.tables.values, key) for key in values], [*values.values()])
 
-        return with_values(self, values)
+    def changed(self, paths: Sequence[NumberPath], numbers: Sequence[Any]) -> Scene:
+        """Return the scene with other numbers at these places of the file."""
+        if self.read is None:
+            raise ArgumentError("scene", "a scene that was read from a file", "a simulated motion")
+        tables = replace(self.tables, values=with_numbers(self.tables.values, paths, numbers))
+        roots = {path[0] for path in paths}
+        subject = self.subject if roots <= {"motion", "time", "outputs", "title"} else None
+        keeps_motion = self.motion.simulated is None and keep_motion(paths)
+        changed: Scene = self.read(tables, self.path, subject, self.motion if keeps_motion else None)
+        return changed
 
     # ---- results
 
@@ -548,7 +564,9 @@ class Scene(Shown):
         motion, size = self.motion, self.dimensions
         if gravity is not None:
             if motion.simulated is not None or self.has_own_gravity:
-                raise ArgumentError("gravity", "None, since the table [dynamics] of the scene has a gravity", gravity)
+                which = "motion is simulated in the gravity of the scene"
+                which = "table [dynamics] of the scene has a gravity" if self.has_own_gravity else which
+                raise ArgumentError("gravity", f"None, since the {which}", gravity)
             fall: tuple[float, ...] = (*one_constant("gravity", gravity, size).tolist(), 0.0)[:3]
         else:
             fall = self.gravity
@@ -556,7 +574,12 @@ class Scene(Shown):
             expected = f"a motion with accelerations, which forces need{motion.hint}"
             raise ArgumentError("scene", expected, motion.origin)
         record = {"described": f"forces: {self.title}", "inputs": self.files, "unit": self.unit, "units": self.units}
-        return scene_forces(self, self._force_arrays(fall), fall, record, assumed=gravity is None)
+        dynamics, assumed = (
+            self.tables.table("dynamics", required=False),
+            gravity is None and not self.has_own_gravity,
+        )
+        arrays = self._force_arrays(fall)
+        return scene_forces(self.subject, motion, self.times(), arrays, fall, record, dynamics, assumed=assumed)
 
     def energy_balance(self) -> EnergyBalance:
         """Compute the energy balance of a motion that [dynamics] simulates: the work of each load since the first

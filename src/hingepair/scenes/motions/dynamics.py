@@ -91,7 +91,7 @@ def default_gravity(subject: Subject) -> tuple[float, ...]:
 
 def simulates(tables: Table, subject: Subject) -> bool:
     """Return whether [dynamics] simulates joints or the base, not only loads beside the motion that [motion] gives:
-    joints that nothing moves, if the table has more than base, gravity and joint_loads; a base that is free or pinned
+    joints that nothing moves, unless the table has base, gravity and joint_loads alone; a base that is free or pinned
     and that [motion] does not move.
     """
     if "dynamics" not in tables.values:
@@ -104,7 +104,8 @@ def simulates(tables: Table, subject: Subject) -> bool:
     if not moves_base and table.values.get("base") in ("free", "pinned"):
         return True
     is_given = bool(moved) or (moves_base and subject.pair is None)
-    return bool(set(subject.names) - moved) and not (is_given and table.values.keys() <= _QUIET)
+    is_quiet = is_given and bool(table.values) and table.values.keys() <= _QUIET
+    return bool(set(subject.names) - moved) and not is_quiet
 
 
 def read_dynamics(tables: Table, subject: Subject) -> Dynamics:
@@ -115,7 +116,7 @@ def read_dynamics(tables: Table, subject: Subject) -> Dynamics:
             table.refuse(key, now, "a key of [dynamics]")
     names = _variables(subject, table)
     readers = _readers(subject, names)
-    if isinstance(subject, MechanismSubject):
+    if isinstance(subject, MechanismSubject) and "dynamics" in tables.values:
         subject.check_joint_names(table, tuple(readers))
         for key in table.values:
             if key not in readers and key not in subject.names:
@@ -126,13 +127,15 @@ def read_dynamics(tables: Table, subject: Subject) -> Dynamics:
     moves_base = not motion.values.keys().isdisjoint({*subject.base_names, "omega1", "file"})
     rest = "free" if subject.pair is not None and simulates(tables, subject) else "fixed"
     base = options.pop("base", PRESCRIBED if moves_base else rest)
+    start: dict[str, Any] = {key: options.pop(key) for key in _START if key in options}
+    for key in start if moves_base or base == PRESCRIBED else ():
+        table.fail(key, f"no such key together with base = {PRESCRIBED!r}: [motion] moves the base")
     if base == PRESCRIBED and not moves_base:
         table.fail("base", f"another base, since {PRESCRIBED!r} needs coordinates such as x in [motion]")
-    start: dict[str, Any] = {key: options.pop(key) for key in _START if key in options}
-    for key in start if moves_base else ():
-        table.fail(key, f"no such key together with base = {PRESCRIBED!r}: [motion] moves the base")
     gravity = (*options.pop("gravity", default_gravity(subject)), 0.0)[:3]
     described = subject.robot.joint_loads if options.pop("joint_loads", False) else {}
+    if not simulates(tables, subject):  # a given motion may press on limits
+        described = {name: replace(load, stops=None) for name, load in described.items()}
     rows = {
         name: _read_joint(table.table(name), subject, name, described.get(name, HingeLoad()))
         for name in subject.names

@@ -22,6 +22,7 @@ from hingepair.scenes.motions.integrated import integrate_motion
 from hingepair.scenes.motions.known import PSI, EulerBase, Known, Rows
 from hingepair.scenes.motions.motion import Instants, Motion, read_instants, read_instants_array
 from hingepair.scenes.motions.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
+from hingepair.scenes.subjects.mechanism import MechanismSubject
 from hingepair.scenes.subjects.subject import Subject
 from hingepair.scenes.tables import Table, names_in
 from hingepair.symbolic.expressions import Expression, number, parse_expression
@@ -140,6 +141,8 @@ def read_function_motion(tables: Table, subject: Subject) -> Motion:
         if "omega1" not in motion.values:
             motion.fail("omega1", "the angular velocity of body 1, since psi_dot is given")
         return _read_rate_motion(motion, read_instants_array(tables.table("time")), subject.planar)
+    if isinstance(subject, MechanismSubject):
+        subject.check_joint_names(motion, ("file", *subject.base_names, "sequence"))
     subject.check_motion_keys(motion, further=("file", "omega1"))
     base, sequence = read_base(motion, subject)
     joints = read_functions(motion, PSI if subject.pair is not None else subject.moved_by(motion))

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import QUANTITIES, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism, tree_of
@@ -31,6 +30,7 @@ _FRAME_DEFAULTS: Final = ("R", "S", "v", "omega", "a", "alpha")  # what the name
 _COORDINATES: Final = ("q", "qd", "qdd")
 _OF_JOINTS: Final = (*_COORDINATES, "tau")
 _FORCES: Final = ("tau", "force1", "torque1")
+_OF_LOGS: Final = ("columns", "ignore", "smooth", "loss", "gaps", "frame")  # keys of [motion]
 _QUANTITIES: Final = (*_OF_FRAMES, *_OF_JOINTS, *_FORCES[1:])  # all
 
 
@@ -76,6 +76,9 @@ class MechanismSubject(Subject):
 
     def check_motion_keys(self, motion: Table, further: Collection[str] = ()) -> None:
         """Refuse keys of [motion] other than joints, coordinates of the base and `sequence`, with what they are."""
+        for key in _OF_LOGS:
+            if key in motion.values:
+                motion.fail(key, "no such key without file = ..., whose samples it concerns")
         for key in motion.values:
             if key not in self.names and key not in (*self.base_names, "sequence"):
                 self.refuse_joint(motion, key, further[:1] if isinstance(further, tuple) else ())
@@ -266,7 +269,7 @@ class MechanismSubject(Subject):
             return None if computed.forces is None else getattr(computed.forces, name)
         if name in MechanismState.__slots__:
             return None if computed.state is None else getattr(computed.state, name)
-        raise missing_attribute_error(self, name)
+        raise KeyError(name)
 
     def attribute_names(self, known: Known, computed: Computed) -> Iterable[str]:
         """Return the names of the attributes of a result."""

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 
-from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, QUANTITIES, Quantity
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
@@ -186,7 +185,7 @@ class PairSubject(Subject):
             return None if not components else np.stack(components, -1) if name[0] == "q" else components[0]
         if not name.startswith("_") and hasattr(type(computed.state), name):
             return getattr(computed.state, name)
-        raise missing_attribute_error(computed.state, name)
+        raise KeyError(name)
 
     def attribute_names(self, known: Known, computed: Computed) -> Iterable[str]:
         """Return the names of the attributes of a result."""

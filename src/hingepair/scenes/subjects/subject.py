@@ -132,7 +132,7 @@ class Subject(abc.ABC):
 
     @abc.abstractmethod
     def attribute(self, name: str, known: Known, computed: Computed) -> Any:
-        """Return an attribute of a result, such as R2; raise an AttributeError for an unknown name."""
+        """Return an attribute of a result, such as R2; raise a KeyError for an unknown name."""
 
     @abc.abstractmethod
     def attribute_names(self, known: Known, computed: Computed) -> Iterable[str]:

@@ -14,9 +14,10 @@ import numpy as np
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.load import load_scene
+from hingepair.scenes.numbers import number_at
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.variants.reductions import REDUCTIONS, reduce_arrays, reduction_ending
-from hingepair.scenes.variants.vary import Variants, number_at
+from hingepair.scenes.variants.vary import Variants
 from hingepair.tables.sheets import align_columns, cell_text
 
 Range = tuple[float, float] | None
@@ -183,7 +184,7 @@ class _Variants:
         self._names = names
         self._columns = [_column(name) for name in names]
         self.variants = Variants(scene, keys, self._outputs_in(scene))
-        self.given = np.array([number_at(scene, path) for path in self.variants.paths])
+        self.given = np.array([number_at(scene.tables, path) for path in self.variants.paths])
         self.low, self.high = np.array([_ends(*each) for each in zip(keys, ranges, self.given, strict=True)]).T
         self.has_ranges = all(one is not None for one in ranges)
         self.start = np.clip(self.given, self.low, self.high)

@@ -23,11 +23,12 @@ from hingepair.errors import ArgumentError, HingePairError, SceneError, quoted
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.optional import require
 from hingepair.scenes.load import load_scene
+from hingepair.scenes.numbers import number_path
 from hingepair.scenes.tables import Table, read_tables
 from hingepair.scenes.variants.designs import DESIGN_NAMES, design_values, read_varied_number
 from hingepair.scenes.variants.reductions import check_reductions, reduce_arrays
 from hingepair.scenes.variants.stores import Store, check_package
-from hingepair.scenes.variants.vary import MAX_STATES, VariantTask, number_path
+from hingepair.scenes.variants.vary import MAX_STATES, VariantTask
 from hingepair.tables.units import Columns, Units
 
 # Keys that the file of a sweep may have.

@@ -9,12 +9,12 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import motion_of_rotations
 from hingepair.numeric.arrays import Float64Array, real_array
 from hingepair.numeric.caching import lock_free_cached_property
@@ -22,94 +22,16 @@ from hingepair.scenes.bodies import BODY_KEYS, construct_from_table, read_body, 
 from hingepair.scenes.load import load_scene, scene_from_tables, with_constants_evaluated
 from hingepair.scenes.motions.functions import FunctionSource
 from hingepair.scenes.motions.known import EulerBase, Known
+from hingepair.scenes.numbers import keep_motion, number_path
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.subjects.pair import PairSubject
 from hingepair.scenes.subjects.subject import Acting, Arrays, Subject
 from hingepair.scenes.tables import Table
 
-NumberPath: TypeAlias = tuple[str | int, ...]
-"""Keys and indices that lead to a number of a scene file: ("pair", "u1", 0) of "pair.u1[0]"."""
-
 MAX_STATES: Final = 200_000
 """States (variants times instants) that are computed at a time."""
 
-# One part of the path to a number of a scene: a key, then indices in brackets. Each number has one spelling.
-_KEY_PART: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[(?:0|[1-9][0-9]{0,8})\])*)")
 _WORD: Final = re.compile(r"[A-Za-z_]\w*")
-
-
-def number_path(table: Table, values: Mapping[str, Any], key: str) -> NumberPath:
-    """Return the path of keys and indices that a key such as "pair.u1[0]" states. Raise a SceneError that names the
-    step that fails, on `key` of `table`, unless it leads to a number or an expression in the tables `values` of a
-    scene file.
-    """
-    path: list[Any] = []
-    for part in key.split("."):
-        match = _KEY_PART.fullmatch(part)
-        if match is None:
-            table.fail("key", 'names with dots, and places in brackets counted from 0, such as "pair.u1[0]"')
-        path.append(match[1])
-        path += [int(place) for place in re.findall(r"\d+", match[2])]
-    here: Any = values
-    for step in path:
-        if isinstance(here, dict) and step not in here:
-            known = tuple(map(str, here))
-            table.refuse("key", f"{choices(known)} at this place{nearest(str(step), known)}", repr(step))
-        if isinstance(here, list) and not isinstance(step, int):
-            table.refuse("key", f"a place in brackets after a list of {len(here)}, such as [0]", repr(step))
-        if isinstance(step, int) and (not isinstance(here, list) or step >= len(here)):
-            size = f"a list of {len(here)}" if isinstance(here, list) else "no list"
-            table.refuse("key", f"a place in a list: there is {size}", repr(step))
-        if not isinstance(here, dict | list):
-            table.refuse("key", "the key of a number of the scene", repr(key))
-        here = here[step]
-    if isinstance(here, bool) or not isinstance(here, int | float | str):
-        table.refuse("key", "the key of a number of the scene, or of an expression", repr(key))
-    return tuple(path)
-
-
-def number_at(scene: Scene, path: NumberPath) -> float:
-    """Return the number or constant expression of a scene to which a path leads."""
-    here: Any = scene.tables.values
-    for step in path:
-        here = here[step]
-    return Table("vary", "", {"number": here}, scene.tables.constants).number("number")
-
-
-def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
-    """Return the scene with other numbers, as `Scene.with_values`."""
-    entry = Table("values", "", {}, {})
-    return changed(scene, [number_path(entry, scene.tables.values, key) for key in values], [*values.values()])
-
-
-def changed(scene: Scene, paths: Sequence[NumberPath], numbers: Sequence[Any]) -> Scene:
-    """Return the scene with these numbers; what they do not change is taken over."""
-    values = dict(scene.tables.values)
-    for root in {path[0] for path in paths}:
-        values[str(root)] = copy.deepcopy(values[str(root)])
-    for path, number in zip(paths, numbers, strict=True):
-        here: Any = values
-        for step in path[:-1]:
-            here = here[step]
-        here[path[-1]] = number
-    tables = replace(scene.tables, values=values)
-    roots = {path[0] for path in paths}
-    if roots & {"constants", "let"}:
-        tables = with_constants_evaluated(replace(tables, constants={}, let={}))
-    subject = scene.subject if roots <= {"motion", "time", "outputs", "title"} else None
-    motion = scene.motion if _keeps_motion(scene, paths) else None
-    return scene_from_tables(tables, scene.path, subject, motion)
-
-
-def _keeps_motion(scene: Scene, paths: Iterable[NumberPath]) -> bool:
-    """Return whether a given motion is the same whatever the numbers are: those of geometry and masses."""
-    resting = ("u1", "u2", "n", "home", "body1", "body2", "torque_limit", "rate_limit")
-    return scene.motion.simulated is None and all(
-        path[0] in ("pair", "outputs", "title")
-        or path[:2] in (("mechanism", "payload"), ("mechanism", "frames"))
-        or (path[0] == "joint" and len(path) > 2 and path[2] in resting)
-        for path in paths
-    )
 
 
 def vary(
@@ -177,13 +99,24 @@ def vary(
         found = {name: np.concatenate([own[name] for own, _ in parts]).reshape(shape) for name in parts[0][0]}
         data = xarray.Dataset({name: (tuple(axes), array) for name, array in found.items()})
     else:
-        parts = [(arrays, reasons) for _, arrays, reasons in (own for own in batches)]
-        whole = {name: np.concatenate([own[name] for own, _ in parts]) for name in parts[0][0]}
+        done = [*batches]
+        longest = max((batch.t for batch in done), key=len)
+        alike = all(np.array_equal(batch.t, longest) for batch in done)
+        parts = [(batch.arrays | ({} if alike else {"t": batch.t[None]}), batch.reasons) for batch in done]
+        whole = {name: np.concatenate([_padded(own[name], len(longest)) for own, _ in parts]) for name in parts[0][0]}
         whole = {name: array.reshape(*shape, *array.shape[1:]) for name, array in whole.items()}
-        data = dataset(whole, (*axes, "time"), columns, f"{scene.title}, varied", scene.times())
+        data = dataset(whole, (*axes, "time"), columns, f"{scene.title}, varied", longest if alike else None)
     reasons = [reason for _, own in parts for reason in own]
     data["reason"] = (tuple(axes), np.array(reasons, dtype=object).reshape(shape))
     return data.assign_coords(axes)
+
+
+def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:
+    """Return an array (variants, samples, ...) with NaN behind its end, up to `count` samples."""
+    missing = count - array.shape[1]
+    if not missing:
+        return array
+    return np.concatenate((array, np.full((len(array), missing, *array.shape[2:]), np.nan)), axis=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,6 +182,12 @@ def _all_batches(task: VariantTask, numbers: Float64Array) -> list[Batch]:
     return [*task.batches(numbers)]
 
 
+def _batch(found: Sequence[tuple[Float64Array, Arrays]], reasons: list[str]) -> Batch:
+    """Return variants with the same instants together."""
+    t, first = found[0]
+    return Batch(t, {name: np.stack([arrays[name] for _, arrays in found]) for name in first}, reasons)
+
+
 class Variants:
     """Computer of the outputs of a scene for any values of some of its numbers.
 
@@ -267,7 +206,7 @@ class Variants:
 
     def scene_of(self, numbers: Sequence[float]) -> Scene:
         """Return the scene with these numbers."""
-        return changed(self.scene, self.paths, numbers)
+        return self.scene.changed(self.paths, numbers)
 
     def batches(self, numbers: Float64Array) -> Iterator[Batch]:
         """Yield the results of variants, `numbers` (variants, keys), in their order."""
@@ -275,44 +214,46 @@ class Variants:
         for start in range(0, len(numbers), step):
             rows = numbers[start : start + step]
             batch = self._together(rows)
-            yield self._one_by_one(rows) if batch is None else batch
+            if batch is None:
+                yield from self._one_by_one(rows)
+            else:
+                yield batch
 
     def compute(self, numbers: Sequence[float]) -> tuple[Float64Array, Arrays]:
         """Return t, (samples,) s, and the outputs by name, (samples, ...), of one variant."""
         scene = self.scene_of(numbers)
         return scene.times(), scene.arrays(self.outputs)
 
-    def _one_by_one(self, numbers: Float64Array) -> Batch:
-        """Compute each variant by itself; NaN and the reason for one that cannot be computed. A motion that ends
-        earlier than the longest is NaN behind its end.
+    def _one_by_one(self, numbers: Float64Array) -> Iterator[Batch]:
+        """Yield variants that are computed each by itself, those in a row with the same instants together; NaN and
+        the reason for one that cannot be computed.
         """
-        found: list[tuple[Float64Array, Arrays] | None] = []
-        reasons = []
+        found: list[tuple[Float64Array, Arrays]] = []
+        reasons: list[str] = []
         for row in numbers.tolist():
             try:
-                found.append(self.compute(row))
-                reasons.append("")
+                t, arrays = self.compute(row)
+                reason = ""
             except ArgumentError as error:
-                found.append(None)
-                reasons.append(str(error))
-        done = [own for own in found if own is not None] or [(self.scene.times(), self.scene.arrays(self.outputs))]
-        t, first = max(done, key=lambda own: len(own[0]))
-        arrays = {name: np.full((len(found), *array.shape), np.nan) for name, array in first.items()}
-        for i, own in enumerate(found):
-            for name, array in {} if own is None else own[1].items():
-                arrays[name][i, : len(array)] = array
-        return Batch(t, arrays, reasons)
+                t, plain = found[-1] if found else (self.scene.times(), self.scene.arrays(self.outputs))
+                arrays, reason = {name: np.full(array.shape, np.nan) for name, array in plain.items()}, str(error)
+            if found and not np.array_equal(found[-1][0], t):
+                yield _batch(found, reasons)
+                found, reasons = [], []
+            found.append((t, arrays))
+            reasons.append(reason)
+        yield _batch(found, reasons)
 
     # ---- variants together
 
     def _together(self, numbers: Float64Array) -> Batch | None:
         """Compute variants in one call; None where they must be computed one by one."""
-        if self.scene.motion.simulated is not None or len(numbers) < 2:
+        if self.scene.motion.simulated is not None:
             return None
         try:
             if self._moves_only:
                 return self._of_motions(numbers)
-            return self._of_subjects(numbers) if _keeps_motion(self.scene, self.paths) else None
+            return self._of_subjects(numbers) if keep_motion(self.paths) else None
         except ArgumentError:  # of some variant: found again one by one
             return None
 
