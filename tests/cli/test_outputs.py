@@ -65,11 +65,6 @@ def test_what_fails_after_the_check_names_its_option_and_what_is_written(tmp_pat
     assert message.endswith(f"\nwritten before: {out}\n")
 
 
-def test_a_gap_is_a_number_before_work(monkeypatch):
-    monkeypatch.setattr("hingepair.formats.recordings.read_columns", work)
-    assert refusal("fit", "log.csv", "--gaps", "nan").startswith("--gaps: expected a finite number")
-
-
 @pytest.mark.slow(2)
 def test_an_error_never_stands_on_standard_output():
     command = f"{sys.executable} -m hingepair run nowhere.toml 2>&-"

@@ -19,9 +19,9 @@ from hingepair.formats.xml_text import commented
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
 from hingepair.scenes.motions.dynamics import PRESCRIBED
 
 if TYPE_CHECKING:

@@ -24,8 +24,8 @@ from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
-from hingepair.mechanism.pairs.states import Energy, Momentum
 from hingepair.mechanism.results import MAX_HELD_INSTANTS, RESULT_ROWS_PER_BLOCK, Result
+from hingepair.mechanism.states import Energy, Momentum
 from hingepair.motion.energy_balance import EnergyBalance
 from hingepair.motion.run import stop_overrun
 from hingepair.motion.trajectory import describe_instants
@@ -43,9 +43,9 @@ from hingepair.tables.sheets import Sheet, Shown, cell_text, instant_text
 from hingepair.tables.units import SI, Columns, Units, UnitsLike
 
 if TYPE_CHECKING:
-    from hingepair.motion.simulate_robot import SimulatedRobotMotion
+    from hingepair.motion.simulated import SimulatedRobotMotion
     from hingepair.scenes.motions.functions import FunctionsOfTime
-    from hingepair.symbolic.kinks import Expr
+    from hingepair.symbolic.exact import Expr
     from hingepair.validation.report import CrossValidation
 
 

@@ -297,7 +297,9 @@ def names_in(table: Table, symbolic_constants: Collection[str] = ()) -> Mapping[
     )
 
 
-def read_let(table: Table, constants: Mapping[str, float | Expression], symbols: Collection[str] = ()) -> dict[str, float | Expression]:
+def read_let(
+    table: Table, constants: Mapping[str, float | Expression], symbols: Collection[str] = ()
+) -> dict[str, float | Expression]:
     """Return constants and, behind them, the expressions of [let], which may use t and earlier names."""
     found = dict(constants)
     let = replace(table, name="let", values=dict(table.let))

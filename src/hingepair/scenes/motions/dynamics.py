@@ -20,17 +20,16 @@ from hingepair.errors import SimulationError
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY
-from hingepair.mechanism.pairs.requests import DEFAULT_GRAVITY
-from hingepair.motion.given_motions import GivenJoint
+from hingepair.motion.given_motions import given_joint
 from hingepair.motion.simulate import simulate
-from hingepair.motion.simulate_robot import SimulatedRobotMotion
-from hingepair.motion.trajectory import LazyValue
+from hingepair.motion.simulated import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.motions.functions import read_base, read_functions
 from hingepair.scenes.motions.known import PSI, RATE_SUFFIXES, EulerBase, Known
-from hingepair.scenes.motions.motion import Motion, impact_sentences, read_instants_array
+from hingepair.scenes.motions.motion import LazyValue, Motion, impact_sentences, read_instants_array
 from hingepair.scenes.subjects.mechanism import MechanismSubject
 from hingepair.scenes.subjects.subject import Subject
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
@@ -441,7 +440,7 @@ def _read_driven(motion: Table, subject: Subject, t: Float64Array) -> dict[str, 
     driven = {name: partial(_driven, functions, k) for k, name in enumerate(names)}
     for name, move in driven.items():
         with motion.naming(name):
-            GivenJoint(name, move).check(t)
+            given_joint(name, move).check(t)
     return driven
 
 

@@ -18,7 +18,7 @@ from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.motions.known import RATE_SUFFIXES, Known
 from hingepair.scenes.motions.motion import Motion
-from hingepair.scenes.subjects.subject import Acting, Arrays, Computed, Plan, Subject
+from hingepair.scenes.subjects.subject import Acting, Arrays, Computed, Plan, Subject, compared_rates
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
@@ -316,7 +316,8 @@ class MechanismSubject(Subject):
         forces = validation.compare_loads(
             self.mechanism, q, qd, qdd, base, acting.gravity, acting.loads(), motion.simulated.base
         )
-        return replace(report, forces=forces, notes=motion.error_notes(report.u))
+        rates = compared_rates(motion, self.names)
+        return replace(report, forces=(*forces, *rates), notes=motion.error_notes(report.u))
 
     def describe(self, moving: tuple[str, ...]) -> str:
         """Return a line on the joints that move."""

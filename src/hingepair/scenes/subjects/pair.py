@@ -15,14 +15,15 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
-from hingepair.mechanism.pairs.requests import ROWS, computation_of
-from hingepair.mechanism.pairs.states import PairState, PlanarState
+from hingepair.mechanism.pairs.requests import computation_of
+from hingepair.mechanism.requests import ROWS
+from hingepair.mechanism.states import PairState, PlanarState
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_among
 from hingepair.scenes.motions.known import PSI, Known, quaternion_columns
 from hingepair.scenes.motions.motion import Motion
-from hingepair.scenes.subjects.subject import Acting, Arrays, Computed, Plan, Subject
+from hingepair.scenes.subjects.subject import Acting, Arrays, Computed, Plan, Subject, compared_rates
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
@@ -256,7 +257,8 @@ class PairSubject(Subject):
             *(simulated.robot, q, qd, qdd, known.body1, acting.gravity, acting.loads(), simulated.base),
             is_planar=self.planar,
         )
-        return replace(report, forces=(*on_body1, replace(torque, output="hinge_torque", worst_part="")))
+        rows = (replace(torque, output="hinge_torque"), *on_body1, *compared_rates(acting.motion, PSI))
+        return replace(report, forces=tuple(replace(row, worst_part="") for row in rows))
 
     def describe(self, moving: tuple[str, ...]) -> str:  # noqa: ARG002
         """Return a line with the geometry of the pair."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.loops import OperationCounts
+from hingepair.equations.quantities import ACCELERATION
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -221,6 +222,15 @@ class Acting:
                 if part != "motor":
                     found.setdefault(part, np.zeros((known.count, len(known.names))))[:, k] = effort
         return found
+
+
+def compared_rates(motion: Motion, names: tuple[str, ...]) -> tuple[Any, ...]:
+    """Return comparisons of the rates of a simulated motion with the slopes of its coordinates."""
+    from hingepair.validation.cross_validate import compare_rates
+
+    t = np.asarray(motion.t[:])
+    known = motion.source.part(slice(len(t)), ACCELERATION)
+    return tuple(compare_rates(t, [known.array(order) for order in range(3)], names))
 
 
 def _column(order: int, joint: int) -> Any:
