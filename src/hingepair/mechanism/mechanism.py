@@ -664,6 +664,11 @@ def tree_of(robot: Mechanism) -> Tree:
     return robot._tree
 
 
+def robot_of(tree: Tree, base: str) -> Mechanism:
+    """Return the robot of a record."""
+    return _new_mechanism(Mechanism, tree, base)
+
+
 def _new_mechanism(mechanism_class: type[Mechanism], tree: Tree, base: str) -> Mechanism:
     """Return a robot without the checks of the constructor."""
     mechanism = object.__new__(mechanism_class)

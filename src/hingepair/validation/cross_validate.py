@@ -27,6 +27,7 @@ from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
 from hingepair.plans.arguments import Coordinates, read_arguments
 from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE
 from hingepair.plans.trees import BASE_MOTION
+from hingepair.validation.loops import Linkage
 from hingepair.validation.pinocchio_twin import (
     Twin,
     frame_motions,
@@ -319,32 +320,52 @@ def _compare_robot(
 ) -> CrossValidation:
     """Return the report on a robot; `coordinates` are q and, as far as given, qd and qdd."""
     tree, fall = tree_of(robot).single(), one_constant("gravity", gravity, 3)
+    linkage = Linkage.of(robot)
+    inner = robot if linkage is None else linkage.plain
+    everything = coordinates if linkage is None else linkage.of_all_joints(coordinates)
     names = (frames,) if isinstance(frames, str) else tuple(tree.links if frames is None else frames)
     known = {name: tree.known_frame("frames", name) for name in names}
     tips = robot.tips if frames is None else names
-    samples, u = _read_samples(robot, coordinates, base_motion)
+    samples, u = _read_samples(inner, everything, base_motion)
     ours = _outputs_by_equations(robot, coordinates, names, tips, base_motion, fall, samples.shape)
-    twin, compared_with, other_names = urdf_twin(robot)
+    twin, compared_with, other_names = urdf_twin(inner)
     if other_names:  # nothing else can be compared
         rows: tuple[Comparison, ...] = (Comparison("names", np.inf, np.inf, (), 1, worst_part=other_names[0]),)
     else:
-        rows = _robot_rows(_Case(robot, twin, samples, known, tips, fall), ours, u)
+        case = _Case(inner, twin, samples, known, tips, fall)
+        rows = _robot_rows(case, ours, u, linkage, coordinates)
     return CrossValidation(
         robot.name, samples.shape, int((~samples.finite).sum()), u, rows,
         f"{robot.base} base, {len(known)} frames", base=robot.base, frames=len(known), compared_with=compared_with,
     )  # fmt: skip
 
 
-def _robot_rows(case: _Case, ours: dict[str, Float64Array], u: float) -> tuple[Comparison, ...]:
-    """Return a row for each output of Pinocchio's; write the residual of forward dynamics to `ours`."""
-    names, shape = case.robot.names, case.samples.shape
+def _robot_rows(
+    case: _Case,
+    ours: dict[str, Float64Array],
+    u: float,
+    linkage: Linkage | None = None,
+    coordinates: Mapping[str, Any] | None = None,
+) -> tuple[Comparison, ...]:
+    """Return a row for each output of Pinocchio's; write the residual of forward dynamics to `ours`. With a linkage,
+    the case is of its tree, and `ours` and the coordinates of the closed robot.
+    """
+    names, shape = case.robot.names if linkage is None else linkage.robot.names, case.samples.shape
     lift = _lift(case.twin)
     theirs, scales = _outputs_by_pinocchio(case, lift), _output_scales(case)
     singular = 0
     if "tau" in theirs:
-        found = case.with_accelerations(ours)
+        moved = ours if linkage is None else ours | {"qdd": linkage.accelerations(coordinates or {}, ours["qdd"])}
+        found = case.with_accelerations(moved)
         ours["forward_dynamics"], theirs["forward_dynamics"], singular = _residual(found, theirs, lift)
         scales["forward_dynamics"] = _generalized_scales(found)[1]
+    if linkage is not None and theirs:
+        reduction = linkage.reduction(case.twin, case.samples.joints, case.samples.states(case.twin))
+        if "tau" in theirs:
+            ours["forward_dynamics"], _ = linkage.onto_coordinates(reduction, ours["forward_dynamics"])
+        theirs, scales = linkage.reduced(reduction, theirs, scales)
+        for name, values in linkage.of_loops(reduction, coordinates or {}).items():
+            ours[name], theirs[name], scales[name] = values
     parts = dict.fromkeys((*_LETTERS, "d"), tuple(case.frames)) | {"jacobian": case.tips, "tau": names}
     parts["forward_dynamics"] = (*(_BASE_WRENCH if case.robot.base == "free" else ()), *names)
     rows = []
