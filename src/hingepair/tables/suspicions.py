@@ -20,19 +20,13 @@ DEGREES_IN_SCENES: Final = '"deg({})"'
 _FULL_TURN = 2 * np.pi  # [rad]
 
 
-class _Range(NamedTuple):
-    """Sizes of a quantity that are suspicious, and the sentence on them."""
-
-    least: float
-    most: float
-    sentence: str  # format of {name}, {size}, {turns}, {largest} (with its sign), {values} and {convert_...}
-
-
-class _Quantity(NamedTuple):
-    """How a quantity is judged."""
+class _Doubt(NamedTuple):
+    """When values of a quantity are suspicious, and the sentence on them."""
 
     size: Callable[[Float64Array], float]  # of finite values
-    ranges: tuple[_Range, ...]
+    least: float  # suspicious size
+    sentence: str  # format of {name}, {size}, {turns}, {largest} (with its sign), {values} and {convert_...}
+    most: float = np.inf  # suspicious size
 
 
 def _finite(values: Float64Array) -> Float64Array:
@@ -96,150 +90,96 @@ def _fast_and_jerked(motion: Float64Array) -> float:
     return rms_v if rms_a > 50.0 else np.nan
 
 
-# Median steps in another unit than seconds.
-_INSTANT_RANGES = tuple(
-    _Range(least, most, f"{{name}} steps by {{size:.3g}} s: is it in seconds? {unit} * {{name}}.")
-    for least, most, unit in (  # each unit ends with the largest step of a usual recording in it
+# Ends of sentences.
+_RADIANS = "is it in radians? Degrees become radians by {convert_name}."
+_DEGREES = "degrees become radians by {convert_largest}."
+_MILLIMETRES = "Millimetres become metres by the factor 1e-3."
+_METRES = "is it in metres? " + _MILLIMETRES
+
+
+def _doubts_about_steps(size: Callable[[Float64Array], float]) -> tuple[_Doubt, ...]:
+    """Return the doubts about median steps, each up to the largest step of a usual recording in its unit [s]."""
+    units = (
         (1.0, 500.0, "Milliseconds become seconds by 1e-3"),
         (500.0, 5e5, "Microseconds become seconds by 1e-6"),
         (5e5, np.inf, "Nanoseconds become seconds by 1e-9"),
         (np.finfo(float).tiny, 1e-6, "Days become seconds by 86400"),
     )
-)
-_DEGREES = "degrees become radians by {convert_largest}."  # end of sentences
+    start = "{name} steps by {size:.3g} s: is it in seconds? "
+    return tuple(_Doubt(size, least, f"{start}{text} * {{name}}.", most) for least, most, text in units)
+
+
+_TWO_TURNS = 2.000001 * _FULL_TURN
 # How values are judged, by what they are.
-_QUANTITIES: Final[Mapping[str, _Quantity]] = {
+_QUANTITIES: Final[Mapping[str, tuple[_Doubt, ...]]] = {
     # Sensors of motion take at least a sample a second and at most a million.
-    "instants": _Quantity(_median_step, _INSTANT_RANGES),
+    "instants": _doubts_about_steps(_median_step),
     # Instants and an angle [rad], (N, 2), of a computed motion, which may be slow.
-    "sampled motion": _Quantity(_undersampled_step, _INSTANT_RANGES),
+    "sampled motion": _doubts_about_steps(_undersampled_step),
     # A recorded angle: more than two turns, and fewer than two if read as degrees. What spans more is a wheel.
-    "angle": _Quantity(
-        _span,
-        (
-            _Range(
-                2.000001 * _FULL_TURN,
-                720.0,
-                "{name} spans {size:.3g} rad, {turns:.3g} turns: is it in radians? "
-                "Degrees become radians by {convert_name}.",
-            ),
-        ),
-    ),
+    "angle": (_Doubt(_span, _TWO_TURNS, "{name} spans {size:.3g} rad, {turns:.3g} turns: " + _RADIANS, 720.0),),
     # An angle as a function that somebody wrote: as a recorded one, but one that never turns back may be a wheel.
-    "turning": _Quantity(
-        _turned,
-        (
-            _Range(
-                2.000001 * _FULL_TURN,
-                720.0,
-                "{name} turns by {size:.3g} rad, {turns:.3g} turns: is it in radians? 30 degrees are {convert_30}.",
-            ),
+    "turning": (
+        _Doubt(
+            _turned,
+            _TWO_TURNS,
+            "{name} turns by {size:.3g} rad, {turns:.3g} turns: is it in radians? 30 degrees are {convert_30}.",
+            720.0,
         ),
     ),
     # What somebody wrote: degrees are written in whole fives and rates in parts of a turn, radians hardly ever.
-    "written angles": _Quantity(
-        _round(5.0),
-        (_Range(10.0, 36e3, "{name}: {largest:g} is taken for radians, {turns:.3g} turns; " + _DEGREES),),
+    "written angles": (
+        _Doubt(_round(5.0), 10.0, "{name}: {largest:g} is taken for radians, {turns:.3g} turns; " + _DEGREES, 36e3),
     ),
-    "written rates": _Quantity(
-        _round(45.0),
-        (_Range(45.0, np.inf, "{name}: {largest:g} is taken for rad/s, {turns:.3g} turns a second; " + _DEGREES),),
+    "written rates": (
+        _Doubt(_round(45.0), 45.0, "{name}: {largest:g} is taken for rad/s, {turns:.3g} turns a second; " + _DEGREES),
     ),
     # A rate as a function that somebody wrote: motors that turn one way may be fast.
-    "rate": _Quantity(
-        _swing,
-        (_Range(40.0, np.inf, "{name} comes to {size:.3g} rad/s: is it in rad/s? 30 degrees are {convert_30}."),),
-    ),
+    "rate": (_Doubt(_swing, 40.0, "{name} comes to {size:.3g} rad/s: is it in rad/s? 30 degrees are {convert_30}."),),
     # Usual gyroscopes end at 2000 degrees a second, 35 rad/s.
-    "gyroscope": _Quantity(
-        lambda omega: float(row_norms(omega).max(initial=0.0)),
-        (
-            _Range(
-                40.0,
-                np.inf,
-                "{name} comes to {size:.3g} rad/s: is it in rad/s? Degrees a second become rad/s by {convert_name}.",
-            ),
+    "gyroscope": (
+        _Doubt(
+            lambda omega: float(row_norms(omega).max(initial=0.0)),
+            40.0,
+            "{name} comes to {size:.3g} rad/s: is it in rad/s? Degrees a second become rad/s by {convert_name}.",
         ),
     ),
     # Of a slow sensor that counts in g.
-    "accelerometer": _Quantity(
-        lambda force: _median(row_norms(force)),
-        (
-            _Range(
-                0.5,
-                2.0,
-                "{name} is of the size of {size:.2g} m/s^2: is it in m/s^2? "
-                "Multiples of g become m/s^2 by 9.80665 * {name}.",
-            ),
+    "accelerometer": (
+        _Doubt(
+            lambda force: _median(row_norms(force)),
+            0.5,
+            "{name} is of the size of {size:.2g} m/s^2: is it in m/s^2? Multiples of g become m/s^2 by "
+            "9.80665 * {name}.",
+            2.0,
         ),
     ),
     # Between the reference points of two bodies that share a hinge, and on one body.
-    "distance": _Quantity(
-        _median,
-        (
-            _Range(
-                50.0,
-                np.inf,
-                "{name} is {size:.3g} m long: is it in metres? Millimetres become metres by the factor 1e-3.",
-            ),
-        ),
-    ),
-    "written lengths": _Quantity(
-        _largest,
-        (
-            _Range(
-                50.0, np.inf, "{name}: {largest:g} is taken for metres; millimetres become metres by the factor 1e-3."
-            ),
-        ),
-    ),
+    "distance": (_Doubt(_median, 50.0, "{name} is {size:.3g} m long: " + _METRES),),
+    "written lengths": (_Doubt(_largest, 50.0, "{name}: {largest:g} is taken for metres. " + _MILLIMETRES),),
     # Velocity and acceleration of a body, (N, 2, 3): neither a flight nor a small fast machine has both.
-    "motion": _Quantity(
-        _fast_and_jerked,
-        (
-            _Range(
-                50.0,
-                np.inf,
-                "{name} moves at {size:.3g} m/s: is it in metres? Millimetres become metres by the factor 1e-3.",
-            ),
-        ),
-    ),
+    "motion": (_Doubt(_fast_and_jerked, 50.0, "{name} moves at {size:.3g} m/s: " + _METRES),),
     # A standard deviation and the longest lever of the pair.
-    "std of length": _Quantity(
-        _ratio,
-        (
-            _Range(
-                0.05,
-                np.inf,
-                "{name} is {values[0]:.3g} m, beside levers of {values[1]:.3g} m: is it in metres? "
-                "Millimetres become metres by the factor 1e-3.",
-            ),
-        ),
+    "std of length": (
+        _Doubt(_ratio, 0.05, "{name} is {values[0]:.3g} m, beside levers of {values[1]:.3g} m: " + _METRES),
     ),
-    "std of angle": _Quantity(
-        _largest, (_Range(0.05, np.inf, "{name}: {largest:g} is taken for radians; " + _DEGREES),)
-    ),
+    "std of angle": (_Doubt(_largest, 0.05, "{name}: {largest:g} is taken for radians; " + _DEGREES),),
     # The first component of quaternions: 1 is half a turn about x, and no turn at all if it is the scalar.
-    "quaternion x": _Quantity(
-        lambda x: _median(np.abs(x)),
-        (
-            _Range(
-                0.95,
-                np.inf,
-                "{name} has a median size of {size:.2g}, half a turn about x: is it the scalar? "
-                "The order is qx, qy, qz, qw.",
-            ),
+    "quaternion x": (
+        _Doubt(
+            lambda x: _median(np.abs(x)),
+            0.95,
+            "{name} has a median size of {size:.2g}, half a turn about x: is it the scalar? The order is qx, qy, qz, "
+            "qw.",
         ),
     ),
     # A radius of gyration and the longest lever of the body.
-    "gyration": _Quantity(
-        _ratio,
-        (
-            _Range(
-                30.0,
-                np.inf,
-                "{name}: its radius of gyration is {values[0]:.3g} m, beside levers of {values[1]:.3g} m: "
-                "is it in kg m^2?",
-            ),
+    "gyration": (
+        _Doubt(
+            _ratio,
+            30.0,
+            "{name}: its radius of gyration is {values[0]:.3g} m, beside levers of {values[1]:.3g} m: "
+            "is it in kg m^2?",
         ),
     ),
 }
@@ -261,10 +201,9 @@ def suspicions(kind: str, name: str, values: ArrayLike, *, radians: str = "numpy
     (['stops: 90 is taken for radians, 14.3 turns; degrees become radians by numpy.radians(90).'], [])
     """
     array: NDArray[np.float64] = _finite(np.atleast_1d(np.asarray(values, dtype=np.float64)))
-    quantity = _QUANTITIES[kind]
-    with np.errstate(all="ignore"):
-        size = quantity.size(array)
-    for least, most, sentence in quantity.ranges:
+    for measure, least, sentence, most in _QUANTITIES[kind]:
+        with np.errstate(all="ignore"):
+            size = measure(array)
         if least <= size <= most:
             largest, turns = max(array.flat, key=lambda x: (abs(x), x)), size / _FULL_TURN
             converted = {
