@@ -7,6 +7,7 @@ symbols.
 from __future__ import annotations
 
 import itertools
+import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, Final
@@ -264,7 +265,8 @@ class PairForms(ClosedForms):
             self._found |= {"R1": (*R1[:2], sympy.S.Zero), "phi1": R1[2], "psi": psi}
         else:
             self._found |= {"R1": tuple(R1[:3]), "phi": tuple(R1[3:]), "psi": psi}
-            self._order = find_sequence(sequence or "XYZ")
+        plane = {"S1": (_about_z, ("phi1",)), "omega1": (_spin_about_z, ("phi1",))}
+        self._equations = {**_PAIR, **(plane if self.planar else _attitude_equations(sequence or "XYZ"))}
 
     @property
     def kind(self) -> PairKind:
@@ -325,7 +327,8 @@ class PairForms(ClosedForms):
         point, _, ending = name.rpartition("_") if name.endswith(("_v", "_a")) else (name, "", "R")
         if point in self._bodies:
             return self._of_point(ending, point, self._bodies[point])
-        return _PAIR[name](self)
+        function, arguments = self._equations[name]
+        return function(*map(self.form, arguments))
 
     def _of_point(self, letter: str, point: str, body: int) -> Exprs:
         """Return R = R_i + S_i p, or its velocity or acceleration (E1, E8, E9)."""
@@ -353,56 +356,64 @@ def _rates(expr: Any) -> Any:
     return tuple(map(rate, expr)) if isinstance(expr, tuple) else rate(expr)
 
 
-def _attitude1(pair: PairForms) -> Any:
-    if pair.planar:
-        return eq.hinge_rotation((0, 0, 1), _trig(pair.form("phi1")))
-    return pair._order.attitude(pair.form("trig"))
+def _about_z(angle: Expr) -> Exprs:
+    return eq.hinge_rotation((0, 0, 1), _trig(angle))
 
 
-def _omega1(pair: PairForms) -> Any:
-    if pair.planar:
-        return 0, 0, rate(pair.form("phi1"))
-    return pair._order.angular_velocity(pair._order.axes(pair.form("trig")), _rates(pair.form("phi")))
+def _spin_about_z(angle: Expr) -> Exprs:
+    return 0, 0, rate(angle)
 
 
-def _canonical_trig(pair: PairForms) -> Any:
-    angles = pair._order.angles(pair.form("phi"))
+def _attitude_equations(sequence: str) -> dict[str, _Equation]:
+    """Return the equations of the attitude of body 1 by Euler angles (E4, E10)."""
+    order = find_sequence(sequence)
+    return {
+        "angles": (order.angles, ("phi",)),
+        "trig": (_sines_and_cosines, ("angles",)),
+        "S1": (order.attitude, ("trig",)),
+        "axes": (order.axes, ("trig",)),
+        "phid": (_rates, ("phi",)),
+        "omega1": (order.angular_velocity, ("axes", "phid")),
+    }
+
+
+def _sines_and_cosines(angles: Exprs) -> Exprs:
     return tuple(function(angle) for angle in angles for function in (sine_expression, cosine_expression))
 
 
-# Every quantity, of the others (E5-E10). d = r1 - r2 with r_i = S_i u_i.
-_PAIR: Final[Mapping[str, Callable[[PairForms], Any]]] = {
-    "trig": _canonical_trig,
-    "S1": _attitude1,
-    "omega1": _omega1,
-    "alpha1": lambda pair: _rates(pair.form("omega1")),
-    "v1": lambda pair: _rates(pair.form("R1")),
-    "a1": lambda pair: _rates(pair.form("v1")),
-    "psid": lambda pair: rate(pair.form("psi")),
-    "psidd": lambda pair: rate(pair.form("psid")),
-    "Sh": lambda pair: eq.hinge_rotation(pair.form("n"), _trig(pair.form("psi"))),
-    "relative": lambda pair: eq.compose(pair.form("Sh"), pair.form("home")),
-    "S2": lambda pair: eq.compose(pair.form("S1"), pair.form("relative")),
-    "lever": lambda pair: eq.subtract(pair.form("u1"), eq.rotate(pair.form("relative"), pair.form("u2"))),
-    "r1": lambda pair: eq.rotate(pair.form("S1"), pair.form("u1")),
-    "r2": lambda pair: eq.rotate(pair.form("S2"), pair.form("u2")),
-    "d": lambda pair: eq.rotate(pair.form("S1"), pair.form("lever")),
-    "R2": lambda pair: eq.position2(pair.form("R1"), pair.form("d")),
-    "axis": lambda pair: eq.rotate(pair.form("S1"), pair.form("n")),
-    "phi2": lambda pair: pair.form("phi1") + pair.form("psi"),
-    "omega2": lambda pair: eq.angular_velocity2(pair.form("omega1"), pair.form("axis"), pair.form("psid")),
-    "v2": lambda pair: eq.add(
-        pair.form("v1"),
-        eq.subtract(eq.cross(pair.form("omega1"), pair.form("r1")), eq.cross(pair.form("omega2"), pair.form("r2"))),
-    ),
-    "alpha2": lambda pair: eq.angular_acceleration2(*map(pair.form, ("alpha1", "omega1", "axis", "psid", "psidd"))),
-    "a2": lambda pair: eq.add(
-        pair.form("a1"),
-        eq.subtract(
-            eq.point_acceleration(*map(pair.form, ("omega1", "alpha1", "r1"))),
-            eq.point_acceleration(*map(pair.form, ("omega2", "alpha2", "r2"))),
-        ),
-    ),
+def _difference(R: Exprs, r1: Exprs, r2: Exprs) -> Exprs:
+    return eq.add(R, eq.subtract(r1, r2))
+
+
+_Equation = tuple[Callable[..., Any], tuple[str, ...]]  # a function, and the names of its arguments
+
+# Every quantity, of others (E5-E9): r1 = S1 u1 and r2 = S2 u2 lead to the hinge point.
+_PAIR: Final[Mapping[str, _Equation]] = {
+    "v1": (_rates, ("R1",)),
+    "a1": (_rates, ("v1",)),
+    "psid": (_rates, ("psi",)),
+    "psidd": (_rates, ("psid",)),
+    "alpha1": (_rates, ("omega1",)),
+    "phi2": (operator.add, ("phi1", "psi")),
+    "hinge": (_trig, ("psi",)),
+    "Sh": (eq.hinge_rotation, ("n", "hinge")),
+    "relative": (eq.compose, ("Sh", "home")),
+    "S2": (eq.compose, ("S1", "relative")),
+    "arm": (eq.rotate, ("relative", "u2")),
+    "lever": (eq.subtract, ("u1", "arm")),
+    "d": (eq.rotate, ("S1", "lever")),
+    "R2": (eq.position2, ("R1", "d")),
+    "axis": (eq.rotate, ("S1", "n")),
+    "omega2": (eq.angular_velocity2, ("omega1", "axis", "psid")),
+    "alpha2": (eq.angular_acceleration2, ("alpha1", "omega1", "axis", "psid", "psidd")),
+    "r1": (eq.rotate, ("S1", "u1")),
+    "r2": (eq.rotate, ("S2", "u2")),
+    "r1'": (eq.cross, ("omega1", "r1")),
+    "r2'": (eq.cross, ("omega2", "r2")),
+    "r1''": (eq.point_acceleration, ("omega1", "alpha1", "r1")),
+    "r2''": (eq.point_acceleration, ("omega2", "alpha2", "r2")),
+    "v2": (_difference, ("v1", "r1'", "r2'")),
+    "a2": (_difference, ("a1", "r1''", "r2''")),
 }
 
 
