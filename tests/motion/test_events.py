@@ -472,3 +472,13 @@ def test_a_rate_that_comes_to_zero_ends_the_motion_before_the_impact(load, end):
         assert found.ended_by_event
         assert found.t[-1] == pytest.approx(end, rel=1e-13 if power == 1 else 1e-6)
         assert found.psid[-1] == pytest.approx(1.0 if end == 1.2 else 0.0, abs=1e-5)
+
+
+def test_an_event_that_is_undefined_from_some_angle_on_is_no_event():
+    """It was one where rounding put the end of the step just before that angle."""
+    for limit in np.linspace(0.5, 2.4, 20):
+        with pytest.raises(hp.ArgumentError, match="until: expected a finite number"):
+            hp.simulate(
+                wheel(), [0, 5], STILL, 0.0, 1.0, base="fixed", hinge_torque=0.1,
+                until=lambda _, now, limit=limit: np.where(now.psi > limit, np.nan, 2 * np.pi - now.psi),
+            )  # fmt: skip

@@ -407,15 +407,32 @@ def test_an_inertia_far_above_the_levers_is_warned_of():
     assert [Path(one.filename).name for one in said] == ["test_simulate.py"]
 
 
+def sum_of_errors(total, _, psi):
+    total[0] += np.mean(1 - psi) * 0.01
+
+
+def integral_of_errors(total, t, psi):
+    """As controllers do, by the time since the last call, which may be negative."""
+    total[0] += np.mean(1 - psi) * (t[-1] - total[1])
+    total[1] = t[-1]
+
+
+def integral_forwards(total, t, psi):
+    if t[-1] > total[1]:
+        integral_of_errors(total, t, psi)
+
+
 @pytest.mark.parametrize("late", [False, True], ids=["at the start", "later"])
-def test_a_controller_with_a_memory_is_named(late):
+@pytest.mark.parametrize("add", [sum_of_errors, integral_of_errors, integral_forwards])
+def test_a_controller_with_a_memory_is_named(late, add):
     """It would be called at trial steps, in any order: its sum means nothing, and steps never agree."""
     pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
-    total = np.zeros(1)
+    total, calls = np.zeros(2), []
 
     def torque(t, psi, psid):
+        calls.append(t)
         if not late or t.min() > 0.1:
-            total[0] += np.mean(1 - psi) * 0.01
+            add(total, t, psi)
         return 5 * (1 - psi) - 2 * psid + total[0]
 
     start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
@@ -423,3 +440,4 @@ def test_a_controller_with_a_memory_is_named(late):
         hp.ArgumentError, match="hinge_torque: expected a callable that returns the same values whenever"
     ):
         hp.simulate(pair, [0, 5], start, 0.0, 0.0, hinge_torque=torque, base="fixed")
+    assert len(calls) <= (5000 if late else 3)

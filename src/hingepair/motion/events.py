@@ -45,6 +45,9 @@ class JointMotion(Protocol):
     side: Side  # the branch of each load
     held: NDArray[np.bool_]  # whether each joint is held at rest by friction or a stop
 
+    def rates(self, t: Array, states: Array) -> Array:
+        """Return the time derivatives of states."""
+
     def holding_efforts(self, t: Array, states: Array) -> Array:
         """Return the efforts that hold the held joints, (n, joints); 0 of others."""
 
@@ -176,9 +179,12 @@ class JointEvents:
         return state
 
     def _check_user_value(self, t: float, state: Array) -> None:
-        """Refuse a value of the user's event that is not finite."""
-        value = float(self._user_values(np.array([self._start + t]), state[None])[0])
-        if not np.isfinite(value):
+        """Refuse a value of the user's event that is not finite, here or just behind the event."""
+        now, ahead = np.array([self._start + t]), 1e-12 * max(1.0, self._span)  # s, more than events are rounded by
+        later = state + ahead * self._motion.rates(now, state[None])[0]
+        values = self._user_values(np.append(now, now + ahead), np.stack([state, later]))
+        if not np.isfinite(values).all():
+            value = values[~np.isfinite(values)][0]
             raise ArgumentError("until", "a finite number at every instant", f"{value} at t = {self._start + t:.9g}")
 
     def _ends_motion(self) -> bool:

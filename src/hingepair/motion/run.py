@@ -193,7 +193,7 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
     span = float(elapsed[-1])
     events = JointEvents(motion, start, options.tol, options.until, span)
     breaks = [float(x) for x in options.breaks - start if 0 <= x <= span]
-    _check_memory(motion, start, motion.state)
+    _check_memory(motion, start, start + span, motion.state)
     margin, bounds = 8 * np.spacing(max(abs(start), abs(start + span))), np.zeros(2)
     checked = motion.asks_callables or options.until is not None
     stepper = Stepper(
@@ -226,7 +226,7 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
                 raise SimulationError(start + error.t, f"steps became too short; {reason}") from None
             if stepper.trials >= next_check:
                 next_check = stepper.trials + _TRIALS_BETWEEN_CHECKS
-                _check_memory(motion, start + stepper.t, stepper.state)
+                _check_memory(motion, start + stepper.t, start + span, stepper.state)
             if polynomial is not None:
                 records.append(StepRecord(polynomial, *attitude, motion.side, motion.held.copy()))
                 stepper.apply_pending_event()
@@ -248,14 +248,17 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
     return records, None
 
 
-def _check_memory(motion: RobotMotion, t: float, state: Array) -> None:
+def _check_memory(motion: RobotMotion, t: float, last: float, state: Array) -> None:
     """Refuse a callable load that returns other values when it is called again, such as a controller that adds up
-    what it is given: steps are tried in any order and more than once.
+    what it is given: steps are tried in any order and more than once. In between it is called at the last instant
+    and beside the state, since an integral of a constant error over time would come back to where it was.
     """
     if not motion.loads.callable_names:
         return
     times, states = np.full(2, t), np.stack([state] * 2)
-    first, again = (motion.callable_loads(times, states) for _ in range(2))
+    first = motion.callable_loads(times, states)
+    motion.callable_loads(np.full(2, last), states + 1e-6 * motion.sizes)
+    again = motion.callable_loads(times, states)
     for name, values in first.items():
         if not np.array_equal(values, again[name], equal_nan=True):
             expected = "a callable that returns the same values whenever it is called with the same arguments"
