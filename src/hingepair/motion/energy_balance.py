@@ -23,7 +23,8 @@ class EnergyBalance:
     #: instants [s]; shape (N,)
     t: Array
     #: work since the first instant [J], (N,), by load: force1, torque1, force2, torque2, motor, spring, damper,
-    #: friction and stop; impacts at rigid stops; base, which moves a body 1 whose motion is given.
+    #: friction and stop; struts, their dampers and friction; impacts at rigid stops; base, which moves a body 1 whose
+    #: motion is given.
     #: Loads that do no work are left out.
     work: Mapping[str, Array]
     #: kinetic energy [J]; shape (N,); without body 1 where its motion is given or it has no mass

@@ -24,9 +24,9 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotatio
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.motion.collocation import StepPolynomial
-from hingepair.motion.events import Side
 from hingepair.motion.given_motions import GivenMotion
-from hingepair.motion.loads import Loads, MotionAtInstants
+from hingepair.motion.linkages import marks_of, strut_powers_of
+from hingepair.motion.loads import Loads, MotionAtInstants, Side
 from hingepair.motion.methods import quaternion_product
 from hingepair.motion.robot_programs import RobotPrograms
 from hingepair.motion.trajectory import quaternions_to_matrices
@@ -115,6 +115,7 @@ class RobotMotion:
     ) -> None:
         self.robot, self.loads, self.base, self._driven, self._programs = robot, loads, base, driven or {}, programs
         self.joint_loads = tuple(loads.joint_loads.values())
+        self.marks = marks_of(robot)
         self.dof = robot.dof
         self.has_momenta = base in ("free", "pinned")
         self._given_base = base_motion if isinstance(base_motion, GivenMotion) else None
@@ -319,6 +320,8 @@ class RobotMotion:
                 joint_loads=False,
             )  # fmt: skip
             powers["base"] = (support.force1 * now.v1 + support.torque1 * now.omega1).sum(axis=-1)
+        if (strut_powers := strut_powers_of(self.robot)) is not None:
+            powers["struts"] = strut_powers(now.q, now.qd)
         for name in TORQUE_PARTS:
             if name in loads:
                 powers[name] = (loads[name] * now.qd).sum(axis=-1)

@@ -20,19 +20,20 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.mechanism.bodies.hinge_load import HingeLoad, call_with_arrays, rate_kinks, stop_angles, stop_range
 from hingepair.motion.collocation import event_margin
 from hingepair.motion.complementarity import forces_within_limits
+from hingepair.motion.linkages import Mark
+from hingepair.motion.loads import Side
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
 
 UserEvent: TypeAlias = Callable[[Array, Any], ArrayLike]
 """Event of the user: a callable of instants (n,) and the motion at them that returns values (n,), 0 at the event."""
-Side: TypeAlias = tuple[Array, Array]
-"""Coordinates and rates, (..., joints) each, that select one smooth branch of the load of each joint."""
 
 # Kinds of events: the next kinks in coordinate and rate, release of a held joint, and the user's event.
 _LOWER_ANGLE, _UPPER_ANGLE = "lower angle", "upper angle"
 _LOWER_RATE, _UPPER_RATE = "lower rate", "upper rate"
 _RELEASE_DOWN, _RELEASE_UP = "release downwards", "release upwards"
 _USER = "until"  # as the argument of `simulate`
+_MARK = "mark"
 _HOLDING: Final = 1e-12  # of the efforts: by which the holding effort may exceed its limit, for rounding
 
 
@@ -44,6 +45,7 @@ class JointMotion(Protocol):
     joint_loads: tuple[HingeLoad, ...]
     side: Side  # the branch of each load
     held: NDArray[np.bool_]  # whether each joint is held at rest by friction or a stop
+    marks: tuple[Mark, ...]  # where the motion ends, and where loads have kinks
 
     def rates(self, t: Array, states: Array) -> Array:
         """Return the time derivatives of states."""
@@ -90,6 +92,8 @@ class JointEvents:
             raise ArgumentError("until.direction", expected, quoted(self._direction))
         self._sign = 0.0  # of the value of the user's event; 0 while it is not known
         self._largest = 0.0  # absolute value of the user's event so far
+        self.ended_by = ""  # why the motion ended; "" while it goes on
+        self._mark_signs = [float(np.sign(mark.distance(motion.state[None, motion.q])[0])) for mark in motion.marks]
         self._passed_at = -np.inf  # when the user's event last passed 0 against its direction [s]
         self._effort_limits = [(0.0, 0.0)] * len(loads)  # of the holding efforts
         self._qd = slice(motion.q.stop, 2 * motion.q.stop - motion.q.start)
@@ -108,7 +112,9 @@ class JointEvents:
     def any_events(self) -> bool:
         """Whether any event can happen."""
         return bool(
-            self._user_event or any(stop_angles(load) or rate_kinks(load) for load in self._motion.joint_loads)
+            self._user_event
+            or self._motion.marks
+            or any(stop_angles(load) or rate_kinks(load) for load in self._motion.joint_loads)
         )
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
@@ -136,6 +142,10 @@ class JointEvents:
                 size = 1 + float(np.abs(values).max())
                 rows |= {(lower, k): (values - least, size)} if least > -np.inf else {}
                 rows |= {(upper, k): (most - values, size)} if most < np.inf else {}
+        for i, (mark, sign) in enumerate(zip(motion.marks, self._mark_signs, strict=True)):
+            values = mark.distance(states[:, motion.q])
+            if sign:
+                rows[_MARK, i] = sign * values, 1 + float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
         if self._user_event is not None:
             values = self._user_values(self._start + t, states)
             finite = values[np.isfinite(values)]  # at others the stepper stops, and `apply` refuses them
@@ -157,9 +167,13 @@ class JointEvents:
         state = state.copy()
         if kind == _USER:
             self._check_user_value(t, state)
-            ends = self._ends_motion()
+            self.ended_by = _USER if self._ends_motion() else ""
             self._sign, self._passed_at = -self._sign, t
-            return None if ends else state
+            return None if self.ended_by else state
+        if kind == _MARK:
+            self.ended_by = self._motion.marks[k].end if self._mark_signs[k] > 0 else ""
+            self._mark_signs[k] *= -1
+            return None if self.ended_by else state
         if kind in (_LOWER_ANGLE, _UPPER_ANGLE):
             kink = self._angle_kinks[k][self._angle_intervals[k] + (kind == _UPPER_ANGLE)]
             if kink in self._rigid_stops[k]:
@@ -203,6 +217,7 @@ class JointEvents:
         tolerance = 1e-13 * max(1.0, t)  # events so close happen at once
         ends = self._ends_motion() and t - self._passed_at > tolerance
         self._sign = 0.0
+        self.ended_by = _USER if ends else ""
         return ends
 
     def _user_values(self, t: Array, states: Array) -> Array:

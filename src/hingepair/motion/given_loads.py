@@ -21,7 +21,7 @@ from hingepair.mechanism.bodies.hinge_load import (
 from hingepair.mechanism.computations import read_wrenches
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Mimic
-from hingepair.motion.linkage_loads import efforts_of_followers, with_strut_loads
+from hingepair.motion.linkages import efforts_of_followers, with_strut_loads
 from hingepair.motion.loads import GivenLoad, Loads, MotionAtInstants, broadcast_load
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, is_zero, one_constant

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,9 +18,10 @@ from hingepair.mechanism.bodies.hinge_load import (
     is_plain_hinge_load,
     stop_range,
 )
-from hingepair.motion.events import Side
 from hingepair.numeric.arrays import Float64Array as Array
 
+Side: TypeAlias = tuple[Array, Array]
+"""Coordinates and rates, (..., joints) each, that select one smooth branch of the load of each joint."""
 ON_BASE = ("force1", "torque1")
 """Names of the force and the torque on the base in results."""
 

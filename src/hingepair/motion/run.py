@@ -60,7 +60,7 @@ class Run(NamedTuple):
     first_state: Array  # at the first instant, before its events
     steps: list[StepRecord]
     samples: RobotSamples
-    ended: bool  # whether `until` ended it
+    ended_by: str  # what ended it: "until", or a sentence of `linkages`; "" if nothing did
 
 
 class Impact(NamedTuple):
@@ -106,12 +106,12 @@ def run_motion(motion: RobotMotion, t: Array, options: RunOptions) -> Run:
     Raises:
         SimulationError: it cannot be continued.
     """
-    first_state, steps, end = motion.state, list[StepRecord](), None
+    first_state, steps, end, ended_by = motion.state, list[StepRecord](), 0.0, ""
     if len(t) > 1:
-        steps, end = _run_steps(motion, t, options)
-    if end is not None:
+        steps, end, ended_by = _run_steps(motion, t, options)
+    if ended_by:
         t = np.unique(np.hstack([t[t - t[0] < end], t[0] + end]))
-    return Run(motion, first_state, steps, _sample_steps(motion, first_state, steps, t), end is not None)
+    return Run(motion, first_state, steps, _sample_steps(motion, first_state, steps, t), ended_by)
 
 
 def joint_extremes(run: Run, joint: int) -> tuple[Extreme, Extreme]:
@@ -185,9 +185,9 @@ def stop_overrun(name: str, unit: str, stops: tuple[float, float], lowest: float
     return f"{name} passes the stops by {depth:.3g} {unit}, for they are springs" if depth > 0.02 else ""
 
 
-def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list[StepRecord], float | None]:
-    """Make steps from t[0] to t[-1]. Return them, and the time since t[0] [s] at which `until` ended the motion, or
-    None.
+def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list[StepRecord], float, str]:
+    """Make steps from t[0] to t[-1]. Return them, the time since t[0] [s] at which the motion ended, and what ended
+    it; "" at the last instant.
     """
     start, elapsed = float(t[0]), t - t[0]
     span = float(elapsed[-1])
@@ -231,7 +231,7 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
                 records.append(StepRecord(polynomial, *attitude, motion.side, motion.held.copy()))
                 stepper.apply_pending_event()
             if stepper.ended:
-                return records, stepper.t
+                return records, stepper.t, events.ended_by
             stepper.set_state(motion.restart_attitude(stepper.state))
             if stepper.t >= span or stepper.trials < min(last_trials + 1000, options.max_steps):
                 continue
@@ -245,7 +245,7 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
                     start + stepper.t, f"{options.max_steps:g} steps would not reach the end; {reason}"
                 )
             last_trials, last_t = stepper.trials, stepper.t
-    return records, None
+    return records, stepper.t, ""
 
 
 def _check_memory(motion: RobotMotion, t: float, last: float, state: Array) -> None:

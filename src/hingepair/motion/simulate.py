@@ -300,6 +300,8 @@ def simulate_robot(
         q_range.append(extremes)
         impacts += joint_impacts(found.run, k, joint.name)
         passed += doubts if f"q0[{joint.name!r}]" not in in_degrees else []  # degrees pass the limits, too
+    if found.run.ended_by not in ("", "until"):
+        passed.append(f"the motion ends at t = {samples.t[-1]:.6g} s: {found.run.ended_by}")
     for sentence in filter(None, (*in_degrees.values(), *passed)):
         warn_of_dynamics(words(sentence))
     return SimulatedRobotMotion(
@@ -318,7 +320,7 @@ def simulate_robot(
         q_range=read_only(np.array(q_range, np.float64).reshape(-1, 2)),
         impacts=tuple(sorted(impacts, key=lambda impact: impact.t)),
         steps=samples.steps,
-        ended_by_event=found.run.ended,
+        ended_by_event=bool(found.run.ended_by),
         _frames=None if frames is None else tuple([frames] if isinstance(frames, str) else frames),
         _simulation=found,
     )

@@ -95,7 +95,7 @@ class SimulatedRobotMotion(Frozen, Result):
     impacts: tuple[Impact, ...]
     #: number of integration steps
     steps: int
-    #: whether `until` ended the motion before the last instant that was asked for
+    #: whether `until`, a dead point or the end of a strut's stroke ended the motion before the last instant
     ended_by_event: bool
     _frames: tuple[str, ...] | None
     _simulation: Simulation
@@ -188,7 +188,7 @@ class SimulatedRobotMotion(Frozen, Result):
         return ()  # besides those of the class
 
     def __repr__(self) -> str:
-        ended = ", ended by until" if self.ended_by_event else ""
+        ended = ", ended by an event" if self.ended_by_event else ""
         span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else ""
         return f"SimulatedRobotMotion({self.robot.name!r}, {len(self.t)} instants, {span}, steps={self.steps}{ended})"
 

@@ -33,11 +33,14 @@ class Deferred:
 
     def __getstate__(self) -> dict[str, Any]:
         kind = type(self)
-        return {n: x for n, x in vars(self).items() if isinstance(getattr(kind, n, None), functools.cached_property)}
+        computed = {
+            n: x for n, x in vars(self).items() if isinstance(getattr(kind, n, None), functools.cached_property)
+        }
+        return {"_is_copy": True, **computed}
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
+        if name.startswith("__") or "_is_copy" not in vars(self):
+            raise AttributeError(f"{type(self).__name__} has no {name!r}")
         raise ArgumentError("motion", "estimates and energy balance computed before the motion was pickled", "none")
 
     def __deepcopy__(self, _: Any) -> Self:

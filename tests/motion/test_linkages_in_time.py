@@ -1,0 +1,88 @@
+"""Linkages in time: dead points and ends of strokes end motions, and the energies grow by the work of struts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+
+BARS = (("crank", (0, 0, 0), 0.3), ("coupler", (0.3, 0, 0), 0.9), ("rocker", (1, 0, 0), 0.7))
+
+
+def four_bar(coordinate, base="fixed"):
+    frame = hp.Body(5, (0.5, 0, 0), (1, 1, 1))
+    joints = [
+        hp.HingePair(
+            u1, (0, 0, 0), (0, 0, 1), name=name, body1=None if name == "coupler" else frame,
+            body2=hp.Body(2 * size, (size / 2, 0, 0), (0.1, 0.1, 0.1)),
+        )
+        for name, u1, size in BARS
+    ]  # fmt: skip
+    tree = hp.Mechanism(joints, parents=[0, 1, 0], base=base)
+    tree = tree.with_frame("a", link="coupler", R=(0.9, 0, 0)).with_frame("b", link="rocker", R=(0.7, 0, 0))
+    assembled = {"crank": 0.3, "coupler": 0.8, "rocker": 1.9}
+    return tree.closed(hp.Loop("a", "b"), coordinates=coordinate, at=assembled)
+
+
+def hatch(**strut):
+    lid = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), name="lid", body2=hp.Body(12, (0.4, 0, 0), (0.1, 0.8, 0.9)))
+    tree = hp.Mechanism([lid]).with_frame("foot", "base", R=(0.3, 0, -0.2)).with_frame("eye", "lid", R=(0.5, 0, 0))
+    return tree.with_strut("foot", "eye", "gas", **strut)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [1.0, -1.0])
+def test_a_motion_ends_where_its_coordinate_comes_to_a_dead_point(rate):
+    """The crank goes on there, and shows when the rocker turns back."""
+    by_rocker, by_crank = four_bar("rocker"), four_bar("crank")
+    t, given = np.linspace(0, 3, 301), {"gravity": (0, 0, 0), "tol": 1e-12}
+    with pytest.warns(hp.DynamicsWarning, match="ends at t = .* a-b at a dead point, where rocker no longer moves"):
+        found = hp.simulate(by_rocker, t, [1.9], [rate], **given)
+    assert found.ended_by_event
+    assert by_rocker.transmission(found.q[-1]) == pytest.approx(1e-3, rel=1e-6)
+    assert np.isfinite(found.qdd).all()
+    q0, qd0 = by_rocker.all_coordinates([1.9], [rate])
+    other = hp.simulate(
+        by_crank, t, q0[:1], qd0[:1], until=lambda _, now: by_crank.all_coordinates(now.q, now.qd)[1][:, 2], **given
+    )
+    assert 0 < other.t[-1] - found.t[-1] < 5e-3
+    rows = len(found.t) - 1
+    np.testing.assert_allclose(by_crank.all_coordinates(other.q)[:rows, 2], found.q[:rows, 0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [-0.5, -0.2])
+def test_a_motion_ends_at_the_end_of_a_stroke_that_has_no_stops(start):
+    lid = hatch(force=hp.GasSpring(F1=150, F2=200, stroke=0.2), free_length=0.5)
+    with pytest.warns(hp.DynamicsWarning, match="gas at the end of its stroke, 0.[35] m"):
+        found = hp.simulate(lid, np.linspace(0, 2, 21), [start], [4.0 if start > -0.3 else 0.0], tol=1e-12)
+    assert found.ended_by_event
+    ends = {-0.5: 0.5, -0.2: 0.3}
+    assert lid.struts(found.q[-1])["gas"].length == pytest.approx(ends[start], abs=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("damping", [0.0, 30.0])
+def test_elastic_stops_of_a_strut_are_felt_and_its_damper_works(damping):
+    lid = hatch(stiffness=300, free_length=0.4, limits=(0.3, 0.5), stop_stiffness=1e5, damping=damping)
+    found = hp.simulate(lid, np.linspace(0, 2, 201), [-0.5], tol=1e-11)
+    balance = found.energy_balance()
+    assert np.abs(balance.residual).max() < 1e-8
+    assert ("struts" in balance.work) == (damping > 0)
+    assert 0.27 < lid.struts(found.q)["gas"].length.min() < 0.3
+    assert not found.ended_by_event
+
+
+@pytest.mark.slow
+def test_a_thrown_four_bar_keeps_its_momenta_and_rolls_out_to_the_same():
+    linkage = four_bar("crank", "free")
+    start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0.1, 0, 0), omega=(0.1, 0.3, 0.2))
+    given = {"gravity": (0, 0, 0), "base_motion": start}
+    found = hp.simulate(linkage, np.linspace(0, 2, 41), [0.3], [3.0], **given)
+    for momentum in (found.momentum().linear, found.momentum().angular):
+        assert np.ptp(momentum, axis=0).max() < 1e-14
+    assert np.ptp(found.energy().kinetic) < 1e-10
+    rolled = linkage.rollout([0.3], [3.0], np.zeros((200, 1)), 1e-2, method="rk4", **given)
+    np.testing.assert_allclose(rolled.q[::5], found.q, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(rolled.R1[::5], found.base_motion.R, rtol=0, atol=1e-7)
