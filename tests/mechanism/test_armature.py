@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
+from support.exported import ARM
 from support.trees import Robot, on_free_base, random_model, record_of, with_mimics
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no rigid body:hingepair.DynamicsWarning")
@@ -218,3 +219,52 @@ def test_limits_that_pinocchio_has_not_are_infinite():
     robot = hp.Mechanism.from_pinocchio(model)
     assert robot.position_limits.tolist() == [[-np.inf, np.inf]]
     assert robot.effort_limits.tolist() == robot.rate_limits.tolist() == [np.inf]
+
+
+# ---- motors
+
+
+def test_a_motor_is_felt_by_the_square_of_its_gear_ratio():
+    robot = hp.load_robot("ur5_robot").with_motor("elbow_joint", armature=2e-5, ratio=-100)
+    assert robot.armature.tolist() == [0, 0, 2e-5 * 100 * 100, 0, 0, 0]
+    q = np.linspace(-1, 1, 6)
+    added = robot.mass_matrix(q) - hp.load_robot("ur5_robot").mass_matrix(q)
+    np.testing.assert_allclose(added, np.diag(robot.armature), rtol=0, atol=1e-14)
+    assert hp.cross_validate(robot, q, q, q).ok
+
+
+def test_gear_ratios_are_those_of_transmissions_of_one_joint():
+    transmission = (
+        '<transmission name="t{0}"><type>transmission_interface/SimpleTransmission</type><joint name="{0}"/>'
+        '<actuator name="m"><mechanicalReduction>{1}</mechanicalReduction></actuator></transmission>'
+    )
+    text = ARM.replace(
+        "</robot>", transmission.format("elbow", "50") + transmission.format("slide", "-7.5") + "</robot>"
+    )
+    robot = hp.Mechanism.from_urdf(text)
+    for name, ratio in (("elbow", 50), ("slide", -7.5), ("shoulder", 1)):
+        geared = robot.with_motor(name, armature=0.5)
+        assert geared.armature[robot.names.index(name)] == 0.5 * ratio**2
+    with pytest.raises(hp.errors.URDFError, match="mechanicalReduction"):
+        hp.Mechanism.from_urdf(ARM.replace("</robot>", transmission.format("elbow", "high") + "</robot>"))
+    for options, argument in (({"joint": "arm"}, "joint"), ({"ratio": 0}, "ratio"), ({"armature": -1}, "armature")):
+        with pytest.raises(hp.errors.ArgumentError) as raised:
+            robot.with_motor(**{"joint": "elbow", "armature": 1, **options})
+        assert raised.value.name == argument
+
+
+def test_bounds_of_efforts_may_differ():
+    body = '<body><joint name="{}" actuatorfrcrange="{}"/><geom size="1"/>'
+    bodies = body.format("a", "-5 0") + body.format("b", "-2 2")
+    text = f"<mujoco><worldbody>{bodies}</body></body></worldbody></mujoco>"
+    robot = hp.Mechanism.from_mjcf(text)
+    assert robot.effort_bounds.tolist() == [[-5, 0], [-2, 2]]
+    assert robot.effort_limits.tolist() == [5, 2]
+    back = hp.Mechanism.from_mjcf(hp.to_mjcf(robot.with_locked({"b": 0.0})))
+    assert back.effort_bounds.tolist() == [[-5, 0]]
+    model = hp.to_pinocchio(robot).model
+    assert (model.lowerEffortLimit.tolist(), model.upperEffortLimit.tolist()) == ([-5, -2], [0, 2])
+    assert hp.Mechanism.from_pinocchio(model).effort_bounds.tolist() == [[-5, 0], [-2, 2]]
+    with pytest.raises(hp.errors.ArgumentError, match=r"effort_limits: .*'a'"):
+        robot.rollout([0, 0], [0, 0], np.zeros((3, 2)), 0.01, effort_limits=True)
+    assert hp.Mechanism.from_pinocchio(pin.buildSampleModelManipulator()).effort_bounds[0].tolist() == [-10, 10]

@@ -188,8 +188,8 @@ def insert_mjcf_joint(body: ET.Element, joint: Joint, label: str, seat: FramePos
         attributes["range"] = lower, upper
     if joint.effort_limit == 0:
         warn_of_dynamics(f"MJCF cannot hold torque_limit = 0: left out, so that the torque at {label} is not limited")
-    elif np.isfinite(joint.effort_limit):
-        attributes["actuatorfrcrange"] = -joint.effort_limit, joint.effort_limit
+    elif np.isfinite(joint.effort_bounds).any():
+        attributes["actuatorfrcrange"] = np.clip(joint.effort_bounds, -_FARTHEST, _FARTHEST)
     load = joint.load
     if load.stiffness:
         attributes |= {"stiffness": load.stiffness, "springref": load.rest}

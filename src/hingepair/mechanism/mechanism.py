@@ -179,8 +179,8 @@ class Mechanism(MechanismMethods):
         The inertias of the motors' rotors (`model.armature`) are included in forces, the mass matrix, forward
         dynamics and kinetic energy, as in Pinocchio. There is one difference: for a joint whose axis is not a
         coordinate axis, Pinocchio 4.1 omits the rotor from the kinetic energy; hingepair includes it. Position
-        limits, the upper limits of effort and velocity, damping and dry friction are read. Not read are
-        `rotorInertia` and `rotorGearRatio`, lower limits of effort and velocity, reference configurations and margins
+        limits, limits of effort, upper limits of velocity, damping and dry friction are read. Not read are
+        `rotorInertia` and `rotorGearRatio`, lower limits of velocity, reference configurations and margins
         of limits; nor gravity, which is an argument of the methods, with a DynamicsWarning unless it is their
         default. Constraints that close loops, such as those of MJCF's `<equality>`, are no part of a Pinocchio model:
         the loops of the robot are open.
@@ -212,12 +212,13 @@ class Mechanism(MechanismMethods):
         and inertias of geoms are as there; it must be installed.
 
         Read are bodies with their masses, hinges and slide joints with `ref`, `range`, `armature`, `damping`,
-        `frictionloss`, `stiffness`, `springref` and `actuatorfrcrange`, linear equalities of two joints as mimic
-        joints, sites as frames, and a free joint of the only body of the world that moves, which is the base. Without
-        it, the base is the world. q is MuJoCo's qpos of the joints in its order, without mimic joints. What has no
-        name is `joint1`, `body2` and so on; a site with the name of a body or a joint gets "_" behind it. Not read
-        are shapes and contacts, actuators, other tendons and equalities, gravity compensation, the medium, loads of
-        the free joint and bodies that stand beside it; a DynamicsWarning names those that the model has.
+        `frictionloss`, `stiffness`, `springref` and `actuatorfrcrange` (`effort_bounds`), linear equalities of two
+        joints as mimic joints, sites as frames, and a free joint of the only body of the world that moves, which is
+        the base. Without it, the base is the world. q is MuJoCo's qpos of the joints in its order, without mimic
+        joints. What has no name is `joint1`, `body2` and so on; a site with the name of a body or a joint gets "_"
+        behind it. Not read are shapes and contacts, actuators, other tendons and equalities, gravity compensation,
+        the medium, loads of the free joint and bodies that stand beside it; a DynamicsWarning names those that the
+        model has.
 
         Equalities `connect` and `weld` close loops (`closed`), and q is then of the joints that determine the others,
         those near the base; `robot.opened()` has all joints in q. A tendon straight from one site to another is a
@@ -287,6 +288,13 @@ class Mechanism(MechanismMethods):
     def effort_limits(self) -> Float64Array:
         """Largest permitted torques [N m] and forces [N] of the motors, inf where there is no limit; shape (dof,)."""
         return self._joint_values("effort_limit")
+
+    @property
+    def effort_bounds(self) -> Float64Array:
+        """Least and greatest torques [N m] and forces [N] of the motors; shape (dof, 2). They are minus and plus
+        `effort_limits`, but for joints of MJCF and Pinocchio with other bounds.
+        """
+        return self._joint_values("effort_bounds", 2)
 
     @property
     def armature(self) -> Float64Array:
@@ -419,6 +427,22 @@ class Mechanism(MechanismMethods):
         7
         """
         return self._with_tree(changes.lock_joints(self._tree, self.base, positions))
+
+    def with_motor(self, joint: str, *, armature: float, ratio: float | None = None) -> Mechanism:
+        """Return a copy of the robot with the inertia of a motor's rotor at a joint, in place of its `armature`.
+
+        Args:
+            joint: name of the joint.
+            armature: inertia of the rotor about its own axis [kg m^2].
+            ratio: turns of the rotor for one turn of the joint; of a slider rad/m. The joint feels armature times
+                ratio^2. By default the `mechanicalReduction` of its transmission in the URDF, or 1.
+
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot").with_motor("elbow_joint", armature=2e-5, ratio=101)
+        >>> robot.armature.round(3).tolist()
+        [0.0, 0.0, 0.204, 0.0, 0.0, 0.0]
+        """
+        return self._with_tree(changes.set_motor(self._tree, joint, armature, ratio))
 
     def with_joint_loads(self, loads: Mapping[str, HingeLoad]) -> Mechanism:
         """Return a copy of the robot with other `joint_loads`; joints that are not named keep theirs.
@@ -638,7 +662,9 @@ class Mechanism(MechanismMethods):
             follows = "" if rule is None else str(records.MimicRecord(joints[rule.leader - 1].name, *rule[1:]))
             carrier = "base" if joint.parent == 0 else joints[joint.parent - 1].name
             limits = (*joint.position_limits, joint.rate_limit, joint.effort_limit)
-            shown = ("" if np.isinf(limit) else cell_text(limit) for limit in limits)
+            shown = ["" if np.isinf(limit) else cell_text(limit) for limit in limits]
+            if joint.effort_range is not None:
+                shown[-1] = " to ".join(map(cell_text, joint.effort_range))
             axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in joint.n.tolist())
             cells = map(cell_text, values)
             rows.append((joint.name, joint.kind, carrier, axis, *shown, cell_text(joint.body.mass), follows, *cells))

@@ -615,6 +615,10 @@ class MechanismMethods(Frozen, Shown):
         (100, 51, 6)
         """
         limit: Any = None if effort_limits is False else effort_limits
+        uneven = next((joint.name for joint in self._tree.coordinates if joint.effort_range), None)
+        if effort_limits is True and uneven is not None:
+            expected = f"numbers, since the bounds of {uneven!r} differ (`effort_bounds`)"
+            raise ArgumentError("effort_limits", expected, effort_limits)
         if effort_limits is True:
             limit = np.array([joint.effort_limit for joint in self._tree.coordinates])
         loads, links = read_wrenches(wrenches, self._tree)

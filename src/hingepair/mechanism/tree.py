@@ -80,8 +80,10 @@ class Joint(Frozen):
     position_limits: tuple[float, float] = (-np.inf, np.inf)
     rate_limit: float = np.inf  # largest rate [rad/s or m/s]; infinite where there is none
     effort_limit: float = np.inf  # largest torque or force of its motor [N m or N]; infinite where there is none
+    effort_range: tuple[float, float] | None = None  # bounds that are not -effort_limit and effort_limit
     # inertia of its motor's rotor, referred to the joint by the square of the gear ratio [kg m^2 or kg]
     armature: float = 0.0
+    ratio: float = 1.0  # turns of its motor for one of the joint, as files write it; `with_motor` reads it
     load: HingeLoad = NO_LOAD  # spring, damper and dry friction as they are written; a slider's in N/m, N s/m and N
     mimic: Mimic | None = None  # rule of a joint that follows another; None for a joint with a coordinate of its own
     pitch: float = 0.0  # displacement for one radian of a joint that also turns [m/rad]
@@ -102,6 +104,11 @@ class Joint(Frozen):
     def effort_unit(self) -> str:
         """Unit of the torque or force along q."""
         return KINDS[self.kind].effort
+
+    @property
+    def effort_bounds(self) -> tuple[float, float]:
+        """Least and greatest effort of its motor [N m or N]."""
+        return self.effort_range or (-self.effort_limit, self.effort_limit)
 
     @property
     def reach(self) -> float:

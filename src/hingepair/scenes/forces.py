@@ -324,7 +324,8 @@ def _summarize_joint(
     if finite.any():
         largest_index = int(np.where(finite, np.abs(tau), -1.0).argmax())
         largest, when = float(abs(tau[largest_index])), float(t[largest_index])
-    beyond = np.flatnonzero(np.abs(tau) > joint.effort_limit)
+    least, most = joint.effort_bounds
+    beyond = np.flatnonzero((tau < least) | (tau > most))
     q, qd = known_motion.column(0, joint_index), np.abs(known_motion.column(1, joint_index))
     return JointLoad(
         joint.name,

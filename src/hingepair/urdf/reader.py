@@ -167,7 +167,7 @@ def _visual(element: ET.Element, rules: _PoseRules) -> Visual:
     return visual._replace(file=shape.get("filename", ""), scale=scale, colour=rgba)
 
 
-def _joint(element: ET.Element, rules: _PoseRules, reductions: dict[str, list[float]]) -> JointRecord:
+def _joint(element: ET.Element, rules: _PoseRules, reductions: dict[str, float]) -> JointRecord:
     name, kind = element.get("name", ""), element.get("type", "")
     label = f"joint {name!r}"
     parent, child = ("" if (one := element.find(tag)) is None else one.get("link", "") for tag in ("parent", "child"))
@@ -205,20 +205,19 @@ def _joint(element: ET.Element, rules: _PoseRules, reductions: dict[str, list[fl
         damping=from_0("dynamics", "damping", 0.0),
         friction=from_0("dynamics", "friction", 0.0),
         mimic=mimic,
-        reductions=tuple(reductions.get(name, ())),
+        reduction=reductions.get(name, 1.0),
     )
 
 
-def _reductions(root: ET.Element) -> dict[str, list[float]]:
-    """Return the gear ratios of the motors in the elements <transmission>, by joint."""
-    found = defaultdict(list)
+def _reductions(root: ET.Element) -> dict[str, float]:
+    """Return the gear ratios of the elements <transmission>, by joint. One of several joints or motors has none."""
+    found = {}
     for transmission in root.findall("transmission"):
-        for joint in transmission.findall("joint"):
-            name = joint.get("name", "")
-            for holder in (joint, *transmission.findall("actuator")):
-                text = holder.findtext("mechanicalReduction")
-                if text is not None:
-                    found[name].append(_parsed_numbers(text, 1, f"transmission of {name!r}, mechanicalReduction")[0])
+        joints = transmission.findall("joint")
+        texts = [one.text or "" for one in transmission.iter("mechanicalReduction")]
+        if len(joints) == 1 and len(texts) == 1:
+            name = joints[0].get("name", "")
+            found[name] = _parsed_numbers(texts[0], 1, f"transmission of {name!r}, mechanicalReduction")[0]
     return found
 
 

@@ -66,7 +66,7 @@ class JointRecord(NamedTuple):
     damping: float = 0.0  # N m s/rad or N s/m
     friction: float = 0.0  # dry friction [N m or N]
     mimic: MimicRecord | None = None  # of a joint that follows another
-    reductions: tuple[float, ...] = ()  # gear ratios of the motors that its transmissions name
+    reduction: float = 1.0  # turns of its motor for one of its own, of the transmission that drives it alone
 
 
 class RobotRecord(NamedTuple):

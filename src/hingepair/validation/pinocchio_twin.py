@@ -321,9 +321,11 @@ def tree_twin(tree: Tree, is_free: bool, has_free_flyer: bool) -> Twin:
         limits = [np.array([value]) for value in (joint.effort_limit, joint.rate_limit, *joint.position_limits)]
         own = getattr(pin, kind.pinocchio)(*axis)
         number = model.addJoint(root + joint.parent, own, placement, joint.name, *limits)
-        model.lowerVelocityLimit[model.joints[number].idx_v] = -joint.rate_limit  # Pinocchio drops the sign
+        column = model.joints[number].idx_v
+        model.lowerVelocityLimit[column] = -joint.rate_limit  # Pinocchio drops the sign
+        model.lowerEffortLimit[column], model.upperEffortLimit[column] = joint.effort_bounds
         model.addJointFrame(number)
-        model.armature[model.joints[number].idx_v] = joint.armature
+        model.armature[column] = joint.armature
     for kind, frames in ((pin.FrameType.BODY, tree.links), (pin.FrameType.OP_FRAME, tree.frames)):
         for name, frame in frames.items():
             model.addFrame(pin.Frame(name, root + frame.body, pin.SE3(np.array(frame.S), np.array(frame.R)), kind))

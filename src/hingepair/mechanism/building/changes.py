@@ -24,7 +24,7 @@ from hingepair.mechanism.building.folding import (
 from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
 from hingepair.mechanism.samples import Payload, Samples
 from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, MassProperties, Tree
-from hingepair.numeric.arrays import one_constant, read_only, real_array
+from hingepair.numeric.arrays import finite_number, number_not_below_0, one_constant, read_only, real_array
 from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import FramePose, Inertia
@@ -97,6 +97,21 @@ def set_loads(tree: Tree, loads: Mapping[str, HingeLoad]) -> Tree:
     return replace(tree, joints=tuple(joints.values()), source=None)
 
 
+def set_motor(tree: Tree, name: str, armature: float, ratio: float | None) -> Tree:
+    """Return a copy of a tree in which a joint has a motor with a rotor of inertia `armature` behind a gear."""
+    names = [joint.name for joint in tree.joints]
+    if name not in names:
+        raise ArgumentError("joint", choices(names) + nearest(str(name), names), quoted(name))
+    number = names.index(name)
+    turns = tree.joints[number].ratio if ratio is None else finite_number("ratio", ratio)
+    if not turns:
+        raise ArgumentError("ratio", "a number other than 0", ratio)
+    inertia = number_not_below_0("armature", armature) * turns * turns
+    joints = list(tree.joints)
+    joints[number] = replace(joints[number], armature=inertia, ratio=turns)
+    return replace(tree, joints=tuple(joints), source=None)
+
+
 def lock_joints(tree: Tree, base: str, positions: Mapping[str, float]) -> Tree:
     """Return a copy of a tree in which joints, by name, are held at positions [rad or m]."""
     bodies = [tree.plain().base, *(joint.body for joint in tree.joints)]
@@ -108,8 +123,8 @@ def lock_joints(tree: Tree, base: str, positions: Mapping[str, float]) -> Tree:
         parts.append(JointPart(
             joint.name, joint.kind, joint.parent, FramePose(joint.S, joint.u), joint.n, **content,
             limits=joint.position_limits if np.isfinite(joint.position_limits).any() else None,
-            effort_limit=joint.effort_limit, rate_limit=joint.rate_limit, armature=joint.armature, load=joint.load,
-            mimic=follows, pitch=joint.pitch,
+            effort_limit=joint.effort_limit, effort_range=joint.effort_range, rate_limit=joint.rate_limit,
+            armature=joint.armature, ratio=joint.ratio, load=joint.load, mimic=follows, pitch=joint.pitch,
         ))  # fmt: skip
     held = locked_positions(parts, positions)
     locked = fold_parts(tree.name, parts, base, held)

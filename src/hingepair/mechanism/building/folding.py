@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -55,8 +55,10 @@ class JointPart:
     drawing: LinkDrawing = NOT_DRAWN  # what the body is drawn by
     limits: tuple[float, float] | None = None  # lower and upper position limit [rad or m]; None if there are none
     effort_limit: float | None = None  # largest torque [N m] or force [N]; None if there is none
+    effort_range: tuple[float, float] | None = None  # as of `Joint`
     rate_limit: float | None = None  # largest rate [rad/s or m/s]; None if there is none
     armature: float = 0.0  # inertia of the motor's rotor, referred to the joint [kg m^2 or kg]
+    ratio: float = 1.0  # as of `Joint`
     load: HingeLoad = NO_LOAD  # spring, damper and dry friction
     mimic: records.MimicRecord | None = None  # rule of a joint that follows another joint; else None
     pitch: float = 0.0  # displacement of a screw for one radian [m/rad]
@@ -249,7 +251,9 @@ def _tree_joint(
         position_limits=(limit_or_infinity(lower), limit_or_infinity(upper)),
         rate_limit=np.inf if part.rate_limit is None else part.rate_limit,
         effort_limit=np.inf if part.effort_limit is None else part.effort_limit,
+        effort_range=part.effort_range,
         armature=part.armature,
+        ratio=part.ratio,
         load=part.load,
         mimic=Mimic(body_numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None,
         pitch=part.pitch,
@@ -260,6 +264,13 @@ def _tree_joint(
 def limit_or_infinity(value: float) -> float:
     """Return a limit, and infinity for the largest float, by which URDF and Pinocchio mark a missing one."""
     return math.copysign(math.inf, value) if abs(value) >= sys.float_info.max else float(value)
+
+
+def effort_fields(lower: float, upper: float) -> dict[str, Any]:
+    """Return the fields of a `JointPart` that hold bounds of an effort."""
+    lower, upper = limit_or_infinity(lower), limit_or_infinity(upper)
+    largest = max(abs(lower), abs(upper))
+    return {"effort_limit": largest, "effort_range": None if lower == -upper else (lower, upper)}
 
 
 def _links_and_frames(

@@ -16,7 +16,14 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import LinkDrawing
-from hingepair.mechanism.building.folding import JointPart, chosen_base, displaced, fold_parts, unused_name
+from hingepair.mechanism.building.folding import (
+    JointPart,
+    chosen_base,
+    displaced,
+    effort_fields,
+    fold_parts,
+    unused_name,
+)
 from hingepair.mechanism.building.mujoco_linkages import read_loops, read_struts, with_linkages
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.options import DEFAULT_GRAVITY
@@ -157,7 +164,7 @@ class _Reader:
             name, kind, parent, pose.placed(_pose(model.jnt_pos[joint])),
             unit_axis(f"joint {name!r}, axis", model.jnt_axis[joint]),
             limits=tuple(model.jnt_range[joint].tolist()) if model.jnt_limited[joint] else None,
-            effort_limit=float(model.jnt_actfrcrange[joint].max()) if model.jnt_actfrclimited[joint] else None,
+            **(effort_fields(*model.jnt_actfrcrange[joint].tolist()) if model.jnt_actfrclimited[joint] else {}),
             armature=float(model.dof_armature[dof]),
             load=HingeLoad(
                 stiffness=model.jnt_stiffness[joint],

@@ -11,7 +11,14 @@ import numpy as np
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.building.folding import JointPart, chosen_base, fold_parts, limit_or_infinity, unused_name
+from hingepair.mechanism.building.folding import (
+    JointPart,
+    chosen_base,
+    effort_fields,
+    fold_parts,
+    limit_or_infinity,
+    unused_name,
+)
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array
@@ -173,11 +180,16 @@ def _part_of_joint(
         pitch=pitch,
         continuous=joint.nq == 2,
         limits=limits,
-        effort_limit=limit_or_infinity(model.upperEffortLimit[idx_v]),
+        **_effort(float(model.lowerEffortLimit[idx_v]), float(model.upperEffortLimit[idx_v])),
         rate_limit=limit_or_infinity(model.upperVelocityLimit[idx_v]),
         armature=armature,
         load=_load(name, float(model.damping[idx_v]), float(model.upperDryFrictionLimit[idx_v])),
     )
+
+
+def _effort(lower: float, upper: float) -> dict[str, Any]:
+    """Return the fields of bounds of an effort; a lower one above 0, as of models that never had one, is none."""
+    return effort_fields(lower if lower <= 0 and lower < upper else -upper, upper)
 
 
 def _load(name: str, damping: float, friction: float) -> HingeLoad:

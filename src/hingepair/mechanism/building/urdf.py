@@ -79,8 +79,9 @@ def _parts(robot: records.RobotRecord, *, warns: bool) -> tuple[Literal["fixed",
             joint.name, _KIND_OF_TYPE[joint.type], numbers[joint.parent], joint.pose,
             unit_axis(f"joint {joint.name!r}, axis", joint.axis),
             **_link_content(robot, joint.child, joint.child not in parents),
-            limits=joint.limits, effort_limit=joint.effort, rate_limit=joint.velocity, mimic=mimic,
-            load=HingeLoad(damping=joint.damping, friction=joint.friction), continuous=joint.type == "continuous",
+            limits=joint.limits, effort_limit=joint.effort, rate_limit=joint.velocity, ratio=joint.reduction,
+            load=HingeLoad(damping=joint.damping, friction=joint.friction), mimic=mimic,
+            continuous=joint.type == "continuous",
         ))  # fmt: skip
     return ("free" if is_free else "fixed"), parts
 
