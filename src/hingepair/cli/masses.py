@@ -22,7 +22,8 @@ from hingepair.cli.sources import ColumnOption, Source, parse_columns
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.model_writers import to_urdf
 from hingepair.formats.recordings import read_robot_recording
-from hingepair.measured.mass_fit import JOINT_TERMS, fit_masses
+from hingepair.measured.mass_fit import fit_masses
+from hingepair.measured.torques import JOINT_TERMS
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.tables.instants import increasing_seconds
 from hingepair.tables.units import Units

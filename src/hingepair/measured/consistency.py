@@ -111,7 +111,10 @@ def consistent_parameters(
         while growth > limit:
             change, growth = nearest(next(weaker))
     f = further + change[count:] * further_unit
-    return least_change + change[:count] * unit, np.where(signed, f, np.maximum(f, 0.0)), growth
+    parameters = unit * _made_rigid(
+        (least_change / unit) + change[:count]
+    )  # but for the solver's tolerance, they are
+    return parameters, np.where(signed, f, np.maximum(f, 0.0)), growth
 
 
 def nearest_parameters(
@@ -130,8 +133,23 @@ def body_units(mass: float, radius: float) -> NDArray[np.float64]:
     return np.array([mass, *[mass * radius] * 3, *[mass * radius**2] * 6])
 
 
-def _are_rigid(parameters: Float64Array) -> bool:
-    """Return whether all bodies of size one with these parameters are rigid bodies, by a margin."""
+def _pseudo_inertias(parameters: Float64Array) -> Float64Array:
+    """Return the lower triangles of the pseudo-inertias of all bodies; (bodies, 4, 4)."""
     matrices = np.zeros((len(parameters) // 10, 4, 4))
     matrices[:, *np.tril_indices(4)] = parameters.reshape(-1, 10) @ (_CONE / _ENTRY_SCALE).T
-    return bool((np.linalg.eigvalsh(matrices) >= _LEAST).all())
+    return matrices
+
+
+def _are_rigid(parameters: Float64Array) -> bool:
+    """Return whether all bodies of size one with these parameters are rigid bodies, by a margin."""
+    return bool((np.linalg.eigvalsh(_pseudo_inertias(parameters)) >= _LEAST).all())
+
+
+def _made_rigid(parameters: Float64Array) -> Float64Array:
+    """Return parameters of bodies of size one with the eigenvalues of their pseudo-inertias above 0 by a margin."""
+    sizes, vectors = np.linalg.eigh(_pseudo_inertias(parameters))
+    rigid = (vectors * np.maximum(sizes, _LEAST / 2)[:, None]) @ np.swapaxes(vectors, 1, 2)
+    second = rigid[:, :3, :3]
+    inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
+    upper = inertia[:, (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
+    return np.concatenate((rigid[:, 3:, 3], rigid[:, 3, :3], upper), axis=1).ravel()
