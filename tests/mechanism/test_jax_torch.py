@@ -7,6 +7,7 @@ installed. It last did with PyTorch 2.13 on Linux, x86-64.
 from __future__ import annotations
 
 import pickle
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -40,7 +41,10 @@ def jax():
 
 @pytest.fixture
 def torch():
-    return pytest.importorskip("torch", reason="PyTorch is not installed")
+    torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of PyTorch's own
+        yield torch
 
 
 @pytest.fixture(scope="module")
@@ -265,6 +269,92 @@ def test_torch_differentiates_rollouts(torch, rolled):
     close(q.grad, GRADIENTS["q0"].sum(axis=0))
 
 
+@pytest.fixture(scope="module")
+def second(accelerations):
+    """Second derivatives of the accelerations of one state by q and qd, (3, 2, 3, 2, 3), by differences of exact
+    first ones, and how far these may be off.
+    """
+    given, h, columns = STATES[:, 0], 2.0**-14, []
+    for k in range(6):
+        shift = np.zeros((3, 3))
+        shift[divmod(k, 3)] = h
+        ends = [accelerations.jacobian(tuple(given + side * shift))["qdd"] for side in (1, -1, 2, -2)]
+        near, near_back, far, far_back = (np.stack([one["q"], one["qd"]], axis=1) for one in ends)
+        columns.append((8 * (near - near_back) - (far - far_back)) / (12 * h))
+    found = np.stack(columns, axis=-1).reshape(3, 2, 3, 2, 3)
+    return found, 1e-9 * abs(found).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", ["fwd of fwd", "fwd of rev", "rev of fwd", "rev of rev"])
+def test_jax_takes_second_derivatives(jax, accelerations, second, order):
+    outer, inner = (getattr(jax, f"jac{one}") for one in order.split(" of "))
+    q, qd, tau = STATES[:, 0]
+
+    def qdd(both):
+        return accelerations.jax(both[0], both[1], tau).qdd
+
+    found = jax.jit(outer(inner(qdd)))(np.stack([q, qd]))
+    np.testing.assert_allclose(found, second[0], rtol=0, atol=second[1])
+
+
+@pytest.mark.slow
+def test_jax_differentiates_attitudes_thrice(jax):
+    """The rotation by Rodrigues' formula is minus its own third derivative but one."""
+    call = PAIR.prepare(("S1", "psi"), outputs=("S2",))
+
+    def turned(psi):
+        return call.jax(np.eye(3), psi).S2
+
+    thrice = jax.jacfwd(jax.jacfwd(jax.jacfwd(turned)))(0.7)
+    close(thrice, -jax.jacfwd(turned)(0.7))
+
+
+@pytest.mark.parametrize("order", ["fwd of fwd", "fwd of rev", "rev of fwd", "rev of rev"])
+def test_torch_func_takes_second_derivatives(torch, accelerations, second, order):
+    outer, inner = (getattr(torch.func, f"jac{one}") for one in order.split(" of "))
+    q, qd, tau = map(torch.tensor, STATES[:, 0])
+
+    def qdd(both):
+        return accelerations.torch(both[0], both[1], tau).qdd
+
+    found = outer(inner(qdd))(torch.stack([q, qd]))
+    np.testing.assert_allclose(found, second[0], rtol=0, atol=second[1])
+
+
+def test_torch_func_transforms_calls(torch, accelerations, slopes, second):
+    def qdd(*given):
+        return accelerations.torch(*given).qdd
+
+    given = tuple(map(torch.tensor, STATES))
+    for transform in (torch.func.jacfwd, torch.func.jacrev):
+        for k, name in enumerate(slopes):
+            close(torch.func.vmap(transform(qdd, argnums=k))(*given), slopes[name])
+    mixed = torch.func.vmap(qdd, in_dims=(0, None, 1))(given[0], given[1][0], given[2].T)
+    close(mixed, accelerations(STATES[0], STATES[1, 0], STATES[2]).qdd)
+    shared = torch.func.grad(lambda tau: qdd(given[0], given[1], tau).sum())(given[2][0])
+    close(shared, accelerations.jacobian((*STATES[:2], STATES[2, 0]), wrt="tau")["qdd"]["tau"].sum(axis=(0, 1)))
+    hessian = torch.func.hessian(lambda q: qdd(q, given[1][0], given[2][0])[0])(given[0][0])
+    np.testing.assert_allclose(hessian, second[0][0, 0, :, 0], rtol=0, atol=second[1])
+    # a penalty on a gradient
+    q = torch.tensor(STATES[0, 0], requires_grad=True)
+    (slope,) = torch.autograd.grad(qdd(q, given[1][0], given[2][0])[0], q, create_graph=True)
+    slope.sum().backward()
+    np.testing.assert_allclose(q.grad, second[0][0, 0, :, 0].sum(axis=0), rtol=0, atol=second[1])
+
+
+def test_torch_compiles_around_calls(torch, accelerations, slopes):
+    @torch.compile(backend="eager")
+    def loss(q, qd, tau):
+        return (2.0 * accelerations.torch(q, qd, tau).qdd).sum()
+
+    given = tuple(torch.tensor(x, requires_grad=True) for x in STATES)
+    found = loss(*given)
+    close(found.detach(), 2.0 * accelerations(*STATES).qdd.sum())
+    found.backward()
+    close(given[0].grad, 2.0 * slopes["q"].sum(axis=-2))
+
+
 # ---- what is refused
 
 
@@ -315,8 +405,8 @@ def test_what_cannot_be_used_is_named(jax, accelerations, rolled):
         assert error.value.name == argument
     with pytest.raises(TypeError, match="dt"):
         ROBOT.prepare("rollout")
-    with pytest.raises(NotImplementedError, match="first derivatives alone"):
-        jax.hessian(lambda q: accelerations.jax(q, q, q).qdd.sum())(START)
+    with pytest.raises(NotImplementedError, match="of rollouts there are gradients"):
+        jax.jacfwd(lambda q: rolled.jax(q, q, EFFORTS[0]).q)(START)
 
 
 def test_prepared_rollouts_are_pickled(rolled):

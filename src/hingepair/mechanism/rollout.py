@@ -176,31 +176,30 @@ class PreparedRollout:
             given["tau"] = np.full(self._dof, float(tau)) if isinstance(tau, int | float) else tau
         arrays = [*jax_torch.library_arrays(library, dict.fromkeys(given, (self._dof,)), [*given.values()])]
 
-        def run(values: Sequence[Any]) -> tuple[Sequence[Any], Any]:
-            motions = self._rollout(**{"tau": tau, **dict(zip(given, values, strict=True))})
+        if "tau" in given and arrays[2].ndim == 1:
+            if self._rollout.keywords.get("steps") is None:
+                raise ArgumentError("steps", "a number of steps, since tau has no axis of steps", None)
+            arrays[2] = arrays[2][None]
+        ranks = [1, 1, 2][: len(arrays)]
+        tails = tuple(tuple(one.shape[one.ndim - k :]) for one, k in zip(arrays, ranks, strict=True))
+
+        def run(chain: jax_torch.Chain, values: Sequence[Any]) -> list[FloatArray]:
+            motions = self._rollout(**{"tau": tau, **dict(zip(given, values, strict=False))})
             states = motions.arrays()
+            if not chain:
+                return [*states.values()]
+            by = jax_torch.gradient_of(chain)
+            cotangents = dict(zip(states, values[len(given) :], strict=True))
+            if "S1" in cotangents:  # the entries of an attitude change so where it turns
+                cotangents["S1"] = np.cross(states["S1"], cotangents["S1"], axis=-2).sum(axis=-1)
+            wrt = [[*given][k] for k in by]
+            gradients = motions.vjp(cotangents, wrt)
+            return [gradients[name] for name in wrt]
 
-            def pull(needed: Sequence[int], weights: Sequence[Any]) -> list[FloatArray]:
-                cotangents = dict(zip(states, weights, strict=True))
-                if "S1" in cotangents:  # the entries of an attitude change so where it turns
-                    cotangents["S1"] = np.cross(states["S1"], cotangents["S1"], axis=-2).sum(axis=-1)
-                wrt = [[*given][k] for k in needed]
-                gradients = motions.vjp(cotangents, wrt)
-                return [gradients[name] for name in wrt]
-
-            return [*states.values()], pull
-
-        if library == "torch":
-            found = jax_torch.torch_function(run)(*arrays)
-        else:
-            if "tau" in given and arrays[2].ndim == 1:
-                if self._rollout.keywords.get("steps") is None:
-                    raise ArgumentError("steps", "a number of steps, since tau has no axis of steps", None)
-                arrays[2] = arrays[2][None]
-            ranks = [1, 1, 2][: len(arrays)]
-            nothing = [np.zeros((0, *one.shape[one.ndim - k :])) for one, k in zip(arrays, ranks, strict=True)]
-            tails = [one.shape[1:] for one in run(nothing)[0]]
-            found = jax_torch.jax_callback(run, ranks, tails)(*arrays)
+        nothing = [np.zeros((0, *tail)) for tail in tails]
+        function = jax_torch.Differentiable(tails, tuple(one.shape[1:] for one in run((), nothing)), run)
+        applied = jax_torch.torch_function if library == "torch" else jax_torch.jax_function
+        found = applied(function)(*arrays)
         result: Rollout = jax_torch.library_results(library, Rollout, self.outputs, found, 1)
         return result
 

@@ -97,6 +97,7 @@ class Computation:
         *,
         prepared: bool = False,
         derivative: Derivative | None = None,
+        further: tuple[Derivative, ...] = (),
     ) -> Call:
         """Return the cached call of the outputs, or of a derivative, for arguments of these names.
 
@@ -106,21 +107,22 @@ class Computation:
             gravity: acceleration of free fall [m/s^2], where outputs depend on it.
             prepared: check attitudes among the arguments, and fold the constants of this pair or robot.
             derivative: compute that in place of the outputs; its weights or changes are arguments, too.
+            further: derivatives by entries of that, each of the one before.
         """
-        key = given, backend, gravity, prepared, derivative
+        key = given, backend, gravity, prepared, derivative, further
         call = self._calls.get(key)
         if call is None:
             checks = {f"{name}_check": _limits(name) for name in given if name in _ATTITUDES} if prepared else {}
             loop = self._loop((*self.outputs, *checks), given)
-            if derivative is not None:
-                loop = derivative_loop(loop, derivative)
+            for one in (derivative, *further):
+                loop = loop if one is None else derivative_loop(loop, one)
             shapes = {**self.shapes, **dict(loop.inputs)}
             known = self.known if gravity is None else {**self.known, "gravity": gravity}
             empty = any(0 in shapes[name] for name in given)  # machine code needs numbers
             call = Call(
                 loop, {name: shapes[name] for name in given},
                 {name: known[name] for name, _ in loop.inputs if name not in given},
-                self.result if derivative is None or derivative.kind == "rate" else self._derivatives,
+                self._derivatives if further or (derivative and derivative.kind != "rate") else self.result,
                 shape=self._shape, backend="numpy" if empty else backend, constants_name=self._owner,
                 samples_name=self.samples_name, shared=self._shared and not prepared, limits=checks,
                 on_limit=_check_attitudes,
@@ -243,15 +245,16 @@ class Computation:
         known = self.known if gravity is None else {**self.known, "gravity": gravity}
         return loop.count_operations({**arrays, **known, **values})
 
-    def check_differentiable(self, derivative: Derivative, given: tuple[str, ...]) -> None:
-        """Refuse a derivative whose program would take too long to make.
+    def check_differentiable(self, derivative: Derivative, given: tuple[str, ...], times: int = 1) -> None:
+        """Refuse a derivative, of one taken so many `times` in all, whose program would take too long to make.
 
         Raises:
             ArgumentError: the robot has too many joints.
         """
         sizes = [math.prod(change_shape(*argument)) for argument in derivative.arguments]
         columns = sum(sizes) if derivative.kind in {"jacobian", "matrices"} else 1
-        if not self._loop(self.outputs, given).traced or columns * self._operations > _MAX_DERIVED_OPERATIONS:
+        operations = columns * self._operations * 4 ** (times - 1)
+        if not self._loop(self.outputs, given).traced or operations > _MAX_DERIVED_OPERATIONS:
             by = ", ".join(name for name, _ in derivative.arguments)
             got = f"{len(self.coordinates.names)} joints, derivatives by {by}"
             raise ArgumentError("robot", "fewer joints, or derivatives by fewer arguments", got)

@@ -60,6 +60,7 @@ class Derivative(NamedTuple):
     # as other libraries differentiate: attitudes change by their entries in place of rotations; the Jacobian of an
     # output is one matrix, with the columns of all arguments; the outputs themselves are left out
     entries: bool = False
+    prefix: str = ""  # of the names of its changes and weights, where those of a derivative before it exist
 
 
 def body_constants(joints: int, free: bool) -> dict[str, ArrayShape]:
@@ -108,10 +109,10 @@ def derivative_loop(
         outputs = dict.fromkeys(derivative.outputs, (velocity_count(*_tree_of(plain)),) * 2)
         outputs |= {one: tail for one, tail in plain.outputs if one not in (*_GROUPS["tau"], *_GROUPS["qdd"])}
     elif derivative.kind == "vjp":
-        inputs |= {f"weight_{one}": changes[one] for one in derivative.outputs}
+        inputs |= {f"{derivative.prefix}weight_{one}": changes[one] for one in derivative.outputs}
         outputs |= {f"gradient_{name}": changes[name] for name in names}
     elif derivative.kind == "jvp":
-        inputs |= {f"change_{name}": changes[name] for name in names}
+        inputs |= {f"{derivative.prefix}change_{name}": changes[name] for name in names}
         outputs |= {f"rate_{one}": changes[one] for one in derivative.outputs}
     else:
         inputs |= {"qd": inputs["q"], "omega1": (3,)}
@@ -178,9 +179,10 @@ def _gradients(
     weights: dict[str, list[Operand]] = {}
     for output in derivative.outputs:
         parts, kind = functions.results[output], "" if derivative.entries else output
+        given_weights = components(values[f"{derivative.prefix}weight_{output}"])
         sums: list[Operand] = [0.0] * len(parts)
         weights[output] = sums
-        for weight, change in zip(components(values[f"weight_{output}"]), _changes(kind, parts), strict=True):
+        for weight, change in zip(given_weights, _changes(kind, parts), strict=True):
             for k, rate in change:
                 sums[k] = sums[k] + weight * rate * _share(kind)
     inputs = [x for change in itertools.chain(*moves.values()) for x, _ in change]
@@ -198,7 +200,7 @@ def _rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dic
     changes = [
         (weight, change)
         for name, group in moves.items()
-        for weight, change in zip(components(values[f"change_{name}"]), group, strict=True)
+        for weight, change in zip(components(values[f"{derivative.prefix}change_{name}"]), group, strict=True)
     ]
     functions = _functions(plain, values)
     rates = functions.pushforward(derivative.outputs, _sum(changes))

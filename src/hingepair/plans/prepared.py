@@ -100,8 +100,8 @@ class Prepared:
         """This call as a function of arrays of JAX in the processor's memory: it takes one array for each argument,
         (..., one sample), and returns what the call returns, with arrays of JAX. Rotations are not checked.
 
-        `jit`, `vmap`, `scan` and first derivatives (`jvp`, `vjp`, `grad`, `jacfwd`, `jacrev`) are computed by
-        kernels. An attitude changes by its nine entries.
+        `jit`, `vmap`, `scan` and derivatives of any order (`jvp`, `vjp`, `grad`, `jacfwd`, `jacrev`, `hessian`)
+        are computed by kernels. An attitude changes by its nine entries.
 
         Raises:
             ArgumentError: the robot has too many joints, or the pair's geometry has axes.
@@ -111,8 +111,9 @@ class Prepared:
     @property
     def torch(self) -> Callable[..., Any]:
         """This call as a function of tensors of PyTorch in the processor's memory: it takes one tensor for each
-        argument, (..., one sample), and returns what the call returns, with tensors, which `backward` differentiates
-        once. Rotations are not checked; an attitude changes by its nine entries.
+        argument, (..., one sample), and returns what the call returns, with tensors. `backward`, also of gradients,
+        and `torch.func` (`grad`, `jacrev`, `jacfwd`, `hessian`, `vmap`) differentiate it; `torch.compile` ends its
+        graph there. Rotations are not checked; an attitude changes by its nine entries.
 
         Raises:
             ArgumentError: the robot has too many joints.
@@ -122,21 +123,27 @@ class Prepared:
     def _function_of(self, library: str) -> Callable[..., Any]:
         """Return this call as a function of arrays of "jax" or "torch", made once."""
         if library not in self._functions:
-            calls = functools.cache(self._call_by_entries)
-            self._functions[library] = jax_torch.library_function(library, calls)
+            self._functions[library] = jax_torch.library_function(library, self._call_of_chain)
         return self._functions[library]
 
-    def _call_by_entries(self, kind: str, by: tuple[str, ...]) -> Call:
-        """Return the call ("value") or a derivative by arguments, in which attitudes change by their entries."""
-        if kind == "value":
-            return self._computation.call(self.given, "auto", self._gravity, derivative=self._derivative)
-        self._check_plain(kind)
-        arguments = tuple((name, self._call.argument_shapes[name]) for name in by)
-        derivative = Derivative(kind, self.outputs, arguments, entries=True)
-        self._computation.check_differentiable(derivative, self.given)
-        further = {"jvp": [f"change_{name}" for name in by], "vjp": [f"weight_{name}" for name in self.outputs]}
-        given = (*self.given, *further.get(kind, ()))
-        return self._computation.call(given, "auto", self._gravity, derivative=derivative)
+    def _call_of_chain(self, chain: jax_torch.Chain) -> Call:
+        """Return the call, or a derivative of a derivative of it, in which attitudes change by their entries."""
+        given, further = self.given, tuple[Derivative, ...]()
+        computed = functools.partial(self._computation.call, backend="auto", gravity=self._gravity)
+        call = computed(given, derivative=self._derivative)
+        for times, (kind, by) in enumerate(chain, 1):
+            names, outputs = [given[k] for k in by], tuple(name for name, _ in call.loop.outputs)
+            prefix = f"{times}_" if times > 1 else ""
+            arguments = tuple((name, call.argument_shapes[name]) for name in names)
+            further = (*further, Derivative(kind, outputs, arguments, entries=True, prefix=prefix))
+            self._computation.check_differentiable(further[-1], self.given, times)
+            added = {
+                "jvp": [f"{prefix}change_{one}" for one in names],
+                "vjp": [f"{prefix}weight_{one}" for one in outputs],
+            }
+            given = (*given, *added.get(kind, ()))
+            call = computed(given, derivative=self._derivative, further=further)
+        return call
 
     @property
     def operations(self) -> OperationCounts:
