@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from hingepair.motion.complementarity import forces_within_limits
+from hingepair.motion.events import forces_within_limits
 from support.states import generator
 
 

@@ -11,7 +11,7 @@ import pytest
 import hingepair as hp
 from hingepair.bench.truth import DIGITS
 from hingepair.engine.backend import Execution
-from hingepair.motion.stepping import CHUNK, GROUP, ROTATION_SCAN
+from hingepair.motion.magnus import CHUNK, GROUP, ROTATION_SCAN
 from support.sparse import sparse
 from support.spins import REFERENCE, SPINS, TURNED, U
 from support.states import generator, rotations

@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 import hingepair as hp
 from hingepair.bench.truth import DIGITS
-from hingepair.motion.methods import NODES
+from hingepair.motion.magnus import NODES
 from hingepair.motion.signals import SampledSignal
 from support.spins import REFERENCE, SPINS, TURNED, U, angle
 from support.states import generator

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.motion import integrate, stepping
+from hingepair.motion import integrate, magnus
 from support.many_motions import ERROR_NAMES, FLAT, PAIR, SPATIAL_NAMES, many_motions
 
 COUNT, MOTIONS = 70, 3
@@ -79,7 +79,7 @@ def test_few_instants_and_groups_of_motions_change_no_bit(count, monkeypatch):
 
 @pytest.mark.parametrize("backend", ["numpy", pytest.param("compiled", marks=pytest.mark.slow)])
 def test_chunks_of_steps_change_no_bit_of_motions(backend, monkeypatch):
-    monkeypatch.setattr(stepping, "CHUNK", 320)  # whole groups of a scan
+    monkeypatch.setattr(magnus, "CHUNK", 320)  # whole groups of a scan
     t = np.linspace(0, 1, 1001)
     omega1, psid = PSI_0[:, None, None] * np.sin(t[:, None] * (1, 2, 3) + 1), np.cos(t) * PSI_0[:, None]
     many = hp.integrate(PAIR, t, omega1, psid, S1_0=S1_0, outputs=(), backend=backend)

@@ -12,10 +12,9 @@ import pytest
 import hingepair as hp
 from hingepair.bench.truth import DIGITS
 from hingepair.engine.backend import execution_of
-from hingepair.motion import step_selection
-from hingepair.motion.integrals import AttitudeIntegral
+from hingepair.motion import steps
+from hingepair.motion.magnus import AttitudeIntegral, Steps, subdivide
 from hingepair.motion.signals import CallableSignal
-from hingepair.motion.stepping import Steps, subdivide
 from support.sparse import sparse
 from support.spins import U
 from support.states import generator
@@ -97,7 +96,7 @@ def test_steps_do_not_chase_rounding():
     """What is left of the errors of intervals is rounding, which more steps do not mend."""
     omega = CallableSignal("omega1", about_x(np.exp), (3,))
     turning = AttitudeIntegral("omega1", omega, execution_of("numpy", 1), False)
-    assert step_selection.select_steps((turning,), np.linspace(0, 10, 3), 1e-14).steps.step_count <= 3000
+    assert steps.select_steps((turning,), np.linspace(0, 10, 3), 1e-14).steps.step_count <= 3000
     smooth = hp.integrate(PAIR, [0, 1], about_x(np.cos), np.cos, tol=1e-2, outputs=())
     assert smooth.steps == 16
 
@@ -253,7 +252,7 @@ def random_rate(random, kinds=9, largest=7):
 @pytest.mark.parametrize("wild", [False, True], ids=["tame", "wild"])
 def test_steps_are_counted_for_any_rate(wild, seed, monkeypatch):
     """Wild rates over spans up to 1e6 may be refused, in our words; of tame ones the steps are within the bound."""
-    monkeypatch.setattr(step_selection, "MAX_STEPS", 5000)
+    monkeypatch.setattr(steps, "MAX_STEPS", 5000)
     random = generator(162, seed, int(wild))
     rates = [random_rate(random) if wild else random_rate(random, 7, 0) for _ in range(4)]
     start, span = random.choice([0, -1, 1000]) if wild else 0.0, 10 ** random.uniform(-3, 6 if wild else 0)
@@ -300,7 +299,7 @@ def test_long_times_need_only_many_steps(omega, psid, stop, samples):
 
 def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, monkeypatch):
     """And then says that psi_dot, which is too fast for so few steps, is what leaves so much."""
-    monkeypatch.setattr(step_selection, "MAX_STEPS", 2000)
+    monkeypatch.setattr(steps, "MAX_STEPS", 2000)
     fast = SCENE.replace("sqrt(t)", "cos(400*t)")
     (tmp_path / "my.toml").write_text(fast.format(tol=""))
     scene = hp.load_scene(tmp_path / "my.toml")
@@ -316,7 +315,7 @@ def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, m
 @pytest.mark.slow
 def test_a_corner_costs_some_sixty_steps(tmp_path, monkeypatch):
     """Jumps, kinks and a root, to the last digits of what a scene aims at, though steps there are ever shorter."""
-    monkeypatch.setattr(step_selection, "MAX_STEPS", 20_000)
+    monkeypatch.setattr(steps, "MAX_STEPS", 20_000)
     rates = {
         "step(t - 1.234)": lambda t: max(0, t - 1.234),
         "abs(t - 1.234)": lambda t: ((t - 1.234) * abs(t - 1.234) + 1.234**2) / 2,
@@ -352,7 +351,7 @@ def test_samples_beside_a_callable_that_jumps():
 @pytest.mark.slow
 def test_a_pole_is_reported(tmp_path, monkeypatch):
     """No number of steps follows the attitude through it; that is said."""
-    monkeypatch.setattr(step_selection, "MAX_STEPS", 2000)
+    monkeypatch.setattr(steps, "MAX_STEPS", 2000)
     text = SCENE.replace('"1000*t", 0, 0', '"1e9*t", "cos(t)", 1').replace("sqrt(t)", "1/(t - 0.987)")
     (tmp_path / "my.toml").write_text(text.format(tol=""))
     assert hp.load_scene(tmp_path / "my.toml").motion.error_estimate >= 1

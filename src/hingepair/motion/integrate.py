@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from typing import Any, Final, NamedTuple, TypeAlias, overload
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.backend import execution_of_steps
+from hingepair.engine.backend import Execution, execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.pairs.geometry import Constants, check_pair, constants_of
@@ -17,9 +18,11 @@ from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.pairs.requests import computation_of
 from hingepair.mechanism.requests import STATES
+from hingepair.motion.magnus import AngleIntegral, AttitudeIntegral, Integral, Steps
 from hingepair.motion.signals import R1_PARTS, SampledSignal, Signal, read_position, read_signal
-from hingepair.motion.solve import Solution, SolveOptions, solve, solve_together
+from hingepair.motion.steps import StepErrors, estimate_error, select_steps
 from hingepair.motion.trajectory import (
+    Deferred,
     PlanarTrajectory,
     Trajectory,
     quaternions_to_matrices,
@@ -35,9 +38,137 @@ from hingepair.numeric.arrays import (
     vectors,
 )
 from hingepair.plans.arguments import Arguments, Outputs, check_outputs
-from hingepair.rotations.matrices import check_rotation
+from hingepair.rotations.matrices import check_rotation, matrix_to_quaternion
 from hingepair.tables.instants import instants_of, warn_of_measurements
 from hingepair.tables.suspicions import suspicions
+
+
+class SolveOptions(NamedTuple):
+    """Options of a solver."""
+
+    t: Array  # instants [s]
+    tol: float | None  # largest error [rad]; None: one step for each interval
+    execution: Execution
+    omega_in_body_axes: bool
+    rate_names: tuple[str, str] = ("omega1", "psid")  # in errors
+
+    def check(self) -> None:
+        """Raise an ArgumentError if the tolerance cannot be used."""
+        if self.tol is not None and not finite_number("tol", self.tol) > 0:
+            raise ArgumentError("tol", "a positive number", self.tol)
+
+    def integrals(self, omega: Signal, psid: Signal, *, planar: bool) -> tuple[Integral, AngleIntegral]:
+        """Return the integrals of both rates."""
+        names = self.rate_names
+        hinge = AngleIntegral(names[1], psid, self.execution)
+        if planar:
+            return AngleIntegral(names[0], omega, self.execution), hinge
+        return AttitudeIntegral(names[0], omega, self.execution, self.omega_in_body_axes), hinge
+
+
+class Solution(Deferred):
+    """The motion of a pair at the instants, and estimates of its errors, made when they are first asked for.
+
+    Args:
+        steps: steps of integration.
+        integrals: those of the orientation of body 1 and of psi.
+        values: their values at the ends of the steps.
+        errors: measured errors of the steps, as far as there are.
+    """
+
+    def __init__(
+        self,
+        steps: Steps,
+        integrals: tuple[Integral, AngleIntegral],
+        values: tuple[Array, Array],
+        errors: Mapping[Integral, StepErrors],
+    ) -> None:
+        self._steps, self._integrals, self._values, self._errors = steps, integrals, values, errors
+        #: of body 1: unit quaternions (N, 4) without a jump of sign; in the plane angles (N,) [rad]
+        self.orientations = steps.at_instants(values[0])
+        #: hinge angles [rad]; shape (N,)
+        self.psi = steps.at_instants(values[1])
+        #: number of steps
+        self.steps = steps.step_count
+
+    @functools.cached_property
+    def error(self) -> float:
+        """Estimate of the largest error of the orientations [rad]."""
+        return self._estimate(0)
+
+    @functools.cached_property
+    def psi_error(self) -> float:
+        """Estimate of the largest error of psi [rad]."""
+        return self._estimate(1)
+
+    @property
+    def largest_error(self) -> float:
+        """The larger of both error estimates [rad]; NaN if one of them is."""
+        return float(np.maximum(self.error, self.psi_error))
+
+    def _estimate(self, k: int) -> float:
+        integral = self._integrals[k]
+        estimate = estimate_error(integral, self._steps, self._values[k], self._errors.get(integral))
+        return min(estimate, integral.max_error)
+
+    def check_tolerance(self, options: SolveOptions) -> None:
+        """Raise an ArgumentError if there is a tolerance and an error estimate is above it or NaN."""
+        if options.tol is not None and not self.largest_error <= options.tol:
+            each = ", ".join(
+                f"{name} leaves {error:.2g}"
+                for name, error in zip(options.rate_names, (self.error, self.psi_error), strict=True)
+            )
+            raise ArgumentError(
+                "tol", f"at least the error that is left, {self.largest_error:.2g} rad ({each})", options.tol
+            )
+
+
+def start_values(start: Any) -> Any:
+    """Return attitudes (..., 3, 3) as unit quaternions (..., 4); angles as they are."""
+    return matrix_to_quaternion(np.asarray(start)) if np.ndim(start) >= 2 else start
+
+
+def solve_together(options: SolveOptions, omega: Signal, psid: Signal, start: Array, psi_0: Array) -> Any:
+    """Return the orientations (M, N, 4), in the plane (M, N), and the hinge angles (M, N) of M motions over common
+    steps, one for each interval. `start` are attitudes (M, 3, 3), in the plane angles (M,). Overflow is not refused.
+    """
+    steps = Steps(options.t)
+    body1, hinge = options.integrals(omega, psid, planar=start.ndim == 1)
+    return body1.integrate(steps, start_values(start)), hinge.integrate(steps, psi_0)
+
+
+def solve(
+    options: SolveOptions,
+    omega: Signal,
+    psid: Signal,
+    start: Array | float,
+    psi_0: float,
+    integrated: tuple[Array, Array] | None = None,
+) -> Solution:
+    """Integrate the attitude and the hinge angle of one motion (E12).
+
+    Args:
+        options: instants, method and tolerance.
+        omega: angular velocity of body 1, in the plane a scalar.
+        psid: hinge rate.
+        start: attitude of body 1 at the first instant (3, 3), in the plane an angle [rad].
+        psi_0: hinge angle at the first instant [rad].
+        integrated: orientations and hinge angles that `solve_together` has computed already.
+
+    Raises:
+        ArgumentError: a result overflows.
+    """
+    planar = np.ndim(start) == 0
+    integrals = options.integrals(omega, psid, planar=planar)
+    steps, errors = select_steps(integrals, options.t, options.tol)
+    if integrated is None:
+        integrated = integrals[0].integrate(steps, start_values(start)), integrals[1].integrate(steps, psi_0)
+    else:
+        for integral, values in zip(integrals, integrated, strict=True):
+            integral.check_finite(values.reshape(len(values), -1), steps)
+
+    return Solution(steps, integrals, integrated, errors)
+
 
 METHODS: Final = ("magnus6",)  # of integration
 RATE_FRAME_NAMES: Final = ("world", "body")  # axes in which omega1 and alpha1 may be given
@@ -55,43 +186,8 @@ _R1_FORMS: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 _MAX_STEPS_TOGETHER: Final = 65_536  # of all motions that are integrated at a time
 
 
-@overload
 def integrate(
-    pair: HingePair,
-    t: ArrayLike,
-    omega1: RateArgument,
-    psid: RateArgument,
-    *,
-    R1: Any = ...,
-    S1_0: ArrayLike | None = ...,
-    psi_0: ArrayLike = ...,
-    method: str = ...,
-    frame: str = ...,
-    tol: float | None = ...,
-    alpha1: RateArgument | None = ...,
-    psidd: RateArgument | None = ...,
-    outputs: Outputs = ...,
-    backend: str = ...,
-) -> Trajectory: ...
-@overload
-def integrate(
-    pair: PlanarPair,
-    t: ArrayLike,
-    omega1: RateArgument,
-    psid: RateArgument,
-    *,
-    R1: Any = ...,
-    phi_0: ArrayLike = ...,
-    psi_0: ArrayLike = ...,
-    method: str = ...,
-    tol: float | None = ...,
-    alpha1: RateArgument | None = ...,
-    psidd: RateArgument | None = ...,
-    outputs: Outputs = ...,
-    backend: str = ...,
-) -> PlanarTrajectory: ...
-def integrate(
-    pair: Any,
+    pair: HingePair | PlanarPair,
     t: ArrayLike,
     omega1: RateArgument,
     psid: RateArgument,
@@ -176,10 +272,36 @@ def integrate(
     >>> many.psi.shape, many[2].psi.shape
     ((3, 11), (11,))
     """
-    motion = {"omega1": omega1, "psid": psid, "R1": R1, "S1_0": S1_0, "phi_0": phi_0, "psi_0": psi_0}
-    motion |= {"alpha1": alpha1, "psidd": psidd}
-    choices: dict[str, Any] = {"method": method, "frame": frame, "tol": tol, "outputs": outputs, "backend": backend}
-    request = _read_request(pair, instants_of("t", t), **motion, **choices)
+    instants = instants_of("t", t)
+    planar = isinstance(pair, PlanarPair)
+    check_choice("method", method, METHODS)
+    check_choice("frame", frame, ("world",) if planar else RATE_FRAME_NAMES)
+    options = SolveOptions(instants, tol, execution_of_steps(backend, len(instants)), frame == "body")
+    options.check()
+    hinge_start = _read_start("psi_0", psi_0)
+    if planar:
+        if S1_0 is not None:
+            raise ArgumentError("S1_0", "None for a PlanarPair, which takes phi_0", quoted(S1_0))
+        start = _read_start("phi_0", 0.0 if phi_0 is None else phi_0)
+    else:
+        check_pair(pair)
+        if phi_0 is not None:
+            raise ArgumentError("phi_0", "None for a HingePair, which takes S1_0", quoted(phi_0))
+        start = _read_start("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
+    rates = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
+    signals = {
+        name: read_signal(name, value, instants, () if planar or name in {"psid", "psidd"} else (3,))
+        for name, value in rates.items()
+        if value is not None or name in {"omega1", "psid"}
+    }
+    size = 2 if planar else 3
+    points = read_position(np.zeros(size) if R1 is None else R1, instants, size)
+    shapes = {name: signal.motions for name, signal in signals.items()}
+    shapes |= {name: points[key].shape[:-2] for key, name in R1_PARTS.items() if key in points}
+    shapes |= {"phi_0": start.shape} if planar else {"S1_0": start.shape[:-2]}
+    motions = broadcast_shape({**shapes, "psi_0": hinge_start.shape})
+    names = _checked_outputs(constants_of(pair), outputs, signals.keys() | points.keys())
+    request = _Request(pair, options, signals, points, start, hinge_start, motions, names)
     trajectory = _make_trajectory(request, _solve_motions(request))
     if any(isinstance(request.signals[name], SampledSignal) for name in ("omega1", "psid")):
         warn_of_measurements(_instant_doubts(trajectory))
@@ -216,58 +338,6 @@ class _Request(NamedTuple):
     @property
     def is_planar(self) -> bool:
         return isinstance(self.pair, PlanarPair)
-
-
-def _read_request(
-    pair: Any,
-    t: Array,
-    *,
-    omega1: Any,
-    psid: Any,
-    R1: Any,
-    S1_0: Any,
-    phi_0: Any,
-    psi_0: Any,
-    alpha1: Any,
-    psidd: Any,
-    method: str,
-    frame: str,
-    tol: float | None,
-    outputs: Outputs,
-    backend: str,
-) -> _Request:
-    """Check kinds and shapes of the arguments of `integrate`. Samples may still hold NaN."""
-    check_choice("frame", frame, RATE_FRAME_NAMES)
-    execution = execution_of_steps(backend, len(t))
-    check_choice("method", method, METHODS)
-    options = SolveOptions(t, tol, execution, frame == "body")
-    options.check()
-    psi_0 = _read_start("psi_0", psi_0)
-    is_planar = isinstance(pair, PlanarPair)
-    if is_planar:
-        if S1_0 is not None:
-            raise ArgumentError("S1_0", "None for a PlanarPair, which takes phi_0", quoted(S1_0))
-        check_choice("frame", frame, ("world",))
-        start = _read_start("phi_0", 0.0 if phi_0 is None else phi_0)
-    else:
-        check_pair(pair)
-        if phi_0 is not None:
-            raise ArgumentError("phi_0", "None for a HingePair, which takes S1_0", quoted(phi_0))
-        start = _read_start("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
-    values = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
-    signals = {
-        name: read_signal(name, value, t, () if is_planar or name in {"psid", "psidd"} else (3,))
-        for name, value in values.items()
-        if value is not None or name in {"omega1", "psid"}
-    }
-    size = 2 if is_planar else 3
-    points = read_position(np.zeros(size) if R1 is None else R1, t, size)
-    shapes = {name: signal.motions for name, signal in signals.items()}
-    shapes |= {name: points[key].shape[:-2] for key, name in R1_PARTS.items() if key in points}
-    shapes |= {"phi_0": start.shape} if is_planar else {"S1_0": start.shape[:-2]}
-    motions = broadcast_shape({**shapes, "psi_0": psi_0.shape})
-    names = _checked_outputs(constants_of(pair), outputs, signals.keys() | points.keys())
-    return _Request(pair, options, signals, points, start, psi_0, motions, names)
 
 
 def _read_start(name: str, value: Any, *one: int) -> Array:

@@ -18,8 +18,7 @@ from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.motion.equations_of_motion import REST
-from hingepair.motion.given_loads import EffortArgument, LoadArgument, loads_by_joint, robot_loads
-from hingepair.motion.given_motions import GivenMotion
+from hingepair.motion.given import EffortArgument, GivenMotion, LoadArgument, loads_by_joint, robot_loads
 from hingepair.motion.loads import ON_BASE, MotionAtInstants, has_callable
 from hingepair.motion.pairs import BaseArgument, in_words_of_pairs, pair_as_robot
 from hingepair.motion.simulate import BaseMotion, base_of

@@ -19,7 +19,7 @@ from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair, co
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair, dynamics_in_space
 from hingepair.mechanism.pairs.requests import check_masses, pivot_limits
-from hingepair.motion.given_loads import LoadArgument
+from hingepair.motion.given import LoadArgument
 from hingepair.motion.loads import called_load
 from hingepair.motion.simulated import JOINT_OF_PAIR
 from hingepair.numeric.arrays import Float64Array as Array

@@ -19,13 +19,20 @@ from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.tree import loads_note
-from hingepair.motion.equations_of_motion import REST, RobotMotion, RobotSamples
+from hingepair.motion.equations_of_motion import REST, RobotMotion, RobotPrograms, RobotSamples
 from hingepair.motion.events import UserEvent
-from hingepair.motion.given_loads import EffortArgument, LoadArgument, robot_loads
-from hingepair.motion.given_motions import GivenMotion, JointCallable, check_rest, given_base, given_joint
+from hingepair.motion.given import (
+    EffortArgument,
+    GivenMotion,
+    JointCallable,
+    LoadArgument,
+    check_rest,
+    given_base,
+    given_joint,
+    robot_loads,
+)
 from hingepair.motion.loads import Loads, check_start
 from hingepair.motion.pairs import BaseArgument, doubts_of_pair, in_words_of_pairs, pair_as_robot, words_of_pairs
-from hingepair.motion.robot_programs import RobotPrograms
 from hingepair.motion.run import Impact, joint_impacts, joint_range, read_options
 from hingepair.motion.simulated import (
     JOINT_OF_PAIR,

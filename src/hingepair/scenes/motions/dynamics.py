@@ -22,7 +22,7 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY
-from hingepair.motion.given_motions import given_joint
+from hingepair.motion.given import given_joint
 from hingepair.motion.simulate import simulate
 from hingepair.motion.simulated import SimulatedRobotMotion
 from hingepair.numeric.arrays import Float64Array

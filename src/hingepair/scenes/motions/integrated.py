@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from hingepair.engine.backend import execution_of_steps
-from hingepair.motion.integrate import METHODS, RATE_FRAME_NAMES
+from hingepair.motion.integrate import METHODS, RATE_FRAME_NAMES, SolveOptions, solve
 from hingepair.motion.signals import Signal
-from hingepair.motion.solve import SolveOptions, solve
 from hingepair.motion.trajectory import quaternions_to_matrices, rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import check_rotation
