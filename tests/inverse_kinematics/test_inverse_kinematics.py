@@ -141,7 +141,7 @@ def test_starts_are_compared_in_whole_numbers():
     """Their products are exact in float32, in whatever order BLAS adds."""
     robot = robot_of("panda")
     robot.inverse_kinematics(R=np.full((2, 3), 1e200), S=np.eye(3), frame="panda_hand")
-    (solver,) = robot._constants.cache.others["inverse_kinematics"].values()
+    (solver,) = robot._robot.constants.cache.others["inverse_kinematics"].values()
     _, poses = solver.starts(0)._share(0)
     far = solver.starts(0)._integers(np.array([[1e200, -1e200, 1, *np.eye(3).ravel()]]))
     for numbers in (poses, far[:, :3]):

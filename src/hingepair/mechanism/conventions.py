@@ -17,6 +17,7 @@ from hingepair.errors import ArgumentError, ShapeError
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, vectors
+from hingepair.plans.arguments import Coordinates
 from hingepair.rotations.matrices import matrix_to_quaternion, quaternion_to_matrix, rotation_exp, rotation_log
 
 
@@ -125,6 +126,123 @@ def difference(
         return q1 - q0
     turn = rotation_log(_attitude(base1) @ np.swapaxes(_attitude(base0), -1, -2))
     return _joined([_part(base1, "R") - _part(base0, "R"), np.asarray(turn), q1 - q0])
+
+
+class StateConventions:
+    """Methods that write and read states as other packages do, and that add and subtract configurations."""
+
+    __slots__ = ()
+
+    _tree: Tree
+    base: str
+
+    def to_pinocchio_state(
+        self,
+        q: Coordinates,
+        qd: Coordinates | None = None,
+        base_motion: BodyMotion | None = None,
+        *,
+        cos_sin: bool = False,
+    ) -> tuple[Float64Array, Float64Array | None]:
+        """Return q and v as Pinocchio writes them. For a free base, q begins with R1 and the quaternion (x, y, z, w)
+        of S1, and v with v1 and omega1 in the axes of the base.
+
+        Args:
+            base_motion: R, S, v and omega of a free base.
+            cos_sin: hinges without limits become two numbers, cosine and sine, as in models that Pinocchio reads from
+                URDF files.
+
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot", base="free")
+        >>> q, v = robot.to_pinocchio_state([0.1] * 6, [0.2] * 6)
+        >>> q.shape, v.shape
+        ((13,), (12,))
+        """
+        turning = continuous_columns(self._tree) if cos_sin else []
+        return self._written(PINOCCHIO, q, qd, base_motion, turning)
+
+    def to_mujoco_state(
+        self, q: Coordinates, qd: Coordinates | None = None, base_motion: BodyMotion | None = None
+    ) -> tuple[Float64Array, Float64Array | None]:
+        """Return qpos and qvel as MuJoCo writes them, for joints in the order of `names`. For a free base, qpos
+        begins with R1 and the quaternion (w, x, y, z) of S1, and qvel with v1 in world axes and omega1 in the axes of
+        the base.
+        """
+        return self._written(MUJOCO, q, qd, base_motion, [])
+
+    def from_pinocchio_state(self, q: ArrayLike, v: ArrayLike | None = None) -> State:
+        """Return (q, qd, base_motion) of a state that Pinocchio has written; base_motion is None unless the base is
+        free. Hinges without limits may be cosine and sine in Pinocchio's q.
+
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot", base="free")
+        >>> state = robot.from_pinocchio_state([0, 0, 1, 0, 0, 0, 1] + [0.1] * 6)
+        >>> state.q.shape, state.base_motion.R.tolist()
+        ((6,), [0.0, 0.0, 1.0])
+        """
+        turning = continuous_columns(self._tree)
+        dof = len(self._tree.coordinates)
+        return read_state(PINOCCHIO, q, v, self.base == "free", dof, turning)
+
+    def from_mujoco_state(self, qpos: ArrayLike, qvel: ArrayLike | None = None) -> State:
+        """Return (q, qd, base_motion) of a state that MuJoCo has written, for joints in the order of `names`;
+        base_motion is None unless the base is free.
+        """
+        dof = len(self._tree.coordinates)
+        return read_state(MUJOCO, qpos, qvel, self.base == "free", dof, [])
+
+    def integrate(self, q: Coordinates, v: ArrayLike, base_motion: BodyMotion | None = None) -> State:
+        """Return the configuration (q, None, base_motion) that a change v leads to: q + v; with a free base, v begins
+        with the change of R1 and the rotation vector of the base, world axes: S1 becomes exp(v[3:6]) S1.
+
+        Args:
+            v: the change, shape (..., dof), with a free base (..., 6 + dof): the order of `mass_matrix`.
+            base_motion: R and S of a free base.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot", base="free")
+        >>> there = robot.integrate(np.zeros(6), np.full(12, 0.1))
+        >>> robot.difference(np.zeros(6), there.q, base_motion1=there.base_motion).round(12).tolist()
+        [0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1]
+        """
+        free = self.base == "free"
+        check_base(base_motion, free)
+        return integrated(self._tree.rows("q", q), v, base_motion, free)
+
+    def difference(
+        self,
+        q0: Coordinates,
+        q1: Coordinates,
+        base_motion0: BodyMotion | None = None,
+        base_motion1: BodyMotion | None = None,
+    ) -> Float64Array:
+        """Return the change for which `integrate` leads from q0 to q1, and a free base from `base_motion0` to
+        `base_motion1`; shape (..., dof), with a free base (..., 6 + dof), first the changes of R1 and, as a rotation
+        vector, of S1, in world axes.
+        """
+        free = self.base == "free"
+        check_base(base_motion0, free, "base_motion0")
+        check_base(base_motion1, free, "base_motion1")
+        rows = self._tree.rows("q0", q0), self._tree.rows("q1", q1)
+        return difference(*rows, base_motion0, base_motion1, free)
+
+    def _written(
+        self,
+        convention: Convention,
+        q: Coordinates,
+        qd: Coordinates | None,
+        base_motion: BodyMotion | None,
+        turning: list[int],
+    ) -> tuple[Float64Array, Float64Array | None]:
+        """Return q and, if qd is given, v as a package writes them, cosine and sine in the columns `turning` of q."""
+        free = self.base == "free"
+        check_base(base_motion, free)
+        rates = None if qd is None else self._tree.rows("qd", qd)
+        written = written_q(convention, self._tree.rows("q", q), base_motion, free, turning)
+        if rates is None:
+            return written, None
+        return written, written_v(convention, rates, base_motion, free)
 
 
 def check_base(base: Any, free: bool, name: str = "base_motion") -> None:

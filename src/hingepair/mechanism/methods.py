@@ -4,34 +4,21 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final, Literal, NamedTuple, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import execution_of
-from hingepair.engine.loops import OperationCounts
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
-from hingepair.mechanism import conventions
-from hingepair.mechanism.accuracy import error_bounds
-from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.computations import (
-    ALL_OUTPUTS,
-    FORCED_OUTPUTS,
-    OF_BODIES,
-    OF_FRAMES,
-    ONE_FRAME,
-    Loads,
-    RobotComputation,
-    checked_given,
     read_wrenches,
-    result_class,
 )
-from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
+from hingepair.mechanism.conventions import StateConventions
 from hingepair.mechanism.inverse_kinematics import (
     PreparedInverseKinematics,
     read_max_change,
@@ -39,7 +26,7 @@ from hingepair.mechanism.inverse_kinematics import (
     read_solutions,
 )
 from hingepair.mechanism.linkages import follow_path
-from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, open_samples, transmission
+from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, transmission
 from hingepair.mechanism.options import (
     DEFAULT_GRAVITY,
     SEARCH_DEFAULTS,
@@ -57,17 +44,12 @@ from hingepair.mechanism.options import (
 )
 from hingepair.mechanism.requests import (
     ALL_COORDINATES,
-    FREE_BASE_OUTPUTS,
     MOTION_LEVELS,
-    ROBOT_TASKS,
-    Request,
-    Task,
-    Watch,
     ask,
     coordinate_rows,
-    motion_level,
     read_gravity,
 )
+from hingepair.mechanism.robot_requests import RobotRequests
 from hingepair.mechanism.rollout import PreparedRollout, Rollout, rolled_out
 from hingepair.mechanism.states import (
     Energy,
@@ -78,14 +60,11 @@ from hingepair.mechanism.states import (
     MechanismState,
     Momentum,
 )
-from hingepair.mechanism.strut_functions import function_force, with_function_wrenches
-from hingepair.mechanism.tree import Tree, loads_note
-from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, is_zero, set_frozen
-from hingepair.plans.arguments import Coordinates, renamed_out, requested_outputs
-from hingepair.plans.computation import Cache
-from hingepair.plans.derivatives import Derivative
+from hingepair.mechanism.strut_functions import function_force
+from hingepair.mechanism.tree import Tree
+from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, set_frozen
+from hingepair.plans.arguments import Coordinates, renamed_out
 from hingepair.plans.prepared import Prepared
-from hingepair.plans.trees import COORDINATES, FRAME_OUTPUTS, input_shapes
 from hingepair.rollouts.tracks import Feedback
 from hingepair.tables.sheets import Shown
 
@@ -99,37 +78,27 @@ class StrutState(NamedTuple):
 
 
 _JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # tasks by the argument `axes`
-_SOLVED: Final = ROBOT_TASKS["forward_dynamics"].outputs  # NaN where nothing resists
 
 
-class MechanismMethods(Frozen, Shown):
+class MechanismMethods(StateConventions, Frozen, Shown):
     """Methods of a robot: kinematics, dynamics, energy and momentum; `Mechanism` derives from this class, and
     describes the arguments that they share.
     """
 
-    __slots__ = ("_cached_constants",)
+    __slots__ = ("_kept",)
 
     _tree: Tree  # record of the robot
     base: str  # "fixed": the base is held, or moves as given; "free": forces move the base
-    _cached_constants: RobotConstants
+    _kept: RobotRequests
 
     @property
-    def _constants(self) -> RobotConstants:
-        """Constants of the robot's programs, made once."""
+    def _robot(self) -> RobotRequests:
+        """What computes the robot, made once."""
         try:
-            constants = self._cached_constants
+            return self._kept
         except AttributeError:
-            constants = robot_constants(self._tree, self.base == "free")
-            set_frozen(self, _cached_constants=constants)
-        return constants
-
-    @property
-    def _whole_constants(self) -> RobotConstants:
-        """The constants without masses shifted to parent bodies (T9), for the wrenches of joints."""
-        kept = self._constants.cache.others
-        if "whole" not in kept:
-            kept["whole"] = robot_constants(self._tree, self.base == "free", whole=True)
-        return kept["whole"]
+            set_frozen(self, _kept=RobotRequests(self._tree, self.base))
+            return self._kept
 
     # ---- kinematics
 
@@ -162,7 +131,7 @@ class MechanismMethods(Frozen, Shown):
         ((5, 2, 3), (5, 3, 3))
         """
         given = coordinate_rows(q, qd, qdd)
-        return ask(self, MOTION_LEVELS[len(given) - 1], given, options)
+        return ask(self._robot, MOTION_LEVELS[len(given) - 1], given, options)
 
     @with_options()
     def jacobian(
@@ -192,7 +161,7 @@ class MechanismMethods(Frozen, Shown):
         (5, 2, 6, 6)
         """
         check_choice("axes", axes, tuple(_JACOBIANS))
-        return ask(self, _JACOBIANS[axes], (q,), {"frames": frames, **options})
+        return ask(self._robot, _JACOBIANS[axes], (q,), {"frames": frames, **options})
 
     @with_options()
     def jacobian_rate(
@@ -216,7 +185,7 @@ class MechanismMethods(Frozen, Shown):
         True
         """
         check_choice("axes", axes, tuple(_JACOBIANS))
-        return ask(self, f"{_JACOBIANS[axes]}_rate", (q, qd), {"frames": frames, **options})
+        return ask(self._robot, f"{_JACOBIANS[axes]}_rate", (q, qd), {"frames": frames, **options})
 
     @with_options()
     def acceleration_bias(
@@ -236,7 +205,7 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").acceleration_bias(np.zeros(6), np.zeros(6), "tool0").tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
-        return ask(self, "acceleration_bias", (q, qd), {"frames": frames, **options})
+        return ask(self._robot, "acceleration_bias", (q, qd), {"frames": frames, **options})
 
     @with_options(**SEARCH_DEFAULTS)
     def inverse_kinematics(
@@ -301,7 +270,7 @@ class MechanismMethods(Frozen, Shown):
         ((100, 6), True)
         """
         count = read_solutions(solutions, select, options.get("q0"))
-        query = read_query(self._tree, self._constants, R, S, "inverse_kinematics", **options)
+        query = read_query(self._tree, self._robot.constants, R, S, "inverse_kinematics", **options)
         return query.solve(count, select == "nearest")
 
     @with_options(**SEARCH_DEFAULTS)
@@ -339,7 +308,7 @@ class MechanismMethods(Frozen, Shown):
         >>> found.q.shape, bool(found.ok.all()), int(found.jumps.sum())
         ((200, 6), True, 0)
         """
-        query = read_query(self._tree, self._constants, R, S, "inverse_kinematics_path", **options)
+        query = read_query(self._tree, self._robot.constants, R, S, "inverse_kinematics_path", **options)
         return query.follow(read_max_change(max_change))
 
     def error_bounds(
@@ -377,21 +346,7 @@ class MechanismMethods(Frozen, Shown):
         True
         """
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
-        without = (*ROBOT_TASKS["joint_wrenches"].outputs, *_SOLVED)
-        accepted = tuple(name for name in self._available(ALL_OUTPUTS) if name not in without)
-        asked = requested_outputs(outputs, None, accepted, ROBOT_TASKS[motion_level(coordinates)].outputs)
-        bounds: dict[str, Float64Array] = {}
-        for group in ({*asked} - {*OF_BODIES}, {*OF_BODIES}):
-            names = tuple(name for name in asked if name in group)
-            if not names:
-                continue
-            computation = self._computation(names, self._frames(frames))
-            self._check_needed_inputs(computation, coordinates, names)
-            if computation.needs_masses:
-                self._check_masses()
-            values = computation.read(coordinates, base_motion, {})
-            bounds |= error_bounds(computation, values, read_gravity(gravity, DEFAULT_GRAVITY))
-        return {name: bounds[name] for name in asked}
+        return self._robot.error_bounds(coordinates, frames, outputs, base_motion, gravity)
 
     # ---- dynamics
 
@@ -417,7 +372,7 @@ class MechanismMethods(Frozen, Shown):
         >>> robot.inverse_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).tau.shape
         (6,)
         """
-        return ask(self, "inverse_dynamics", (q, qd, qdd), options)
+        return ask(self._robot, "inverse_dynamics", (q, qd, qdd), options)
 
     @with_options()
     def forward_dynamics(
@@ -444,7 +399,7 @@ class MechanismMethods(Frozen, Shown):
         >>> robot.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).qdd.shape
         (6,)
         """
-        return ask(self, "forward_dynamics", (q, qd, tau), options)
+        return ask(self._robot, "forward_dynamics", (q, qd, tau), options)
 
     @with_options()
     def joint_wrenches(
@@ -471,7 +426,7 @@ class MechanismMethods(Frozen, Shown):
             raise ArgumentError(
                 "robot", "one without loops; loop_wrenches has what closes them", "a closed mechanism"
             )
-        return ask(self, "joint_wrenches", (q, qd, qdd), options)
+        return ask(self._robot, "joint_wrenches", (q, qd, qdd), options)
 
     @with_options()
     def torque_regressor(
@@ -492,7 +447,7 @@ class MechanismMethods(Frozen, Shown):
         >>> Y.shape, np.allclose(Y @ robot.inertial_parameters, robot.inverse_dynamics(q, q, q).tau)
         ((6, 60), True)
         """
-        return ask(self, "torque_regressor", (q, qd, qdd), options)
+        return ask(self._robot, "torque_regressor", (q, qd, qdd), options)
 
     @with_options()
     def inverse_dynamics_derivatives(
@@ -523,7 +478,7 @@ class MechanismMethods(Frozen, Shown):
         >>> d.tau_q.shape, np.allclose(d.tau_qdd, robot.mass_matrix(np.zeros(6)))
         ((6, 6), True)
         """
-        return ask(self, "inverse_dynamics_derivatives", (q, qd, qdd), options)
+        return ask(self._robot, "inverse_dynamics_derivatives", (q, qd, qdd), options)
 
     @with_options()
     def forward_dynamics_derivatives(
@@ -552,7 +507,7 @@ class MechanismMethods(Frozen, Shown):
         >>> robot.forward_dynamics_derivatives(np.zeros(6), np.zeros(6), np.zeros(6)).qdd_tau.shape
         (6, 6)
         """
-        return ask(self, "forward_dynamics_derivatives", (q, qd, tau), options)
+        return ask(self._robot, "forward_dynamics_derivatives", (q, qd, tau), options)
 
     def rollout(
         self,
@@ -622,15 +577,15 @@ class MechanismMethods(Frozen, Shown):
         if effort_limits is True:
             limit = np.array([joint.effort_limit for joint in self._tree.coordinates])
         loads, links = read_wrenches(wrenches, self._tree)
-        self._warn_of_masses()
-        computation = self._computation(("qdd",), links, len(links), self._loaded(joint_loads))
+        self._robot.warn_of_masses()
+        computation = self._robot.computation(("qdd",), links, len(links), self._robot.counts_loads(joint_loads))
         result = rolled_out(
             computation, q0, qd0, tau, dt, method=method, steps=steps, every=every, limit=limit,
             gravity=read_gravity(gravity, DEFAULT_GRAVITY), loads=loads, base_motion=base_motion, out=out,
             execution=execution_of("auto", workers),
         )  # fmt: skip
-        if self._constants.may_be_singular and np.isnan(result.q[..., -1, :]).any():
-            self.forward_dynamics(q0, qd0, np.zeros(len(self._constants.names)), joint_loads=False)  # which warns
+        if self._robot.constants.may_be_singular and np.isnan(result.q[..., -1, :]).any():
+            self.forward_dynamics(q0, qd0, np.zeros(computation.form.dof), joint_loads=False)  # which warns
         return result
 
     @with_options()
@@ -649,7 +604,7 @@ class MechanismMethods(Frozen, Shown):
         """
         given = coordinate_rows(q, qd, qdd)
         outputs = ALL_COORDINATES[: len(given)]
-        found = ask(self, outputs[-1], given, options)
+        found = ask(self._robot, outputs[-1], given, options)
         return found if len(given) == 1 else tuple(found[name] for name in outputs)
 
     def follow(self, q: Coordinates, guess: Mapping[str, float] | None = None) -> Float64Array:
@@ -685,8 +640,8 @@ class MechanismMethods(Frozen, Shown):
             raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
         run: Any = {"backend": options.get("backend", "auto")}
         base: Any = {"base_motion": options.get("base_motion"), **run}
-        efforts = ask(self, "tree_tau", (q, qd, qdd), options)
-        jacobian, units = ask(self, "loop_jacobian", (q,), run), ask(self, "loop_wrenches", (q,), base)
+        efforts = ask(self._robot, "tree_tau", (q, qd, qdd), options)
+        jacobian, units = ask(self._robot, "loop_jacobian", (q,), run), ask(self._robot, "loop_wrenches", (q,), base)
         return loop_wrenches(closure, efforts, jacobian, units)
 
     def transmission(self, q: Coordinates, *, backend: str = "auto") -> FloatArray:
@@ -698,7 +653,7 @@ class MechanismMethods(Frozen, Shown):
         closure = self._tree.closure
         if closure is None:
             raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
-        return transmission(closure, ask(self, "loop_jacobian", (q,), {"backend": backend}))
+        return transmission(closure, ask(self._robot, "loop_jacobian", (q,), {"backend": backend}))
 
     @with_options()
     def struts(
@@ -710,8 +665,8 @@ class MechanismMethods(Frozen, Shown):
         Args:
             qd: time derivatives of q; by default 0.
         """
-        rates = (0.0,) * len(self._constants.names) if qd is None else qd
-        found, states = ask(self, "struts", (q, rates), options), {}
+        rates = (0.0,) * len(self._robot.constants.names) if qd is None else qd
+        found, states = ask(self._robot, "struts", (q, rates), options), {}
         for k, strut in enumerate(self._tree.struts):
             length, rate, force = (column[..., k] for column in found.arrays().values())
             if strut.function is not None:
@@ -733,7 +688,7 @@ class MechanismMethods(Frozen, Shown):
         >>> M.shape, bool((M == M.T).all())
         ((6, 6), True)
         """
-        return ask(self, "mass_matrix", (q,), options)
+        return ask(self._robot, "mass_matrix", (q,), options)
 
     @with_options()
     def bias_forces(self, q: Coordinates, qd: Coordinates, **options: Unpack[WeightOptions]) -> FloatArray:
@@ -750,7 +705,7 @@ class MechanismMethods(Frozen, Shown):
         >>> robot.bias_forces(np.zeros(6), np.zeros(6)).shape
         (6,)
         """
-        return ask(self, "bias_forces", (q, qd), options)
+        return ask(self._robot, "bias_forces", (q, qd), options)
 
     @with_options()
     def gravity_forces(self, q: Coordinates, **options: Unpack[WeightOptions]) -> FloatArray:
@@ -764,7 +719,7 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").gravity_forces(np.zeros(6)).shape
         (6,)
         """
-        return ask(self, "gravity_forces", (q,), options)
+        return ask(self._robot, "gravity_forces", (q,), options)
 
     @with_options()
     def centre_of_mass(self, q: Coordinates, **options: Unpack[BaseOptions]) -> FloatArray:
@@ -778,7 +733,7 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass(np.zeros(6)).shape
         (3,)
         """
-        return ask(self, "centre_of_mass", (q,), options)
+        return ask(self._robot, "centre_of_mass", (q,), options)
 
     @with_options()
     def centre_of_mass_jacobian(self, q: Coordinates, **options: Unpack[BaseOptions]) -> FloatArray:
@@ -792,7 +747,7 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass_jacobian(np.zeros(6)).shape
         (3, 6)
         """
-        return ask(self, "centre_of_mass_jacobian", (q,), options)
+        return ask(self._robot, "centre_of_mass_jacobian", (q,), options)
 
     @with_options()
     def centroidal_momentum_matrix(self, q: Coordinates, **options: Unpack[BaseOptions]) -> FloatArray:
@@ -808,7 +763,7 @@ class MechanismMethods(Frozen, Shown):
         >>> np.allclose(robot.centroidal_momentum_matrix(q) @ qd, [*h.linear, *h.angular])
         True
         """
-        return ask(self, "centroidal_momentum_matrix", (q,), options)
+        return ask(self._robot, "centroidal_momentum_matrix", (q,), options)
 
     @with_options()
     def centroidal_momentum_matrix_rate(
@@ -825,7 +780,7 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").centroidal_momentum_matrix_rate(np.zeros(6), np.ones(6)).shape
         (6, 6)
         """
-        return ask(self, "centroidal_momentum_matrix_rate", (q, qd), options)
+        return ask(self._robot, "centroidal_momentum_matrix_rate", (q, qd), options)
 
     @with_options()
     def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[WeightOptions]) -> Energy:
@@ -840,7 +795,7 @@ class MechanismMethods(Frozen, Shown):
         >>> float(hp.load_robot("ur5_robot").energy(np.zeros(6), np.zeros(6)).kinetic)
         0.0
         """
-        return ask(self, "energy", (q, qd), options)
+        return ask(self._robot, "energy", (q, qd), options)
 
     @with_options()
     def momentum(
@@ -864,117 +819,7 @@ class MechanismMethods(Frozen, Shown):
         angular = f"angular_about_{about}"
         if "out" in options:
             options["out"] = renamed_out(options["out"], {"angular": angular})
-        return ask(self, f"momentum_about_{about}", (q, qd), options)
-
-    # ---- conventions
-
-    def to_pinocchio_state(
-        self,
-        q: Coordinates,
-        qd: Coordinates | None = None,
-        base_motion: BodyMotion | None = None,
-        *,
-        cos_sin: bool = False,
-    ) -> tuple[Float64Array, Float64Array | None]:
-        """Return q and v as Pinocchio writes them. For a free base, q begins with R1 and the quaternion (x, y, z, w)
-        of S1, and v with v1 and omega1 in the axes of the base.
-
-        Args:
-            base_motion: R, S, v and omega of a free base.
-            cos_sin: hinges without limits become two numbers, cosine and sine, as in models that Pinocchio reads from
-                URDF files.
-
-        >>> import hingepair as hp
-        >>> robot = hp.load_robot("ur5_robot", base="free")
-        >>> q, v = robot.to_pinocchio_state([0.1] * 6, [0.2] * 6)
-        >>> q.shape, v.shape
-        ((13,), (12,))
-        """
-        turning = conventions.continuous_columns(self._tree) if cos_sin else []
-        return self._written(conventions.PINOCCHIO, q, qd, base_motion, turning)
-
-    def to_mujoco_state(
-        self, q: Coordinates, qd: Coordinates | None = None, base_motion: BodyMotion | None = None
-    ) -> tuple[Float64Array, Float64Array | None]:
-        """Return qpos and qvel as MuJoCo writes them, for joints in the order of `names`. For a free base, qpos
-        begins with R1 and the quaternion (w, x, y, z) of S1, and qvel with v1 in world axes and omega1 in the axes of
-        the base.
-        """
-        return self._written(conventions.MUJOCO, q, qd, base_motion, [])
-
-    def from_pinocchio_state(self, q: ArrayLike, v: ArrayLike | None = None) -> conventions.State:
-        """Return (q, qd, base_motion) of a state that Pinocchio has written; base_motion is None unless the base is
-        free. Hinges without limits may be cosine and sine in Pinocchio's q.
-
-        >>> import hingepair as hp
-        >>> robot = hp.load_robot("ur5_robot", base="free")
-        >>> state = robot.from_pinocchio_state([0, 0, 1, 0, 0, 0, 1] + [0.1] * 6)
-        >>> state.q.shape, state.base_motion.R.tolist()
-        ((6,), [0.0, 0.0, 1.0])
-        """
-        turning = conventions.continuous_columns(self._tree)
-        dof = len(self._constants.names)
-        return conventions.read_state(conventions.PINOCCHIO, q, v, self.base == "free", dof, turning)
-
-    def from_mujoco_state(self, qpos: ArrayLike, qvel: ArrayLike | None = None) -> conventions.State:
-        """Return (q, qd, base_motion) of a state that MuJoCo has written, for joints in the order of `names`;
-        base_motion is None unless the base is free.
-        """
-        dof = len(self._constants.names)
-        return conventions.read_state(conventions.MUJOCO, qpos, qvel, self.base == "free", dof, [])
-
-    def integrate(self, q: Coordinates, v: ArrayLike, base_motion: BodyMotion | None = None) -> conventions.State:
-        """Return the configuration (q, None, base_motion) that a change v leads to: q + v; with a free base, v begins
-        with the change of R1 and the rotation vector of the base, world axes: S1 becomes exp(v[3:6]) S1.
-
-        Args:
-            v: the change, shape (..., dof), with a free base (..., 6 + dof): the order of `mass_matrix`.
-            base_motion: R and S of a free base.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> robot = hp.load_robot("ur5_robot", base="free")
-        >>> there = robot.integrate(np.zeros(6), np.full(12, 0.1))
-        >>> robot.difference(np.zeros(6), there.q, base_motion1=there.base_motion).round(12).tolist()
-        [0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1]
-        """
-        free = self.base == "free"
-        conventions.check_base(base_motion, free)
-        return conventions.integrated(self._tree.rows("q", q), v, base_motion, free)
-
-    def difference(
-        self,
-        q0: Coordinates,
-        q1: Coordinates,
-        base_motion0: BodyMotion | None = None,
-        base_motion1: BodyMotion | None = None,
-    ) -> Float64Array:
-        """Return the change for which `integrate` leads from q0 to q1, and a free base from `base_motion0` to
-        `base_motion1`; shape (..., dof), with a free base (..., 6 + dof), first the changes of R1 and, as a rotation
-        vector, of S1, in world axes.
-        """
-        free = self.base == "free"
-        conventions.check_base(base_motion0, free, "base_motion0")
-        conventions.check_base(base_motion1, free, "base_motion1")
-        rows = self._tree.rows("q0", q0), self._tree.rows("q1", q1)
-        return conventions.difference(*rows, base_motion0, base_motion1, free)
-
-    def _written(
-        self,
-        convention: conventions.Convention,
-        q: Coordinates,
-        qd: Coordinates | None,
-        base_motion: BodyMotion | None,
-        turning: list[int],
-    ) -> tuple[Float64Array, Float64Array | None]:
-        """Return q and, if qd is given, v as a package writes them, cosine and sine in the columns `turning` of q."""
-        free = self.base == "free"
-        conventions.check_base(base_motion, free)
-        rates = None if qd is None else self._tree.rows("qd", qd)
-        written = conventions.written_q(convention, self._tree.rows("q", q), base_motion, free, turning)
-        if rates is None:
-            return written, None
-        return written, conventions.written_v(convention, rates, base_motion, free)
+        return ask(self._robot, f"momentum_about_{about}", (q, qd), options)
 
     def _prepared_rollout(
         self, refused: dict[str, Any], shared: dict[str, Any], options: dict[str, Any]
@@ -985,7 +830,7 @@ class MechanismMethods(Frozen, Shown):
                 raise ArgumentError(name, "None, since a rollout records q and qd", quoted(value))
         inspect.signature(self.rollout).bind("q0", "qd0", "tau", **options)  # a TypeError as of any call
         rolled = functools.partial(self.rollout, **shared, **options)
-        return PreparedRollout(rolled, len(self._constants.names), self.base == "free")
+        return PreparedRollout(rolled, len(self._robot.constants.names), self.base == "free")
 
     @overload
     def prepare(self, given: Literal["rollout"], *, dt: float, **rollout: Any) -> PreparedRollout: ...
@@ -1062,305 +907,15 @@ class MechanismMethods(Frozen, Shown):
             shared: dict[str, Any] = {"gravity": gravity, "joint_loads": joint_loads, "workers": workers}
             return self._prepared_rollout({"frames": frames, "outputs": outputs}, shared, rollout)
         if given == "inverse_kinematics":
-            return PreparedInverseKinematics(self._tree, self._constants, frames, outputs, rollout)
+            return PreparedInverseKinematics(self._tree, self._robot.constants, frames, outputs, rollout)
         if rollout:
             raise ArgumentError(next(iter(rollout)), 'an option of prepare("rollout", ...) alone', quoted(given))
-        names = checked_given(given)
-        loads = [name for name in names if name in ("force1", "torque1")]
-        if loads and self.base != "free":
-            raise ArgumentError("given", "no forces on a fixed base (base='free' is moved by them)", ", ".join(loads))
-        if not isinstance(outputs, str | None):
-            outputs = tuple(outputs)
-        derivatives = {name for name, task in ROBOT_TASKS.items() if task.derivative}
-        derived = next((one for one in (given, outputs) if isinstance(one, str) and one in derivatives), None)
-        derivative: Derivative | None = None
-        if derived is not None:
-            output_names, _, _, derivative = self._wanted(
-                ROBOT_TASKS[derived], None if outputs == derived else outputs
-            )
-        else:
-            output_names = self._prepared_outputs(given, names, outputs)
-        if self._calls_functions(output_names):
-            self._tree.refuse_functions()
-        framed, links = not {*output_names}.isdisjoint(OF_FRAMES), self._links(wrenches)
-        if framed and links:
-            raise ArgumentError("wrenches", "() where an output is of frames", quoted(wrenches))
-        named = self._frames(frames, one=not {*output_names}.isdisjoint(ONE_FRAME)) if framed else links
-        loaded = not {*output_names}.isdisjoint(("tau", *_SOLVED)) and self._loaded(joint_loads)
-        computation = self._computation(output_names, named, len(links), loaded)
-        names = checked_given(names, computation.inputs)
-        if computation.needs_masses:
-            self._warn_of_masses()
-        if derivative is not None:
-            computation.check_differentiable(derivative, names)
-        prepare: Callable[..., Prepared] = self.prepare
-        remade = functools.partial(
-            prepare, given if isinstance(given, str) else names, frames=named if framed else None, outputs=outputs,
-            gravity=gravity, wrenches=links, joint_loads=computation.request.joint_loads, workers=workers,
-            backend=backend,
-        )  # fmt: skip
-        names = (*names, *(f"{kind}_{k}" for k in range(len(links)) for kind in ("force", "torque")))
-        execution, vector = execution_of(backend, workers), read_gravity(gravity, DEFAULT_GRAVITY)
-        return Prepared(computation, names, execution, vector, remade, self._watch(output_names), derivative)
-
-    def _links(self, wrenches: Iterable[str]) -> tuple[str, ...]:
-        """Return the names of links on which wrenches act in a prepared call."""
-        names = (wrenches,) if isinstance(wrenches, str) else tuple(wrenches)
-        read_wrenches(dict.fromkeys(names, (0, 0)), self._tree)
-        return names
-
-    # ---- how methods compute
-
-    @property
-    def _cache(self) -> Cache:
-        return self._constants.cache
-
-    @property
-    def _tasks(self) -> Mapping[str, Task]:
-        return ROBOT_TASKS
-
-    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
-        """Return the request of a method."""
-        computed, default, names, derivative = self._wanted(task, options.get("outputs"), out)
-        wrenches, called = options.get("wrenches"), self._calls_functions(computed)
-        if called and derivative is not None:
-            self._tree.refuse_functions()
-        if called:
-            base_motion = options.get("base_motion")
-            wrenches = with_function_wrenches(self, self._tree, given["q"], given.get("qd"), base_motion, wrenches)
-        loads, links = read_wrenches(wrenches, self._tree)
-        accepts = task.options.__annotations__
-        if "force1" in accepts:
-            loads = {**loads, **self._base_loads(options.get("force1", 0), options.get("torque1", 0))}
-        frames = links or self._task_frames(computed, options.get("frames"))
-        loaded = "joint_loads" in accepts and self._loaded(options.get("joint_loads"))
-        computation = self._computation(computed, frames, len(links), loaded)
-        coordinates = {label: x for label, x in given.items() if x is not None or derivative}
-        self._check_needed_inputs(computation, coordinates, computed)
-        if derivative is not None:
-            computation.check_differentiable(derivative, tuple(coordinates))
-        if computation.needs_masses:
-            self._warn_of_masses()
-        moving = derivative is not None and derivative.kind == "rate"
-        arguments, labels = computation.given(coordinates, options.get("base_motion"), loads, moving)
-        return Request(
-            computation, arguments, labels, read_gravity(options.get("gravity", DEFAULT_GRAVITY), DEFAULT_GRAVITY),
-            functools.partial(self._computation, *computation.asked), derivative, self._watch(computed, plain=True),
-            # What the arrays of `out` ask for can be something else the next time.
-            lasts=not called and (options.get("outputs") is not None or names == default),
+        return self._robot.prepare(
+            self.prepare, given, gravity, execution_of(backend, workers),
+            frames=frames, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
         )  # fmt: skip
 
-    def _calls_functions(self, outputs: Iterable[str]) -> bool:
-        """Return whether outputs depend on struts whose force is a function."""
-        return self._tree.has_functions and not FORCED_OUTPUTS.isdisjoint(outputs)
 
-    def _watch(self, outputs: Iterable[str], plain: bool = False) -> Watch | None:
-        """Return what looks at the results of a call; None where nothing can be wrong with them."""
-        if self._constants.may_be_singular and not {*outputs}.isdisjoint(_SOLVED):
-            return self._warn_where_singular
-        return self._warn_where_open if plain and self._tree.closure is not None else None
-
-    def _wanted(
-        self, task: Task, outputs: Iterable[str] | None, out: Any = None
-    ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], Derivative | None]:
-        """Return what a row of the table computes: the outputs of the tree, the names of all results by default,
-        those that are asked for, and the derivative that leads to them.
-        """
-        if task.derivative == "matrices":
-            default = tuple(f"{task.outputs[0]}_{name}" for name in task.given)
-            names = requested_outputs(outputs, out, default, default)
-            size = (self._constants.form.dof + 6 * (self.base == "free"),)
-            by = tuple((name.partition("_")[2], size) for name in names)
-            efforts = task.outputs if self.base == "free" else task.outputs[:1]
-            return efforts, default, names, Derivative(task.derivative, names, by)
-        default = self._available(task.outputs)
-        accepted = FRAME_OUTPUTS if task.result is MechanismState else default
-        names = requested_outputs(outputs, out, accepted, default)
-        return names, default, names, Derivative(task.derivative, names, ()) if task.derivative else None
-
-    def _computed(self, outputs: tuple[str, ...], **given: Any) -> Any:
-        """Compute outputs from coordinates, for messages."""
-        computation = self._computation(outputs)
-        return computation.compute(given, execution_of("numpy", 1), DEFAULT_GRAVITY)
-
-    def _warn_where_open(self, result: Any, arguments: Mapping[str, Any]) -> None:
-        """Issue a DynamicsWarning that counts the samples at which the loops cannot be closed."""
-        closure = self._tree.closure
-        arrays = [result] if isinstance(result, np.ndarray) else [*result.arrays().values()]
-        if closure is None or not any(np.isnan(array).any() for array in arrays):
-            return
-        rows = self._tree.rows("q", arguments["q"])
-        all_q, gaps = (self._computed((name,), q=rows) for name in ("q_all", "loop_gaps"))
-        if (message := open_samples(closure, rows, all_q, gaps)) is not None:
-            warn_of_dynamics(f"{self._tree.name}: {message}")
-
-    def _computation(
-        self, outputs: tuple[str, ...], frames: tuple[str, ...] = (), loaded: int = 0, joint_loads: bool = False
-    ) -> RobotComputation:
-        """Return the computation of outputs, which is made once; wrenches act on the first `loaded` frames."""
-        key = outputs, frames, loaded, joint_loads
-        computations = self._constants.cache.computations
-        found: RobotComputation | None = computations.get(key)
-        if found is None:
-            free, constants = self.base == "free", self._constants
-            chosen = tuple(self._tree.known_frame("frames", name) for name in frames)
-            if {*outputs} <= {*OF_BODIES}:
-                chosen = self._tree.body_frames(free)
-            if not {*outputs}.isdisjoint(ROBOT_TASKS["joint_wrenches"].outputs):
-                constants = self._whole_constants
-            kind = result_class(outputs, frames, constants)
-            found = RobotComputation(constants, outputs, free, chosen, tuple(range(loaded)), kind, joint_loads)
-            found.asked = key
-            computations[key] = found
-        return found
-
-    def _available(self, outputs: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the outputs that exist for this base."""
-        return outputs if self.base == "free" else tuple(name for name in outputs if name not in FREE_BASE_OUTPUTS)
-
-    def _prepared_outputs(
-        self, given: str | Iterable[str], names: tuple[str, ...], outputs: Iterable[str] | None
-    ) -> tuple[str, ...]:
-        """Return the outputs of a prepared call, of which `names` are the arguments."""
-        if isinstance(given, str):
-            return self._wanted(ROBOT_TASKS[given], outputs)[0]
-        pushed = not {"tau", "force1", "torque1"}.isdisjoint(names)
-        default = self._available(ROBOT_TASKS["forward_dynamics" if pushed else motion_level(names)].outputs)
-        accepted = tuple(name for name in self._available(ALL_OUTPUTS) if name not in (*names, *OF_BODIES))
-        return requested_outputs(outputs, None, accepted, default)
-
-    def _task_frames(self, outputs: tuple[str, ...], frames: str | Iterable[str] | None) -> tuple[str, ...]:
-        """Return the names of the frames whose outputs are asked for, out of the argument `frames`."""
-        if {*outputs}.isdisjoint(OF_FRAMES):
-            return ()
-        if frames is None and len(self._tree.tips) != 1 and {*outputs}.isdisjoint(FRAME_OUTPUTS):
-            expected = f"the name of a link or joint, such as {', '.join(self._tree.tips[:4])}"
-            raise ArgumentError("frames", expected, None)
-        return self._frames(frames, one=not {*outputs}.isdisjoint(ONE_FRAME))
-
-    def _frames(self, frames: str | Iterable[str] | None, one: bool = False) -> tuple[str, ...]:
-        """Return the names in the argument `frames`; None stands for the last links of all branches."""
-        try:
-            names = self._tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
-        except TypeError:
-            names = ()
-        if not names:
-            raise ArgumentError("frames", "names of links or joints", quoted(frames))
-        if one and len(names) != 1:
-            raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
-        if len({*names}) < len(names):
-            raise ArgumentError("frames", "each name once", quoted(names))
-        return names
-
-    def _check_needed_inputs(
-        self, computation: RobotComputation, coordinates: Mapping[str, Any], outputs: tuple[str, ...]
-    ) -> None:
-        """Refuse coordinates that do not suffice for the outputs."""
-        for name in COORDINATES:
-            if name in computation.inputs and name not in coordinates:
-                first = next(
-                    one
-                    for one in outputs
-                    if name in input_shapes(computation.form, computation.request._replace(outputs=(one,)))
-                )
-                raise ArgumentError(name, f"values of the joints, since output {first} needs them", None)
-
-    def _base_loads(self, force1: ArrayLike, torque1: ArrayLike) -> Loads:
-        """Return the loads on a free base that are not the number 0."""
-        loads: dict[str, tuple[Any, str]] = {}
-        if type(force1) is int and type(torque1) is int and force1 == torque1 == 0:  # by default
-            return loads
-        for name, value in (("force1", force1), ("torque1", torque1)):
-            if not is_zero(value):
-                loads[name] = value, name
-                if self.base != "free":
-                    expected = "0: a fixed base is not moved by forces (base='free' is)"
-                    raise ArgumentError(name, expected, quoted(value))
-        return loads
-
-    def _check_masses(self) -> None:
-        """Refuse a body whose mass was never given, and masses that overflow."""
-        for number, link in self._tree.without_mass.items():
-            if number == 0 and self.base == "free":
-                where = "body1 of the first pair"
-            elif number > 0:
-                where = f"body2 of {link!r}"
-            else:
-                continue
-            body = where[:5]
-            example = f"HingePair(..., {body}=hp.Body(mass=2.0)), or in a scene {body}.mass = 2.0 of its [[joint]]"
-            raise ArgumentError(where, f"mass properties, as in {example}", None)
-        if self._constants.overflows:
-            expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
-            raise ArgumentError(f"robot {self._tree.name!r}", expected, "products that overflow")
-
-    def _warn_of_masses(self) -> None:
-        """Issue a DynamicsWarning for each of the tree's notes, at the first call for a robot."""
-        cache = self._constants.cache
-        if not cache.warned:
-            self._check_masses()
-            cache.warned = True
-            for note in self._tree.notes:
-                warn_of_dynamics(f"{self._tree.name}: {note}")
-
-    def _loaded(self, joint_loads: bool | None) -> bool:
-        """Return whether loads of joints act; the first call that leaves them out unasked warns."""
-        if joint_loads not in (None, False, True):
-            raise ArgumentError("joint_loads", "True or False", quoted(joint_loads))
-        cache = self._constants.cache
-        if joint_loads is None and not cache.warned_of_loads:
-            cache.warned_of_loads = True
-            if note := loads_note(self._tree):
-                warn_of_dynamics(
-                    f"{self._tree.name}: {note}; joint_loads=True counts them, joint_loads=False is silent"
-                )
-        if joint_loads and self._tree.closure is not None:
-            rubbing = [
-                joint.name
-                for joint in self._tree.joints
-                if joint.load.friction and joint.name not in self._constants.names
-            ]
-            if rubbing:
-                expected = "False, since dry friction acts at joints that are no coordinates of the closed mechanism"
-                raise ArgumentError("joint_loads", expected, ", ".join(rubbing))
-        return bool(joint_loads) and any(load_numbers(self._tree))
-
-    def _warn_where_singular(self, result: Any, arguments: Mapping[str, Any]) -> None:
-        """Issue a DynamicsWarning that names what no inertia resists, where accelerations are NaN for that."""
-        q, arrays = arguments["q"], result.arrays()
-        found = [array for name, array in arrays.items() if name in _SOLVED and isinstance(array, np.ndarray)]
-        # Where one derivative is NaN, all are.
-        found += [array[..., 0] for name, array in arrays.items() if name.startswith("qdd_")][:1]
-        bad = np.asarray(np.logical_or.reduce([np.isnan(array).any(axis=-1) for array in found] or [np.False_]))
-        if not bad.any():
-            return
-        names = ("pivots", "base_pivots") if self.base == "free" else ("pivots",)
-        pivots = self._computed(names, q=q).arrays()
-        constants = self._constants
-        thresholds = {"pivots": constants.pivot_thresholds, "base_pivots": constants.base_pivot_thresholds}
-        labels = [*(f"joint {name!r}" for name in constants.names), *["the base"] * 6]
-        smallest = np.concatenate([thresholds[name] for name in names])
-        values = np.concatenate([np.asarray(pivots[name]) for name in names], axis=-1)
-        low = ~(np.abs(values) > smallest) & (smallest > 0) & bad[..., None]
-        if low.any():
-            first = low.reshape(-1, low.shape[-1])[int(np.argmax(low.any(axis=-1)))]
-            count = int(low.any(axis=-1).sum())
-            where = f"at {count} of {bad.size} samples" if bad.shape else "here"
-            of_joints = np.flatnonzero(first[: len(constants.names)])
-            which = labels[int(of_joints[-1]) if of_joints.size else -1]
-            warn_of_dynamics(f"{self._tree.name}: no mass resists {which} {where}; accelerations are NaN there")
-
-
-def count_operations(
-    robot: MechanismMethods,
-    coordinates: tuple[Coordinates, ...],
-    outputs: tuple[str, ...],
-    frames: tuple[str, ...] = (),
-    base_motion: BodyMotion | None = None,
-) -> OperationCounts:
-    """Count the operations that outputs of `forward_kinematics` or `inverse_dynamics` take, of which those of
-    coordinates with one value for all samples vanish or are performed once.
-    """
-    computation = robot._computation(outputs, frames)
-    named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
-    return computation.count_operations(computation.read(named, base_motion, {}).values, DEFAULT_GRAVITY)
+def requests_of(robot: MechanismMethods) -> RobotRequests:
+    """Return what computes a robot."""
+    return robot._robot

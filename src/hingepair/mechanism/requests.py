@@ -114,6 +114,7 @@ ROBOT_TASKS: Final[Mapping[str, Task]] = {
     },
 }
 """All that can be asked of a robot."""
+SOLVED: Final = ROBOT_TASKS["forward_dynamics"].outputs  # NaN where nothing resists
 
 BODIES: Final = ("body1", "body2")  # attributes of a pair that hold its mass properties
 _MOVED: Final = ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd")  # arguments of inverse dynamics

@@ -30,7 +30,7 @@ def pushed_links(tree: Tree) -> dict[int, str]:
 
 
 def with_function_wrenches(
-    robot: Any,
+    compute: Callable[[str, tuple[Any, ...], dict[str, Any]], Any],
     tree: Tree,
     q: Coordinates,
     qd: Coordinates | None,
@@ -40,8 +40,8 @@ def with_function_wrenches(
     """Return wrenches on links with those of struts whose force is a function.
 
     Args:
-        robot: the Mechanism.
-        tree: its record.
+        compute: what the robot's methods do, by the name of a task, arguments and options.
+        tree: the robot.
         q: coordinates.
         qd: their rates; None: 0.
         base_motion: of which the pose counts.
@@ -51,10 +51,12 @@ def with_function_wrenches(
     struts = [strut for strut in tree.struts if strut.function is not None]
     frames = dict.fromkeys((*(end for strut in struts for end in strut.ends), *links.values()))
     pose = None if base_motion is None else BodyMotion(R=base_motion.R, S=base_motion.S)
-    at, states = robot.forward_kinematics(q, frames=tuple(frames), base_motion=pose), robot.struts(q, qd)
+    at = compute("pose", (q,), {"frames": tuple(frames), "base_motion": pose})
+    states = compute("struts", (q, (0.0,) * len(tree.coordinates) if qd is None else qd), {})
     total = {link: [np.asarray(part) for part in pair] for link, pair in (wrenches or {}).items()}
     for strut in struts:
-        length, rate, _ = states[strut.name]
+        place = tree.struts.index(strut)
+        length, rate = states["strut_length"][..., place], states["strut_rate"][..., place]
         first, second = (at[end].R for end in strut.ends)
         force = (function_force(strut, length, rate) / length)[..., None] * (second - first)
         for end, frame, push in zip((first, second), strut.frames, (-force, force), strict=True):

@@ -14,6 +14,8 @@ from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.loop_forces import transmission
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.methods import requests_of
+from hingepair.mechanism.requests import ask
 from hingepair.mechanism.strut_functions import pushed_links, with_function_wrenches
 from hingepair.motion.loads import MotionAtInstants
 from hingepair.numeric.arrays import Float64Array as Array
@@ -83,7 +85,8 @@ def with_strut_loads(robot: Mechanism, wrenches: Mapping[str, tuple[Any, Any]] |
     given = dict(wrenches or {})
 
     def push(link: str, place: int, t: Array, now: MotionAtInstants) -> Array:
-        found = with_function_wrenches(robot, tree, now.q, now.qd, now.base_motion, None)[link][place]
+        compute = functools.partial(ask, requests_of(robot))
+        found = with_function_wrenches(compute, tree, now.q, now.qd, now.base_motion, None)[link][place]
         own = given[link][place] if link in given else 0.0
         return np.asarray(found + (own(t, now) if callable(own) else np.asarray(own)))
 

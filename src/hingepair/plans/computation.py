@@ -137,15 +137,19 @@ class Computation:
         """The computation whose derivatives by constants are taken."""
         return self if self._by_constants is None else self._by_constants()
 
-    def missing(self, given: Collection[str]) -> tuple[str, str] | None:
-        """Return an output and an input, gravity apart, that it lacks; None if what is given and known suffices."""
+    def check_given(self, given: Collection[str], labels: Mapping[str, str] | None = None) -> None:
+        """Refuse arguments of these names if they do not suffice for the outputs.
+
+        Raises:
+            ArgumentError: an output needs an input that is neither given nor known.
+        """
         names = tuple(given)
         if names not in self._sufficient:
             for output in self.outputs:
                 for name in self.missing_inputs(output, names):
-                    return output, name
+                    label = (labels or {}).get(name, name)
+                    raise ArgumentError(label, f"a value, since output {output} needs it", None)
             self._sufficient.add(names)
-        return None
 
     def missing_inputs(self, output: str, given: tuple[str, ...]) -> list[str]:
         """Return the names of the inputs, gravity apart, that an output needs beside what is given and known."""
@@ -176,6 +180,7 @@ class Computation:
             keep: cache and key by which this call is found again, and what looks at its results.
             remade: function that can be pickled and makes this computation anew; without it, Dask arrays are refused.
         """
+        self.check_given(given, labels)
         call = self.call(tuple(given), execution.backend, gravity, derivative=derivative)
         out = check_out(out, call.outputs)
         tried = False

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from hingepair.mechanism.pairs.geometry import Constants, axis_errors, tree_errors, tree_numbers
-from hingepair.mechanism.pairs.requests import COORDINATES, INPUT_LABELS, check_inputs, computation_of
+from hingepair.mechanism.pairs.requests import COORDINATES, INPUT_LABELS, computation_of
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.blocks import numbers
 from hingepair.plans.arguments import Outputs, read_arguments, requested_outputs
@@ -220,7 +220,7 @@ def error_bounds(
         ArgumentError: an output needs an input that is not given.
     """
     names = requested_outputs(outputs, None, pair.levels, pair.kind.default_outputs(level))
-    check_inputs(computation_of(pair, names, sequence), given)
+    computation_of(pair, names, sequence).check_given(given, INPUT_LABELS)
     arguments = read_arguments(given, pair.shapes, COORDINATES[pair.kind], INPUT_LABELS)
     read = tuple(arguments.values)
     request = PairRequest(names, read, pair.kind.planar, sequence, pair.points, has_home=pair.has_home)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -129,14 +129,6 @@ def _geometry(pair: Constants, tree: tuple[float, ...]) -> dict[str, Any]:
     return found
 
 
-def check_inputs(computation: Computation, given: Collection[str]) -> None:
-    """Refuse inputs that do not suffice for the outputs."""
-    missing = computation.missing(given)
-    if missing is not None:
-        output, name = missing
-        raise ArgumentError(INPUT_LABELS.get(name, name), f"a value, since output {output} needs it", None)
-
-
 def compute_arrays(
     pair: Constants,
     outputs: Iterable[str],
@@ -199,10 +191,8 @@ def pair_request(pair: Any, task: Task, given: dict[str, Any], options: Mapping[
         lasts = not any(body is not None and body.assumed for body in bodies.values())  # each call warns
     solves = "hinge_torque" in given
     remade = functools.partial(computation_of, constants, outputs, sequence, task.result, False, solves)
-    computation = remade()
-    check_inputs(computation, given)
     watch = functools.partial(_watch, pair, outputs[-1]) if solves and pivot_limits(constants).any() else None
-    return Request(computation, given, INPUT_LABELS, gravity, remade, watch=watch, lasts=lasts)
+    return Request(remade(), given, INPUT_LABELS, gravity, remade, watch=watch, lasts=lasts)
 
 
 # ---- masses
@@ -305,8 +295,9 @@ def prepare(
     computation = computation_of(*what)
     _check_given(computation, names, solves)
     remade = functools.partial(
-        pair.prepare, names, outputs=output_names, gravity=gravity, workers=execution.workers,
-        backend=execution.backend, **({} if sequence is None else {"sequence": sequence}),
+        pair.prepare, given if task else names, outputs=None if outputs is None else output_names, gravity=gravity,
+        workers=execution.workers, backend=execution.backend,
+        **({} if sequence is None else {"sequence": sequence}),
     )  # fmt: skip
     solved = tasks["forward_dynamics"].outputs[-1]
     watched = solves and solved in output_names and pivot_limits(constants).any()

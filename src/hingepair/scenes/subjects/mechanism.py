@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from hingepair.equations.quantities import QUANTITIES, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.methods import count_operations
+from hingepair.mechanism.methods import requests_of
+from hingepair.mechanism.robot_requests import count_operations
 from hingepair.mechanism.states import MechanismForces, MechanismState
 from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.matrices import matrix_to_quaternion
@@ -285,9 +286,10 @@ class MechanismSubject(Subject):
         counts, base = [], known.base_motion
         if frames:
             arguments = known.arguments()[: 1 + max(map(_order, of_frames))]
-            counts.append(count_operations(self.mechanism, arguments, of_frames, frames, base))
+            counts.append(count_operations(requests_of(self.mechanism), arguments, of_frames, frames, base))
         if forces:
-            counts.append(count_operations(self.mechanism, known.arguments(), forces, base_motion=base))
+            given = known.arguments()
+            counts.append(count_operations(requests_of(self.mechanism), given, forces, base_motion=base))
         return Plan((*(f"{name}_{frame}" for frame in frames for name in of_frames), *forces), counts, order)
 
     @property

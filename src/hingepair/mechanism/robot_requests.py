@@ -1,0 +1,399 @@
+"""How calls of a robot are answered: what is computed and from what, made once, and what is said of the results."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hingepair.engine.backend import Execution, execution_of
+from hingepair.engine.loops import OperationCounts
+from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.accuracy import error_bounds
+from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.computations import (
+    ALL_OUTPUTS,
+    FORCED_OUTPUTS,
+    OF_BODIES,
+    OF_FRAMES,
+    ONE_FRAME,
+    Loads,
+    RobotComputation,
+    checked_given,
+    read_wrenches,
+    result_class,
+)
+from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
+from hingepair.mechanism.loop_forces import open_samples
+from hingepair.mechanism.options import (
+    DEFAULT_GRAVITY,
+)
+from hingepair.mechanism.requests import (
+    FREE_BASE_OUTPUTS,
+    ROBOT_TASKS,
+    SOLVED,
+    Request,
+    Task,
+    Watch,
+    ask,
+    motion_level,
+    read_gravity,
+)
+from hingepair.mechanism.states import (
+    MechanismState,
+)
+from hingepair.mechanism.strut_functions import with_function_wrenches
+from hingepair.mechanism.tree import Tree, loads_note
+from hingepair.numeric.arrays import Float64Array, is_zero
+from hingepair.numeric.caching import lock_free_cached_property
+from hingepair.plans.arguments import Coordinates, requested_outputs
+from hingepair.plans.computation import Cache
+from hingepair.plans.derivatives import Derivative
+from hingepair.plans.prepared import Prepared
+from hingepair.plans.trees import FRAME_OUTPUTS
+
+
+class RobotRequests:
+    """What is asked of a robot, and its computations, which are made once.
+
+    Args:
+        tree: record of the robot.
+        base: "fixed": the base is held, or moves as given; "free": forces move the base.
+    """
+
+    _tasks = ROBOT_TASKS
+
+    def __init__(self, tree: Tree, base: str) -> None:
+        self.tree, self.base = tree, base
+        self._cache = Cache()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.tree, self.base)
+
+    @lock_free_cached_property
+    def constants(self) -> RobotConstants:
+        """Constants of the robot's programs."""
+        return robot_constants(self.tree, self.base == "free")
+
+    @lock_free_cached_property
+    def whole_constants(self) -> RobotConstants:
+        """The constants without masses shifted to parent bodies (T9), for the wrenches of joints."""
+        return robot_constants(self.tree, self.base == "free", whole=True)
+
+    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
+        """Return the request of a method."""
+        computed, default, names, derivative = self._wanted(task, options.get("outputs"), out)
+        wrenches, called = options.get("wrenches"), self._calls_functions(computed)
+        if called and derivative is not None:
+            self.tree.refuse_functions()
+        if called:
+            base_motion = options.get("base_motion")
+            compute = functools.partial(ask, self)
+            wrenches = with_function_wrenches(compute, self.tree, given["q"], given.get("qd"), base_motion, wrenches)
+        loads, links = read_wrenches(wrenches, self.tree)
+        accepts = task.options.__annotations__
+        if "force1" in accepts:
+            loads = {**loads, **self._base_loads(options.get("force1", 0), options.get("torque1", 0))}
+        frames = links or self._task_frames(computed, options.get("frames"))
+        loaded = "joint_loads" in accepts and self.counts_loads(options.get("joint_loads"))
+        computation = self.computation(computed, frames, len(links), loaded)
+        coordinates = {label: x for label, x in given.items() if x is not None or derivative}
+        if derivative is not None:
+            computation.check_differentiable(derivative, tuple(coordinates))
+        if computation.needs_masses:
+            self.warn_of_masses()
+        moving = derivative is not None and derivative.kind == "rate"
+        arguments, labels = computation.given(coordinates, options.get("base_motion"), loads, moving)
+        return Request(
+            computation, arguments, labels, read_gravity(options.get("gravity", DEFAULT_GRAVITY), DEFAULT_GRAVITY),
+            functools.partial(self.computation, *computation.asked), derivative, self.watch(computed, plain=True),
+            # What the arrays of `out` ask for can be something else the next time.
+            lasts=not called and (options.get("outputs") is not None or names == default),
+        )  # fmt: skip
+
+    def _calls_functions(self, outputs: Iterable[str]) -> bool:
+        """Return whether outputs depend on struts whose force is a function."""
+        return self.tree.has_functions and not FORCED_OUTPUTS.isdisjoint(outputs)
+
+    def prepare(
+        self,
+        prepare: Callable[..., Prepared],
+        given: str | Iterable[str],
+        gravity: ArrayLike,
+        execution: Execution,
+        *,
+        frames: str | Iterable[str] | None,
+        outputs: Iterable[str] | None,
+        wrenches: str | Iterable[str],
+        joint_loads: bool | None,
+    ) -> Prepared:
+        """Return what `Mechanism.prepare` describes; `prepare` is that method of the robot, which makes it anew."""
+        names = checked_given(given)
+        loads = [name for name in names if name in ("force1", "torque1")]
+        if loads and self.base != "free":
+            raise ArgumentError("given", "no forces on a fixed base (base='free' is moved by them)", ", ".join(loads))
+        if not isinstance(outputs, str | None):
+            outputs = tuple(outputs)
+        derivatives = {name for name, task in ROBOT_TASKS.items() if task.derivative}
+        derived = next((one for one in (given, outputs) if isinstance(one, str) and one in derivatives), None)
+        derivative: Derivative | None = None
+        if derived is not None:
+            output_names, _, _, derivative = self._wanted(
+                ROBOT_TASKS[derived], None if outputs == derived else outputs
+            )
+        else:
+            output_names = self._prepared_outputs(given, names, outputs)
+        if self._calls_functions(output_names):
+            self.tree.refuse_functions()
+        framed, links = not {*output_names}.isdisjoint(OF_FRAMES), self.loaded_frames(wrenches)
+        if framed and links:
+            raise ArgumentError("wrenches", "() where an output is of frames", quoted(wrenches))
+        named = self.frame_names(frames, one=not {*output_names}.isdisjoint(ONE_FRAME)) if framed else links
+        loaded = not {*output_names}.isdisjoint(("tau", *SOLVED)) and self.counts_loads(joint_loads)
+        computation = self.computation(output_names, named, len(links), loaded)
+        names = checked_given(names, computation.inputs)
+        if computation.needs_masses:
+            self.warn_of_masses()
+        if derivative is not None:
+            computation.check_differentiable(derivative, names)
+        remade = functools.partial(
+            prepare, given if isinstance(given, str) else names, frames=named if framed else None, outputs=outputs,
+            gravity=gravity, wrenches=links, joint_loads=computation.request.joint_loads, workers=execution.workers,
+            backend=execution.backend,
+        )  # fmt: skip
+        names = (*names, *(f"{kind}_{k}" for k in range(len(links)) for kind in ("force", "torque")))
+        vector = read_gravity(gravity, DEFAULT_GRAVITY)
+        return Prepared(computation, names, execution, vector, remade, self.watch(output_names), derivative)
+
+    def error_bounds(
+        self,
+        coordinates: Mapping[str, Any],
+        frames: str | Iterable[str] | None,
+        outputs: Iterable[str] | None,
+        base_motion: BodyMotion | None,
+        gravity: ArrayLike,
+    ) -> dict[str, Float64Array]:
+        """Return what `Mechanism.error_bounds` describes."""
+        without = (*ROBOT_TASKS["joint_wrenches"].outputs, *SOLVED)
+        accepted = tuple(name for name in self.available(ALL_OUTPUTS) if name not in without)
+        asked = requested_outputs(outputs, None, accepted, ROBOT_TASKS[motion_level(coordinates)].outputs)
+        bounds: dict[str, Float64Array] = {}
+        for group in ({*asked} - {*OF_BODIES}, {*OF_BODIES}):
+            names = tuple(name for name in asked if name in group)
+            if not names:
+                continue
+            computation = self.computation(names, self.frame_names(frames))
+            computation.check_given(coordinates)
+            if computation.needs_masses:
+                self.check_masses()
+            values = computation.read(coordinates, base_motion, {})
+            bounds |= error_bounds(computation, values, read_gravity(gravity, DEFAULT_GRAVITY))
+        return {name: bounds[name] for name in asked}
+
+    def watch(self, outputs: Iterable[str], plain: bool = False) -> Watch | None:
+        """Return what looks at the results of a call; None where nothing can be wrong with them."""
+        if self.constants.may_be_singular and not {*outputs}.isdisjoint(SOLVED):
+            return self._warn_where_singular
+        return self._warn_where_open if plain and self.tree.closure is not None else None
+
+    def _wanted(
+        self, task: Task, outputs: Iterable[str] | None, out: Any = None
+    ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], Derivative | None]:
+        """Return what a row of the table computes: the outputs of the tree, the names of all results by default,
+        those that are asked for, and the derivative that leads to them.
+        """
+        if task.derivative == "matrices":
+            default = tuple(f"{task.outputs[0]}_{name}" for name in task.given)
+            names = requested_outputs(outputs, out, default, default)
+            size = (self.constants.form.dof + 6 * (self.base == "free"),)
+            by = tuple((name.partition("_")[2], size) for name in names)
+            efforts = task.outputs if self.base == "free" else task.outputs[:1]
+            return efforts, default, names, Derivative(task.derivative, names, by)
+        default = self.available(task.outputs)
+        accepted = FRAME_OUTPUTS if task.result is MechanismState else default
+        names = requested_outputs(outputs, out, accepted, default)
+        return names, default, names, Derivative(task.derivative, names, ()) if task.derivative else None
+
+    def _computed(self, outputs: tuple[str, ...], **given: Any) -> Any:
+        """Compute outputs from coordinates, for messages."""
+        computation = self.computation(outputs)
+        return computation.compute(given, execution_of("numpy", 1), DEFAULT_GRAVITY)
+
+    def _warn_where_open(self, result: Any, arguments: Mapping[str, Any]) -> None:
+        """Issue a DynamicsWarning that counts the samples at which the loops cannot be closed."""
+        closure = self.tree.closure
+        arrays = [result] if isinstance(result, np.ndarray) else [*result.arrays().values()]
+        if closure is None or not any(np.isnan(array).any() for array in arrays):
+            return
+        rows = self.tree.rows("q", arguments["q"])
+        all_q, gaps = (self._computed((name,), q=rows) for name in ("q_all", "loop_gaps"))
+        if (message := open_samples(closure, rows, all_q, gaps)) is not None:
+            warn_of_dynamics(f"{self.tree.name}: {message}")
+
+    def computation(
+        self, outputs: tuple[str, ...], frames: tuple[str, ...] = (), loaded: int = 0, joint_loads: bool = False
+    ) -> RobotComputation:
+        """Return the computation of outputs, which is made once; wrenches act on the first `loaded` frames."""
+        key = outputs, frames, loaded, joint_loads
+        computations = self._cache.computations
+        found: RobotComputation | None = computations.get(key)
+        if found is None:
+            free, constants = self.base == "free", self.constants
+            chosen = tuple(self.tree.known_frame("frames", name) for name in frames)
+            if {*outputs} <= {*OF_BODIES}:
+                chosen = self.tree.body_frames(free)
+            if not {*outputs}.isdisjoint(ROBOT_TASKS["joint_wrenches"].outputs):
+                constants = self.whole_constants
+            kind = result_class(outputs, frames, constants)
+            found = RobotComputation(constants, outputs, free, chosen, tuple(range(loaded)), kind, joint_loads)
+            found.asked = key
+            computations[key] = found
+        return found
+
+    def loaded_frames(self, wrenches: Iterable[str]) -> tuple[str, ...]:
+        """Return the names of links on which wrenches act in a prepared call."""
+        names = (wrenches,) if isinstance(wrenches, str) else tuple(wrenches)
+        read_wrenches(dict.fromkeys(names, (0, 0)), self.tree)
+        return names
+
+    def available(self, outputs: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the outputs that exist for this base."""
+        return outputs if self.base == "free" else tuple(name for name in outputs if name not in FREE_BASE_OUTPUTS)
+
+    def _prepared_outputs(
+        self, given: str | Iterable[str], names: tuple[str, ...], outputs: Iterable[str] | None
+    ) -> tuple[str, ...]:
+        """Return the outputs of a prepared call, of which `names` are the arguments."""
+        if isinstance(given, str):
+            return self._wanted(ROBOT_TASKS[given], outputs)[0]
+        pushed = not {"tau", "force1", "torque1"}.isdisjoint(names)
+        default = self.available(ROBOT_TASKS["forward_dynamics" if pushed else motion_level(names)].outputs)
+        accepted = tuple(name for name in self.available(ALL_OUTPUTS) if name not in (*names, *OF_BODIES))
+        return requested_outputs(outputs, None, accepted, default)
+
+    def _task_frames(self, outputs: tuple[str, ...], frames: str | Iterable[str] | None) -> tuple[str, ...]:
+        """Return the names of the frames whose outputs are asked for, out of the argument `frames`."""
+        if {*outputs}.isdisjoint(OF_FRAMES):
+            return ()
+        if frames is None and len(self.tree.tips) != 1 and {*outputs}.isdisjoint(FRAME_OUTPUTS):
+            expected = f"the name of a link or joint, such as {', '.join(self.tree.tips[:4])}"
+            raise ArgumentError("frames", expected, None)
+        return self.frame_names(frames, one=not {*outputs}.isdisjoint(ONE_FRAME))
+
+    def frame_names(self, frames: str | Iterable[str] | None, one: bool = False) -> tuple[str, ...]:
+        """Return the names in the argument `frames`; None stands for the last links of all branches."""
+        try:
+            names = self.tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
+        except TypeError:
+            names = ()
+        if not names:
+            raise ArgumentError("frames", "names of links or joints", quoted(frames))
+        if one and len(names) != 1:
+            raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
+        if len({*names}) < len(names):
+            raise ArgumentError("frames", "each name once", quoted(names))
+        return names
+
+    def _base_loads(self, force1: ArrayLike, torque1: ArrayLike) -> Loads:
+        """Return the loads on a free base that are not the number 0."""
+        loads: dict[str, tuple[Any, str]] = {}
+        if type(force1) is int and type(torque1) is int and force1 == torque1 == 0:  # by default
+            return loads
+        for name, value in (("force1", force1), ("torque1", torque1)):
+            if not is_zero(value):
+                loads[name] = value, name
+                if self.base != "free":
+                    expected = "0: a fixed base is not moved by forces (base='free' is)"
+                    raise ArgumentError(name, expected, quoted(value))
+        return loads
+
+    def check_masses(self) -> None:
+        """Refuse a body whose mass was never given, and masses that overflow."""
+        for number, link in self.tree.without_mass.items():
+            if number == 0 and self.base == "free":
+                where = "body1 of the first pair"
+            elif number > 0:
+                where = f"body2 of {link!r}"
+            else:
+                continue
+            body = where[:5]
+            example = f"HingePair(..., {body}=hp.Body(mass=2.0)), or in a scene {body}.mass = 2.0 of its [[joint]]"
+            raise ArgumentError(where, f"mass properties, as in {example}", None)
+        if self.constants.overflows:
+            expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
+            raise ArgumentError(f"robot {self.tree.name!r}", expected, "products that overflow")
+
+    def warn_of_masses(self) -> None:
+        """Issue a DynamicsWarning for each of the tree's notes, at the first call for a robot."""
+        cache = self._cache
+        if not cache.warned:
+            self.check_masses()
+            cache.warned = True
+            for note in self.tree.notes:
+                warn_of_dynamics(f"{self.tree.name}: {note}")
+
+    def counts_loads(self, joint_loads: bool | None) -> bool:
+        """Return whether loads of joints act; the first call that leaves them out unasked warns."""
+        if joint_loads not in (None, False, True):
+            raise ArgumentError("joint_loads", "True or False", quoted(joint_loads))
+        cache = self._cache
+        if joint_loads is None and not cache.warned_of_loads:
+            cache.warned_of_loads = True
+            if note := loads_note(self.tree):
+                warn_of_dynamics(
+                    f"{self.tree.name}: {note}; joint_loads=True counts them, joint_loads=False is silent"
+                )
+        if joint_loads and self.tree.closure is not None:
+            rubbing = [
+                joint.name
+                for joint in self.tree.joints
+                if joint.load.friction and joint.name not in self.constants.names
+            ]
+            if rubbing:
+                expected = "False, since dry friction acts at joints that are no coordinates of the closed mechanism"
+                raise ArgumentError("joint_loads", expected, ", ".join(rubbing))
+        return bool(joint_loads) and any(load_numbers(self.tree))
+
+    def _warn_where_singular(self, result: Any, arguments: Mapping[str, Any]) -> None:
+        """Issue a DynamicsWarning that names what no inertia resists, where accelerations are NaN for that."""
+        q, arrays = arguments["q"], result.arrays()
+        found = [array for name, array in arrays.items() if name in SOLVED and isinstance(array, np.ndarray)]
+        # Where one derivative is NaN, all are.
+        found += [array[..., 0] for name, array in arrays.items() if name.startswith("qdd_")][:1]
+        bad = np.asarray(np.logical_or.reduce([np.isnan(array).any(axis=-1) for array in found] or [np.False_]))
+        if not bad.any():
+            return
+        names = ("pivots", "base_pivots") if self.base == "free" else ("pivots",)
+        pivots = self._computed(names, q=q).arrays()
+        constants = self.constants
+        thresholds = {"pivots": constants.pivot_thresholds, "base_pivots": constants.base_pivot_thresholds}
+        labels = [*(f"joint {name!r}" for name in constants.names), *["the base"] * 6]
+        smallest = np.concatenate([thresholds[name] for name in names])
+        values = np.concatenate([np.asarray(pivots[name]) for name in names], axis=-1)
+        low = ~(np.abs(values) > smallest) & (smallest > 0) & bad[..., None]
+        if low.any():
+            first = low.reshape(-1, low.shape[-1])[int(np.argmax(low.any(axis=-1)))]
+            count = int(low.any(axis=-1).sum())
+            where = f"at {count} of {bad.size} samples" if bad.shape else "here"
+            of_joints = np.flatnonzero(first[: len(constants.names)])
+            which = labels[int(of_joints[-1]) if of_joints.size else -1]
+            warn_of_dynamics(f"{self.tree.name}: no mass resists {which} {where}; accelerations are NaN there")
+
+
+def count_operations(
+    robot: RobotRequests,
+    coordinates: tuple[Coordinates, ...],
+    outputs: tuple[str, ...],
+    frames: tuple[str, ...] = (),
+    base_motion: BodyMotion | None = None,
+) -> OperationCounts:
+    """Count the operations that outputs of `forward_kinematics` or `inverse_dynamics` take, of which those of
+    coordinates with one value for all samples vanish or are performed once.
+    """
+    computation = robot.computation(outputs, frames)
+    named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
+    return computation.count_operations(computation.read(named, base_motion, {}).values, DEFAULT_GRAVITY)
