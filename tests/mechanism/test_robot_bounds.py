@@ -9,8 +9,8 @@ import pytest
 
 import hingepair as hp
 from hingepair.bench.truth import ExactRobot
-from hingepair.mechanism import constants
 from hingepair.mechanism.mechanism import tree_of
+from hingepair.mechanism.robots import constants
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from support import states
 from support.trees import Robot

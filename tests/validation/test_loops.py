@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.mechanism.methods import MechanismMethods
+from hingepair.mechanism.robots.methods import MechanismMethods
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 import multibody as mb

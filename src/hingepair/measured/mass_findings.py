@@ -17,8 +17,8 @@ from hingepair.measured.covariance import neighbour_correlation, score_scatter
 from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, notes
 from hingepair.measured.robust import OUTLIER, median_variance
 from hingepair.measured.torques import TERMS, Found, Recording, column_rms, inertial_units
-from hingepair.mechanism.inertial_parameters import body_names
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.robots.inertial_parameters import body_names
 from hingepair.numeric.arrays import Float64Array
 from hingepair.tables.sheets import percent
 

@@ -25,9 +25,9 @@ from hingepair.measured.torques import (
     inertial_units,
     weighted_least_squares,
 )
-from hingepair.mechanism.inertial_parameters import BaseParameters
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
+from hingepair.mechanism.robots.inertial_parameters import BaseParameters
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, check_choice, finite_number, read_only
 from hingepair.numeric.optional import new_figure
 from hingepair.plans.arguments import Coordinates, read_arguments

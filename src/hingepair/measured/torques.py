@@ -12,8 +12,8 @@ from hingepair.errors import FitError
 from hingepair.measured.consistency import body_units
 from hingepair.measured.covariance import sandwich
 from hingepair.measured.robust import Loss, loss_weights, median_variance
-from hingepair.mechanism.inertial_parameters import BaseParameters, inertia_matrices
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.robots.inertial_parameters import BaseParameters, inertia_matrices
 from hingepair.numeric.arrays import Float64Array
 
 _SINGULAR = 1e-12  # of the largest eigenvalue; below, a combination of parameters has no effect on the torques

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations.trees import joints_to_base
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.chain_paths import ChainPath
-from hingepair.mechanism.constants import axes_along, frame_numbers, robot_constants
+from hingepair.mechanism.robots.constants import axes_along, frame_numbers, robot_constants
 from hingepair.mechanism.tree import Frame, Tree, TreeClosure
 from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, one_constant, read_only
 from hingepair.numeric.unit_vectors import unit_axis

@@ -19,17 +19,17 @@ from hingepair.mechanism.building.mujoco_model import tree_of_mjcf
 from hingepair.mechanism.building.pairs import tree_of_pairs
 from hingepair.mechanism.building.pinocchio_model import tree_of_pinocchio
 from hingepair.mechanism.building.urdf import tree_of_urdf
-from hingepair.mechanism.inertial_parameters import (
+from hingepair.mechanism.joints import RobotJoint
+from hingepair.mechanism.linkages import Loop, close_tree
+from hingepair.mechanism.options import DEFAULT_GRAVITY
+from hingepair.mechanism.robots.inertial_parameters import (
     BaseParameters,
     find_base_parameters,
     inertial_parameters,
     tree_with_parameters,
 )
-from hingepair.mechanism.joints import RobotJoint
-from hingepair.mechanism.linkages import Loop, close_tree
-from hingepair.mechanism.methods import MechanismMethods
-from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.samples import read_payload
+from hingepair.mechanism.robots.methods import MechanismMethods
+from hingepair.mechanism.robots.samples import read_payload
 from hingepair.mechanism.struts import GasSpring, add_strut
 from hingepair.mechanism.tree import BASE_KINDS, LOAD_FIELDS, NO_LOAD, Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant, read_only, set_frozen

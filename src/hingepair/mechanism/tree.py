@@ -30,7 +30,7 @@ from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import BodyDrawing
 from hingepair.mechanism.joints import KINDS, JointKind
-from hingepair.mechanism.samples import Samples
+from hingepair.mechanism.robots.samples import Samples
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
 from hingepair.plans.closures import Closure

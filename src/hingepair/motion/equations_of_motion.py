@@ -26,9 +26,9 @@ from hingepair.equations import dynamics as dyn
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
-from hingepair.mechanism.computations import RobotComputation
-from hingepair.mechanism.constants import robot_constants
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.robots.computations import RobotComputation
+from hingepair.mechanism.robots.constants import robot_constants
 from hingepair.motion.collocation import StepPolynomial
 from hingepair.motion.given import GivenMotion
 from hingepair.motion.linkages import marks_of, strut_powers_of

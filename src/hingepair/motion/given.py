@@ -19,8 +19,8 @@ from hingepair.mechanism.bodies.hinge_load import (
     is_plain_hinge_load,
     stop_range,
 )
-from hingepair.mechanism.computations import read_wrenches
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.robots.computations import read_wrenches
 from hingepair.mechanism.tree import Mimic
 from hingepair.motion.linkages import efforts_of_followers, with_strut_loads
 from hingepair.motion.loads import GivenLoad, Loads, MotionAtInstants, broadcast_load

@@ -14,8 +14,8 @@ from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.loop_forces import transmission
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.methods import requests_of
 from hingepair.mechanism.requests import ask
+from hingepair.mechanism.robots.methods import requests_of
 from hingepair.mechanism.strut_functions import pushed_links, with_function_wrenches
 from hingepair.motion.loads import MotionAtInstants
 from hingepair.numeric.arrays import Float64Array as Array

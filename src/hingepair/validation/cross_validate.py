@@ -14,7 +14,6 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.building.pairs import tree_of_pair
-from hingepair.mechanism.computations import BASE_LABELS, base_inputs
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.accuracy import angular_rate_sizes, euler_rate_sizes, output_scales, unit_roundoff
@@ -22,6 +21,7 @@ from hingepair.mechanism.pairs.geometry import check_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.pairs.requests import read_rows
+from hingepair.mechanism.robots.computations import BASE_LABELS, base_inputs
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
 from hingepair.plans.arguments import Coordinates, read_arguments

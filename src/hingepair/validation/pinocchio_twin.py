@@ -22,11 +22,11 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.building.pairs import tree_of_pair
-from hingepair.mechanism.conventions import PINOCCHIO, check_base, read_state, written_a, written_q, written_v
 from hingepair.mechanism.joints import KINDS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.robots.conventions import PINOCCHIO, check_base, read_state, written_a, written_q, written_v
 from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
 

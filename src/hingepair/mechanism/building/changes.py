@@ -22,7 +22,7 @@ from hingepair.mechanism.building.folding import (
     unphysical_reason,
 )
 from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
-from hingepair.mechanism.samples import Payload, Samples
+from hingepair.mechanism.robots.samples import Payload, Samples
 from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, MassProperties, Tree
 from hingepair.numeric.arrays import finite_number, number_not_below_0, one_constant, read_only, real_array
 from hingepair.rotations.matrices import check_rotation

@@ -18,7 +18,7 @@ from hingepair.mechanism.building.folding import JointPart, body_inertia, fold_p
 from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
 from hingepair.mechanism.pairs.geometry import Points, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.samples import JointSamples, Payload, Samples
+from hingepair.mechanism.robots.samples import JointSamples, Payload, Samples
 from hingepair.mechanism.tree import BASE_KINDS, NO_LOAD, ZERO_MASS_PROPERTIES, Frame, Joint, MassProperties, Tree
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.unit_vectors import unit_axis

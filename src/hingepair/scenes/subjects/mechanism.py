@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from hingepair.equations.quantities import QUANTITIES, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.methods import requests_of
-from hingepair.mechanism.robot_requests import count_operations
+from hingepair.mechanism.robots.methods import requests_of
+from hingepair.mechanism.robots.requests import count_operations
 from hingepair.mechanism.states import MechanismForces, MechanismState
 from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.matrices import matrix_to_quaternion

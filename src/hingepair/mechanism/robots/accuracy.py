@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 
-from hingepair.mechanism.computations import RobotComputation
-from hingepair.mechanism.constants import frame_numbers, number_bounds, program_numbers
+from hingepair.mechanism.robots.computations import RobotComputation
+from hingepair.mechanism.robots.constants import frame_numbers, number_bounds, program_numbers
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.arguments import Arguments
 from hingepair.plans.bounds import Known, output_bounds

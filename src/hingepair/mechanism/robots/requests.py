@@ -12,22 +12,8 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import Execution, execution_of
 from hingepair.engine.loops import OperationCounts
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.computations import (
-    ALL_OUTPUTS,
-    FORCED_OUTPUTS,
-    OF_BODIES,
-    OF_FRAMES,
-    ONE_FRAME,
-    Loads,
-    RobotComputation,
-    checked_given,
-    read_wrenches,
-    result_class,
-)
-from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
 from hingepair.mechanism.loop_forces import open_samples
 from hingepair.mechanism.options import (
     DEFAULT_GRAVITY,
@@ -43,6 +29,20 @@ from hingepair.mechanism.requests import (
     motion_level,
     read_gravity,
 )
+from hingepair.mechanism.robots.accuracy import error_bounds
+from hingepair.mechanism.robots.computations import (
+    ALL_OUTPUTS,
+    FORCED_OUTPUTS,
+    OF_BODIES,
+    OF_FRAMES,
+    ONE_FRAME,
+    Loads,
+    RobotComputation,
+    checked_given,
+    read_wrenches,
+    result_class,
+)
+from hingepair.mechanism.robots.constants import RobotConstants, load_numbers, robot_constants
 from hingepair.mechanism.states import (
     MechanismState,
 )

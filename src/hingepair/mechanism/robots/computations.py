@@ -11,7 +11,8 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
-from hingepair.mechanism.constants import (
+from hingepair.mechanism.requests import ALL_COORDINATES, ROBOT_TASKS
+from hingepair.mechanism.robots.constants import (
     RobotConstants,
     axes_with_samples,
     frame_numbers,
@@ -19,7 +20,6 @@ from hingepair.mechanism.constants import (
     robot_constants,
     split_numbers,
 )
-from hingepair.mechanism.requests import ALL_COORDINATES, ROBOT_TASKS
 from hingepair.mechanism.states import (
     JointResults,
     JointWrenches,

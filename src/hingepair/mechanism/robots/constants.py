@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hingepair.engine.binding import FOLDED
 from hingepair.mechanism.pairs.geometry import PIVOT_ROUNDING
-from hingepair.mechanism.samples import JointSamples, Payload, turned_moments
+from hingepair.mechanism.robots.samples import JointSamples, Payload, turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.bounded import UNIT_ROUNDOFF, BoundedDouble

@@ -15,7 +15,7 @@ from hingepair.engine.backend import Execution
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.computations import RESTING_BASE, Loads, RobotComputation, base_inputs
+from hingepair.mechanism.robots.computations import RESTING_BASE, Loads, RobotComputation, base_inputs
 from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
 from hingepair.plans.arguments import Coordinates, check_out
 from hingepair.plans.rollouts import BASE_STATE, METHODS, RolloutStep

@@ -26,9 +26,9 @@ from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinem
 from hingepair.inverse_kinematics.search import MAX_TRIALS, Solutions, Solver, Targets
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.building.floating import BASE_JOINTS, on_moved_base, tree_with_base_joints
-from hingepair.mechanism.computations import RobotComputation
-from hingepair.mechanism.constants import RobotConstants, robot_constants
 from hingepair.mechanism.options import SEARCH_DEFAULTS, SearchOptions, check_options
+from hingepair.mechanism.robots.computations import RobotComputation
+from hingepair.mechanism.robots.constants import RobotConstants, robot_constants
 from hingepair.mechanism.states import FrameState
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import (

@@ -15,16 +15,6 @@ from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.computations import (
-    read_wrenches,
-)
-from hingepair.mechanism.conventions import StateConventions
-from hingepair.mechanism.inverse_kinematics import (
-    PreparedInverseKinematics,
-    read_max_change,
-    read_query,
-    read_solutions,
-)
 from hingepair.mechanism.linkages import follow_path
 from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, transmission
 from hingepair.mechanism.options import (
@@ -49,8 +39,18 @@ from hingepair.mechanism.requests import (
     coordinate_rows,
     read_gravity,
 )
-from hingepair.mechanism.robot_requests import RobotRequests
-from hingepair.mechanism.rollout import PreparedRollout, Rollout, rolled_out
+from hingepair.mechanism.robots.computations import (
+    read_wrenches,
+)
+from hingepair.mechanism.robots.conventions import StateConventions
+from hingepair.mechanism.robots.inverse_kinematics import (
+    PreparedInverseKinematics,
+    read_max_change,
+    read_query,
+    read_solutions,
+)
+from hingepair.mechanism.robots.requests import RobotRequests
+from hingepair.mechanism.robots.rollout import PreparedRollout, Rollout, rolled_out
 from hingepair.mechanism.states import (
     Energy,
     JointWrenches,

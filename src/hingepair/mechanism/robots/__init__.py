@@ -1,0 +1,1 @@
+"""Robots: the methods of a `Mechanism`, what computes them, and the constants of its programs."""
