@@ -35,7 +35,6 @@ def work(*_: object, **__: object) -> None:
         ("tolerance a.toml --plot", ".png", "--plot"),
         ("fit a.toml --out", ".csv", "--out"),
         ("fit a.toml --out psi.csv --plot", ".png", "--plot"),
-        ("fit a.toml --out psi.csv --plot p.png --report", ".md", "--report"),
     ],
 )
 @pytest.mark.parametrize("target", ["missing/x", "folder", "input"])

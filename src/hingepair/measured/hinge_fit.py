@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, FitError
 from hingepair.measured.circle_model import PointModel
 from hingepair.measured.clock import ClockedPoses
@@ -17,6 +16,7 @@ from hingepair.measured.findings import Finding, exceeded, is_reliable, notes
 from hingepair.measured.hinge import GAUGES, RULE_OF_HOME, RULE_OF_SIGN
 from hingepair.measured.hinge_findings import Fitted, check_turning, judged
 from hingepair.measured.hinge_model import BodyModel
+from hingepair.measured.hinge_report import HingeReport
 from hingepair.measured.mistakes import BodyPoses, probable_mistakes
 from hingepair.measured.most_likely import Estimate, Model, evaluate, most_likely, shows_offset
 from hingepair.measured.relative_poses import RelativePoses
@@ -25,19 +25,13 @@ from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.results import OverInstants, Record
 from hingepair.numeric.arrays import Float64Array, check_choice, one_constant, read_only
-from hingepair.numeric.optional import new_figure
 from hingepair.numeric.unit_vectors import finite_axis
-from hingepair.rotations.matrices import rotation_vector
-from hingepair.tables.instants import break_at_gaps, gap_sentences
-from hingepair.tables.sheets import Sheet, Shown, cell_text
+from hingepair.tables.instants import gap_sentences
 from hingepair.tables.suspicions import suspicions
-from hingepair.tables.units import Columns, Units
+from hingepair.tables.units import Units
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from hingepair.mechanism.pairs.residuals import Residuals
 
 
@@ -46,7 +40,7 @@ _START_SAMPLES = 65536  # for the start in closed form and the check that motion
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class HingeFit(OverInstants, Shown):
+class HingeFit(HingeReport):
     """The result of `fit`: the hinge found from two recorded motions.
 
     A sample is not used if a pose is missing, if its given weight is 0, or if the clock offset is not 0 and no sample
@@ -118,11 +112,6 @@ class HingeFit(OverInstants, Shown):
     _body1: BodyMotion = field(repr=False)
 
     @property
-    def ok(self) -> bool:
-        """Whether no finding says that a number may be wrong by more than its standard deviations."""
-        return is_reliable(self.findings)
-
-    @property
     def residuals(self) -> Residuals:
         """Gap and tilt between the two recorded motions at every sample, as the `Residuals` of `pair.residuals`,
         whose attributes are vectors `gap` (N, 3), world axes [m], and angles `tilt_angle` (N,) [rad].
@@ -136,43 +125,6 @@ class HingeFit(OverInstants, Shown):
         first, second = (BodyMotion(R=body.R, S=body.S) for body in (self._body1, self.body2))
         return self.pair.residuals(first, second, allowed, self.t)
 
-    def record(self) -> Record:
-        """Return psi with its standard deviation, and what is left of each sample, as a result that `save` writes."""
-        t = np.arange(float(self.psi.size)) if self.t is None else self.t
-        arrays = {"psi": self.psi, "psi_std": np.asarray(self.std["psi"]), "gap": self.gap}
-        arrays |= {} if self.body2.S is None else {"tilt": self.tilt}
-
-        def unit(name: str) -> str:
-            return "1" if name == "t" and self.t is None else unit_of(name)  # of places in the recording
-
-        return Record(t, arrays | {"weight": self.weights}, "what is left of each sample", unit=unit)
-
-    def plot(self, units: str | None = None) -> Figure:
-        """Return a Matplotlib figure with psi, `gap` and `tilt` over time, or over the index of the sample. A band
-        reaches from two standard deviations below psi to two above it. No line crosses a gap in time.
-
-        Args:
-            units: units in place of deg and mm, such as "rad, um".
-
-        Raises:
-            MissingDependencyError: Matplotlib is not installed.
-        """
-        figure, shown = new_figure(8, 6), Columns(_fine_units(units))
-        names = ("psi", "gap") if np.isnan(self.rms_angle) else ("psi", "gap", "tilt")
-        instants = np.arange(float(self.psi.size)) if self.t is None else shown.converted("t", self.t)
-        places = figure.subplots(len(names), sharex=True)
-        known = np.where(np.isfinite(self.std["psi"]), self.std["psi"], np.nan)
-        band = shown.converted("psi", self.psi + np.outer((-2, 2), known))
-        x, ends = break_at_gaps(instants, band.T)
-        places[0].fill_between(x, *ends.T, alpha=0.3, linewidth=0)
-        for axes, name in zip(places, names, strict=True):
-            axes.plot(*break_at_gaps(instants, shown.converted(name, getattr(self, name))), linewidth=0.8)
-            axes.set_ylabel(shown.heading(name))
-            axes.grid(alpha=0.3)
-        axes.set_xlabel("sample" if self.t is None else shown.heading("t"))
-        figure.suptitle(self._residual_text(units))
-        return figure
-
     @property
     def conventions(self) -> str:
         """Sentences on the sign of n and on the direction of psi = 0, which motion does not determine."""
@@ -181,103 +133,28 @@ class HingeFit(OverInstants, Shown):
         along = ", ".join(f"{component:g}" for component in self.n_along)
         return f"n points along ({along}), as asked. {RULE_OF_HOME}"
 
-    def _clock_offset_line(self) -> str:
-        """Return the line of the report on the clock offset."""
-        offset, std = 1e3 * (self.clock_offset or 0.0), 1e3 * float(self.std["clock_offset"])
-        if not np.isfinite(std):
-            return "clock offset: not determined by this motion, taken as 0"
-        size = f"{offset:.4g} +- {std:.2g} ms" if std else f"{offset:.4g} ms (given)"
-        order = "later" if offset > 0 else "earlier"
-        return f"clock offset: {size}" + f"; body 2 was recorded {order} than its time stamps say" * (offset != 0)
+    def _title(self) -> str:
+        return f"hinge of {self.samples} samples ({self.psi.size - self.samples} missing), loss {self.loss}"
 
-    def _residual_text(self, units: str | None = None) -> str:
-        """Return what is left of the samples, gap and tilt rms, as text."""
-        shown = _fine_units(units)
-        gap = f"left: {shown.factor('m') * self.rms_position:.3g} {shown.unit('m')}"
-        if np.isnan(self.rms_angle):
-            return f"{gap} rms"
-        return f"{gap} and {shown.factor('rad') * self.rms_angle:.3g} {shown.unit('rad')} rms"
+    def _left(self, units: Units) -> str:
+        gap = f"left: {units.factor('m') * self.rms_position:.3g} {units.unit('m')}"
+        tilt = f" and {units.factor('rad') * self.rms_angle:.3g} {units.unit('rad')}"
+        return f"{gap}{'' if np.isnan(self.rms_angle) else tilt} rms"
 
-    def __str__(self) -> str:
-        return self.text()
+    def _convention(self) -> str:
+        point = f"u1 and u2 lead to the point on the axis {self.gauge.replace('_', ' ')}; along the axis, motion "
+        return f"{point}determines only their difference. {self.conventions}"
 
-    def text(self, units: str | None = None) -> str:
-        """Return the report that `print` shows.
+    def _columns(self) -> dict[str, Float64Array]:
+        tilt = {} if np.isnan(self.rms_angle) else {"tilt": self.tilt}
+        return {"gap": self.gap} | tilt | {"weight": self.weights}
 
-        Args:
-            units: units in place of m for u1 and u2, mm for what is left, and deg for angles, such as "mm, rad".
-        """
-        lengths, shown = Units.of(units), _fine_units(units)
-        angle, per_rad = shown.unit("rad"), shown.factor("rad")
-        lines = [f"hinge of {self.samples} samples ({self.psi.size - self.samples} missing), loss {self.loss}"]
-        for name, unit in (("u1", lengths.unit("m")), ("u2", lengths.unit("m")), ("n", "")):
-            both = (getattr(self.pair, name), np.asarray(self.std[name]))
-            value, std = (lengths.converted(own, unit_of(name)) for own in both)
-            numbers = ", ".join(f"{v:.6g} +- {s:.2g}" for v, s in zip(value, std, strict=True))
-            lines.append(f"{name} = ({numbers}) {unit}".rstrip())
-        turn = per_rad * np.asarray(rotation_vector(self.pair.home))
-        if self.body2.S is None:
-            lines.append("body 2 is a point without recorded attitude, so home is the identity")
-        else:
-            lines.append(f"home turns by ({', '.join(f'{angle:.5g}' for angle in turn)}) {angle}")
-        low, high = (per_rad * end for end in self.psi_range)
-        each = per_rad * np.nanmedian(self.std["psi"])
-        left = self._residual_text(units)
-        lines.append(f"psi from {low:.4g} to {high:.4g} {angle}, each +- {each:.2g} {angle}; {left}")
-        if self.clock_offset is not None:
-            lines.append(self._clock_offset_line())
-        lines.append(
-            f"u1 and u2 lead to the point on the axis {self.gauge.replace('_', ' ')}; along the axis, motion "
-            f"determines only their difference. {self.conventions}"
-        )
-        findings = (finding.text(lengths) for finding in self.findings)
-        return "\n".join((*lines, *findings, "ok" if self.ok else "NOT RELIABLE"))
+    def _range(self) -> tuple[float, float]:
+        return self.psi_range
 
-    def __repr__(self) -> str:
-        return f"HingeFit({self.samples} samples, {self._residual_text()}, {'ok' if self.ok else 'not ok'})"
-
-    def _sheet(self) -> Sheet:
-        """Return what notebooks show."""
-        names = ("u1", "u2", "n", "home")
-        rows = [
-            (name, cell_text(getattr(self.pair, name)), cell_text(self.std[name]), unit_of(name)) for name in names
-        ]
-        return Sheet(repr(self), (("", "value", "standard deviation", "unit"), *rows), self.findings)
-
-    def to_json(self) -> str:
-        """Return a report as JSON text, in m, rad and s. Numbers that are not finite become null.
-
-        The keys are u1, u2, n and home of `pair`, psi for `psi_range`, missing for the number of samples that were
-        not used, and names of attributes. The standard deviation of psi is the median of those of all samples.
-        """
-        import json
-
-        report = {
-            "ok": self.ok,
-            "samples": self.samples,
-            "missing": self.psi.size - self.samples,
-            "loss": self.loss,
-            "gauge": self.gauge,
-            **{name: getattr(self.pair, name).tolist() for name in ("u1", "u2", "n", "home")},
-            "std": {
-                name: _finite_lists((np.nanmedian(value) if name == "psi" else value).tolist())
-                for name, value in self.std.items()
-            },
-            **{
-                name: _finite_lists(getattr(self, name))
-                for name in ("rms_position", "rms_angle", "noise_position", "noise_angle")
-            },
-            "clock_offset": self.clock_offset,
-            "clock_drift": self.clock_drift,
-            "psi": list(self.psi_range),
-            "findings": list(self.findings),
-        }
-        return json.dumps(report, indent=2, allow_nan=False)
-
-
-def _fine_units(units: str | None) -> Units:
-    """Return units of angles and of small lengths: deg and mm unless others are named."""
-    return Units.of(units).over(Units("deg, mm"))
+    def _numbers(self) -> dict[str, Any]:
+        names = ("loss", "gauge", "rms_position", "rms_angle", "noise_position", "noise_angle")
+        return {name: getattr(self, name) for name in names}
 
 
 def fit(
@@ -535,13 +412,6 @@ def _turn_findings(psi: Float64Array, instants: NDArray[Any], good: NDArray[np.b
     most = float(rate * steps[is_gap].max(initial=0.0))
     gap = f"During a gap, the hinge may turn by {most:.2g} rad at its usual rate: whole turns there are not seen."
     return exceeded(Finding("turns", usual, 2.5, often), Finding("turns in a gap", most, np.pi, gap))
-
-
-def _finite_lists(value: Any) -> Any:
-    """Return a number or nested lists of numbers with None for those that are not finite."""
-    if isinstance(value, list):
-        return [_finite_lists(one) for one in value]
-    return value if np.isfinite(value) else None
 
 
 def _scatter_used(values: Float64Array, is_used: NDArray[np.bool_], fill_value: float = np.nan) -> Float64Array:

@@ -22,8 +22,19 @@ from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.covariance import neighbour_correlation, score_scatter, solve_semidefinite
-from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable
-from hingepair.measured.hinge import Hinge, frame, home_angle, home_of, result_derivatives, sign_of, tilted
+from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded
+from hingepair.measured.hinge import (
+    RULE_OF_HOME,
+    RULE_OF_SIGN,
+    Hinge,
+    frame,
+    home_angle,
+    home_of,
+    result_derivatives,
+    sign_of,
+    tilted,
+)
+from hingepair.measured.hinge_report import HingeReport
 from hingepair.measured.robust import cauchy, loss_weights
 from hingepair.measured.smoothing.spline import MIN_PIECE, inverse_bands, smooth_columns
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -32,6 +43,7 @@ from hingepair.rotations.matrices import skew
 from hingepair.tables.instants import checked_gaps, elapsed_seconds, increasing_seconds, split_at_gaps
 from hingepair.tables.sheets import percent
 from hingepair.tables.suspicions import suspicions
+from hingepair.tables.units import Units
 
 # Unknowns: steps of the hinge (`Hinge.moved`), biases of both gyroscopes and of both accelerometers, clock.
 _HINGE, _GYROSCOPES, _ACCELEROMETERS, _CLOCK = slice(0, 9), slice(9, 15), slice(15, 21), slice(21, 23)
@@ -70,8 +82,8 @@ class ImuRecording:
             object.__setattr__(self, name, read_only(array))
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ImuFit:
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
+class ImuFit(HingeReport):
     """The result of `fit_imus`: the hinge, and its angle at the instants of sensor 1.
 
     Attributes:
@@ -91,6 +103,7 @@ class ImuFit:
         rms_rate: root mean square of the difference of the rates across the axis, without biases [rad/s].
         rms_force: root mean square of the difference of the forces at the hinge point, across the axis [m/s^2].
         imu2: the record of sensor 2 at the instants of sensor 1, an ImuRecording; NaN at instants that are not used.
+        t: time since the first instant of sensor 1 [s]; shape (N,).
         samples: number of instants that are used.
         findings: sentences on what is wrong with the data, or what the motion does not determine.
     """
@@ -107,29 +120,26 @@ class ImuFit:
     rms_rate: float
     rms_force: float
     imu2: ImuRecording
+    t: Float64Array
     samples: int
     findings: tuple[Finding, ...]
 
-    @property
-    def ok(self) -> bool:
-        """Whether no finding says that a number may be wrong by more than its standard deviations."""
-        return is_reliable(self.findings)
+    def _title(self) -> str:
+        return f"hinge of two inertial sensors at {self.samples} of {self.psi.size} instants"
 
-    def __str__(self) -> str:
-        lines = [f"hinge of two inertial sensors at {self.samples} of {self.psi.size} instants"]
-        for name, unit in (("n", ""), ("u1", " m"), ("u2", " m")):
-            numbers = zip(getattr(self.pair, name), np.asarray(self.std[name]), strict=True)
-            lines.append(f"{name} = ({', '.join(f'{x:.6g} +- {s:.2g}' for x, s in numbers)}){unit}")
-        psi, std = np.degrees(self.psi), np.degrees(self.std["psi"])
-        lines.append(
-            f"psi from {np.nanmin(psi):.4g} to {np.nanmax(psi):.4g} deg, known to {np.nanmedian(std):.2g} deg, "
-            f"{np.nanmax(std):.2g} deg at worst"
-        )
-        offset, drift = (f"{1e3 * self.std[key]:.2g}" for key in ("clock_offset", "clock_drift"))
-        lines.append(f"clock offset: {1e3 * self.clock_offset:.4g} +- {offset} ms")
-        lines.append(f"clock drift: {1e3 * self.clock_drift:.3g} +- {drift} ms in a second")
-        lines.append(f"left: {self.rms_rate:.3g} rad/s and {self.rms_force:.3g} m/s^2 rms")
-        return "\n".join((*lines, *self.findings, "ok" if self.ok else "NOT RELIABLE"))
+    def _left(self, units: Units) -> str:
+        rate = f"{units.factor('rad/s') * self.rms_rate:.3g} {units.unit('rad/s')}"
+        return f"left: {rate} and {units.factor('m/s^2') * self.rms_force:.3g} {units.unit('m/s^2')} rms"
+
+    def _convention(self) -> str:
+        return f"u1 and u2 lead to the point on the axis closest to sensor 1. {RULE_OF_SIGN} {RULE_OF_HOME}"
+
+    def _columns(self) -> dict[str, Float64Array]:
+        return {"psid": self.psid}
+
+    def _numbers(self) -> dict[str, Any]:
+        biases = {name: getattr(self, name).tolist() for name in ("gyroscope_bias", "accelerometer_bias")}
+        return biases | {"rms_rate": self.rms_rate, "rms_force": self.rms_force}
 
 
 def fit_imus(
@@ -230,6 +240,7 @@ def fit_imus(
         rms_rate=float(rms[0]),
         rms_force=float(rms[1]),
         imu2=ImuRecording(imu1.t, *moved2),
+        t=read_only(t1),
         samples=rows.size,
         findings=tuple(dict.fromkeys(findings)),
     )

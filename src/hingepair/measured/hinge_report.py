@@ -1,0 +1,194 @@
+"""What fits of a hinge report alike, from poses and from inertial sensors: text, JSON, tables and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hingepair.equations.quantities import unit_of
+from hingepair.measured.findings import Finding, is_reliable
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.results import OverInstants, Record
+from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.optional import new_figure
+from hingepair.rotations.matrices import rotation_vector
+from hingepair.tables.instants import break_at_gaps
+from hingepair.tables.sheets import Sheet, Shown, cell_text
+from hingepair.tables.units import Columns, Units
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class HingeReport(OverInstants, Shown):
+    """Base of the results of `fit` and `fit_imus`, whose attributes it names."""
+
+    __slots__ = ()
+    pair: HingePair
+    psi: Float64Array
+    std: Mapping[str, Float64Array | np.float64]
+    clock_offset: float | None
+    clock_drift: float | None
+    findings: tuple[Finding, ...]
+    t: Float64Array | None
+    samples: int
+
+    @property
+    def ok(self) -> bool:
+        """Whether no finding says that a number may be wrong by more than its standard deviations."""
+        return is_reliable(self.findings)
+
+    def _title(self) -> str:
+        """Return the first line of the report."""
+        raise NotImplementedError
+
+    def _left(self, units: Units) -> str:
+        """Return what is left of the samples, as text."""
+        raise NotImplementedError
+
+    def _convention(self) -> str:
+        """Return the line on what the motion does not determine."""
+        raise NotImplementedError
+
+    def _columns(self) -> dict[str, Float64Array]:
+        """Return the arrays over instants beside psi."""
+        raise NotImplementedError
+
+    def _numbers(self) -> dict[str, Any]:
+        """Return further numbers of the JSON report."""
+        raise NotImplementedError
+
+    def _range(self) -> tuple[float, float]:
+        """Return the smallest and the largest angle [rad]."""
+        return float(np.nanmin(self.psi)), float(np.nanmax(self.psi))
+
+    def record(self) -> Record:
+        """Return psi with its standard deviation, and what is left of each sample, as a result that `save` writes."""
+        t = np.arange(float(self.psi.size)) if self.t is None else self.t
+
+        def unit(name: str) -> str:
+            return "1" if name == "t" and self.t is None else unit_of(name)  # of places in the recording
+
+        arrays = {"psi": self.psi, "psi_std": np.asarray(self.std["psi"])} | self._columns()
+        return Record(t, arrays, "what is left of each sample", unit=unit)
+
+    def plot(self, units: str | None = None) -> Figure:
+        """Return a Matplotlib figure with psi and what is left over time, or over the index of the sample. A band
+        reaches from two standard deviations below psi to two above it. No line crosses a gap in time.
+
+        Args:
+            units: units in place of deg and mm, such as "rad, um".
+
+        Raises:
+            MissingDependencyError: Matplotlib is not installed.
+        """
+        figure, shown = new_figure(8, 6), Columns(fine_units(units))
+        columns = {"psi": self.psi} | {name: part for name, part in self._columns().items() if name != "weight"}
+        instants = np.arange(float(self.psi.size)) if self.t is None else shown.converted("t", self.t)
+        places = figure.subplots(len(columns), sharex=True)
+        known = np.where(np.isfinite(self.std["psi"]), self.std["psi"], np.nan)
+        band = shown.converted("psi", self.psi + np.outer((-2, 2), known))
+        x, ends = break_at_gaps(instants, band.T)
+        places[0].fill_between(x, *ends.T, alpha=0.3, linewidth=0)
+        for axes, (name, values) in zip(places, columns.items(), strict=True):
+            axes.plot(*break_at_gaps(instants, shown.converted(name, values)), linewidth=0.8)
+            axes.set_ylabel(shown.heading(name))
+            axes.grid(alpha=0.3)
+        axes.set_xlabel("sample" if self.t is None else shown.heading("t"))
+        figure.suptitle(self._left(fine_units(units)))
+        return figure
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def text(self, units: str | None = None) -> str:
+        """Return the report that `print` shows.
+
+        Args:
+            units: units in place of m for u1 and u2, mm for what is left, and deg for angles, such as "mm, rad".
+        """
+        lengths, shown = Units.of(units), fine_units(units)
+        angle, per_rad = shown.unit("rad"), shown.factor("rad")
+        lines = [self._title()]
+        for name, unit in (("u1", lengths.unit("m")), ("u2", lengths.unit("m")), ("n", "")):
+            both = (getattr(self.pair, name), np.asarray(self.std[name]))
+            value, std = (lengths.converted(own, unit_of(name)) for own in both)
+            numbers = ", ".join(f"{v:.6g} +- {s:.2g}" for v, s in zip(value, std, strict=True))
+            lines.append(f"{name} = ({numbers}) {unit}".rstrip())
+        turn = per_rad * np.asarray(rotation_vector(self.pair.home))
+        home = f"home turns by ({', '.join(f'{angle:.5g}' for angle in turn)}) {angle}"
+        is_point = not np.any(self.std["home"])
+        lines.append("body 2 is a point without recorded attitude, so home is the identity" if is_point else home)
+        low, high = (per_rad * end for end in self._range())
+        each = per_rad * np.nanmedian(self.std["psi"])
+        left = self._left(shown)
+        lines.append(f"psi from {low:.4g} to {high:.4g} {angle}, each +- {each:.2g} {angle}; {left}")
+        lines += self._clock_lines()
+        lines.append(self._convention())
+        findings = (finding.text(lengths) for finding in self.findings)
+        return "\n".join((*lines, *findings, "ok" if self.ok else "NOT RELIABLE"))
+
+    def _clock_lines(self) -> list[str]:
+        """Return the lines of the report on the clocks."""
+        if self.clock_offset is None or self.clock_drift is None:
+            return []
+        offset, std = 1e3 * self.clock_offset, 1e3 * float(self.std["clock_offset"])
+        if not np.isfinite(std):
+            return ["clock offset: not determined by this motion, taken as 0"]
+        size = f"{offset:.4g} +- {std:.2g} ms" if std else f"{offset:.4g} ms (given)"
+        order = "later" if offset > 0 else "earlier"
+        said = f"clock offset: {size}" + f"; body 2 was recorded {order} than its time stamps say" * (offset != 0)
+        drift = f"clock drift: {1e6 * self.clock_drift:.3g} +- {1e6 * self.std['clock_drift']:.2g} us in a second"
+        return [said, drift] if std else [said]
+
+    def __repr__(self) -> str:
+        left = self._left(fine_units(None))
+        return f"{type(self).__name__}({self.samples} samples, {left}, {'ok' if self.ok else 'not ok'})"
+
+    def _sheet(self) -> Sheet:
+        """Return what notebooks show."""
+        names = ("u1", "u2", "n", "home")
+        rows = [
+            (name, cell_text(getattr(self.pair, name)), cell_text(self.std[name]), unit_of(name)) for name in names
+        ]
+        return Sheet(repr(self), (("", "value", "standard deviation", "unit"), *rows), self.findings)
+
+    def to_json(self) -> str:
+        """Return a report as JSON text, in m, rad and s. Numbers that are not finite become null.
+
+        The keys are u1, u2, n and home of `pair`, psi for the smallest and the largest angle, missing for the number
+        of samples that were not used, and names of attributes. The standard deviation of psi is the median of
+        those of all samples.
+        """
+        import json
+
+        std = {name: np.nanmedian(value) if name == "psi" else value for name, value in self.std.items()}
+        report = {
+            "ok": self.ok,
+            "samples": self.samples,
+            "missing": self.psi.size - self.samples,
+            **{name: getattr(self.pair, name).tolist() for name in ("u1", "u2", "n", "home")},
+            "std": {name: np.asarray(value).tolist() for name, value in std.items()},
+            **self._numbers(),
+            "clock_offset": self.clock_offset,
+            "clock_drift": self.clock_drift,
+            "psi": list(self._range()),
+            "findings": list(self.findings),
+        }
+        return json.dumps(_with_nulls(report), indent=2, allow_nan=False)
+
+
+def fine_units(units: str | None) -> Units:
+    """Return units of angles and of small lengths: deg and mm unless others are named."""
+    return Units.of(units).over(Units("deg, mm"))
+
+
+def _with_nulls(value: Any) -> Any:
+    """Return nested lists and dicts with None for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {name: _with_nulls(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_with_nulls(one) for one in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
