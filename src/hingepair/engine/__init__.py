@@ -27,7 +27,8 @@ calls as a ufunc, or where nothing is compiled as NumPy in blocks of samples; `b
     direct                          calls of a kernel by Python itself, for few samples
     scans                           a program that is repeated in steps, and passes a state from step to step
     calls, outputs, results         a loop with its constants; arrays to write into; results
-    jax_torch, xla                  a call as a function of JAX arrays and of PyTorch tensors; kernels in JAX
+    jax_torch, xla, casadi_function a call as a function of JAX, PyTorch and CasADi; kernels in JAX
+    c_source                        a program as a function in C
     backend                         what computes a call, and by how many threads
 
 Derivatives are recorded in the same trace, and fold and compile as all else:

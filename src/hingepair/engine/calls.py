@@ -136,9 +136,9 @@ class Call:
     @lock_free_cached_property
     def program(self) -> Program:
         """The program for arguments that all vary from sample to sample, in which constants are folded."""
-        return self._program(False)[0]
+        return self.program_with_numbers()[0]
 
-    def _program(self, shared: bool) -> tuple[Program, list[float]]:
+    def program_with_numbers(self, shared: bool = False) -> tuple[Program, list[float]]:
         """Return the program for arguments that all vary, and its constant numbers, of which `shared` folds none."""
         places = {name: k for k, name in enumerate(self._used)}
         pattern: list[ComponentSource] = []
@@ -181,7 +181,7 @@ class Call:
         return self._code(char, False, Program.kernel)
 
     def _code(self, char: str, shared: bool, compiled: Callable[[Program, Layout, str], Any]) -> _Code:
-        program, numbers = self._program(shared)
+        program, numbers = self.program_with_numbers(shared)
         inputs = [(tail, name in self._used) for name, tail in self.argument_shapes.items()]
         layout = program.layout(inputs, bool(numbers))
         with np.errstate(over="ignore"):

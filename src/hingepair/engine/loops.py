@@ -175,22 +175,17 @@ class Loop:
         return OperationCounts(per_sample, shared, operation_count(unfolded.needed_values))
 
 
-class _TracedFunction(NamedTuple):
+class TracedFunction(NamedTuple):
     """A function traced for one pattern of inputs."""
 
     constants: tuple[TracedValue, ...]
     arrays: tuple[tuple[TracedValue, ...], ...]  # the components of each input array
-    results: Mapping[str, Any]  # by name
+    outputs: Mapping[str, tuple[TracedOperand, ...]]  # components by name, in the order of the loop
 
-    def output_components(self, outputs: NamedShapes) -> list[TracedOperand]:
-        """Return the components of the outputs in one list."""
-        found: list[TracedOperand] = []
-        for name, tail in outputs:
-            parts = components(self.results[name])
-            if len(parts) != math.prod(tail):  # kernels would write beyond their arrays
-                raise ShapeError(name, f"{math.prod(tail)} components of shape {tail}", f"{len(parts)} results")
-            found += parts
-        return found
+    @property
+    def results(self) -> list[TracedOperand]:
+        """The components of all outputs."""
+        return [*itertools.chain(*self.outputs.values())]
 
 
 class Program:
@@ -303,13 +298,13 @@ class Program:
 
     def _scan_ir(self) -> str:
         """Return the LLVM module, as text, of a scan of this program."""
-        traced, sources = self._traced, iter(self.pattern)
+        traced, sources = self.traced, iter(self.pattern)
         groups = ((name, [*itertools.islice(sources, math.prod(tail))]) for name, tail in self.loop.inputs)
         arrays = [name for name, group in groups if group and isinstance(group[0], tuple)]
         return scan_ir(
             traced.constants,
             dict(zip(arrays, traced.arrays, strict=True)),
-            {name: components(traced.results[name]) for name, tail in self.loop.outputs if 0 not in tail},
+            {name: traced.outputs[name] for name, tail in self.loop.outputs if 0 not in tail},
             fuse=self.fuses,
         )
 
@@ -328,8 +323,8 @@ class Program:
 
     def llvm_ir(self, layout: Layout, char: str) -> str:
         """Return the LLVM module, as text, of a kernel and of the loops by which ufuncs call it."""
-        traced = self._traced
-        outputs = [ComponentGroup(components(traced.results[name])) for name, _ in self.loop.outputs]
+        traced = self.traced
+        outputs = [*map(ComponentGroup, traced.outputs.values())]
         schedule = Schedule(traced.constants, [*map(ComponentGroup, traced.arrays)], outputs, self.fuses)
         kernel = kernel_ir(schedule, FLOAT_TYPES[char])
         calls = loop_ir(layout, FLOAT_TYPES[char]), direct_ir(layout, FLOAT_TYPES[char])
@@ -340,9 +335,9 @@ class Program:
     @lock_free_cached_property
     def interpreter(self) -> Interpreter:
         """The trace as a function of the constants and then the inputs, numbers or arrays of NumPy."""
-        traced = self._traced
+        traced = self.traced
         inputs = [*traced.constants, *itertools.chain(*traced.arrays)]
-        return interpreter(inputs, traced.output_components(self.loop.outputs))
+        return interpreter(inputs, traced.results)
 
     @lock_free_cached_property
     def weighted_operations(self) -> int:
@@ -361,10 +356,10 @@ class Program:
     @lock_free_cached_property
     def needed_values(self) -> list[TracedValue]:
         """Traced values that the outputs need, each after its operands."""
-        return needed_values(self._traced.output_components(self.loop.outputs))
+        return needed_values(self.traced.results)
 
     @lock_free_cached_property
-    def _traced(self) -> _TracedFunction:
+    def traced(self) -> TracedFunction:
         """The loop's function traced for this pattern of inputs."""
         trace, sources = Trace(), iter(self.pattern)
         constants: list[TracedValue] = []
@@ -385,8 +380,14 @@ class Program:
                     operands.append(source)
             values[name] = tuple(operands) if tail else operands[0]
         results = self.loop.function(values)
+        outputs = {name: components(results[name]) for name, _ in self.loop.outputs}
+        for name, tail in self.loop.outputs:
+            if len(outputs[name]) != math.prod(tail):  # kernels would write beyond their arrays
+                raise ShapeError(
+                    name, f"{math.prod(tail)} components of shape {tail}", f"{len(outputs[name])} results"
+                )
         ordered = tuple(tuple(columns[k] for k in sorted(columns)) for _, columns in sorted(arrays.items()))
-        return _TracedFunction(tuple(constants), ordered, results)
+        return TracedFunction(tuple(constants), ordered, outputs)
 
 
 def _views(array: NDArray[Any], tail: ArrayShape) -> list[NDArray[Any]]:

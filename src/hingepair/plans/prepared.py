@@ -10,15 +10,19 @@ import numpy as np
 
 from hingepair.engine import jax_torch
 from hingepair.engine.backend import Execution
+from hingepair.engine.c_source import c_source
 from hingepair.engine.calls import Call
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results, writable_arrays
+from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray
 from hingepair.plans.arguments import Arguments, check_out, chosen_names, read_arguments
 from hingepair.plans.computation import Computation
 from hingepair.plans.dask_chunks import is_dask
 from hingepair.plans.derivatives import Derivative
+
+_JOINT_UNITS = {"q": "rad or m", "qd": "rad/s or m/s", "qdd": "rad/s^2 or m/s^2", "tau": "N m or N"}
 
 
 class _Derived(NamedTuple):
@@ -119,6 +123,53 @@ class Prepared:
             ArgumentError: the robot has too many joints.
         """
         return self._function_of("torch")
+
+    def casadi(self, name: str = "hingepair") -> Any:
+        """Return this call as a function of CasADi, for one state: it takes a column for each argument, and returns
+        one for each output; matrices are matrices. It calls back into Python, knows its Jacobian, and takes second
+        derivatives by differences. Keep it as long as expressions use it. Rotations are not checked; an attitude
+        changes by its nine entries.
+
+        Args:
+            name: name of the function.
+
+        Raises:
+            ArgumentError: the robot has too many joints.
+            MissingDependencyError: CasADi is not installed.
+        """
+        from hingepair.engine.casadi_function import casadi_function
+
+        return casadi_function(name, jax_torch.of_calls(self._call_of_chain), [*self.given], [*self.outputs])
+
+    def to_c(self, name: str) -> str:
+        """Return this call as the source of a C function of one state, which needs nothing but the C library.
+
+        Its parameters are arrays of doubles, the arguments and then the outputs, matrices by rows, none of which may
+        overlap another; an output with the name of an argument is called S1_out. The comment says shapes and units.
+        Masses, lengths and gravity are numbers in the source. Rotations are not checked.
+
+        Args:
+            name: name of the function.
+
+        Raises:
+            ArgumentError: the robot has too many joints, the geometry of the pair has samples, or the name is none.
+
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
+        >>> source = pair.prepare("velocity", outputs=("omega2",)).to_c("door")
+        >>> [line for line in source.splitlines() if line.startswith("void")]
+        ['void door(const double *restrict q, const double *restrict qd, double *restrict omega2)']
+        """
+        call = self._computation.call(self.given, "auto", self._gravity, derivative=self._derivative)
+        if not call.has_kernels:
+            expected = "a call with few enough joints for one program, without samples among its constants"
+            raise ArgumentError("to_c", expected, ", ".join(self.outputs))
+        arguments, outputs = tuple(call.argument_shapes.items()), dict(call.loop.outputs)
+        units = {one: unit_of(one) for one in (*call.argument_shapes, *outputs)}
+        if self._computation.coordinates.noun == "joints":
+            units |= {one: unit for one, unit in _JOINT_UNITS.items() if one in units}
+        title = f"{', '.join(outputs)} from {', '.join(self.given)}, for one state; written by hingepair."
+        return c_source(name, *call.program_with_numbers(), arguments, units, title)
 
     def _function_of(self, library: str) -> Callable[..., Any]:
         """Return this call as a function of arrays of "jax" or "torch", made once."""
