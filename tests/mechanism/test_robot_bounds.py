@@ -11,7 +11,8 @@ import hingepair as hp
 from hingepair.bench.truth import ExactRobot
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.mechanism.robots import constants
-from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
+from hingepair.mechanism.tree import Frame, Joint, Tree
+from hingepair.urdf.rigid import MassProperties
 from support import states
 from support.trees import Robot
 from support.truths import largest_errors

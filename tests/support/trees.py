@@ -10,7 +10,8 @@ import pinocchio as pin
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
 from hingepair.mechanism.mechanism import tree_of
-from hingepair.mechanism.tree import Frame, Joint, MassProperties, Mimic, Tree
+from hingepair.mechanism.tree import Frame, Joint, Mimic, Tree
+from hingepair.urdf.rigid import MassProperties
 
 
 class Robot(hp.Mechanism):

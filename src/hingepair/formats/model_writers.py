@@ -30,9 +30,9 @@ from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, MassProperties, Tree
+from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, check_choice
-from hingepair.urdf.rigid import FramePose
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties
 
 _BLUE, _ORANGE = (0.30, 0.50, 0.75, 1.0), (0.85, 0.60, 0.30, 1.0)  # RGBA of the bodies, as in README's figure
 _DRAWABLE = (1e-9, 1e9)  # m; beyond, viewers show nothing, and shapes have the size of one metre

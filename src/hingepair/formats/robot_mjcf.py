@@ -16,10 +16,10 @@ from hingepair.formats.robot_writer import is_here
 from hingepair.formats.shape_writers import unread_sentences
 from hingepair.formats.xml_text import add_element, check_xml_text, document, first_few
 from hingepair.mechanism.bodies.body import warn_of_dynamics
-from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
+from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.numeric.arrays import one_constant
 from hingepair.rotations.matrices import matrix_to_quaternion
-from hingepair.urdf.rigid import IDENTITY_POSE, FramePose
+from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, MassProperties
 
 # Nothing is left to the compiler's judgement: masses are those written, and fixed bodies stay bodies.
 MJCF_COMPILER: Final = {

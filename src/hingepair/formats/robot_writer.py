@@ -28,9 +28,9 @@ from hingepair.formats.xml_text import (
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.shapes import Mesh
 from hingepair.mechanism.joints import KINDS
-from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
+from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.rotations.euler import matrix_to_euler
-from hingepair.urdf.rigid import FramePose
+from hingepair.urdf.rigid import FramePose, MassProperties
 
 
 def robot_to_urdf(

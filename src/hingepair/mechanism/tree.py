@@ -35,6 +35,7 @@ from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
 from hingepair.plans.closures import Closure
 from hingepair.plans.struts import Law
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, MassProperties
 
 BASE_KINDS = ("fixed", "free")
 """Accepted values of the argument `base`."""
@@ -47,21 +48,6 @@ class Mimic(NamedTuple):
     leader: int  # number of the leading joint, from 1 on; it follows no joint itself, and may come later
     multiplier: float  # ratio of the joint's rate to the leader's
     offset: float  # q of the joint at q = 0 of the leader [rad or m]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MassProperties(Frozen):
-    """Mass, centre of mass and inertia of one body as they were given, even if no rigid body can have them."""
-
-    mass: float  # [kg]
-    # from the body's reference point, its own axes [m]; shape (3,). Zero where the mass is 0
-    centre_of_mass: NDArray[np.float64]
-    # about the centre of mass, own axes [kg m^2]; shape (3, 3), symmetric. Where the mass is 0: the sum of the
-    # inertias, about the reference point
-    inertia: NDArray[np.float64]
-
-
-ZERO_MASS_PROPERTIES = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

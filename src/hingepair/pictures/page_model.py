@@ -15,7 +15,7 @@ from hingepair.mechanism.bodies.body import Box, Shape, Sphere
 from hingepair.mechanism.bodies.shapes import BodyDrawing, Mesh, placed_shapes
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, Joint, Tree
+from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.pictures.curves import check_drawable
 from hingepair.pictures.meshes import MeshPiece, read_meshes
 from hingepair.pictures.simple_bodies import (
@@ -26,7 +26,7 @@ from hingepair.pictures.simple_bodies import (
     robot_size,
     simple_bodies,
 )
-from hingepair.urdf.rigid import FramePose
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose
 
 BODY1_COLOUR, BODY2_COLOUR, AXIS_COLOUR = "#4477aa", "#ee7733", "#222222"  # of a pair
 _BASE_COLOUR: Final = "#8b919b"  # of a robot's base

@@ -27,7 +27,7 @@ from hingepair.urdf.records import (
     RobotRecord,
     Visual,
 )
-from hingepair.urdf.rigid import FramePose, Inertia, exact_quarter_turns
+from hingepair.urdf.rigid import FramePose, MassProperties, exact_quarter_turns
 
 # A number as URDF writes it; possessive, so that the time stays linear.
 _NUMBER = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
@@ -139,9 +139,9 @@ def _link(element: ET.Element, name: str, rules: _PoseRules) -> LinkRecord:
     (mass,) = _numbers(element.find("inertial/mass"), "value", label, (0.0,))
     moments = element.find("inertial/inertia")
     xx, xy, xz, yy, yz, zz = (_number(moments, key, label, 0.0) for key in _INERTIA)
-    at_centre = Inertia(mass, np.zeros(3), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
-    inertia = at_centre.placed(_pose(element.find("inertial/origin"), label, rules))
-    return LinkRecord(name, inertia, _visuals(element, "visual", rules), _visuals(element, "collision", rules))
+    at_centre = MassProperties(mass, np.zeros(3), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
+    masses = at_centre.placed(_pose(element.find("inertial/origin"), label, rules))
+    return LinkRecord(name, masses, _visuals(element, "visual", rules), _visuals(element, "collision", rules))
 
 
 def _visuals(link: ET.Element, tag: str, rules: _PoseRules) -> tuple[Visual, ...] | None:

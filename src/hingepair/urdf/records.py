@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from hingepair.urdf.rigid import FramePose, Inertia
+from hingepair.urdf.rigid import FramePose, MassProperties
 
 HINGE_TYPES: Final = ("revolute", "continuous")
 """Types of joints that turn about one axis."""
@@ -46,7 +46,7 @@ class LinkRecord(NamedTuple):
     """Link of a robot."""
 
     name: str
-    inertia: Inertia  # in the axes of the link; 0 where nothing is written
+    masses: MassProperties  # in the axes of the link; 0 where nothing is written
     visuals: tuple[Visual, ...] | None  # by which it is drawn; None: they cannot be read
     collisions: tuple[Visual, ...] | None
 

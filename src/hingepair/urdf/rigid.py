@@ -6,11 +6,12 @@ Products may underflow or overflow, whatever the caller's `numpy.errstate` is; u
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.rotations.matrices import skew
 
 
@@ -45,30 +46,37 @@ IDENTITY_POSE = FramePose(np.eye(3), np.zeros(3))
 """Pose of a frame in itself."""
 
 
-class Inertia(NamedTuple):
-    """Mass properties in the axes of a frame."""
+@dataclass(frozen=True, slots=True, eq=False)
+class MassProperties(Frozen):
+    """Mass, centre of mass and inertia of one body as they were given, even if no rigid body can have them."""
 
-    mass: float  # [kg], of either sign, as it was written
-    centre: Float64Array  # centre of mass [m]; shape (3,)
-    tensor: Float64Array  # inertia tensor about the centre of mass [kg m^2]; shape (3, 3)
+    mass: float  # [kg]
+    # from the origin of the frame, in its axes [m]; shape (3,). Zero where the mass is 0
+    centre_of_mass: Float64Array
+    # about the centre of mass, axes of the frame [kg m^2]; shape (3, 3), symmetric. Where the mass is 0: the sum of
+    # the inertias, about the origin
+    inertia: Float64Array
 
-    def placed(self, pose: FramePose) -> Inertia:
+    def placed(self, pose: FramePose) -> MassProperties:
         """Return these mass properties in another frame, in which the present one has the given pose."""
-        axes, centre = pose.placed(FramePose(np.eye(3), self.centre))
+        axes, centre = pose.placed(FramePose(np.eye(3), self.centre_of_mass))
         with np.errstate(all="ignore"):
-            return Inertia(self.mass, centre, axes @ self.tensor @ axes.T)
+            return MassProperties(self.mass, centre, axes @ self.inertia @ axes.T)
 
 
-def combined_inertia(inertias: Collection[Inertia]) -> Inertia:
+ZERO_MASS_PROPERTIES = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))
+
+
+def combined_masses(bodies: Collection[MassProperties]) -> MassProperties:
     """Return the mass properties of rigidly joined bodies, all in one frame; about its origin if their mass is 0."""
     with np.errstate(all="ignore"):
-        total = sum(part.mass for part in inertias)
+        total = sum(body.mass for body in bodies)
         middle = np.zeros(3)
         if total:
-            middle = np.sum([part.mass / total * part.centre for part in inertias], axis=0)
-        tensor = np.zeros((3, 3))
-        for mass, centre, part_tensor in inertias:
-            arm = centre - middle
-            tensor += part_tensor
-            tensor -= mass * skew(arm) @ skew(arm)
-        return Inertia(total, middle + 0.0, tensor + 0.0)
+            middle = np.sum([body.mass / total * body.centre_of_mass for body in bodies], axis=0)
+        inertia = np.zeros((3, 3))
+        for body in bodies:
+            arm = body.centre_of_mass - middle
+            inertia += body.inertia
+            inertia -= body.mass * skew(arm) @ skew(arm)
+        return MassProperties(total, middle + 0.0, inertia + 0.0)

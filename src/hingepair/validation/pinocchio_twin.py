@@ -27,8 +27,9 @@ from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.robots.conventions import PINOCCHIO, check_base, read_state, written_a, written_q, written_v
-from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, MassProperties, Tree
+from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, MassProperties
 
 MotionTuple = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
 """Motion of body 1, psi [rad], psid [rad/s] and psidd [rad/s^2]; psid is None without v, psidd is None without a."""

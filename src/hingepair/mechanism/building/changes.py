@@ -15,25 +15,25 @@ from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.building.folding import (
     JointPart,
-    body_inertia,
+    body_masses,
     fold_parts,
     locked_positions,
     mass_properties,
     unphysical_reason,
+    written_joint,
 )
 from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
 from hingepair.mechanism.robots.samples import Payload, Samples
-from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, MassProperties, Tree
+from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, Tree
 from hingepair.numeric.arrays import finite_number, number_not_below_0, one_constant, read_only, real_array
 from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.records import MimicRecord
-from hingepair.urdf.rigid import FramePose, Inertia
+from hingepair.urdf.rigid import FramePose, MassProperties
 
 
 def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
     """Return a joint of a tree as a pair between the frames of the two bodies that it connects."""
     carrier = tree.single().base if joint.parent == 0 else tree.joints[joint.parent - 1].body
-    both_limits = np.isfinite(joint.position_limits).all()
     made: Any = JOINT_CLASSES[joint.kind]
     pair: RobotJoint = made(
         u1=joint.u,
@@ -41,14 +41,21 @@ def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
         n=joint.S @ joint.n,
         home=joint.S,
         name=joint.name,
-        limits=joint.position_limits if both_limits else None,
         body1=_body_or_none(f"body1 of {joint.name!r}", carrier),
         body2=_body_or_none(f"body2 of {joint.name!r}", joint.body),
-        torque_limit=joint.effort_limit if np.isfinite(joint.effort_limit) else None,
-        rate_limit=joint.rate_limit if np.isfinite(joint.rate_limit) else None,
+        **limits_of_pair(joint),
         **({"pitch": joint.pitch} if KINDS[joint.kind].has_pitch else {}),
     )
     return pair
+
+
+def limits_of_pair(joint: Joint) -> dict[str, Any]:
+    """Return the arguments of a pair that hold the limits of a joint; None of those that are infinite."""
+    return {
+        "limits": joint.position_limits if np.isfinite(joint.position_limits).all() else None,
+        "torque_limit": joint.effort_limit if np.isfinite(joint.effort_limit) else None,
+        "rate_limit": joint.rate_limit if np.isfinite(joint.rate_limit) else None,
+    }
 
 
 def _body_or_none(label: str, masses: MassProperties) -> Body | None:
@@ -68,7 +75,7 @@ def add_body(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
     if frame.samples is not None:
         payload_with_samples = Payload(np.array(body.mass), body.centre_of_mass, body.inertia)
         return add_payload(tree, link, payload_with_samples)
-    payload = body_inertia(body).placed(FramePose(frame.S, frame.R))
+    payload = body_masses(body).placed(FramePose(frame.S, frame.R))
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
     drawings = list(tree.drawings)
@@ -116,16 +123,11 @@ def lock_joints(tree: Tree, base: str, positions: Mapping[str, float]) -> Tree:
     """Return a copy of a tree in which joints, by name, are held at positions [rad or m]."""
     bodies = [tree.plain().base, *(joint.body for joint in tree.joints)]
     contents = [_content(tree, number, masses) for number, masses in enumerate(bodies)]
-    parts = [JointPart("", "fixed", -1, **contents[0])]
+    parts = [JointPart(written_joint(""), **contents[0])]
     for joint, content in zip(tree.joints, contents[1:], strict=True):
         rule = joint.mimic
         follows = None if rule is None else MimicRecord(tree.joints[rule.leader - 1].name, *rule[1:])
-        parts.append(JointPart(
-            joint.name, joint.kind, joint.parent, FramePose(joint.S, joint.u), joint.n, **content,
-            limits=joint.position_limits if np.isfinite(joint.position_limits).any() else None,
-            effort_limit=joint.effort_limit, effort_range=joint.effort_range, rate_limit=joint.rate_limit,
-            armature=joint.armature, ratio=joint.ratio, load=joint.load, mimic=follows, pitch=joint.pitch,
-        ))  # fmt: skip
+        parts.append(JointPart(joint, follows, **content))
     held = locked_positions(parts, positions)
     locked = fold_parts(tree.name, parts, base, held)
     source = tree.source
@@ -142,20 +144,18 @@ def _content(tree: Tree, number: int, masses: MassProperties) -> dict[str, Any]:
         for kind, group in (("links", tree.links), ("frames", tree.frames))
     }
     name = next(iter(poses["links"]), f"body {number}")
-    inertia = Inertia(masses.mass, masses.centre_of_mass, masses.inertia)
     without_mass = [tree.without_mass[number]] if number in tree.without_mass else []
     leaves = [link for link in tree.leaves or tree.tips if link in poses["links"]]
     return {
-        **poses, "leaves": leaves, "inertias": {name: inertia}, "without_mass": without_mass,
+        **poses, "leaves": leaves, "masses": {name: masses}, "without_mass": without_mass,
         "drawing": drawing,
     }  # fmt: skip
 
 
-def _with_mass(tree: Tree, number: int, payload: Inertia) -> Tree:
+def _with_mass(tree: Tree, number: int, payload: MassProperties) -> Tree:
     """Return a copy of a tree with a payload, given in the body's axes, added to the body of this number."""
     masses = tree.base if number == 0 else tree.joints[number - 1].body
-    own = Inertia(masses.mass, masses.centre_of_mass, masses.inertia)
-    total = mass_properties({"body": own, "payload": payload})
+    total = mass_properties({"body": masses, "payload": payload})
     without_mass = {body: name for body, name in tree.without_mass.items() if body != number}
     tree = replace(tree, source=None, without_mass=without_mass)
     if number == 0:
@@ -171,8 +171,8 @@ def add_payload(tree: Tree, link: str, payload: Payload) -> Tree:
     if payload.shape or frame.samples is not None:
         samples = (tree.samples or Samples()).with_matter(frame.body, payload.moments(frame.origin, frame.S))
         return replace(tree, samples=samples, source=None)
-    inertia = Inertia(float(payload.mass), payload.centre, payload.inertia).placed(FramePose(frame.S, frame.R))
-    return _with_mass(tree, frame.body, inertia)
+    single = MassProperties(float(payload.mass), payload.centre, payload.inertia)
+    return _with_mass(tree, frame.body, single.placed(FramePose(frame.S, frame.R)))
 
 
 def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from hingepair.mechanism.joints import JointKind
-from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, Joint, Tree
+from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.numeric.arrays import read_only
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES
 
 BASE_JOINTS = 6
 """Joints of a base: sliders along x, y and z, then hinges about x, y and z, in the axes in which it starts."""

@@ -10,7 +10,7 @@ import math
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -18,55 +18,68 @@ import numpy as np
 from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
-from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import NOT_DRAWN, LinkDrawing, body_drawing
-from hingepair.mechanism.joints import KINDS, JointKind
-from hingepair.mechanism.tree import (
-    BASE_KINDS,
-    NO_LOAD,
-    ZERO_MASS_PROPERTIES,
-    Frame,
-    Joint,
-    MassProperties,
-    Mimic,
-    Tree,
-)
+from hingepair.mechanism.joints import JointKind
+from hingepair.mechanism.tree import BASE_KINDS, Frame, Joint, Mimic, Tree
 from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, read_only
 from hingepair.numeric.blocks import versine
 from hingepair.urdf import records
 from hingepair.urdf.reader import sine_and_cosine
-from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, combined_inertia
+from hingepair.urdf.rigid import IDENTITY_POSE, ZERO_MASS_PROPERTIES, FramePose, MassProperties, combined_masses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPart:
     """Joint of any kind, fixed ones included, and the body that it carries, whose origin is the joint's point."""
 
-    name: str  # name of the joint
-    kind: JointKind
-    parent: int  # number of the part that carries it; 0 is the base, which is a fixed part without a parent (-1)
-    pose: FramePose = IDENTITY_POSE  # pose of the body at position 0, in the parent's axes
-    # unit axis in the body's axes; shape (3,)
-    axis: Float64Array = field(default_factory=lambda: np.array((0.0, 0.0, 1.0)))
+    # The joint as it is written. Its `parent` is the number of the part that carries it; 0 is the base, a fixed part
+    # without a parent (-1). Masses stand in `masses`, and the joint that it follows in `follows`.
+    joint: Joint
+    follows: records.MimicRecord | None = None
     links: Mapping[str, FramePose] = field(default_factory=dict)  # poses of the frames of the links, by name
     leaves: Sequence[str] = ()  # names of the links that carry no further link
     frames: Mapping[str, FramePose] = field(default_factory=dict)  # poses of further frames, by name
-    inertias: Mapping[str, Inertia] = field(default_factory=dict)  # mass properties by the link that has them
+    masses: Mapping[str, MassProperties] = field(default_factory=dict)  # by the link that has them
     drawing: LinkDrawing = NOT_DRAWN  # what the body is drawn by
-    limits: tuple[float, float] | None = None  # lower and upper position limit [rad or m]; None if there are none
-    effort_limit: float | None = None  # largest torque [N m] or force [N]; None if there is none
-    effort_range: tuple[float, float] | None = None  # as of `Joint`
-    rate_limit: float | None = None  # largest rate [rad/s or m/s]; None if there is none
-    armature: float = 0.0  # inertia of the motor's rotor, referred to the joint [kg m^2 or kg]
-    ratio: float = 1.0  # as of `Joint`
-    load: HingeLoad = NO_LOAD  # spring, damper and dry friction
-    mimic: records.MimicRecord | None = None  # rule of a joint that follows another joint; else None
-    pitch: float = 0.0  # displacement of a screw for one radian [m/rad]
-    continuous: bool = True  # as of `Joint`
     notes: Sequence[str] = ()  # sentences about assumed masses
     without_mass: Sequence[str] = ()  # its links whose mass was never given; a URDF's link without inertia has 0 kg
 
+    @property
+    def name(self) -> str:
+        """Name of the joint."""
+        return self.joint.name
 
+    @property
+    def pose(self) -> FramePose:
+        """Pose of the body at position 0, in the parent's axes."""
+        return FramePose(self.joint.S, self.joint.u)
+
+
+def written_joint(
+    name: str,
+    kind: JointKind = "fixed",
+    parent: int = -1,
+    pose: FramePose = IDENTITY_POSE,
+    axis: Float64Array | None = None,
+    limits: tuple[float, float] | None = None,
+    effort_limit: float | None = None,
+    rate_limit: float | None = None,
+    **fields: Any,
+) -> Joint:
+    """Return a joint as files have it: `pose` is that of its body in the parent's axes, None stands for no limit, and
+    `fields` are further ones of `Joint`. By default it is the fixed part that is the base.
+    """
+    lower, upper = limits or (-np.inf, np.inf)
+    return Joint(
+        name, kind, parent, pose.origin, pose.rotation, _ANY_AXIS if axis is None else axis, ZERO_MASS_PROPERTIES,
+        position_limits=(limit_or_infinity(lower), limit_or_infinity(upper)),
+        effort_limit=np.inf if effort_limit is None else effort_limit,
+        rate_limit=np.inf if rate_limit is None else rate_limit,
+        **fields,
+    )  # fmt: skip
+
+
+_ANY_AXIS = read_only(np.array((0.0, 0.0, 1.0)))  # of a joint that does not move
 JointRule: TypeAlias = float | records.MimicRecord | None
 """How a joint moves: the position at which it is held, the joint that it follows, or None if by itself."""
 
@@ -85,34 +98,28 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
     body_numbers = {part.name: number for number, part in enumerate(moving, 1)}
     with np.errstate(all="ignore"):  # numbers that overflow are refused below
         body_poses = _body_poses(parts, rules, body_numbers)
-        inertias: list[dict[str, Inertia]] = [{} for _ in range(len(moving) + 1)]
+        masses: list[dict[str, MassProperties]] = [{} for _ in range(len(moving) + 1)]
         for part, (body, pose) in zip(parts, body_poses, strict=True):
-            inertias[body] |= {link: inertia.placed(pose) for link, inertia in part.inertias.items()}
+            masses[body] |= {link: one.placed(pose) for link, one in part.masses.items()}
         joints = tuple(
-            _tree_joint(
-                part,
-                *body_poses[part.parent],
-                mass_properties(inertias[body_numbers[part.name]]),
-                body_numbers,
-                rules,
-            )
-            for part in moving
+            _tree_joint(part, *body_poses[part.joint.parent], mass_properties(one), body_numbers, rules)
+            for part, one in zip(moving, masses[1:], strict=True)
         )
         links, frames = _links_and_frames(parts, body_poses, body_numbers)
-        base_masses = mass_properties(inertias[0])
+        base_masses = mass_properties(masses[0])
         drawings = tuple(
             body_drawing(
                 (part.drawing, pose)
                 for part, (body_number, pose) in zip(parts, body_poses, strict=True)
                 if body_number == body
             )
-            for body in range(len(inertias))
+            for body in range(len(masses))
         )
-    ends = set(range(len(inertias))) - {joint.parent for joint in joints}
+    ends = set(range(len(masses))) - {joint.parent for joint in joints}
     tips = [leaf for part, (body, _) in zip(parts, body_poses, strict=True) if body in ends for leaf in part.leaves]
     counted = 1 if base == "fixed" else 0  # the mass of a fixed base counts nowhere
     notes = [note for part in parts[counted:] for note in part.notes]
-    notes += [note for body_number in inertias[counted:] if (note := unphysical_mass_note(body_number))]
+    notes += [note for body in masses[counted:] if (note := unphysical_mass_note(body))]
     without_mass = {
         body: link for part, (body, _) in zip(parts, body_poses, strict=True) for link in part.without_mass
     }
@@ -142,7 +149,7 @@ def locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | N
     """Return the argument `locked` as numbers, with the joints that locked mimic joints follow."""
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
-    by_name = {part.name: part for part in parts if part.kind != "fixed"}
+    by_name = {part.name: part for part in parts if part.joint.kind != "fixed"}
     for joint in locked or ():
         if joint not in by_name:
             known = choices(list(by_name)) + nearest(str(joint), by_name)
@@ -152,7 +159,7 @@ def locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | N
     positions = dict(given)
     held_by: dict[str, str] = {}  # the mimic joint that a position is from
     for joint, position in given.items():
-        at, rule = position, by_name[joint].mimic
+        at, rule = position, by_name[joint].follows
         # A leader that is given as well stands where it is told; a multiplier of 0 says nothing of it.
         while rule is not None and rule.leader not in given and rule.multiplier and rule.leader in by_name:
             at = (at - rule.offset) / rule.multiplier
@@ -163,17 +170,17 @@ def locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | N
                     raise ArgumentError("locked", f"one position of {rule.leader!r}, which both follow", places)
                 break
             positions[rule.leader], held_by[rule.leader] = at, joint
-            rule = by_name[rule.leader].mimic
+            rule = by_name[rule.leader].follows
     return positions
 
 
 def _checked_positions(parts: Sequence[JointPart], positions: dict[str, float]) -> dict[str, float]:
     """Return the positions, with a DynamicsWarning for those beyond limits."""
     for part in parts:
-        least, most = part.limits or (-np.inf, np.inf)
+        least, most = part.joint.position_limits
         position = positions.get(part.name, least)
         if not least <= position <= most:
-            unit = KINDS[part.kind].unit
+            unit = part.joint.unit
             limits = f"{least:g} to {most:g} {unit}"
             warn_of_dynamics(f"locked: {part.name!r} is held at {position:g} {unit}, beyond its limits, {limits}")
     return positions
@@ -186,16 +193,16 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
     def rule(part: JointPart) -> JointRule:
         multiplier, offset, followers = 1.0, 0.0, {part.name}
         while True:
-            if part.name in positions or part.kind == "fixed":
+            if part.name in positions or part.joint.kind == "fixed":
                 return multiplier * positions.get(part.name, 0.0) + offset
-            if part.mimic is None:
+            if part.follows is None:
                 return records.MimicRecord(part.name, multiplier, offset) if len(followers) > 1 else None
-            leader = part.mimic.leader
+            leader = part.follows.leader
             where = f"joint {part.name!r}, mimic"
             if leader in followers:
                 raise ArgumentError(where, "a joint that does not follow this one", quoted(leader))
-            offset += multiplier * part.mimic.offset
-            multiplier *= part.mimic.multiplier
+            offset += multiplier * part.follows.offset
+            multiplier *= part.follows.multiplier
             followers.add(leader)
             part = by_name[leader]
 
@@ -210,22 +217,22 @@ def _body_poses(
     for part in parts:
         rule = rules[part.name]
         if isinstance(rule, float):
-            body, pose = body_poses[part.parent] if body_poses else (0, IDENTITY_POSE)
-            body_poses.append((body, pose.placed(part.pose.placed(displaced(part, rule)))))
+            body, pose = body_poses[part.joint.parent] if body_poses else (0, IDENTITY_POSE)
+            body_poses.append((body, pose.placed(part.pose.placed(displaced(part.joint, rule)))))
         else:
             body_poses.append((body_numbers[part.name], IDENTITY_POSE))
     return body_poses
 
 
-def displaced(part: JointPart, position: float) -> FramePose:
-    """Return the pose of the body of a part at a position [rad or m], in the axes that it has at position 0."""
+def displaced(joint: Joint, position: float) -> FramePose:
+    """Return the pose of the body of a joint at a position [rad or m], in the axes that it has at position 0."""
     if position == 0:
         return IDENTITY_POSE
-    axis, turn = KINDS[part.kind].axis(part.pitch), np.eye(3)
+    axis, turn = joint.axis, np.eye(3)
     if axis.turns:
         sine, cosine = sine_and_cosine(axis.turn(position))
-        turn = np.array(hinge_rotation(tuple(part.axis.tolist()), (sine, versine(sine, cosine)))).reshape(3, 3)
-    return FramePose(turn, part.axis * axis.shift(position))
+        turn = np.array(hinge_rotation(tuple(joint.n.tolist()), (sine, versine(sine, cosine)))).reshape(3, 3)
+    return FramePose(turn, joint.n * axis.shift(position))
 
 
 def _tree_joint(
@@ -239,26 +246,9 @@ def _tree_joint(
     """Return a moving part as a Joint; the part that carries it has `carrier_pose` in the body `parent_body`."""
     frame = _frame_in_body(f"joint {part.name!r}", parent_body, carrier_pose.placed(part.pose))
     rule = rules[part.name]
-    lower, upper = part.limits or (-np.inf, np.inf)
-    return Joint(
-        part.name,
-        part.kind,
-        parent_body,
-        u=frame.R,
-        S=frame.S,
-        n=read_only(part.axis + 0.0),
-        body=masses,
-        position_limits=(limit_or_infinity(lower), limit_or_infinity(upper)),
-        rate_limit=np.inf if part.rate_limit is None else part.rate_limit,
-        effort_limit=np.inf if part.effort_limit is None else part.effort_limit,
-        effort_range=part.effort_range,
-        armature=part.armature,
-        ratio=part.ratio,
-        load=part.load,
-        mimic=Mimic(body_numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None,
-        pitch=part.pitch,
-        continuous=part.continuous,
-    )
+    mimic = Mimic(body_numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None
+    n = read_only(part.joint.n + 0.0)
+    return replace(part.joint, parent=parent_body, u=frame.R, S=frame.S, n=n, body=masses, mimic=mimic)
 
 
 def limit_or_infinity(value: float) -> float:
@@ -267,7 +257,7 @@ def limit_or_infinity(value: float) -> float:
 
 
 def effort_fields(lower: float, upper: float) -> dict[str, Any]:
-    """Return the fields of a `JointPart` that hold bounds of an effort."""
+    """Return the fields of a `Joint` that hold bounds of an effort."""
     lower, upper = limit_or_infinity(lower), limit_or_infinity(upper)
     largest = max(abs(lower), abs(upper))
     return {"effort_limit": largest, "effort_range": None if lower == -upper else (lower, upper)}
@@ -280,7 +270,7 @@ def _links_and_frames(
     links: dict[str, Frame] = {}
     frames: dict[str, Frame] = {}
     for part, (body, pose) in zip(parts, body_poses, strict=True):
-        if part.parent >= 0 and part.name not in body_numbers:
+        if part.joint.parent >= 0 and part.name not in body_numbers:
             frames[part.name] = _frame_in_body(f"joint {part.name!r}", body, pose)
         links |= {
             name: _frame_in_body(f"link {name!r}", body, pose.placed(pose_in_part))
@@ -300,29 +290,30 @@ def _frame_in_body(label: str, body_number: int, pose: FramePose) -> Frame:
     return Frame(body_number, read_only(pose.origin + 0.0), read_only(pose.rotation + 0.0))
 
 
-def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
+def mass_properties(bodies: Mapping[str, MassProperties]) -> MassProperties:
     """Return the sum of the mass properties of links, by name, in the axes of one body; refuse an overflow."""
-    heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any()}
+    heavy = {link: body for link, body in bodies.items() if body.mass or body.inertia.any()}
     if not heavy:
         return ZERO_MASS_PROPERTIES
-    mass, centre, tensor = combined_inertia(heavy.values())
-    if not np.isfinite([mass, *centre, *tensor.ravel()]).all():
+    total = combined_masses(heavy.values())
+    if not np.isfinite([total.mass, *total.centre_of_mass, *total.inertia.ravel()]).all():
         links = ", ".join(map(repr, heavy))
         raise ArgumentError(
             f"the mass properties of {links}", "numbers whose sum does not overflow", "numbers that overflow"
         )
-    return MassProperties(mass, read_only(centre), read_only((tensor + tensor.T) / 2))
+    symmetric = (total.inertia + total.inertia.T) / 2
+    return MassProperties(total.mass, read_only(total.centre_of_mass), read_only(symmetric))
 
 
-def body_inertia(body: Body) -> Inertia:
-    """Return the mass properties of a Body as an Inertia, in the body's axes from its reference point."""
-    return Inertia(body.mass, np.asarray(body.centre_of_mass), np.asarray(body.inertia))
+def body_masses(body: Body) -> MassProperties:
+    """Return the mass properties of a Body, in the body's axes from its reference point."""
+    return MassProperties(body.mass, body.centre_of_mass, body.inertia)
 
 
-def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
+def unphysical_mass_note(bodies: Mapping[str, MassProperties]) -> str:
     """Return a sentence that names the links whose sum is no rigid body; "" if it is one."""
-    reason = unphysical_reason(mass_properties(inertias))
-    links = ", ".join(repr(link) for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any())
+    reason = unphysical_reason(mass_properties(bodies))
+    links = ", ".join(repr(link) for link, body in bodies.items() if body.mass or body.inertia.any())
     if not reason:
         return ""
     return f"no rigid body has the mass properties of {links}, which are used as they are written: {reason}"

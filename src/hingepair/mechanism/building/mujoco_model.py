@@ -23,17 +23,18 @@ from hingepair.mechanism.building.folding import (
     effort_fields,
     fold_parts,
     unused_name,
+    written_joint,
 )
 from hingepair.mechanism.building.mujoco_linkages import read_loops, read_struts, with_linkages
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.tree import Tree
+from hingepair.mechanism.tree import Joint, Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.optional import require
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.urdf.records import MimicRecord
-from hingepair.urdf.rigid import FramePose, Inertia, exact_quarter_turns
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties, exact_quarter_turns
 
 _KINDS: dict[int, JointKind] = {2: "slider", 3: "hinge"}  # by mjtJoint, MuJoCo's type of a joint
 _JOINT_EQUALITY = 2  # mjEQ_JOINT, the type of an equality by which a joint follows another
@@ -93,7 +94,7 @@ class _Reader:
     def parts(self) -> tuple[str, Literal["fixed", "free"], list[JointPart]]:
         """Return the name of the model, the kind of the base and the parts."""
         model, root = self._model, self._root
-        parts = [_Part(JointPart("", "fixed", -1))]
+        parts = [_Part(written_joint(""))]
         places = {root: (0, _pose())}  # part of each body, and the body's pose in it
         carrying = {int(model.body_parentid[body]) for body in self._bodies()}
         for body in self._bodies():
@@ -101,12 +102,12 @@ class _Reader:
                 number, pose = places[int(model.body_parentid[body])]
                 pose = pose.placed(self._pose_of(body))
                 for joint in self._joints(body):
-                    part = self._part(joint, number, pose)
+                    read = self._joint(joint, number, pose)
                     number, pose = len(parts), _pose(-model.jnt_pos[joint])
-                    parts.append(_Part(part))
+                    parts.append(_Part(read, self._rules.get(joint)))
                 places[body] = number, pose
             number, pose = places[body]
-            parts[number].add(self._body_names[body], pose, self._inertia(body), body not in carrying)
+            parts[number].add(self._body_names[body], pose, self._masses(body), body not in carrying)
             for site in np.flatnonzero(model.site_bodyid == body).tolist():
                 own = _pose(model.site_pos[site], model.site_quat[site])
                 parts[number].frames[self._site_names[site]] = pose.placed(own)
@@ -144,26 +145,26 @@ class _Reader:
     def _pose_of(self, body: int) -> FramePose:
         return _pose(self._model.body_pos[body], self._model.body_quat[body])
 
-    def _inertia(self, body: int) -> Inertia:
+    def _masses(self, body: int) -> MassProperties:
         """Return the mass properties of a body in its own axes; the world has none."""
         model = self._model
         if body == 0:
-            return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
-        principal = Inertia(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body]))
+            return ZERO_MASS_PROPERTIES
+        principal = MassProperties(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body]))
         return principal.placed(_pose(model.body_ipos[body], model.body_iquat[body]))
 
-    def _part(self, joint: int, parent: int, pose: FramePose) -> JointPart:
-        """Return a joint as a part; `pose` is that of the joint's body in the part `parent`, which carries it."""
+    def _joint(self, joint: int, parent: int, pose: FramePose) -> Joint:
+        """Return a joint; `pose` is that of the joint's body in the part `parent`, which carries it."""
         model, name = self._model, self._joint_names[joint]
         kind = _KINDS.get(int(model.jnt_type[joint]))
         if kind is None:
             expected = "a hinge or a slide joint, or one free joint of the only moving body of the world"
             raise ArgumentError(f"joint {name!r}", expected, _TYPE_NAMES[int(model.jnt_type[joint])])
         dof, at = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
-        part = JointPart(
+        own = written_joint(
             name, kind, parent, pose.placed(_pose(model.jnt_pos[joint])),
             unit_axis(f"joint {name!r}, axis", model.jnt_axis[joint]),
-            limits=tuple(model.jnt_range[joint].tolist()) if model.jnt_limited[joint] else None,
+            tuple(model.jnt_range[joint].tolist()) if model.jnt_limited[joint] else None,
             **(effort_fields(*model.jnt_actfrcrange[joint].tolist()) if model.jnt_actfrclimited[joint] else {}),
             armature=float(model.dof_armature[dof]),
             load=HingeLoad(
@@ -174,8 +175,8 @@ class _Reader:
             ),
         )  # fmt: skip
         # The body stands as written where q is the joint's ref.
-        seat = part.pose.placed(displaced(part, -float(model.qpos0[at])))
-        return replace(part, mimic=self._rules.get(joint), pose=seat)
+        seat = FramePose(own.S, own.u).placed(displaced(own, -float(model.qpos0[at])))
+        return replace(own, u=seat.origin, S=seat.rotation)
 
     def _mimic_rules(self) -> dict[int, MimicRecord]:
         """Return the rules by which joints follow others.
@@ -248,24 +249,23 @@ def _names(of: Any, count: int, kind: str, taken: set[str]) -> list[str]:
 class _Part:
     """A JointPart to which links and frames are added one by one."""
 
-    def __init__(self, part: JointPart) -> None:
-        self._part = part
+    def __init__(self, joint: Joint, follows: MimicRecord | None = None) -> None:
+        self._joint, self._follows = joint, follows
         self._links: dict[str, FramePose] = {}
-        self._inertias: dict[str, Inertia] = {}
+        self._masses: dict[str, MassProperties] = {}
         self._leaves: list[str] = []
         self.frames: dict[str, FramePose] = {}
 
-    def add(self, link: str, pose: FramePose, inertia: Inertia, is_leaf: bool) -> None:
+    def add(self, link: str, pose: FramePose, masses: MassProperties, is_leaf: bool) -> None:
         """Add a link."""
-        self._links[link], self._inertias[link] = pose, inertia.placed(pose)
+        self._links[link], self._masses[link] = pose, masses.placed(pose)
         self._leaves += [link] if is_leaf else []
 
     def made(self) -> JointPart:
         """Return the JointPart with all that was added."""
-        return replace(
-            self._part, links=self._links, inertias=self._inertias, leaves=self._leaves, frames=self.frames,
-            drawing=LinkDrawing(None),
-        )  # fmt: skip
+        return JointPart(
+            self._joint, self._follows, self._links, self._leaves, self.frames, self._masses, LinkDrawing(None)
+        )
 
 
 def _pose(origin: Any = (0.0, 0.0, 0.0), quat_wxyz: Any = (1.0, 0.0, 0.0, 0.0)) -> FramePose:

@@ -14,15 +14,15 @@ from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import BodyDrawing, LinkDrawing, placed_shapes
 from hingepair.mechanism.building.changes import add_frame
-from hingepair.mechanism.building.folding import JointPart, body_inertia, fold_parts
+from hingepair.mechanism.building.folding import JointPart, body_masses, fold_parts, written_joint
 from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
 from hingepair.mechanism.pairs.geometry import Points, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.robots.samples import JointSamples, Payload, Samples
-from hingepair.mechanism.tree import BASE_KINDS, NO_LOAD, ZERO_MASS_PROPERTIES, Frame, Joint, MassProperties, Tree
+from hingepair.mechanism.tree import BASE_KINDS, NO_LOAD, Frame, Joint, Tree
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.urdf.rigid import IDENTITY_POSE, FramePose
+from hingepair.urdf.rigid import IDENTITY_POSE, ZERO_MASS_PROPERTIES, FramePose, MassProperties
 
 BASE_LINK = "base"
 """Name of the base link of a robot that is built from pairs."""
@@ -146,24 +146,16 @@ def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[J
         bodies.append(_shared_body([("body2", pair), *carried]))
     seats = [IDENTITY_POSE, *(FramePose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
     base_content = _body_content(BASE_LINK, bodies[0], IDENTITY_POSE, is_leaf=False)
-    parts = [JointPart("", "fixed", -1, **base_content)]
+    parts = [JointPart(written_joint(""), **base_content)]
     for number, (pair, parent) in enumerate(zip(checked, parent_numbers, strict=True), 1):
-        leaf = number not in parent_numbers
         home = np.asarray(pair.home)
-        parts.append(
-            JointPart(
-                pair.name,
-                next(kind for kind, made in JOINT_CLASSES.items() if isinstance(pair, made)),
-                parent,
-                seats[parent].placed(FramePose(home, pair.u1)),
-                unit_axis("n", home.T @ pair.n),
-                **_body_content(pair.name, bodies[number], seats[number], leaf),
-                limits=pair.limits,
-                effort_limit=pair.torque_limit,
-                rate_limit=pair.rate_limit,
-                pitch=getattr(pair, "pitch", 0.0),
-            )
-        )
+        joint = written_joint(
+            pair.name, next(kind for kind, made in JOINT_CLASSES.items() if isinstance(pair, made)), parent,
+            seats[parent].placed(FramePose(home, pair.u1)), unit_axis("n", home.T @ pair.n),
+            pair.limits, pair.torque_limit, pair.rate_limit, pitch=getattr(pair, "pitch", 0.0),
+        )  # fmt: skip
+        content = _body_content(pair.name, bodies[number], seats[number], number not in parent_numbers)
+        parts.append(JointPart(joint, **content))
     return parts
 
 
@@ -261,11 +253,11 @@ def _same_body(one: Body, other: Body) -> bool:
 
 
 def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_leaf: bool) -> dict[str, Any]:
-    """Return what a `JointPart` takes of a Body in a frame: links, leaves, inertias, drawing and notes."""
+    """Return what a `JointPart` takes of a Body in a frame: links, leaves, masses, drawing and notes."""
     content: dict[str, Any] = {"links": {link_name: frame_pose}, "leaves": (link_name,) if is_leaf else ()}
     if body is None:
         return content | {"without_mass": (link_name,)}
-    content["inertias"] = {link_name: body_inertia(body).placed(frame_pose)}
+    content["masses"] = {link_name: body_masses(body).placed(frame_pose)}
     shapes = tuple(placed_shapes(body.shapes, frame_pose))
     content["drawing"] = LinkDrawing(shapes, shapes)
     return content | {"notes": tuple(f"{link_name}: {sentence}" for sentence in body.assumed)}

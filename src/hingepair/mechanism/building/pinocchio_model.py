@@ -18,13 +18,15 @@ from hingepair.mechanism.building.folding import (
     fold_parts,
     limit_or_infinity,
     unused_name,
+    written_joint,
 )
+from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.records import MimicRecord
-from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, exact_quarter_turns
+from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, MassProperties, exact_quarter_turns
 
 # Names of the joint types that are hinges.
 _HINGES = {
@@ -65,7 +67,7 @@ def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
     bodies = _BodyContents(model)
     names = {*model.names}
     numbers = {root: 0}  # number of the part of each joint's body, by the joint's number
-    parts = [JointPart("", "fixed", -1, **bodies.content(root))]
+    parts = [JointPart(written_joint(""), **bodies.content(root))]
     for joint in range(root + 1, model.njoints):
         parent = int(model.parents[joint])
         if parent not in numbers:
@@ -137,7 +139,7 @@ def _part_of_joint(
     pose: FramePose,
     idx_q: int,
     idx_v: int,
-    body_content: Any,
+    content: Any,
 ) -> JointPart:
     """Return a joint, or one of a composite joint, as a part that another carries."""
     kind = joint.shortname()
@@ -156,35 +158,24 @@ def _part_of_joint(
         if mimic.scaling == 0:
             raise _unsupported_joint_error(model, joint_number, "a mimic joint that moves")
         leader = next(model.names[i] for i in range(model.njoints) if _is_leader(model, i, joint))
-        return JointPart(
-            name, "hinge" if motion[3:].any() else "slider", parent_part, pose,
-            _unit_axis(motion / mimic.scaling), mimic=MimicRecord(leader, mimic.scaling, mimic.offset),
-            **body_content,
-        )  # fmt: skip
+        kind_of_mimic: JointKind = "hinge" if motion[3:].any() else "slider"
+        follower = written_joint(name, kind_of_mimic, parent_part, pose, _unit_axis(motion / mimic.scaling))
+        return JointPart(follower, MimicRecord(leader, mimic.scaling, mimic.offset), **content)
     limits = None
     if joint.nq == 1:
         lower, upper = float(model.lowerPositionLimit[idx_q]), float(model.upperPositionLimit[idx_q])
-        limits = (
-            (lower, upper) if lower < upper or lower == upper != 0 else None
-        )  # 0 and 0 stand for none, as in URDF
+        limits = (lower, upper) if lower < upper or lower == upper != 0 else None  # 0 and 0 are none, as in URDF
     armature = float(model.armature[idx_v])
     if not 0 <= armature < np.inf:
         raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
-    return JointPart(
-        name,
-        "hinge" if kind in _HINGES else "screw" if kind in _SCREWS else "slider",
-        parent_part,
-        pose,
-        _unit_axis(motion),
-        **body_content,
-        pitch=pitch,
-        continuous=joint.nq == 2,
-        limits=limits,
+    own_joint = written_joint(
+        name, "hinge" if kind in _HINGES else "screw" if kind in _SCREWS else "slider", parent_part, pose,
+        _unit_axis(motion), limits, rate_limit=limit_or_infinity(model.upperVelocityLimit[idx_v]),
         **_effort(float(model.lowerEffortLimit[idx_v]), float(model.upperEffortLimit[idx_v])),
-        rate_limit=limit_or_infinity(model.upperVelocityLimit[idx_v]),
-        armature=armature,
-        load=_load(name, float(model.damping[idx_v]), float(model.upperDryFrictionLimit[idx_v])),
-    )
+        armature=armature, load=_load(name, float(model.damping[idx_v]), float(model.upperDryFrictionLimit[idx_v])),
+        pitch=pitch, continuous=joint.nq == 2,
+    )  # fmt: skip
+    return JointPart(own_joint, **content)
 
 
 def _effort(lower: float, upper: float) -> dict[str, Any]:
@@ -248,9 +239,9 @@ class _BodyContents:
                 name += "_link"
             links, leaves = {name: IDENTITY_POSE}, [] if joint in self._parents else [name]
         body = self._model.inertias[joint]
-        inertia = Inertia(float(body.mass), np.array(body.lever), np.array(body.inertia))
+        masses = MassProperties(float(body.mass), np.array(body.lever), np.array(body.inertia))
         frames = self._frames.get(joint, {})
-        return {"links": links, "leaves": leaves, "frames": frames, "inertias": {next(iter(links)): inertia}}
+        return {"links": links, "leaves": leaves, "frames": frames, "masses": {next(iter(links)): masses}}
 
 
 def _convert_placement(placement: Any) -> FramePose:

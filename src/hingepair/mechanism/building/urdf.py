@@ -11,12 +11,14 @@ from hingepair.errors import ArgumentError, URDFError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import body_drawing, link_drawing
+from hingepair.mechanism.building.changes import limits_of_pair
 from hingepair.mechanism.building.folding import (
     JointPart,
     chosen_base,
     fold_parts,
     locked_positions,
     mass_properties,
+    written_joint,
 )
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -61,7 +63,7 @@ def _parts(robot: records.RobotRecord, *, warns: bool) -> tuple[Literal["fixed",
     parents = {joint.parent for joint in joints}
     names = {joint.name for joint in joints}
     numbers = {root: 0}
-    parts = [JointPart("", "fixed", -1, **_link_content(robot, root, root not in parents))]
+    parts = [JointPart(written_joint(""), **_link_content(robot, root, root not in parents))]
     for joint in joints:
         if joint.type not in _KIND_OF_TYPE:
             expected = f"a type out of {', '.join(_KIND_OF_TYPE)}"
@@ -75,14 +77,13 @@ def _parts(robot: records.RobotRecord, *, warns: bool) -> tuple[Literal["fixed",
                 warn_of_dynamics(lost)
             mimic = None
         numbers[joint.child] = len(parts)
-        parts.append(JointPart(
+        own = written_joint(
             joint.name, _KIND_OF_TYPE[joint.type], numbers[joint.parent], joint.pose,
-            unit_axis(f"joint {joint.name!r}, axis", joint.axis),
-            **_link_content(robot, joint.child, joint.child not in parents),
-            limits=joint.limits, effort_limit=joint.effort, rate_limit=joint.velocity, ratio=joint.reduction,
-            load=HingeLoad(damping=joint.damping, friction=joint.friction), mimic=mimic,
+            unit_axis(f"joint {joint.name!r}, axis", joint.axis), joint.limits, joint.effort, joint.velocity,
+            ratio=joint.reduction, load=HingeLoad(damping=joint.damping, friction=joint.friction),
             continuous=joint.type == "continuous",
-        ))  # fmt: skip
+        )  # fmt: skip
+        parts.append(JointPart(own, mimic, **_link_content(robot, joint.child, joint.child not in parents)))
     return ("free" if is_free else "fixed"), parts
 
 
@@ -92,7 +93,7 @@ def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> 
     return {
         "links": {link_name: IDENTITY_POSE},
         "leaves": (link_name,) if is_leaf else (),
-        "inertias": {link_name: link.inertia},
+        "masses": {link_name: link.masses},
         "drawing": link_drawing(link, robot.folder),
     }
 
@@ -156,12 +157,13 @@ def hinge_of_urdf(
     """Return what `from_urdf` does, under another name; masses are left out with a warning if it `warns`."""
     robot = read_urdf(path_or_text)
     parts = _parts(robot, warns=False)[1]
-    numbers = {part.name: number for number, part in enumerate(parts) if part.kind == "hinge"}
+    numbers = {part.name: number for number, part in enumerate(parts) if part.joint.kind == "hinge"}
     if joint not in numbers:
         known = choices(list(numbers)) if numbers else "a robot with a revolute or continuous joint"
         kind = next((f", which is {one.type}" for one in robot.joints if one.name == joint), "")
         raise URDFError("joint", known + ("" if kind else nearest(str(joint), numbers)), f"{quoted(joint)}{kind}")
-    hinge = parts[numbers[joint]]
+    part = parts[numbers[joint]]
+    hinge = part.joint
     one = _Side.of(parts, "body1_frame", hinge.parent, body1_frame, warns)
     two = _Side.of(parts, "body2_frame", numbers[joint], body2_frame, warns)
     points = (points,) if isinstance(points, str) else tuple(points)
@@ -169,16 +171,14 @@ def hinge_of_urdf(
         if link not in {**one.places, **two.places}:
             expected = f"links fixed to either body: {choices((*one.places, *two.places))}"
             raise URDFError("points", expected, quoted(link))
-    home, u1 = one.frame.seen(hinge.pose)
+    home, u1 = one.frame.seen(part.pose)
     return HingePair(
         u1=u1 + 0.0,
         u2=two.frame.seen(IDENTITY_POSE).origin + 0.0,
-        n=home @ hinge.axis + 0.0,
+        n=home @ hinge.n + 0.0,
         home=home @ two.frame.rotation + 0.0,
         name=joint if name is None else name,
-        limits=hinge.limits,
-        torque_limit=hinge.effort_limit,
-        rate_limit=hinge.rate_limit,
+        **limits_of_pair(hinge),
         body1=one.body,
         body2=two.body,
         points1={link: one.places[link].origin + 0.0 for link in points if link in one.places},
@@ -210,9 +210,9 @@ def _fixed_to(parts: list[JointPart], start: int) -> dict[int, FramePose]:
     """Return the poses of a part and of all that fixed joints hold to it, up and down the tree, in its axes."""
     neighbours: dict[int, list[tuple[int, FramePose]]] = {number: [] for number in range(len(parts))}
     for number, part in enumerate(parts[1:], 1):
-        if part.kind == "fixed":
-            neighbours[part.parent].append((number, part.pose))
-            neighbours[number].append((part.parent, part.pose.seen(IDENTITY_POSE)))
+        if part.joint.kind == "fixed":
+            neighbours[part.joint.parent].append((number, part.pose))
+            neighbours[number].append((part.joint.parent, part.pose.seen(IDENTITY_POSE)))
     poses, waiting = {start: IDENTITY_POSE}, [start]
     while waiting:
         here = waiting.pop()
@@ -225,14 +225,14 @@ def _fixed_to(parts: list[JointPart], start: int) -> dict[int, FramePose]:
 
 def _body(parts: list[tuple[JointPart, FramePose]], warns: bool) -> Body | None:
     """Return parts that are fixed to each other as one Body; None without mass, or with one of no rigid body."""
-    inertias = {link: inertia.placed(pose) for part, pose in parts for link, inertia in part.inertias.items()}
-    heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass}
+    bodies = {link: body.placed(pose) for part, pose in parts for link, body in part.masses.items()}
+    heavy = {link: body for link, body in bodies.items() if body.mass}
     if not heavy:
         return None
     try:
-        for link, inertia in heavy.items():
-            if inertia.mass < 0:
-                raise ArgumentError(f"mass of {link!r}", "a number above 0", inertia.mass)
+        for link, body in heavy.items():
+            if body.mass < 0:
+                raise ArgumentError(f"mass of {link!r}", "a number above 0", body.mass)
         masses = mass_properties(heavy)
         shapes = body_drawing((part.drawing, pose) for part, pose in parts).shapes
         return Body(masses.mass, masses.centre_of_mass, masses.inertia, shapes)

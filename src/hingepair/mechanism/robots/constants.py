@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from hingepair.engine.binding import FOLDED
 from hingepair.mechanism.pairs.geometry import PIVOT_ROUNDING
 from hingepair.mechanism.robots.samples import JointSamples, Payload, turned_moments
-from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
+from hingepair.mechanism.tree import LOAD_FIELDS, Frame, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.bounded import UNIT_ROUNDOFF, BoundedDouble
 from hingepair.plans.closures import PRECISION
 from hingepair.plans.computation import Cache
 from hingepair.plans.struts import StrutForm
 from hingepair.plans.trees import Form, constant_place
+from hingepair.urdf.rigid import MassProperties
 
 Exact: TypeAlias = list[Any]
 """Fractions; or for bounds `BoundedDouble`s."""

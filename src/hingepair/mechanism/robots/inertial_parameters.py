@@ -13,10 +13,11 @@ from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.body import INERTIA_ENTRIES
 from hingepair.mechanism.bodies.body import inertial_parameters as body_parameters
 from hingepair.mechanism.building.folding import unphysical_reason
-from hingepair.mechanism.tree import MassProperties, Tree
+from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.rotations.matrices import skew
 from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text
+from hingepair.urdf.rigid import MassProperties
 
 PARAMETERS: Final = ("m", "hx", "hy", "hz", "Jxx", "Jxy", "Jyy", "Jxz", "Jyz", "Jzz")
 """The parameters of a body: mass, first moment, and inertia about the reference point; Pinocchio's order."""
