@@ -31,37 +31,11 @@ TIME: Final = real_symbol("t")
 """The symbol of time [s]."""
 
 
-class Remainder(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
-    """SymPy function `Remainder(x, period)`, at least 0 and below the period; SymPy's own Mod has no derivative."""
-
-    nargs = 2
-    is_real = True
-
-    @classmethod
-    def eval(cls, x: Expr, period: Expr) -> Expr | None:
-        """Return the value if x has no symbols; otherwise None, which leaves the call unevaluated."""
-        return None if x.free_symbols else x - period * sympy.floor(x / period)
-
-    def _eval_derivative(self, symbol: Expr) -> Expr:
-        return self.args[0].diff(symbol)
-
-    def _sympystr(self, printer: Any) -> str:
-        return f"Mod({printer.doprint(self.args[0])}, {printer.doprint(self.args[1])})"
-
-    def _numpycode(self, printer: Any) -> str:
-        return f"numpy.mod({printer.doprint(self.args[0])}, {printer.doprint(self.args[1])})"
-
-    def _ccode(self, printer: Any) -> str:
-        return str(printer.doprint(self.args[0] - self.args[1] * sympy.floor(self.args[0] / self.args[1])))
-
-    def _latex(self, printer: Any, exp: str | None = None) -> str:
-        text = r"\left({} \bmod {}\right)".format(*map(printer.doprint, self.args))
-        return text if exp is None else f"{text}^{{{exp}}}"
-
-
 def rate(expr: Expr) -> Expr:
-    """Return the derivative by t; at a jump that of one side."""
-    return expr.diff(TIME).replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)
+    """Return the derivative by t; at a kink or a jump that of one side."""
+    steps = {step: sympy.Dummy(real=True) for step in expr.atoms(sympy.floor)}
+    found = expr.xreplace(steps).diff(TIME).replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)
+    return found.xreplace({symbol: step for step, symbol in steps.items()})
 
 
 def to_sympy(name: str, expression: Expression) -> Expr:
@@ -129,7 +103,7 @@ _OPERATIONS: Final[dict[str, Callable[..., Expr]]] = {
     "sign": lambda x: sympy.Piecewise((1, x > 0), (-1, x < 0), (0, True)),
     "min": lambda *exprs: -_largest(*(-expr for expr in exprs)),
     "max": _largest,
-    "mod": Remainder,
+    "mod": lambda x, period: x - period * sympy.floor(x / period),
     "where": _choice,
     "<=": lambda x: x <= 0,
     "<": lambda x: x < 0,
