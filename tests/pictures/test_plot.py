@@ -30,8 +30,6 @@ def test_what_is_drawn_is_what_was_computed():
         axes, lines = lines_of(figure, title)
         np.testing.assert_array_equal(np.stack(lines, axis=1), array)
         assert axes.get_ylabel() == unit
-    _, (residual, _) = lines_of(figure, "")
-    assert residual.max() < 1e-14
     paths, _ = lines_of(figure, "paths in space [m], from the dots")
     hinge = scene.evaluate(("R1", "S1"))
     points = {"R1": hinge.R1, "R2": state.R2, "hinge point": hinge.R1 + hinge.S1 @ scene.pair.u1}
@@ -232,3 +230,47 @@ def test_map_coordinates_and_stamps_are_drawn_with_an_offset(tmp_path):
     assert axes.get_xlabel() == "t - 1718000005 s"
     np.testing.assert_allclose(axes.get_lines()[0].get_xdata(), 0.25 + 0.5 * np.arange(41), atol=1e-6)
     assert any("x - 691607, y - 5334760" in own.get_title() for own in figure.axes)
+
+
+def test_paths_of_points_are_drawn():
+    pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), points1={"seat": (0, 0, 1)}, points2={"tip": (0.5, 0, 0)})
+    paths, _ = lines_of(hp.plot(pair), "paths in space [m], from the dots")
+    drawn = {line.get_label(): np.stack(line.get_data_3d(), axis=1) for line in paths.get_lines()[::2]}
+    psi = np.linspace(-np.pi, np.pi, 181)
+    assert set(drawn) == {"R1", "R2", "hinge point", "seat", "tip"}
+    expected = np.stack((1 + 1.5 * np.cos(psi), 1.5 * np.sin(psi), 0 * psi), axis=-1)
+    np.testing.assert_allclose(drawn["tip"], expected, rtol=0, atol=16 * 2.0**-53)
+    np.testing.assert_array_equal(drawn["seat"], np.tile((0, 0, 1), (181, 1)))
+
+
+@pytest.mark.parametrize("outputs", [None, "psi", ("psi",)])
+def test_an_angle_is_drawn_with_the_band_of_its_standard_deviation(outputs):
+    t = np.arange(300) / 100
+    found = hp.smooth(t, np.sin(3 * t) + 2e-3 * np.random.default_rng(0).standard_normal(300))
+    figure, names = hp.plot(found, outputs), ("psi", "psid", "psidd")[: None if outputs is None else 1]
+    assert [axes.get_title() for axes in figure.axes] == [*names]
+    for axes, name in zip(figure.axes, names, strict=True):
+        (band,) = axes.collections
+        corners = band.get_paths()[0].vertices
+        values, std = getattr(found, name), found.std[name]
+        assert corners[:, 1].max() == pytest.approx((values + 2 * std).max())
+        assert corners[:, 1].min() == pytest.approx((values - 2 * std).min())
+
+
+@pytest.mark.parametrize("source", ["smoothed", "pair"])
+def test_no_outputs_are_refused(source):
+    t = np.arange(30) / 100
+    drawn = hp.smooth(t, np.sin(t)) if source == "smoothed" else hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1))
+    with pytest.raises(hp.ArgumentError, match="outputs: expected a tuple of names"):
+        hp.plot(drawn, outputs=())
+
+
+def test_a_mechanism_without_masses_is_drawn_without_torques(tmp_path):
+    (tmp_path / "s.toml").write_text(
+        '[[joint]]\nname = "a"\nu1 = [0, 0, 1]\nu2 = [-1, 0, 0]\nn = [0, 1, 0]\n'
+        '[motion]\na = "t**2"\n[time]\nstart = 0\nstop = 1\nsamples = 11\n'
+    )
+    scene = hp.load_scene(tmp_path / "s.toml")
+    titles = [axes.get_title() for axes in hp.plot(scene).axes]
+    assert titles[:2] == ["position", "rate"]
+    assert hp.view(scene).frames == 11

@@ -21,8 +21,7 @@ from hingepair.pictures.curves import (
     figure_class,
     finish_figure,
 )
-from hingepair.pictures.motion_samples import Array
-from hingepair.pictures.robot_motion import RobotMotion
+from hingepair.pictures.motion_samples import Array, ShownMotion, has_efforts
 from hingepair.scenes.scene import Scene, SceneResult
 from hingepair.tables.units import Columns, Units, UnitsLike
 
@@ -63,7 +62,7 @@ def plot_mechanism(source: Scene | SceneResult, outputs: Iterable[str] | None, u
             lambda name: (f"{name}, Euler angles XYZ" if _is_attitude(scene, name) else name, drawn.unit(name)),
         )
         return finish_figure(figure, scene.title)
-    quantities = _QUANTITIES[: scene.motion.level + 1]
+    quantities = _QUANTITIES[: 2 + has_efforts(scene)][: scene.motion.level + 1]
     frames = [f"R_{frame}" for frame in scene.frames]
     for part in scene.blocks((*quantities, *frames)):
         by_joint = {
@@ -81,7 +80,7 @@ def plot_mechanism(source: Scene | SceneResult, outputs: Iterable[str] | None, u
     return finish_figure(figure, scene.title)
 
 
-def plot_robot(robot: Mechanism, given: RobotMotion, *, has_instants: bool, units: UnitsLike = None) -> Figure:
+def plot_robot(robot: Mechanism, given: ShownMotion, *, has_instants: bool, units: UnitsLike = None) -> Figure:
     """Return a new figure of coordinates of a robot and of the rates and efforts that are given, over time (over the
     number of the sample without `has_instants`), and of the paths of its last links.
     """
@@ -89,9 +88,10 @@ def plot_robot(robot: Mechanism, given: RobotMotion, *, has_instants: bool, unit
     si_units = {"t": "s" if has_instants else "1", PATHS: "m"}
     si_units |= {f"{name}_{joint.name}": _unit_of(joint, name) for joint in joints for name in _QUANTITIES}
     columns = Columns(Units.of(units), si_units.__getitem__)
+    others = {name: array for name, array in (("qd", given.qd), ("tau", given.tau)) if array is not None}
     by_joint = {
         f"{name}_{joint.name}": values[:, i]
-        for name, values in {"q": given.q, **given.others}.items()
+        for name, values in {"q": given.q, **others}.items()
         for i, joint in enumerate(joints)
     }
     collector = CurveCollector()
@@ -108,7 +108,7 @@ def plot_robot(robot: Mechanism, given: RobotMotion, *, has_instants: bool, unit
     curves = collector.curves(columns, lambda _: False)
     if not has_instants:
         curves = {name: curve._replace(t_label="sample") for name, curve in curves.items()}
-    quantities = tuple(name for name in _QUANTITIES if name == "q" or name in given.others)
+    quantities = tuple(name for name in _QUANTITIES if name == "q" or name in others)
     figure = _draw_joint_panels(figure_class(), joints, robot.tips, quantities, curves, columns)
     return finish_figure(figure, robot.name)
 
@@ -225,8 +225,7 @@ def _joint_limits(joint: Joint, quantity: str) -> tuple[float, float]:
     """Return the lower and upper limit of a joint's q, qd or tau; infinite where the joint has none."""
     if quantity == "q":
         return joint.position_limits
-    largest = joint.rate_limit if quantity == "qd" else joint.effort_limit
-    return -largest, largest
+    return (-joint.rate_limit, joint.rate_limit) if quantity == "qd" else joint.effort_bounds
 
 
 def _draw_limits(axes: Axes, limits: Sequence[float], values: Array, colour: str, writes_far_limits: bool) -> None:

@@ -15,27 +15,27 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.equations.quantities import ACCELERATION, VELOCITY, unit_of
+from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.motion.simulated import SimulatedRobotMotion
 from hingepair.numeric.arrays import number_not_below_0
 from hingepair.pictures.curves import check_drawable
 from hingepair.pictures.motion_samples import (
-    MAX_SHOWN,
     Array,
     MotionSource,
-    spread_rows,
-    spread_samples,
+    ShownMotion,
+    given_motion,
+    page_motion,
+    pair_of,
 )
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
-from hingepair.pictures.robot_motion import RobotMotion, base_poses, read_robot_motion
 from hingepair.scenes.scene import Scene, SceneResult, scene_of_simulation
 from hingepair.tables.units import SCALES, Units, UnitsLike
 from hingepair.tables.whole_file import whole_file
@@ -93,14 +93,15 @@ def view(
     >>> hp.view(hp.load_robot("panda"))  # a slider for each of 7 hinges, and one for both fingers
     Page(panda, joints=8)
     """
+    megabytes = number_not_below_0("meshes", meshes)
     if isinstance(source, SimulatedRobotMotion) and source.robot.loops:
         q, t = source.q, source.t
         source = source.robot
     if isinstance(source, Mechanism) and source.loops:
         source, q, tau = _opened(source, q, tau)
     if isinstance(source, Mechanism):
-        megabytes = number_not_below_0("meshes", meshes)
-        motion = _shown_robot_motion(read_robot_motion(source, q, t, base_motion, tau=tau))
+        joints = tree_of(source).coordinates
+        motion = page_motion(given_motion(source, q, t, base_motion, tau=tau), joints)
         model = robot_model(source, source.name, megabytes=megabytes)
     else:
         for name, value in (("q", q), ("t", t), ("base_motion", base_motion), ("tau", tau)):
@@ -109,9 +110,16 @@ def view(
         source = source.scene if isinstance(source, SceneResult) else source
         source = scene_of_simulation(source) if isinstance(source, SimulatedRobotMotion) else source
         if isinstance(source, Scene) and source.mechanism is not None:
-            model, motion = _robot_content(source, number_not_below_0("meshes", meshes))
+            robot = source.mechanism
+            frame = None if source.frames == robot.tips else next(iter(source.frames), None)
+            motion = page_motion(source, tree_of(robot).coordinates)
+            model = robot_model(robot, source.title, frame, megabytes)
         else:
-            model, motion = _pair_content(source)
+            scene = source if isinstance(source, Scene) else None
+            model = pair_model(
+                *((pair := pair_of(source), pair.name) if scene is None else (scene.space, scene.title))
+            )
+            motion = page_motion(source, model.joints)
     shown = source.in_units(units).units if isinstance(source, Scene) else Units.of(units)
     html = _page_html(model, motion, shown)
     page = Page(model.title, len(motion.t), motion.samples, motion.q.shape[1], html, tuple(model.notes))
@@ -138,7 +146,8 @@ class Page:
     title: str
     #: number of instants that it shows; 0 where there is no motion
     frames: int
-    #: number of instants of the motion; of more than 2,000 the page shows 2,000, spread evenly
+    #: number of instants of the motion; of more than 2,000 the page shows 2,000, spread evenly, and those at which a
+    #: joint is furthest beyond a limit
     samples: int
     #: number of joints that have a slider
     joints: int
@@ -183,64 +192,7 @@ def _shown_count(count: int, samples: int) -> str:
     return f"{count} of {samples}" if count < samples else f"{count}"
 
 
-class _PageMotion(NamedTuple):
-    """The motion on a page."""
-
-    t: Array  # instants [s]; shape (N,)
-    samples: int  # number of instants of the whole motion
-    R: Array  # position of the base [m]; shape (N, 3), or (1, 3)
-    S: Array  # attitude of the base; shape (N, 3, 3), or (1, 3, 3)
-    q: Array  # coordinates [rad or m]; shape (N, dof)
-    readings: dict[str, Array]  # outputs whose numbers are shown, by name; shape (N, 3)
-    qd: Array | None = None  # rates of the coordinates; shape (N, dof)
-    base_rates: dict[str, Array] | None = None  # v and omega of the base; shape (N, 3), or (1, 3)
-    tau: Array | None = None  # torques and forces of the joints [N m or N]; shape (N, dof)
-
-
-def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
-    """Return the model and at most MAX_SHOWN instants of the motion of a pair, a scene of a pair or a trajectory."""
-    samples = spread_samples(source)
-    psi, readings = samples.psi[:, None], samples.outputs_by_name
-    shown = {"psi": psi} | {name: readings[name] for name in ("v2", "omega2") if name in readings}
-    motion = _PageMotion(
-        samples.t, samples.samples, samples.pose_arrays_by_name["R1"], samples.pose_arrays_by_name["S1"], psi, shown
-    )
-    return pair_model(samples.pair, samples.title), motion
-
-
-def _robot_content(scene: Scene, megabytes: float) -> tuple[PageModel, _PageMotion]:
-    """Return the model and at most MAX_SHOWN instants of the motion of a robot's scene."""
-    robot = scene.mechanism_only
-    part = scene.sampled(MAX_SHOWN, ("q", "qd", "tau")[: scene.motion.level + 1])
-    base, t = part.known.base_motion, part.t
-    motion = _PageMotion(
-        *(t, scene.samples, *base_poses(base, len(t)), part.q, {}),
-        qd=part.qd if scene.motion.level >= VELOCITY else None,
-        base_rates=_base_rates(base, len(t)),
-        tau=part.tau if scene.motion.level >= ACCELERATION else None,
-    )
-    frame = None if scene.frames == robot.tips else next(iter(scene.frames), None)
-    return robot_model(robot, scene.title, frame, megabytes), motion
-
-
-def _shown_robot_motion(given: RobotMotion) -> _PageMotion:
-    """Return at most MAX_SHOWN instants of a motion that is given as arrays."""
-    rows = spread_rows(len(given.t))
-    R, S = (part[rows] if len(part) > 1 else part for part in (given.R, given.S))
-    tau = given.others.get("tau")
-    return _PageMotion(given.t[rows], len(given.t), R, S, given.q[rows], {}, tau=None if tau is None else tau[rows])
-
-
-def _base_rates(base: BodyMotion | None, count: int) -> dict[str, Array] | None:
-    """Return v and omega of a base at one or `count` instants; None where they are not known."""
-    if base is None:
-        return dict.fromkeys(("v", "omega"), np.zeros((1, 3)))
-    if base.v is None or base.omega is None:
-        return None
-    return {name: np.broadcast_to(getattr(base, name), (count, 3)) for name in ("v", "omega")}
-
-
-def _page_html(model: PageModel, motion: _PageMotion, units: Units) -> str:
+def _page_html(model: PageModel, motion: ShownMotion, units: Units) -> str:
     """Return the HTML of a page: the viewer's code, the model and its motion as JSON, and the page's script."""
     check_drawable("R", motion.R)
     known = np.isfinite(motion.R).all(axis=1)
@@ -267,16 +219,20 @@ def _page_html(model: PageModel, motion: _PageMotion, units: Units) -> str:
             {"name": name, "unit": unit_of(name), "values": _finite_numbers_json(values)}
             for name, values in motion.readings.items()
         ],
+        "events": [
+            {"name": event.name, "what": event.what, "first": event.first, "last": event.last}
+            for event in motion.events
+        ],
     }
     try:
         text = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
     except ValueError:
         raise ArgumentError("source", "lengths that a page can show", "some whose sum overflows") from None
-    page, script, licence, three, controls = (
-        files("hingepair.pictures").joinpath(name).read_text("utf-8")
-        for name in ("page.html", "page.js", "three/LICENSE", "three/three.min.js", "three/OrbitControls.js")
+    names = ("page.html", "kinematics.js", "page.js", "three/LICENSE", "three/three.min.js", "three/OrbitControls.js")
+    page, kinematics, script, licence, three, controls = (
+        files("hingepair.pictures").joinpath(name).read_text("utf-8") for name in names
     )
-    parts = {"@TITLE@": escape(model.title), "@CONTENT@": text, "@SCRIPT@": script}
+    parts = {"@TITLE@": escape(model.title), "@CONTENT@": text, "@KINEMATICS@": kinematics, "@SCRIPT@": script}
     parts["@THREE@"] = f"/*\n{licence}*/\n{three}\n{controls}"
     return re.sub("@[A-Z]+@", lambda match: parts[match[0]], page)
 

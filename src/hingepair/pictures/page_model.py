@@ -29,6 +29,7 @@ from hingepair.pictures.simple_bodies import (
 from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose
 
 BODY1_COLOUR, BODY2_COLOUR, AXIS_COLOUR = "#4477aa", "#ee7733", "#222222"  # of a pair
+POINT_COLOUR: Final = "#d62839"  # of the points of bodies, and of their paths
 _BASE_COLOUR: Final = "#8b919b"  # of a robot's base
 _JOINT_COLOUR: Final = "#3c424b"  # of the drums and rails of simple bodies
 # Colours of the bodies of a robot's chains of joints, which repeat.
@@ -80,7 +81,7 @@ class PageModel(NamedTuple):
 
 def pair_model(pair: HingePair, title: str) -> PageModel:
     """Return the page model of a pair as a mechanism of one joint. Its base is body 1, and `title` is the page's
-    title; the paths of both bodies and of the hinge are always drawn. Points are marked.
+    title; the paths of both bodies, of the hinge and of points are always drawn. Points are marked.
     """
     for name in ("u1", "u2"):
         check_drawable(name, getattr(pair, name))
@@ -111,7 +112,10 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
         chains=[("", [1])],
         frames=frames,
         frame=points[0] if points else "body 2",
-        path_colours={"body 1": BODY1_COLOUR, "hinge": AXIS_COLOUR, "body 2": BODY2_COLOUR},
+        path_colours={
+            **{"body 1": BODY1_COLOUR, "hinge": AXIS_COLOUR, "body 2": BODY2_COLOUR},
+            **dict.fromkeys(points, POINT_COLOUR),
+        },
         axes_shown=("body 1", "body 2"),
         legend=[(BODY1_COLOUR, "body 1"), (BODY2_COLOUR, "body 2"), (AXIS_COLOUR, "hinge axis")],
         base="body 1",

@@ -1,14 +1,15 @@
-"""Plots of a motion: quantities over time, paths in space, and the residual of E1."""
+"""Plots of a motion: quantities over time, and paths in space."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import itertools
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.equations.quantities import ACCELERATION
+from hingepair.equations.quantities import ACCELERATION, unit_of
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.mechanism.bodies.body_motion import BodyMotion
@@ -17,6 +18,7 @@ from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.results import MAX_HELD_INSTANTS, Record, Result
 from hingepair.motion.simulated import SimulatedMotion, SimulatedPlanarMotion, SimulatedRobotMotion
+from hingepair.numeric.arrays import check_choice
 from hingepair.pictures.curves import (
     PATHS,
     XYZ_COLOURS,
@@ -29,24 +31,21 @@ from hingepair.pictures.curves import (
     finish_figure,
 )
 from hingepair.pictures.mechanism_plot import plot_mechanism, plot_robot
-from hingepair.pictures.motion_samples import Array, MotionSource, ShownMotion, sample_pieces
-from hingepair.pictures.robot_motion import read_robot_motion
-from hingepair.pictures.smoothed_plot import plot_smoothed
+from hingepair.pictures.motion_samples import Array, MotionSource, given_motion, pair_pieces
 from hingepair.plans.pairs import point_outputs, unit_among
 from hingepair.scenes.scene import Scene, SceneResult, scene_of_simulation
 from hingepair.scenes.subjects.pair import PAIR_FORCES
 from hingepair.tables.units import Columns, Units
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Colours of the paths of the bodies' reference points and of the hinge point.
 _PATH_COLOURS: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
+_POINT_COLOURS: Final = ("#d62839", "#228833", "#aa3377", "#bbaa00")  # of the paths of points, which repeat
 # Outputs by row of panels, and in it by column.
 _PANELS: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"), ("hinge_torque", "hinge_force", "bearing_torque"))
 _AS_ANGLES: Final = ("S1", "S2")  # drawn as Euler angles
-_RESIDUAL: Final = "residual"  # name of the curve of the residual of E1
 # Titles of the panels, by output.
 _TITLES: Final = {
     "R2": "position of body 2, R2",
@@ -79,11 +78,8 @@ def plot(
     """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair, a robot with coordinates,
     or the result of `smooth`) or of the forces of a scene. For the motion of a pair, the figure shows position,
     attitude, velocities and accelerations of body 2 and the hinge angle psi over time, the torque and the force of
-    the hinge if body 2 has masses, the paths of R1, R2 and the hinge point, and the residual of equation E1. No file
-    is written.
-
-    Equation E1 says that R1 + S1 u1 and R2 + S2 u2 are the same point, the hinge point. The residual is the largest
-    component of the difference between the two [m]. For a robot or a scene of one, the figure shows position, rate
+    the hinge if body 2 has masses, and the paths of R1, R2, the hinge point and the points of the bodies. No file is
+    written. For a robot or a scene of one, the figure shows position, rate
     and torque of each joint that moves, the limits of these quantities, and the paths of the frames of the scene, or
     else of the last links. For the result of `smooth`, the figure shows each smoothed quantity and its derivatives
     over time, with a band from two standard deviations below the curve to two above it. Limits far from the curve are
@@ -123,6 +119,10 @@ def plot(
     >>> [axes.get_title() for axes in figure.axes][:2]
     ['position of body 2, R2', 'attitude of body 2, Euler angles XYZ']
     """
+    if outputs is not None:
+        outputs = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+        if not outputs:
+            raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none")
     given: dict[str, Any] = {"q": q, "t": t, "base_motion": base_motion, "qd": qd, "tau": tau}
     if isinstance(source, Mechanism):
         if outputs is not None:
@@ -132,7 +132,7 @@ def plot(
         if value is not None:
             raise ArgumentError(name, "None, since only a robot (a Mechanism) takes a motion", quoted(value))
     if isinstance(source, SmoothedMotion | SmoothedAngle):
-        return plot_smoothed(source, outputs, units)
+        return _plot_smoothed(source, outputs, units)
     if isinstance(source, SimulatedRobotMotion):
         source = scene_of_simulation(source)
     source = source.scene if isinstance(source, SceneResult) else source
@@ -142,17 +142,14 @@ def plot(
     columns = Columns(Units.of(units), lambda name: unit_among(points, name))
     columns = source.in_units(units) if isinstance(source, Scene | Result) else columns
     columns = columns._replace(si_unit=_drawn_unit(columns.si_unit))
-    if outputs is not None:
-        outputs = (outputs,) if isinstance(outputs, str) else tuple(outputs)
-        if not outputs:
-            raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none")
+    paths: tuple[str, ...] = ()
     if isinstance(source, Record):
         title, collector = source.described, _collect_record(source, outputs)
     else:
-        title, collector = _collect_motion(source, outputs)
-    curves, figure_type = collector.curves(columns, lambda name: name not in {PATHS, _RESIDUAL}), figure_class()
+        title, collector, paths = _collect_motion(source, outputs)
+    curves, figure_type = collector.curves(columns, lambda name: name != PATHS), figure_class()
     if outputs is None and not isinstance(source, Record):
-        return finish_figure(_draw_motion(figure_type, curves, columns), title)
+        return finish_figure(_draw_motion(figure_type, curves, columns, paths), title)
     return finish_figure(draw_side_by_side(figure_type, curves, lambda name: _title_and_unit(name, columns)), title)
 
 
@@ -162,13 +159,13 @@ def _plot_given(
     """Return the figure of the motion of a robot that is given as arrays; refuse it without q."""
     if q is None:
         raise ArgumentError("q", "coordinates of the robot, as in hp.plot(robot, q=q)", None)
-    motion = read_robot_motion(robot, q, t, base_motion, rate=1.0, **others)
+    motion = given_motion(robot, q, t, base_motion, rate=1.0, **others)
     return plot_robot(robot, motion, has_instants=t is not None, units=units)
 
 
 def _drawn_unit(unit: Callable[[str], str]) -> Callable[[str], str]:
     """Return the function from the name of a curve to its SI unit that extends `unit`, that of quantities."""
-    own = {**dict.fromkeys(_AS_ANGLES, "rad"), PATHS: "m", _RESIDUAL: "m"}
+    own = {**dict.fromkeys(_AS_ANGLES, "rad"), PATHS: "m"}
     return lambda name: own.get(name) or unit(name)
 
 
@@ -182,22 +179,27 @@ def _collect_record(source: Record, outputs: tuple[str, ...] | None) -> CurveCol
     return collector
 
 
-def _collect_motion(source: MotionSource, outputs: tuple[str, ...] | None) -> tuple[str, CurveCollector]:
-    """Return the title of a motion, and the curves of `outputs` or, if it is None, of all that a figure shows."""
+def _collect_motion(
+    source: MotionSource, outputs: tuple[str, ...] | None
+) -> tuple[str, CurveCollector, tuple[str, ...]]:
+    """Return the title of a motion, the curves of `outputs` or, if it is None, of all that a figure shows, and the
+    names of the paths.
+    """
     collector = CurveCollector()
     t, loads = _loads(source, outputs)
     moving = None if outputs is None else tuple(name for name in outputs if name not in loads)
     title = source.title if isinstance(source, Scene) else ""
-    for samples in sample_pieces(source, moving) if moving != () else ():
-        title = samples.title
-        collector.add_piece(
-            samples.t,
-            samples.samples,
-            samples.outputs_by_name if outputs is not None else _plotted_quantities(samples),
-        )
+    paths: tuple[str, ...] = ()
+    for part in pair_pieces(source, moving) if moving != () else ():
+        title, paths = part.title, tuple(part.paths)
+        quantities = {**part.outputs}
+        if outputs is None:
+            path = np.concatenate([*part.paths.values()], axis=1)
+            quantities = {"R2": part.poses["R2"], "S2": part.poses["S2"], **quantities, "psi": part.psi, PATHS: path}
+        collector.add_piece(part.t, part.samples, quantities)
     if loads:
         collector.add_piece(t, len(t), loads)
-    return title, collector
+    return title, collector, paths
 
 
 def _loads(source: MotionSource, outputs: tuple[str, ...] | None) -> tuple[Array, dict[str, Array]]:
@@ -213,33 +215,15 @@ def _loads(source: MotionSource, outputs: tuple[str, ...] | None) -> tuple[Array
     return np.zeros(0), {}
 
 
-def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
-    """Return all that a figure shows without `outputs`, by name, the paths of R1, R2 and the hinge point in one array
-    (N, 9), and the residual of E1 and its rounding error in another (N, 2).
-    """
-    pair, (R1, R2, S2) = samples.pair, (samples.pose_arrays_by_name[name] for name in ("R1", "R2", "S2"))
-    scale = np.abs(R1).max(axis=1) + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
-    with np.errstate(invalid="ignore"):
-        residual = np.abs(samples.hinge - R2 - S2 @ pair.u2).max(axis=1)
-        paths = np.concatenate([R1, R2, samples.hinge], axis=1)
-    rounding = np.finfo(float).eps / 2 * scale
-    quantities = {
-        "R2": R2,
-        "S2": S2,
-        **samples.outputs_by_name,
-        "psi": samples.psi,
-        PATHS: paths,
-    }
-    return {**quantities, _RESIDUAL: np.stack([residual, rounding], axis=1)}
-
-
 def _title_and_unit(name: str, columns: Columns) -> tuple[str, str]:
     """Return the title of an output's panel, and the unit of the output."""
     return _TITLES.get(name, name), columns.unit(name)
 
 
-def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve], columns: Columns) -> Figure:
-    """Return a new figure of a pair's motion: curves over time, paths in space, and the residual of E1."""
+def _draw_motion(
+    figure_type: type[Figure], curves: dict[str, Curve], columns: Columns, paths: Sequence[str]
+) -> Figure:
+    """Return a new figure of a pair's motion: curves over time, and paths in space."""
     panels = [own for names in _PANELS if (own := [name for name in names if name in curves])]
     beside = ["psi", *(panels.pop() if panels[-1] == ["hinge_torque"] else [])]  # one panel is no row
     width = max(2, *map(len, panels))
@@ -251,29 +235,40 @@ def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve], columns: C
             axes = figure.add_subplot(grid[row, 2 * column : 2 * column + 2], sharex=first)
             first = first or axes
             draw_over_time(axes, *_title_and_unit(name, columns), curves[name])
-    points = np.split(curves[PATHS].values, 3, axis=1)
-    draw_paths(
-        figure,
-        grid[-1, :width],
-        dict(zip(_PATH_COLOURS, points, strict=True)),
-        tuple(_PATH_COLOURS.values()),
-        columns.unit(PATHS),
-    )
-    lower = grid[-1, width:].subgridspec(len(beside) + 1, 1)
+    points = dict(zip(paths, np.split(curves[PATHS].values, len(paths), axis=1), strict=True))
+    others = itertools.cycle(_POINT_COLOURS)
+    colours = [_PATH_COLOURS.get(name) or next(others) for name in paths]
+    draw_paths(figure, grid[-1, :width], points, colours, columns.unit(PATHS))
+    lower = grid[-1, width:].subgridspec(len(beside), 1)
     for row, shown in enumerate(beside):
         axes = figure.add_subplot(lower[row], sharex=first)
         draw_over_time(axes, *_title_and_unit(shown, columns), curves[shown])
-    _draw_residual(figure.add_subplot(lower[-1], sharex=first), curves[_RESIDUAL], columns.unit(_RESIDUAL))
     return figure
 
 
-def _draw_residual(axes: Axes, curve: Curve, unit: str) -> None:
-    """Draw the residual of equation E1 and 16 times its rounding error over time into Matplotlib axes, on a
-    logarithmic scale.
+def _plot_smoothed(
+    source: SmoothedMotion | SmoothedAngle, outputs: tuple[str, ...] | None, units: str | None
+) -> Figure:
+    """Return the figure of the result of `smooth`: its quantities over time, with bands of two standard deviations
+    (none of the attitude, which is drawn as Euler angles XYZ).
     """
-    residual, rounding = curve.values.T
-    label = "residual of E1, exact ones at the bottom"
-    axes.semilogy(curve.t, np.maximum(residual, rounding / 8), ".", color="#222222", ms=2, label=label)
-    axes.semilogy(curve.t, 16 * rounding, color=XYZ_COLOURS[1], lw=1, label="16 u scale")
-    axes.set(ylabel=unit, xlabel=curve.t_label)
-    axes.legend(fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 0.97), frameon=False)
+    is_angle = isinstance(source, SmoothedAngle)
+    known = ("psi", "psid", "psidd") if is_angle else ("R", "v", "a", "S", "omega", "alpha")
+    for name in outputs or ():
+        check_choice("outputs", name, known)
+    collector = CurveCollector()
+    collector.add_piece(source.t, source.t.size, {name: getattr(source, name) for name in outputs or known})
+    columns = Columns(Units.of(units), lambda name: "rad" if name == "S" else unit_of(name))
+    curves = collector.curves(columns)
+    figure = draw_side_by_side(figure_class(), curves, lambda name: (name, columns.unit(name)))
+    instants = Curve(source.t, source.t).converted("t", columns).t
+    for axes, (name, curve) in zip(figure.axes, curves.items(), strict=True):
+        if name == "S":
+            continue
+        std = columns.converted(name, np.asarray(source.std[name]).reshape(source.t.size, -1))
+        values = curve.values.reshape(curve.t.size, -1)
+        colours = XYZ_COLOURS if values.shape[1] > 1 else ("#222222",)
+        for column, deviations, colour in zip(values.T, std.T, colours, strict=False):
+            half = 2 * np.interp(curve.t, instants, deviations)
+            axes.fill_between(curve.t, column - half, column + half, color=colour, alpha=0.25, lw=0)
+    return finish_figure(figure, "smoothed: curves, and bands of two standard deviations")
