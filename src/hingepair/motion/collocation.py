@@ -45,12 +45,20 @@ _INTEGRAL_SERIES: Final[Array] = (  # from values to the coefficients of the Leg
 
 def integration_matrix(times: Array) -> Array:
     """Return the matrix (m, 8) from values at the nodes to integrals from the start of the step to the times."""
-    return legendre.legvander(2 * times - 1, NODES) @ _INTEGRAL_SERIES
+    return _legendre(2 * times - 1, NODES) @ _INTEGRAL_SERIES
 
 
 def interpolation_matrix(times: Array) -> Array:
     """Return the matrix (m, 8) from values at the nodes to values at the times."""
-    return legendre.legvander(2 * times - 1, NODES - 1) @ _SERIES
+    return _legendre(2 * times - 1, NODES - 1) @ _SERIES
+
+
+def _legendre(x: Array, degree: int) -> Array:
+    """Return Legendre polynomials at x, (m, degree + 1); for few x twice as fast as `legvander`."""
+    rows = [np.ones_like(x), x]
+    for k in range(2, degree + 1):
+        rows.append(((2 * k - 1) * x * rows[-1] - (k - 1) * rows[-2]) / k)
+    return np.stack(rows, axis=-1)
 
 
 _INTEGRALS: Final[Array] = integration_matrix(NODE_TIMES)  # from values to integrals up to each node; (8, 8)

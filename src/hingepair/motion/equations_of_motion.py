@@ -104,7 +104,9 @@ class RobotPrograms:
         """
         n = len(inputs["tau"])
         if on_bodies is None:
-            loads = dict.fromkeys(self._loads, self._no_force.setdefault(n, np.zeros((n, 3))))
+            if n not in self._no_force:
+                self._no_force[n] = np.zeros((n, 3))
+            loads = dict.fromkeys(self._loads, self._no_force[n])
         else:
             base, wrenches = on_bodies
             loads = {"force1": base[:, :3], "torque1": base[:, 3:]}
@@ -229,7 +231,7 @@ class RobotMotion:
         self._R, self._S = np.asarray(R, np.float64), np.asarray(S, np.float64)
         self.quat = matrix_to_quaternion(self._S)
         self.phi = float(np.arctan2(self._S[1, 0], self._S[0, 0]))
-        self._S0 = quaternions_to_matrices(self.quat[None])
+        self._S0, self._S0_rows = quaternions_to_matrices(self.quat[None]), dict[int, Array]()
         self._of_joints = slice(6 * self.has_momenta, None)  # in velocities and generalized forces
         self._known = np.zeros(self.dof + 6 * self.has_momenta, np.bool_)
         self._known[:3] = base == "pinned"
@@ -301,18 +303,19 @@ class RobotMotion:
 
     def rates(self, t: Array, states: Array) -> Array:
         """Return the time derivatives of states, (m, k), on the present branches of the loads."""
-        if self._driven or (self.held.any() and not self.held.all()):
+        held = self.held.tolist()
+        if self._driven or (any(held) and not all(held)):
             return self._rates_with_known(t, states)
         now = self._now(t, states)
         on_bodies = self.loads.on_bodies(t, now) if self.loads.acts_on_bodies else None
         inputs = {"tau": self.loads.efforts_at(t, now, self.side)}
         if self.has_momenta:
-            inputs |= {"state": states, "S0": np.broadcast_to(self._S0, (len(t), 3, 3))}
+            inputs |= {"state": states, "S0": self._step_attitudes(len(t))}
             rates: Array = self._programs.rates(inputs, on_bodies)
         else:
             inputs |= {"q": now.q, "qd": now.qd, **self._base_inputs(t)}
             rates = np.concatenate([now.qd, self._programs.rates(inputs, on_bodies)], axis=1)
-        if self.held.any():
+        if any(held):
             rates = rates.copy()
             rates[:, self.q.start :] = 0.0
         return rates
@@ -368,7 +371,7 @@ class RobotMotion:
             return state
         self.phi += 2 * float(np.arctan(state[_G][2] / 2))
         self.quat = _rotate_by_cayley(state[_G], self.quat)
-        self._S0 = quaternions_to_matrices(self.quat[None])
+        self._S0, self._S0_rows = quaternions_to_matrices(self.quat[None]), {}
         state = state.copy()
         state[_G] = 0.0
         return state
@@ -438,7 +441,7 @@ class RobotMotion:
             if self._driven:
                 states = states.copy()
                 states[:, self.q], states[:, self._qd] = q, qd
-            S0 = np.broadcast_to(self._S0 if S0 is None else S0, (len(t), 3, 3))
+            S0 = self._step_attitudes(len(t)) if S0 is None else S0
             found, jacobians = self._programs.terms(state=states, S0=S0)
             now = MotionAtInstants(q, qd, *(found[name] for name in MOTION))
             a1 = alpha1 = np.zeros_like(now.v1)
@@ -452,13 +455,21 @@ class RobotMotion:
 
     def _now(self, t: Array, states: Array, *, with_base: bool = False) -> MotionAtInstants:
         """Return the motion in states of the present step; of the base only if loads or `with_base` ask for it."""
-        q, qd, _ = self._joints(t, states)
+        q, qd = states[:, self.q], states[:, self._qd]
+        if self._driven:
+            q, qd, _ = self._joints(t, states)
         if not (with_base or self.loads.callables):
             return MotionAtInstants(q, qd, *(_ZERO,) * 4)
         if not self.has_momenta:
             return MotionAtInstants(q, qd, *(self._base_inputs(t)[name] for name in MOTION))
-        found = self._programs.motion(states, np.broadcast_to(self._S0, (len(t), 3, 3)))
+        found = self._programs.motion(states, self._step_attitudes(len(t)))
         return MotionAtInstants(q, qd, *(found[name] for name in MOTION))
+
+    def _step_attitudes(self, n: int) -> Array:
+        """Return the attitude of the base at the start of the present step, n times."""
+        if n not in self._S0_rows:
+            self._S0_rows[n] = np.tile(self._S0, (n, 1, 1))
+        return self._S0_rows[n]
 
     def _joints(self, t: Array, states: Array) -> tuple[Array, Array, Array]:
         """Return q and q', and q'' of joints that move as given; (n, dof) each."""

@@ -196,8 +196,12 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
     _check_memory(motion, start, start + span, motion.state)
     margin, bounds = 8 * np.spacing(max(abs(start), abs(start + span))), np.zeros(2)
     checked = motion.asks_callables or options.until is not None
+
+    def rates(elapsed: Array, states: Array) -> Array:
+        return motion.rates(start + (np.clip(elapsed, *bounds) if breaks else elapsed), states)
+
     stepper = Stepper(
-        lambda elapsed, states: motion.rates(start + np.clip(elapsed, *bounds), states),
+        rates,
         events if events.any_events else None,
         0.0,
         motion.state,
