@@ -55,9 +55,12 @@ class RunSummary:
             if 0 <= at < len(part.t):
                 self._t.append(float(part.t[at]))
                 self._values.append(values[at].copy())
+        sure = self._scene.motion.sure
         lost = ~np.isfinite(values)
         self.lost += int(lost.any(axis=1).sum())
         values[lost] = np.nan
+        if sure is not None:  # what smoothing finds at ends is no extreme
+            values = values[sure[part.first : part.first + len(values)]]
         self._smallest = np.fmin(self._smallest, np.fmin.reduce(values))
         self._largest = np.fmax(self._largest, np.fmax.reduce(values))
         self._notes.add(part)

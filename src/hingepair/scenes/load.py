@@ -13,7 +13,7 @@ from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes.bodies import MECHANISM_TABLES, is_of_mechanism, read_mechanism, read_pair
-from hingepair.scenes.motions.dynamics import Dynamics, read_dynamics, read_simulated_motion, simulates
+from hingepair.scenes.motions.dynamics import Dynamics, link_wrenches, read_dynamics, read_simulated_motion, simulates
 from hingepair.scenes.motions.functions import read_function_motion
 from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.scene import Scene
@@ -76,7 +76,7 @@ def scene_from_tables(
                 raise SceneError(error.name, "the motion of a joint under [motion]", got) from None
             raise
     elif motion.simulated is None:
-        motion = replace(motion, loads=dynamics.loads)
+        motion = replace(motion, loads=dynamics.loads, wrenches=link_wrenches(subject, dynamics))
     simulated = motion.simulated
     if simulated is not None and isinstance(subject, MechanismSubject):
         subject = MechanismSubject(simulated.robot, subject.frames)
@@ -137,25 +137,11 @@ def _read_motion(tables: Table, folder: Path, subject: Subject, dynamics: Dynami
     for key in unused:
         wanted = "no such key, since [motion] gives all that moves: `hingepair forces` gives what motors exert"
         tables.table("dynamics").refuse(key, wanted, "a value")
-    return replace(motion, loads=dynamics.loads)
+    return replace(motion, loads=dynamics.loads, wrenches=link_wrenches(subject, dynamics))
 
 
-_SIMULATED: Final = frozenset(
-    {
-        "R1_0",
-        "S1_0",
-        "phi_0",
-        "v1_0",
-        "omega1_0",
-        "force1",
-        "torque1",
-        "wrenches",
-        "tol",
-        "max_steps",
-        "breaks",
-        "until",
-    }
-)  # keys of [dynamics] for what is simulated
+_OF_START: Final = ("R1_0", "S1_0", "phi_0", "v1_0", "omega1_0")  # keys of [dynamics] for what is simulated
+_SIMULATED: Final = frozenset({*_OF_START, "force1", "torque1", "tol", "max_steps", "breaks", "until"})
 
 
 class SceneFile:

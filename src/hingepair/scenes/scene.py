@@ -494,8 +494,10 @@ class Scene(Shown):
             forces = self._force_arrays()
             for name in names:
                 if name in of_forces and name not in forces:
-                    needed = "loads in [dynamics]" if name.removesuffix("_torque") in TORQUE_PARTS else "masses"
-                    self.tables.refuse("pair", f"{needed} and a kind of pair that {name} needs", "none")
+                    needed = "masses of body 1, as in [pair.body1] mass = 2.0" if name.endswith("1") else ""
+                    if name.removesuffix("_torque") in TORQUE_PARTS:
+                        needed = f"a load in [dynamics.psi] whose part {name} is"
+                    self.tables.refuse("pair", needed or f"a pair in space, which {name} needs", "none")
                 arrays |= {name: forces[name]} if name in of_forces else {}
         return arrays
 

@@ -170,7 +170,7 @@ def _readers(subject: Subject, names: tuple[str, ...]) -> dict[str, Key]:
         "base": lambda table, key: table.choice(key, BASES),
         **{"R1_0": vector, **attitude, "v1_0": vector, "omega1_0": turn},
         **{"gravity": vector, "force1": force, "torque1": torque},
-        "wrenches": lambda table, key: _read_wrenches(table.table(key), force, torque),
+        "wrenches": lambda table, key: _read_wrenches(table.table(key), subject, force, torque),
         **{"tol": Table.number, "max_steps": Table.number, "breaks": _read_breaks},
         "until": lambda table, key: _read_until(table, key, subject, names),
     }
@@ -222,10 +222,12 @@ def _read_vector(table: Table, key: str, *, subject: Subject, names: tuple[str, 
     return lambda t, now: np.stack(np.broadcast_arrays(*in_space(call(t, now)), t)[:-1], axis=-1)
 
 
-def _read_wrenches(table: Table, force: Key, torque: Key) -> dict[str, tuple[Any, Any]]:
+def _read_wrenches(table: Table, subject: Subject, force: Key, torque: Key) -> dict[str, tuple[Any, Any]]:
     """Return (force, torque), world axes, at the origin of a link, by its name; 0 where the table has none."""
     found = {}
     for link in table.values:
+        if subject.pair is not None and link != "body2":
+            table.refuse(link, "body2 (force1 and torque1 act on body 1)", repr(link))
         values = table.table(link).read(dict(zip(_WRENCH, (force, torque), strict=True)))
         found[link] = values.get("force", 0), values.get("torque", 0)
     return found
@@ -268,6 +270,9 @@ def _read_joint(table: Table, subject: Subject, name: str, described: HingeLoad)
             of = "pair" if subject.pair is not None else "joint"
             table.fail("stops", f"[lower, upper], or true of a {of} that has limits")
         fields["stops"] = joint.position_limits
+    q, stops = values.get("q_0", 0.0), fields.get("stops")
+    if stops and "stop_restitution" in fields and abs(q) > 2 * np.pi and not stops[0] <= q <= stops[1]:
+        table.fail("q_0", f"a coordinate between the stops, {stops[0]:g} to {stops[1]:g} rad (deg(90) is 90 degrees)")
     with table.naming(motor="tau"):
         return values, replace(described, **fields, **({"motor": values["tau"]} if "tau" in values else {}))
 
@@ -308,18 +313,14 @@ def read_simulated_motion(tables: Table, subject: Subject, dynamics: Dynamics) -
             table.fail(name, "no such table: [motion] moves this joint as given")
     loads = {name: load for name, load in dynamics.loads.items() if name not in driven}
     options = dict(dynamics.options)
-    link = {"body2": PSI[0]} if subject.pair is not None else {}
-    wrenches = {link.get(name, name): wrench for name, wrench in options.pop("wrenches", {}).items()}
+    wrenches = link_wrenches(subject, dynamics)
+    options.pop("wrenches", None)
     named = {f"q0[{name!r}]": f"{name}.q_0" for name in subject.names}
     named |= {f"loads[{name!r}]": name for name in subject.names}
     named |= {"base_motion": "R1_0" if subject.pair is not None else "base"}
     named |= {f"base_motion.{letter}": f"{letter}1_0" for letter in ("R", "S", "v", "omega")}
-    shown = {inner: name for name, inner in link.items()}
-    named |= {
-        f"wrenches[{name!r}][{i}]": f"wrenches.{shown.get(name, name)}.{_WRENCH[i]}"
-        for name in wrenches
-        for i in (0, 1)
-    }
+    for name, link in zip(dynamics.options.get("wrenches", ()), wrenches, strict=True):
+        named |= {f"wrenches[{link!r}][{i}]": f"wrenches.{name}.{_WRENCH[i]}" for i in (0, 1)}
     start: Any = dynamics.start if base is None else partial(_moved, base, sequence)
     held = "moving" if base is not None else dynamics.base
     robot = subject.robot.with_base("free" if held in ("free", "pinned") else "fixed")
@@ -336,6 +337,12 @@ def read_simulated_motion(tables: Table, subject: Subject, dynamics: Dynamics) -
     moves = held != "fixed" or any(np.any(x) for x in (found.base_motion.R, found.base_motion.S - np.eye(3)))
     phi_0 = table.number("phi_0", 0.0) if subject.planar and base is None else 0.0
     return simulated_motion(subject, found, loads, moves=moves or subject.pair is not None, phi_0=phi_0)
+
+
+def link_wrenches(subject: Subject, dynamics: Dynamics) -> dict[str, tuple[Any, Any]]:
+    """Return (force, torque) on links by name; body2 of a pair is the link psi of its mechanism."""
+    written = dynamics.options.get("wrenches", {})
+    return written if subject.pair is None else dict(zip(PSI, written.values(), strict=False))
 
 
 def _check_masses(table: Table, subject: Subject, base: str) -> None:
@@ -392,9 +399,12 @@ def simulated_motion(
     )
 
 
-def _end_notes(found: SimulatedRobotMotion) -> tuple[str, ...]:
-    """Return a sentence if `until` ended the motion."""
-    return (f"until ends the motion at t = {instant_text(found.t[-1])} s",) if found.ended_by_event else ()
+def _end_notes(found: SimulatedRobotMotion) -> Iterator[str]:
+    """Yield a sentence if `until` ended the motion, and one if its instants are too far apart to show it."""
+    if found.ended_by_event:
+        yield f"until ends the motion at t = {instant_text(found.t[-1])} s"
+    if len(found.t) > 20 and np.ptp(found.q) > 0 and not np.ptp(found.q[2:], axis=0).any():
+        yield f"all rests after the first instants, steps of {found.t[1] - found.t[0]:.3g} s: is [time] in seconds?"
 
 
 def _base_in_plane(found: SimulatedRobotMotion, phi_0: float) -> EulerBase:

@@ -505,6 +505,7 @@ def _smoothed_motion(
         S1 = np.asarray(euler_to_matrix(turns, sequence)) if attitude is _EULER else log.rotations(turns)
         samples = {"body": BodyMotion(R=parts["R1"]["R1"], S=S1), **samples}
     found = dict(zip(samples, smoothed(table, log, samples), strict=True))
+    sure = _sure_instants(log, [*found.values()])
     base_functions, _ = (None, None) if attitude else read_base(table, subject)
     base = found.pop("body") if attitude else base_at(base_functions, sequence, log.t, ACCELERATION)
     if isinstance(base, BodyMotion):
@@ -526,7 +527,28 @@ def _smoothed_motion(
         notes=tuple(log.notes),
         functions=() if base_functions is None else (base_functions,),
         moving=tuple(found),
+        sure=sure,
     )
+
+
+def _sure_instants(log: Log, found: list[Any]) -> NDArray[np.bool_]:
+    """Return at which instants the standard deviations of second derivatives are not those of ends and gaps, and add
+    a note on the others.
+    """
+    sure = np.ones(log.t.size, dtype=bool)
+    for one in found:
+        if isinstance(one, BodyMotion) or hasattr(one, "std"):
+            for name in ("a", "alpha", "psidd"):
+                std = np.asarray(one.std.get(name, np.zeros(log.t.size))).reshape(log.t.size, -1)[:, 0]
+                sure &= ~(std > 2 * np.nanmedian(std))
+    lost = ~sure & np.isfinite(log.t)
+    if sure.any() and lost.any():
+        inside = np.flatnonzero(sure)
+        log.notes.append(
+            "rates at the ends of what is smoothed are inaccurate: smallest and largest are those from "
+            f"t = {log.t[inside[0]]:.6g} to {log.t[inside[-1]]:.6g} s"
+        )
+    return sure
 
 
 def smoothed(table: Table, log: Log, samples: Mapping[str, BodyMotion | Float64Array]) -> list[Any]:
@@ -566,6 +588,8 @@ def smoothed(table: Table, log: Log, samples: Mapping[str, BodyMotion | Float64A
         log.notes += _missing_sample_sentences(name, log.t, recorded, result)
     log.notes += _cut_sentences(log.t, {name: recorded for name, (recorded, _) in quantities.items()}, longest)
     log.notes.append(f"smoothed: noise of {', '.join(noise)} (standard deviation of a component)")
+    python = re.compile(r"""hingepair\.smooth with the loss (["']\w+["'])""")
+    texts = [python.sub(r"loss = \1 in [motion]", text) for text in texts]
     log.notes = list(dict.fromkeys((*log.notes, *texts)))
     return found
 

@@ -155,6 +155,10 @@ class Motion:
     simulated: Any = None
     #: what acts at joints beside their motors, by name
     loads: Mapping[str, HingeLoad] = field(default_factory=dict)
+    #: (force, torque) on links of a motion that is given, by name: vectors, or callables of (t, now)
+    wrenches: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
+    #: at which instants smoothed rates are as accurate as elsewhere, not at ends and gaps; None for all
+    sure: NDArray[np.bool_] | None = None
 
     @property
     def error_estimate(self) -> float:
@@ -227,7 +231,8 @@ class LimitCounter:
         self.least = float(np.fmin.reduce(values, initial=self.least))
         self.most = float(np.fmax.reduce(values, initial=self.most))
         lower, upper = self._limits
-        outside = np.flatnonzero((values < lower) | (values > upper))
+        rounding = 1e-9 * max(1.0, *(abs(end) for end in self._limits if math.isfinite(end)), 1.0)
+        outside = np.flatnonzero((values < lower - rounding) | (values > upper + rounding))
         if outside.size:
             if not self._outside:
                 self._first = float(t[outside[0]]), float(values[outside[0]])

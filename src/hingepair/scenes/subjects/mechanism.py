@@ -211,7 +211,7 @@ class MechanismSubject(Subject):
         forces = (robot or self.mechanism).inverse_dynamics(
             *known.arguments(),
             gravity=acting.gravity,
-            wrenches=acting.wrenches(),
+            wrenches=acting.wrenches(known),
             joint_loads=False,  # they are among what acts
             base_motion=known.base_motion,
             outputs=outputs,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
@@ -69,6 +69,11 @@ class PairSubject(Subject):
         """The pair as a mechanism with the joint and link psi; in the plane with its planar dynamics."""
         space = replace(dynamics_in_space(self.pair), name=PSI[0])
         return Mechanism([space], base="fixed" if space.body1 is None else "free", name=self.name)
+
+    @property
+    def rests(self) -> Mapping[str, float]:
+        """Where psi rests: it has a motion."""
+        return {PSI[0]: 0.0}
 
     @property
     def space(self) -> HingePair:
@@ -184,8 +189,10 @@ class PairSubject(Subject):
         if name in FURTHER_OUTPUTS:
             components = [*self._components(name, known, computed).values()]
             return None if not components else np.stack(components, -1) if name[0] == "q" else components[0]
-        if not name.startswith("_") and hasattr(type(computed.state), name):
+        if hasattr(type(computed.state), name):
             return getattr(computed.state, name)
+        if name in self.of_points:  # None where it was not computed
+            return computed.state.arrays().get(name)
         raise KeyError(name)
 
     def attribute_names(self, known: Known, computed: Computed) -> Iterable[str]:
@@ -225,7 +232,7 @@ class PairSubject(Subject):
         if self.pair.body1 is not None:
             on_body1 = space.inverse_dynamics(body1, *hinge, gravity=gravity)
             arrays |= {"force1": on_body1.force1, "torque1": on_body1.torque1}
-        for force, torque in (acting.wrenches() or {}).values():
+        for force, torque in (acting.wrenches(known) or {}).values():
             given = _supplied_by_body2(space, known, force, torque)
             arrays = {name: array - given[name] for name, array in arrays.items()}
         torque, motion = arrays.pop("hinge_torque"), acting.motion

@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -198,11 +199,17 @@ class Acting:
     #: acceleration of free fall [m/s^2]; (3,)
     gravity: tuple[float, ...]
 
-    def wrenches(self) -> dict[str, tuple[Any, Any]] | None:
+    def wrenches(self, known: Known) -> dict[str, tuple[Any, Any]] | None:
         """Return (force, torque) on links by name, world axes; None without any."""
-        simulated = self.motion.simulated
-        own = {} if simulated is None else simulated.wrenches
-        return {link: (force[self.rows], torque[self.rows]) for link, (force, torque) in own.items()} or None
+        motion = self.motion
+        if motion.simulated is not None:
+            own = motion.simulated.wrenches
+            return {link: (force[self.rows], torque[self.rows]) for link, (force, torque) in own.items()} or None
+        t, now = np.asarray(motion.t[self.rows]), SimpleNamespace(q=known.array(0), qd=known.array(1))
+        return {
+            link: (_vectors(force, t, now), _vectors(torque, t, now))
+            for link, (force, torque) in motion.wrenches.items()
+        } or None
 
     def loads(self) -> Arrays:
         """Return the loads of a simulated motion by name; shape (N, ...)."""
@@ -222,6 +229,12 @@ class Acting:
                 if part != "motor":
                     found.setdefault(part, np.zeros((known.count, len(known.names))))[:, k] = effort
         return found
+
+
+def _vectors(load: Any, t: Float64Array, now: Any) -> Float64Array:
+    """Return a force or torque at instants t; (N, 3)."""
+    vectors = load(t, now) if callable(load) else load
+    return np.broadcast_to(np.asarray(vectors, np.float64), (len(t), 3))
 
 
 def compared_rates(motion: Motion, names: tuple[str, ...]) -> tuple[Any, ...]:

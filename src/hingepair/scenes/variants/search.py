@@ -16,7 +16,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.load import load_scene
 from hingepair.scenes.numbers import number_at
 from hingepair.scenes.scene import Scene
-from hingepair.scenes.variants.reductions import REDUCTIONS, reduce_arrays, reduction_ending
+from hingepair.scenes.variants.reductions import REDUCTIONS, reduction_ending
 from hingepair.scenes.variants.vary import Variants
 from hingepair.tables.sheets import align_columns, cell_text
 
@@ -137,6 +137,8 @@ def search(
     results = dict(zip(names, variants.results(x), strict=True))
     held = variants.meet(x, conditions) and all(map(math.isfinite, results.values()))
     ends = [] if aim is None else variants.at_ends(x)
+    if len({tuple(own) for own in variants.known.values()}) == 1 and len(variants.known) > 1:
+        ends.append(f"{', '.join(names)} does not change with {', '.join(variants.keys)}")
     return Search(
         values=dict(zip(variants.keys, x.tolist(), strict=True)),
         start=dict(zip(variants.keys, variants.given.tolist(), strict=True)),
@@ -222,14 +224,13 @@ class _Variants:
     def _computed(self, x: Float64Array) -> list[float]:
         """Compute the results at numbers x; NaN where that fails, but an error with the first numbers."""
         try:
-            t, arrays = self.variants.compute(x.tolist())
+            batch = self.variants.compute(x.tolist())
         except ArgumentError:
             if not self.known:
                 raise
             return [math.nan] * len(self._names)
-        batch = {name: array[None] for name, array in arrays.items()}
         reductions = tuple(dict.fromkeys(reduction for _, reduction in self._columns))
-        reduced = reduce_arrays(t, batch, reductions, self._in_units)
+        reduced = batch.reduced(reductions, self._in_units)
         columns = {heading.partition(" [")[0]: values for heading, values in reduced.items()}
         for name in self._names:
             if name not in columns:

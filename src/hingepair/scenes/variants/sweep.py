@@ -26,9 +26,9 @@ from hingepair.scenes.load import load_scene
 from hingepair.scenes.numbers import number_path
 from hingepair.scenes.tables import Table, read_tables
 from hingepair.scenes.variants.designs import DESIGN_NAMES, design_values, read_varied_number
-from hingepair.scenes.variants.reductions import check_reductions, reduce_arrays
+from hingepair.scenes.variants.reductions import check_reductions
 from hingepair.scenes.variants.stores import Store, check_package
-from hingepair.scenes.variants.vary import MAX_STATES, VariantTask
+from hingepair.scenes.variants.vary import MAX_STATES, Batch, VariantTask
 from hingepair.tables.units import Columns, Units
 
 # Keys that the file of a sweep may have.
@@ -370,13 +370,13 @@ def compute_chunk(
     shown = task.variants.variants().scene.in_units(task.units)
     parts: list[dict[str, NDArray[Any]]] = []
     done = first_variant
-    for t, arrays, reasons in task.variants.batches(numbers):
-        for i, reason in enumerate(reasons):
+    for batch in task.variants.batches(numbers):
+        for i, reason in enumerate(batch.reasons):
             if reason:
                 where = _variant_text(task, done + i, numbers[done + i - first_variant])
                 warnings.warn(f"{where} is NaN: {reason}", SweepWarning, stacklevel=2)
-        parts.append(_result_columns(t, arrays, task, shown))
-        done += len(reasons)
+        parts.append(_result_columns(batch, task, shown))
+        done += len(batch.reasons)
     columns = {"variant": np.arange(first_variant, first_variant + len(numbers))}
     columns |= {key: np.ascontiguousarray(numbers[:, k]) for k, key in enumerate(task.variants.keys)}
     try:
@@ -394,14 +394,12 @@ def _variant_text(task: SweepTask, variant_index: int, numbers: Float64Array) ->
     return f"variant {variant_index} ({values})"
 
 
-def _result_columns(
-    t: Float64Array, arrays: Mapping[str, NDArray[Any]], task: SweepTask, columns: Columns
-) -> dict[str, NDArray[Any]]:
+def _result_columns(batch: Batch, task: SweepTask, columns: Columns) -> dict[str, NDArray[Any]]:
     """Return the reductions, (variants,), that a SweepTask names, or else "t" and the outputs, (variants, samples,
     ...), under headings in the units of `columns`.
     """
     if task.reductions:
-        return {**reduce_arrays(t, arrays, task.reductions, columns)}
-    count = len(next(iter(arrays.values())))
-    whole = {"t": np.broadcast_to(t, (count, len(t))), **arrays}
+        return {**batch.reduced(task.reductions, columns)}
+    t = np.broadcast_to(batch.t, (len(batch.reasons), len(batch.t)))
+    whole = {"t": t, **batch.arrays}
     return {columns.heading(name): columns.converted(name, array) for name, array in whole.items()}

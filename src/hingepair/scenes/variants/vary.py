@@ -20,13 +20,15 @@ from hingepair.numeric.arrays import Float64Array, real_array
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes.bodies import BODY_KEYS, construct_from_table, read_body, read_mechanism, with_payload
 from hingepair.scenes.load import load_scene, scene_from_tables, with_constants_evaluated
-from hingepair.scenes.motions.functions import FunctionSource
+from hingepair.scenes.motions.functions import FunctionSource, read_function_motion
 from hingepair.scenes.motions.known import EulerBase, Known
-from hingepair.scenes.numbers import keep_motion, number_path
+from hingepair.scenes.numbers import keep_motion, number_path, with_numbers
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.subjects.pair import PairSubject
 from hingepair.scenes.subjects.subject import Acting, Arrays, Subject
 from hingepair.scenes.tables import Table
+from hingepair.scenes.variants.reductions import Touches, check_reductions, reduce_arrays, touches_of
+from hingepair.tables.units import Columns
 
 MAX_STATES: Final = 200_000
 """States (variants times instants) that are computed at a time."""
@@ -73,7 +75,6 @@ def vary(
     {'pair.u1[0]': 2, 'pair.body2.mass': 3, 'time': 2401, 'xyz': 3}
     """
     from hingepair.numeric.optional import require
-    from hingepair.scenes.variants.reductions import check_reductions, reduce_arrays
     from hingepair.tables.data_frames import dataset
 
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
@@ -93,9 +94,7 @@ def vary(
     xarray = require("xarray", "hp.vary")
     batches = task.batches(numbers) if client is None else _on_cluster(client, task, numbers)
     if reductions:
-        parts = []
-        for t, arrays, reasons in batches:
-            parts.append((reduce_arrays(t, arrays, reductions, columns), reasons))
+        parts = [(batch.reduced(reductions, columns), batch.reasons) for batch in batches]
         found = {name: np.concatenate([own[name] for own, _ in parts]).reshape(shape) for name in parts[0][0]}
         data = xarray.Dataset({name: (tuple(axes), array) for name, array in found.items()})
     else:
@@ -126,9 +125,11 @@ class Batch:
     t: Float64Array  # instants [s]; (samples,)
     arrays: Arrays  # outputs by name; (variants, samples, ...)
     reasons: list[str]  # why a variant is NaN; otherwise empty
+    touches: list[Touches]  # of each variant: coordinates at impacts, which lie between the instants
 
-    def __iter__(self) -> Iterator[Any]:
-        return iter((self.t, self.arrays, self.reasons))
+    def reduced(self, reductions: Sequence[str], columns: Columns) -> dict[str, Float64Array]:
+        """Return the reductions of each component, (variants,) each, in units."""
+        return reduce_arrays(self.t, self.arrays, reductions, columns, self.touches)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,10 +183,12 @@ def _all_batches(task: VariantTask, numbers: Float64Array) -> list[Batch]:
     return [*task.batches(numbers)]
 
 
-def _batch(found: Sequence[tuple[Float64Array, Arrays]], reasons: list[str]) -> Batch:
+def _joined_batches(found: Sequence[Batch]) -> Batch:
     """Return variants with the same instants together."""
-    t, first = found[0]
-    return Batch(t, {name: np.stack([arrays[name] for _, arrays in found]) for name in first}, reasons)
+    first = found[0]
+    arrays = {name: np.concatenate([batch.arrays[name] for batch in found]) for name in first.arrays}
+    reasons = [reason for batch in found for reason in batch.reasons]
+    return Batch(first.t, arrays, reasons, [own for batch in found for own in batch.touches])
 
 
 class Variants:
@@ -219,30 +222,35 @@ class Variants:
             else:
                 yield batch
 
-    def compute(self, numbers: Sequence[float]) -> tuple[Float64Array, Arrays]:
-        """Return t, (samples,) s, and the outputs by name, (samples, ...), of one variant."""
+    def compute(self, numbers: Sequence[float]) -> Batch:
+        """Return the results of one variant; refuse one that cannot be computed."""
         scene = self.scene_of(numbers)
-        return scene.times(), scene.arrays(self.outputs)
+        arrays = {name: array[None] for name, array in scene.arrays(self.outputs).items()}
+        return Batch(scene.times(), arrays, [""], [touches_of(scene.motion)])
 
     def _one_by_one(self, numbers: Float64Array) -> Iterator[Batch]:
         """Yield variants that are computed each by itself, those in a row with the same instants together; NaN and
         the reason for one that cannot be computed.
         """
-        found: list[tuple[Float64Array, Arrays]] = []
-        reasons: list[str] = []
+        found: list[Batch] = []
         for row in numbers.tolist():
             try:
-                t, arrays = self.compute(row)
-                reason = ""
+                one = self.compute(row)
             except ArgumentError as error:
-                t, plain = found[-1] if found else (self.scene.times(), self.scene.arrays(self.outputs))
-                arrays, reason = {name: np.full(array.shape, np.nan) for name, array in plain.items()}, str(error)
-            if found and not np.array_equal(found[-1][0], t):
-                yield _batch(found, reasons)
-                found, reasons = [], []
-            found.append((t, arrays))
-            reasons.append(reason)
-        yield _batch(found, reasons)
+                like = found[-1] if found else self._plain
+                lost = {name: np.full(array.shape, np.nan) for name, array in like.arrays.items()}
+                one = Batch(like.t, lost, [str(error)], [{}])
+            if found and not np.array_equal(found[-1].t, one.t):
+                yield _joined_batches(found)
+                found = []
+            found.append(one)
+        yield _joined_batches(found)
+
+    @lock_free_cached_property
+    def _plain(self) -> Batch:
+        """The scene as its file describes it."""
+        arrays = {name: array[None] for name, array in self.scene.arrays(self.outputs).items()}
+        return Batch(self.scene.times(), arrays, [""], [touches_of(self.scene.motion)])
 
     # ---- variants together
 
@@ -281,15 +289,16 @@ class Variants:
         """Compute variants whose motions differ: their instants are those of one long motion."""
         scene, names = self.scene, self.outputs
         rows, level = slice(len(scene.times())), scene.motion.level
-        parts = [self.scene_of(row).known(rows, level) for row in numbers.tolist()]
+        parts = []
+        for row in numbers.tolist():
+            tables = replace(scene.tables, values=with_numbers(scene.tables.values, self.paths, row))
+            tables = with_constants_evaluated(replace(tables, constants={}, let={}))
+            parts.append(read_function_motion(tables, scene.subject).source.part(rows, level))
         known = _joined(parts)
         arrays = self._arrays(scene.subject, known, names)
         shape = (len(numbers), scene.samples)
-        return Batch(
-            scene.times(),
-            {name: own.reshape(*shape, *own.shape[1:]) for name, own in arrays.items()},
-            [""] * len(numbers),
-        )
+        arrays = {name: own.reshape(*shape, *own.shape[1:]) for name, own in arrays.items()}
+        return Batch(scene.times(), arrays, [""] * len(numbers), [{}] * len(numbers))
 
     def _arrays(self, subject: Subject, known: Known, names: tuple[str, ...] | None) -> Arrays:
         """Return the outputs, and forces, of a subject along a known motion."""
@@ -316,15 +325,9 @@ class Variants:
         arrays = self._of_pairs(numbers) if isinstance(subject, PairSubject) else self._of_payloads(numbers)
         if arrays is None:
             return None
-        shape, plain = (len(numbers), self.scene.samples), self._plain_shapes
-        whole = {name: np.broadcast_to(array, (*shape, *plain[name])) for name, array in arrays.items()}
-        return Batch(self.scene.times(), whole, [""] * len(numbers))
-
-    @lock_free_cached_property
-    def _plain_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shape of each output at one instant."""
-        arrays = self._arrays(self.scene.subject, self._known, self.outputs)
-        return {name: array.shape[1:] for name, array in arrays.items()}
+        plain = self._plain.arrays
+        whole = {name: np.broadcast_to(own, (len(numbers), *plain[name].shape[1:])) for name, own in arrays.items()}
+        return Batch(self.scene.times(), whole, [""] * len(numbers), [{}] * len(numbers))
 
     def _of_pairs(self, numbers: Float64Array) -> Arrays | None:
         """Return the outputs of pairs that differ in components of u1, u2 and n, and in masses, in which forces are
@@ -335,8 +338,6 @@ class Variants:
         masses: dict[str, int] = {}
         for column, path in enumerate(self.paths):
             if len(path) == 3 and path[1] in ("u1", "u2", "n") and isinstance(path[2], int):
-                if path[1] == "n" and any(isinstance(c, str) for c in self.scene.tables.values["pair"]["n"]):
-                    return None
                 own = self._written(str(path[1]))
                 array = geometry.setdefault(str(path[1]), np.tile(own, (len(numbers), 1)))
                 array[:, path[2]] = numbers[:, column]
@@ -376,7 +377,7 @@ class Variants:
 
     def _ndim(self, name: str) -> int:
         """Return the number of axes of an output with an axis of instants."""
-        return 1 + len(self._plain_shapes[name])
+        return self._plain.arrays[name].ndim - 1
 
     def _written(self, key: str) -> Float64Array:
         """Return u1, u2 or n as the file has it."""

@@ -1,0 +1,149 @@
+"""Scenes with loops and struts: the same as the library says by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.commands import run_command
+
+HATCH = """
+title = "A hatch with a gas spring, held by hand"
+[mechanism.frames.foot]
+link = "base"
+R = [0.3, 0, -0.2]
+[mechanism.frames.eye]
+link = "lid"
+R = [0.5, 0, 0]
+[[joint]]
+name = "lid"
+u1 = [0, 0, 0]
+u2 = [0, 0, 0]
+n = [0, 1, 0]
+body2 = { mass = 12, centre_of_mass = [0.4, 0, 0], inertia = [0.1, 0.8, 0.9] }
+[[strut]]
+name = "gas"
+frame1 = "foot"
+frame2 = "eye"
+gas = { F1 = 150, F2 = 200, stroke = 0.2 }
+free_length = 0.5
+[motion]
+lid = "-1.2*t"
+[time]
+start = 0
+stop = 1
+samples = 11
+"""
+FOUR_BAR = """
+[mechanism]
+coordinates = ["crank"]
+at = { crank = 0.3, coupler = 0.8, rocker = 1.9 }
+frames = { a = { link = "coupler", R = [0.9, 0, 0] }, b = { link = "rocker", R = [0.7, 0, 0] } }
+[[loop]]
+frame1 = "a"
+frame2 = "b"
+[dynamics]
+crank.q_0 = 0.3
+crank.qd_0 = 2
+crank.tau = "0.1*sin(t)"
+[time]
+start = 0
+stop = 1
+samples = 11
+"""
+BARS = (("crank", "base", (0, 0, 0), 0.3), ("coupler", "crank", (0.3, 0, 0), 0.9), ("rocker", "base", (1, 0, 0), 0.7))
+for name, parent, u1, length in BARS:
+    FOUR_BAR += f'[[joint]]\nname = "{name}"\nu1 = {[*u1]}\nu2 = [0, 0, 0]\nn = [0, 0, 1]\n'
+    FOUR_BAR += f'parent = "{parent}"\n' * (parent != "base")
+    FOUR_BAR += (
+        f"body2 = {{ mass = {2 * length}, centre_of_mass = [{length / 2}, 0, 0], inertia = [0.1, 0.1, 0.1] }}\n"
+    )
+
+
+def scene_of(folder, text):
+    path = folder / "linkage.toml"
+    path.write_text(text)
+    return hp.load_scene(path)
+
+
+def test_a_hatch_with_a_strut_is_that_of_the_library(tmp_path):
+    scene = scene_of(tmp_path, HATCH)
+    lid = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), name="lid", body2=hp.Body(12, (0.4, 0, 0), (0.1, 0.8, 0.9)))
+    robot = hp.Mechanism([lid]).with_frame("foot", "base", R=(0.3, 0, -0.2)).with_frame("eye", "lid", R=(0.5, 0, 0))
+    robot = robot.with_strut("foot", "eye", "gas", force=hp.GasSpring(F1=150, F2=200, stroke=0.2), free_length=0.5)
+    expected = robot.inverse_dynamics(*scene.coordinates()).tau
+    np.testing.assert_allclose(scene.forces().tau, expected, rtol=0, atol=1e-12)
+    assert "lid" in run_command("forces", scene.path).stdout
+
+
+def test_a_search_finds_where_a_strut_is_mounted(tmp_path):
+    scene = scene_of(tmp_path, HATCH)
+    found = hp.search(scene, {"mechanism.frames.foot.R[0]": (0.1, 0.45)}, minimize="tau_lid_absmax")
+    assert found.ok
+    around = (scene.with_values({"mechanism.frames.foot.R[0]": found.values["mechanism.frames.foot.R[0]"] + d})
+              for d in (-1e-3, 1e-3))  # fmt: skip
+    assert all(np.abs(other.forces().tau).max() > found.results["tau_lid_absmax"] for other in around)
+
+
+@pytest.mark.slow
+def test_a_four_bar_moves_as_the_library_says(tmp_path):
+    scene = scene_of(tmp_path, FOUR_BAR)
+    assert scene.mechanism.names == ("crank",)
+    crank = hp.HingeLoad(motor=lambda t, *_: 0.1 * np.sin(t))
+    found = hp.simulate(scene.mechanism, scene.t, [0.3], [2.0], loads={"crank": crank})
+    np.testing.assert_allclose(scene.evaluate(["q"]).q, found.q, rtol=0, atol=1e-9)
+    ends = scene.evaluate(["R"])
+    np.testing.assert_allclose(ends["a"].R, ends["b"].R, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(scene.forces().tau[:, 0], 0.1 * np.sin(scene.t), rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_a_cylinder_is_driven_by_a_log_of_its_length(tmp_path):
+    t = np.linspace(0, 2, 101)
+    rows = "\n".join(f"{s:.3f},{2 + 0.1 * np.sin(2 * s):.12f}" for s in t)
+    (tmp_path / "log.csv").write_text(f"t,cylinder\n{rows}\n")
+    text = """
+[mechanism]
+coordinates = ["cylinder"]
+at = { boom = -0.4 }
+frames = { foot = { link = "base", R = [0.4, 0, 0.3] }, eye = { link = "boom", R = [1.8, 0, 0.4] } }
+[[joint]]
+name = "boom"
+u1 = [0, 0, 1]
+u2 = [0, 0, 0]
+n = [0, 1, 0]
+body2 = { mass = 800, centre_of_mass = [2, 0, 0], inertia = [10, 900, 900] }
+[[strut]]
+name = "cylinder"
+frame1 = "foot"
+frame2 = "eye"
+[motion]
+file = "log.csv"
+smooth = true
+"""
+    scene = scene_of(tmp_path, text)
+    result = scene.evaluate(["R"])
+    length = np.linalg.norm(result["eye"].R - result["foot"].R, axis=1)
+    np.testing.assert_allclose(length, 2 + 0.1 * np.sin(2 * t), atol=1e-6)
+    middle = slice(10, -10)
+    still = scene.mechanism.gravity_forces(scene.coordinates().q)
+    assert np.abs(scene.forces().tau - still)[middle].max() < 0.2 * np.abs(still).max()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('frame2 = "b"', 'frame2 = "bb"', r"loop\[0\]\.frame2: expected a frame.*nearest: b"),
+        ('coordinates = ["crank"]', 'coordinates = ["crnk"]', r"mechanism\.coordinates: "),
+        ("coupler = 0.8,", "coupler = 0.8, elbow = 1,", r"mechanism\.at: |mechanism\.at\b"),
+        (
+            "[dynamics]",
+            "[motion]\ncoupler = 1\n[dynamics]",
+            r"motion\.coupler: expected one of crank, got .*which follows",
+        ),
+    ],
+)
+def test_what_cannot_be_closed_is_named(tmp_path, old, new, message):
+    with pytest.raises(hp.SceneError, match=message):
+        scene_of(tmp_path, FOUR_BAR.replace(old, new))
