@@ -74,6 +74,7 @@ SCRIPTS = {
     "robots.py": ("--sizes", "1,10"),
     "inverse_kinematics.py": ("--size", "5"),
     "rollouts.py": ("--size", "4", "--steps", "10"),
+    "linkages.py": ("--sizes", "10"),
 }
 
 
@@ -85,5 +86,6 @@ def test_methods_of_a_benchmark_agree(script):
     process = subprocess.run(command, capture_output=True, text=True, check=True)
     rows = json.loads(process.stdout)
     assert {"hingepair", "Pinocchio, Python loop"} <= {row["method"] for row in rows}
-    # Inverse kinematics stop at 1e-9; all else is rounding.
-    assert max(row["error"] for row in rows) < (1e-9 if script == "inverse_kinematics.py" else 2e-13)
+    # Inverse kinematics stop at 1e-9, and loops are closed up to 1e-12 m there; all else is rounding.
+    most = {"inverse_kinematics.py": 1e-9, "linkages.py": 1e-11}.get(script, 2e-13)
+    assert max(row["error"] for row in rows) < most
