@@ -79,7 +79,14 @@ axes[1].legend()
 # The transmission tells how far the loops are from a dead point, where it is 0.
 transmission = backhoe.transmission(np.array([*drawn, start]))
 print("transmission of the loops at the four positions:", transmission.round(3))
-bars = [("boom", "stick"), ("stick", "bucket"), ("bucket", "teeth"), ("bucket", "bucket eye"), ("rocker", "link"), ("link", "link end")]
+bars = [
+    ("boom", "stick"),
+    ("stick", "bucket"),
+    ("bucket", "teeth"),
+    ("bucket", "bucket eye"),
+    ("rocker", "link"),
+    ("link", "link end"),
+]
 for lengths, shade in zip((*drawn, start), (0.25, 0.45, 0.7, 1.0), strict=True):
     state = backhoe.forward_kinematics(lengths, frames=(*names, "rocker", "link", *points))
     for pairs, colour, width in ((bars, "C0", 4), (ends, "C1", 2.5)):

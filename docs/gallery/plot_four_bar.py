@@ -43,7 +43,9 @@ straight = np.abs(crank[:, 0] - np.pi) < np.radians(90)  # half of a turn, symme
 height, width = pen[straight, 1], np.ptp(pen[straight, 0])
 print(f"stroke {1e3 * width:.0f} mm in half of a turn, straight to {1e3 * np.ptp(height):.2f} mm")
 print(f"speed there {np.abs(speed[straight]).min():.2f} to {np.abs(speed[straight]).max():.2f} m/s")
-print(f"largest torque {np.abs(torque).max():.2f} N m; the rocker transmits at {hoeken.transmission(crank).min():.2f}")
+print(
+    f"largest torque {np.abs(torque).max():.2f} N m; the rocker transmits at {hoeken.transmission(crank).min():.2f}"
+)
 
 # %%
 # The pen stays within 0.6 mm on a line of 240 mm, and returns above it in the other half of the turn.

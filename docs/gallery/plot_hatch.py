@@ -42,17 +42,23 @@ for name, rate in (("opening", 1e-6), ("closing", -1e-6)):
     force[name] = moment / lever
     print(f"{name}: hand force {force[name].min():4.0f} to {force[name].max():3.0f} N")
 balance = np.degrees(opening[np.argmax(force["opening"] < 0), 0])
-print(f"the hatch opens by itself from {balance:.0f} degrees on; without springs the hand needs "
-      f"{body.gravity_forces(opening)[:, 0].max() / lever:.0f} N")
+print(
+    f"the hatch opens by itself from {balance:.0f} degrees on; without springs the hand needs "
+    f"{body.gravity_forces(opening)[:, 0].max() / lever:.0f} N"
+)
 
 # %%
 # Left alone just above that angle, the hatch swings up; the simulation ends where the springs reach the end of their
 # stroke, or their damping has brought it to rest.
 t = np.linspace(0, 5, 1001)
-swing = hp.simulate(with_springs, t, [np.radians(balance + 2)], [0.0], until=lambda _, now: now.q[:, 0] - np.radians(90))
+swing = hp.simulate(
+    with_springs, t, [np.radians(balance + 2)], [0.0], until=lambda _, now: now.q[:, 0] - np.radians(90)
+)
 extension = with_springs.struts(swing.q, swing.qd)["left"]
-print(f"it swings to {np.degrees(swing.q[-1, 0]):.0f} degrees in {swing.t[-1]:.1f} s, "
-      f"with {extension.rate[-1]:.2f} m/s at the spring")
+print(
+    f"it swings to {np.degrees(swing.q[-1, 0]):.0f} degrees in {swing.t[-1]:.1f} s, "
+    f"with {extension.rate[-1]:.2f} m/s at the spring"
+)
 
 figure, (side, hand, time) = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained")
 for psi, shade in zip(np.radians((0, 45, 90)), (1.0, 0.5, 1.0), strict=True):

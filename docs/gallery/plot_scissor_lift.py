@@ -14,9 +14,9 @@ import numpy as np
 import hingepair as hp
 
 # %%
-# Each stage has two arms that cross in their middles. The lower end of arm a is hinged to the ground, or to arm b of the
-# stage below; arm b is hinged to a in the middle. What the tree leaves open are three loops: the foot of the lowest
-# b, which slides along the ground; the lower end of the next b, which meets the upper end of a; and the platform.
+# Each stage has two arms that cross in their middles. The lower end of arm a is hinged to the ground, or to arm b of
+# the stage below; arm b is hinged to a in the middle. What the tree leaves open are loops: the foot of the lowest b,
+# which slides along the ground, and the upper end of each a, which meets the lower end of the next b.
 length, stages = 1.6, 2
 middle, end = (length / 2, 0, 0), (length, 0, 0)
 arm = hp.Body(25, middle, (0.1, 6, 6))
@@ -40,9 +40,9 @@ at = {"foot": length * np.cos(angle), **{f"a{k}": angle if k == 0 else -turned f
 at |= {f"b{k}": turned for k in range(stages)}
 
 # %%
-# The platform and its load of 600 kg rest on both upper ends. A cylinder is a strut whose length is the coordinate, so
-# that its force is tau. Two mountings are compared: along the ground to the sliding foot, which it pulls, and between
-# the arms, from a bracket on the lowest arm a to one on the arm b above.
+# The platform and its load of 600 kg rest on both upper ends. A cylinder is a strut whose length is the coordinate,
+# so that its force is tau. Two mountings are compared: along the ground to the sliding foot, which it pulls, and
+# between the arms, from a bracket on the lowest arm a to one on the arm b above.
 tree = tree.with_frame("top", "b1", R=middle).with_frame("bracket", "a0", R=(0.25, -0.1, 0))
 tree = tree.with_frame("eye", "b1", R=(-0.35, -0.25, 0)).with_frame("corner", "base", R=(-0.6, 0, 0))
 lift = tree.with_payload(f"top a{stages - 1}", mass=300).with_payload(f"top b{stages - 1}", mass=300)
@@ -69,7 +69,12 @@ figure, (side, curves) = plt.subplots(1, 2, figsize=(10, 4.6), layout="constrain
 for now, shade in ((0, 0.35), (199, 1.0)):
     state = lift.forward_kinematics(joints_of_lift[now], frames=points)
     bars = [(f"{end}{k}", f"top {arm}{k}", "C0") for k in range(stages) for end, arm in (("a", "a"), ("low b", "b"))]
-    for first, second, colour in (*bars, ("corner", "foot", "C1"), ("bracket", "eye", "C2"), ("top a1", "top b1", "k")):
+    for first, second, colour in (
+        *bars,
+        ("corner", "foot", "C1"),
+        ("bracket", "eye", "C2"),
+        ("top a1", "top b1", "k"),
+    ):
         side.plot(*np.array([state[first].R[:2], state[second].R[:2]]).T, color=colour, lw=4, alpha=shade)
 side.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="The lift, low and high")
 for (name, values), colour in zip(force.items(), ("C1", "C2"), strict=True):

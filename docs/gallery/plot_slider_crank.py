@@ -19,7 +19,9 @@ import hingepair as hp
 # piston pin, a point that rod and piston share.
 throw, rod_length, bore = 0.03, 0.11, 0.05  # m
 joints = [
-    hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), name="crank", body2=hp.Body(0.6, (0.006, 0, 0), (2e-4, 3e-4, 5e-4))),
+    hp.HingePair(
+        (0, 0, 0), (0, 0, 0), (0, 0, 1), name="crank", body2=hp.Body(0.6, (0.006, 0, 0), (2e-4, 3e-4, 5e-4))
+    ),
     hp.HingePair(
         (throw, 0, 0), (0, 0, 0), (0, 0, 1), name="rod", body2=hp.Body(0.25, (0.035, 0, 0), (3e-5, 4e-4, 4e-4))
     ),
@@ -51,7 +53,8 @@ idle = compressor.inverse_dynamics(crank, rate, 0 * crank).tau[:, 0]
 work = np.trapezoid(-gas[:, 0] * speed / rate[:, 0], crank[:, 0])
 print(f"mean torque {torque[:-1].mean():.2f} N m, work of the gas {work:.1f} J a turn: {work / (2 * np.pi):.2f} N m")
 print(f"largest acceleration of the piston {np.abs(acceleration).max() / 9.81:.0f} g")
-print(f"largest force in the pin {np.linalg.norm(pin[:, :2], axis=1).max():.0f} N, on the wall {np.abs(pin[:, 1]).max():.0f} N")
+largest, wall = np.linalg.norm(pin[:, :2], axis=1).max(), np.abs(pin[:, 1]).max()
+print(f"largest force in the pin {largest:.0f} N, on the wall {wall:.0f} N")
 
 figure, axes = plt.subplots(1, 3, figsize=(11, 4), layout="constrained")
 degrees = np.degrees(crank[:, 0])

@@ -225,8 +225,18 @@ def test_a_five_bar_has_two_coordinates() -> None:
     state = robot.forward_kinematics(five.all_coordinates(q), frames=("a", "b"))
     assert np.abs(state["a"].R - state["b"].R).max() < 16 * U
     assert robot.closed(hp.Loop("a", "b"), at=at).dof == 2
+    # Anywhere else it is closed in this assembly, or not at all: the forearms keep their orientation.
+    anywhere = np.random.default_rng(1).uniform(-np.pi, np.pi, (2000, 2))
+    with pytest.warns(hp.DynamicsWarning, match="a-b cannot be closed"):
+        everything = five.all_coordinates(anywhere)
+    left, right = everything[:, :2].sum(axis=1), everything[:, 2:].sum(axis=1)
+    closed = np.isfinite(left)
+    assert 0.3 < closed.mean() < 1
+    assert (np.sin(left - right)[closed] < 0).all()  # as at the assembly
     found = five.inverse_kinematics(state["a"].R, frame="a", q0=q + 0.05)
     assert found.ok.all()
+    anywhere = five.inverse_kinematics(state["a"].R[:20], frame="a")  # from random starts, some of which stay open
+    assert anywhere.ok.all()
     reached = five.forward_kinematics(found.q, frames="a")["a"].R
     assert np.abs(reached - state["a"].R).max() < 1e-9
 

@@ -359,7 +359,8 @@ class Solver:
         starts = [self._start(targets, k, PER_SHARE, seed) for k in range(_CLOSE_TRIALS)]
         q = np.stack(starts, axis=1).reshape(-1, self.dof)
         q = self._approach(q, lanes, _CLOSE_STEPS)
-        best = self._misfit(self.measure(q, lanes).errors).reshape(count, -1).argmin(axis=1)
+        misfit = self._misfit(self.measure(q, lanes).errors)
+        best = np.where(np.isnan(misfit), np.inf, misfit).reshape(count, -1).argmin(axis=1)
         q = q.reshape(count, _CLOSE_TRIALS, self.dof)[np.arange(count), best]
         return self.approached(q, targets), np.full(count, _CLOSE_TRIALS * _CLOSE_STEPS + _LAST_STEPS)
 

@@ -19,6 +19,7 @@ from hingepair.numeric.arrays import Float64Array
 PER_SHARE: Final = 256  # random coordinates of a share
 _MAX_PRODUCTS: Final = 200_000  # in one matrix product; beyond 262,144, OpenBLAS starts threads, which gain nothing
 _PLACES: Final = 384  # integers from 0 to 1.3 reaches
+_FAR: Final = 2.0**100  # square of a distance that is never the least
 _ATTITUDES: Final = 90  # integers from 0 to an entry 1 of a rotation
 
 
@@ -68,8 +69,10 @@ class Starts:
             drawn = np.random.default_rng((self._seed, k)).uniform(self._low, self._high, (PER_SHARE, len(self._low)))
             drawn = np.clip(drawn, self._low, self._high)
             pose = self._measure.rows(drawn, np.zeros(self._measure.argument_shapes["target"]))["pose"]
-            poses = self._integers(pose)
-            share = self._shares[k] = drawn.T, np.concatenate([poses.T, np.square(poses).sum(axis=1)[None]])
+            closed = np.isfinite(pose).all(axis=1)  # loops cannot be closed at all coordinates
+            poses = self._integers(np.where(closed[:, None], pose, 0.0))
+            squares = np.where(closed, np.square(poses).sum(axis=1), _FAR).astype(np.float32)
+            share = self._shares[k] = drawn.T, np.concatenate([poses.T, squares[None]])
         return share
 
     def _integers(self, poses: Any) -> NDArray[np.float32]:

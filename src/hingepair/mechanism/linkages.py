@@ -440,7 +440,8 @@ class _Assembly:
                 whole = self._chain([place for one in (*found, chain) for place in one.loops])
             if others:
                 here = [values[key] for key in (*chain.driving, *chain.dependent)]
-                found.append(chain._replace(start="line", terms=_LINE_STEPS, steps=6))
+                rows, sign = self._orientation(chain, values)
+                found.append(chain._replace(start="line", terms=_LINE_STEPS, steps=6, rows=rows, sign=sign))
                 numbers += here
                 continue
             shifts = source < 0 or bool(self._tree.coordinates[source].axis.shifts)
@@ -452,6 +453,19 @@ class _Assembly:
             found.append(chain._replace(start=start.kind, source=source, terms=start.terms, steps=start.steps))
             numbers += start.numbers
         return tuple(found), tuple(numbers)
+
+    def _orientation(self, chain: Chain, values: Mapping[int, float]) -> tuple[tuple[int, ...], float]:
+        """Return conditions that determine the dependent coordinates, in the order of elimination, and the sign of
+        the determinant of their derivatives.
+        """
+        _, A = self.conditions(chain, values, chain.dependent)
+        rows, left, sign = list[int](), A.copy(), 1.0
+        for k in range(A.shape[1]):
+            row = int(np.argmax(np.abs(left[:, k])))
+            rows.append(row)
+            sign *= float(np.sign(left[row, k]))
+            left -= np.outer(left[:, k] / left[row, k], left[row])
+        return tuple(rows), sign
 
 
 def _rank(A: NDArray[np.float64]) -> int:

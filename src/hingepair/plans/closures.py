@@ -52,6 +52,10 @@ class Chain(NamedTuple):
     source: int  # key of the coordinate by which the start is a series
     terms: int  # of the series of a start, or steps along the line
     steps: int  # Newton steps
+    # Of "line": conditions that determine the dependent coordinates where the mechanism is assembled, and the sign of
+    # the determinant of their derivatives there. Where it is another one, the loops are closed in another assembly.
+    rows: tuple[int, ...] = ()
+    sign: float = 1.0
 
 
 class Closure(NamedTuple):
@@ -315,6 +319,9 @@ class Chains:
             sides = [[-row.get(key, 0.0) for row in linear.rows] for key in chain.driving]
             by_driving, pivots = _least_squares(matrix, sides)
             doubt = self._doubt(chain, linear.gaps, [*matrix, *sides], pivots)
+            if chain.start == "line":
+                volume = _determinant([matrix[row] for row in chain.rows]) * chain.sign
+                doubt = doubt + where_less(0.0, volume, 0.0, math.nan)
             self._gaps |= self._gaps_by_loop(chain, linear.gaps)
             curvatures: list[Scalar] | None = None
             if chain.start == "exact":  # which hold next to a change point, too, where A is ill conditioned
@@ -537,6 +544,18 @@ def _least_squares(
                 x[j] = x[j] - part * x[k]
         solutions.append(x)
     return solutions, pivots
+
+
+def _determinant(rows: Sequence[Sequence[Scalar]]) -> Scalar:
+    """Return the determinant of a matrix, by elimination."""
+    found: Scalar = 1.0
+    left = [list(row) for row in rows]
+    while left:
+        first, *others = left
+        found = found * first[0]
+        share = 1.0 / first[0]
+        left = [[x - row[0] * share * y for x, y in zip(row[1:], first[1:], strict=True)] for row in others]
+    return found
 
 
 def _total(parts: Iterable[Scalar]) -> Scalar:
