@@ -12,7 +12,6 @@ import numpy as np
 
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.loop_forces import transmission
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.requests import ask
 from hingepair.mechanism.robots.methods import requests_of
@@ -20,7 +19,7 @@ from hingepair.mechanism.strut_functions import pushed_links, with_function_wren
 from hingepair.motion.loads import MotionAtInstants
 from hingepair.numeric.arrays import Float64Array as Array
 
-_DEAD_POINT: Final = 1e-3  # transmission below which a coordinate is taken to no longer move the others
+_FASTEST: Final = 1e3  # rates of other joints by that of a coordinate, in radians: beyond, it is at a dead point
 
 
 class Mark(NamedTuple):
@@ -34,10 +33,15 @@ def marks_of(robot: Mechanism) -> tuple[Mark, ...]:
     """Return the marks of a robot: dead points of loops, ends of strokes, and kinks of the forces of struts."""
     tree, marks = tree_of(robot), list[Mark]()
     if tree.closure is not None and tree.closure.loops:
-        jacobian, closure = robot.prepare("loop_jacobian"), tree.closure
+        closure, transfer = tree.closure, robot.prepare("qd_all")
+        units, own = (
+            np.array([1.0 if joint.unit == "rad" else closure.size for joint in joints])
+            for joints in (tree.own_coordinates, tree.coordinates)
+        )
 
         def from_dead_point(q: Array) -> Array:
-            return np.asarray(transmission(closure, jacobian(q)) - _DEAD_POINT, np.float64)
+            rates = transfer(q[:, None], np.diag(own))["qd_all"] / units
+            return np.asarray(1 / np.abs(rates).max(axis=(1, 2)) - 1 / _FASTEST)
 
         names = ", ".join(str(loop.name) for loop in closure.loops)
         still = f"where {' and '.join(robot.names)} no longer moves the other joints"
