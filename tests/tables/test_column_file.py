@@ -135,7 +135,7 @@ def test_exact_columns_keep_their_kind_and_others_become_float64(tmp_path: Path,
     assert found["a"].tolist() == [3.0, -4.0]
     assert read(path, "t")["t"].dtype == np.float64
     if ending == ".parquet":
-        with pytest.raises(hp.ArgumentError, match=r"^words: expected a column of numbers, got string"):
+        with pytest.raises(hp.ArgumentError, match=r"^words: expected numbers"):
             read(path)
 
 
@@ -155,8 +155,8 @@ def test_arrays_of_any_order_are_read(tmp_path: Path, save: object) -> None:
     [
         ({"a": np.arange(3), "b": np.arange(4)}, "expected columns of one length, got a: 3, b: 4"),
         ({"a": np.array([])}, "at least one sample"),
-        ({"a": np.array(["x"])}, "a: expected real numbers"),
-        ({"a": np.array([1 + 2j])}, "a: expected real numbers"),
+        ({"a": np.array(["x"])}, "a: expected numbers"),
+        ({"a": np.array([1 + 2j])}, "a: expected numbers"),
         ({"a": np.array(3.0)}, "a: expected shape"),
         ({"a": np.array(["2026-01-01"], dtype="datetime64[D]")}, "a: expected"),
     ],

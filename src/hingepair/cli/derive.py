@@ -19,7 +19,8 @@ from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.scenes.subjects.pair import FURTHER_OUTPUTS
 
 if TYPE_CHECKING:
-    from hingepair.symbolic.closed_forms import ClosedForms, PairForms
+    from hingepair.symbolic.closed_forms import PairForms
+    from hingepair.symbolic.writing import ClosedForms
 
 _DERIVED = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """Outputs that are derived unless --outputs or the scene names others."""

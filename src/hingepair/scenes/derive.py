@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from typing import Any
 
 import numpy as np
@@ -18,17 +18,7 @@ from hingepair.scenes.load import SceneFile
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.tables import Table
 from hingepair.symbolic.closed_forms import SYMBOLIC_CONSTANTS, FrameForms, PairForms, point_key
-from hingepair.symbolic.exact import (
-    SYMPY_ERRORS,
-    Expr,
-    axis_rotation,
-    exact,
-    exact_unit_axis,
-    roll_pitch_yaw_rotation,
-    to_sympy,
-)
-from hingepair.symbolic.expressions import Expression
-from hingepair.symbolic.writing import constant_value
+from hingepair.symbolic.exact import Expr, exact, to_sympy
 
 
 def derive(
@@ -159,53 +149,14 @@ def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: C
 def _exact_pair_values(
     pair: HingePair | PlanarPair, tables: Table, symbolic_constants: tuple[str, ...]
 ) -> dict[str, tuple[Expr, ...]]:
-    """Return u1, u2, n and home (row by row) as [pair] writes them, by key, where the pair has the same values."""
-    table, planar = tables.table("pair"), isinstance(pair, PlanarPair)
-    # Of a scene whose pair was replaced, not those of the file.
-    points = {point_key(name): position.tolist() for name, position in {**pair.points1, **pair.points2}.items()}
-    arrays = {key: array.ravel().tolist() for key, array in constants_of(pair).arrays.items()}
-    numbers = {**arrays, **points}
-    same = {
-        key
-        for key, exprs in _pair_expressions(table, planar).items()
-        if key in numbers and np.allclose([constant_value(c) for c in exprs], numbers[key], rtol=1e-14, atol=1e-15)
-    }
-    return {key: exprs for key, exprs in _pair_expressions(table, planar, symbolic_constants).items() if key in same}
-
-
-def _pair_expressions(
-    table: Table, planar: bool, symbolic_constants: Collection[str] = ()
-) -> dict[str, tuple[Expr, ...]]:
-    """Return u1, u2, n (scaled to length 1), home (row by row) and points of the table [pair], as far as it has them;
-    not an axis n in plain numbers.
-    """
-
-    def exact(key: str, *shape: int) -> tuple[Expr, ...]:
-        return _in_sympy(key, table.expressions(key, *shape, symbolic_constants=symbolic_constants))
-
-    written: dict[str, tuple[Expr, ...]] = {}
-    written |= {key: exact(key, 2 if planar else 3) for key in ("u1", "u2") if key in table.values}
-    for key in ("points1", "points2"):
-        points = table.table(key, required=False)
-        for name in points.values:
-            position = points.expressions(name, 2 if planar else 3, symbolic_constants=symbolic_constants)
-            written[point_key(name)] = _in_sympy(name, position)
-    if any(isinstance(component, str) for component in table.values.get("n", ())):
-        written["n"] = exact_unit_axis(exact("n", 3))
-    if isinstance(table.values.get("home"), list):
-        written["home"] = tuple(entry for row in exact("home", 3, 3) for entry in row)
-    elif "home" in table.values:
-        axis, angles = table.turns("home", symbolic_constants)
-        turns = _in_sympy("home", angles)
-        try:
-            written["home"] = (
-                axis_rotation(_in_sympy("axis", axis), *turns) if axis else roll_pitch_yaw_rotation(turns)
-            )
-        except SYMPY_ERRORS:
-            table.fail("home", "a rotation that SymPy can work with")
-    return written
-
-
-def _in_sympy(key: str, written: Sequence[Any]) -> tuple[Any, ...]:
-    """Return Expressions, nested in lists or not, in SymPy."""
-    return tuple(to_sympy(key, x) if isinstance(x, Expression) else _in_sympy(key, x) for x in written)
+    """Return u1, u2 and points as [pair] writes them, where the pair has the same numbers."""
+    numbers = {**constants_of(pair).arrays, **pair.points1, **pair.points2}
+    table, found = tables.table("pair"), {}
+    points = [table.table(key, required=False) for key in ("points1", "points2")]
+    for part, names in ((table, ("u1", "u2")), *((part, tuple(part.values)) for part in points)):
+        for name in names:
+            size = numbers[name].size if name in numbers else 0
+            if name in part.values and size and np.allclose(part.numbers(name, size), numbers[name], 1e-14, 1e-15):
+                written = part.expressions(name, size, symbolic_constants=symbolic_constants)
+                found[name if part is table else point_key(name)] = tuple(to_sympy(name, x) for x in written)
+    return found

@@ -243,12 +243,9 @@ class Table(NamedSource):
             entries = sequence.attitude(tuple(itertools.chain(*trig)))
         return [list(entries[:3]), list(entries[3:6]), list(entries[6:])]
 
-    def turns(
-        self, key: str, symbolic_constants: Collection[str] = ()
-    ) -> tuple[list[Expression] | None, list[Expression]]:
+    def turns(self, key: str) -> tuple[list[Expression] | None, list[Expression]]:
         """Return (axis, angles) of the rotation { axis, deg | rad } or { rpy_deg | rpy } under a key: one angle [rad]
-        about the axis, or roll, pitch and yaw, where the axis is None. The constants named in `symbolic_constants`
-        stay symbols.
+        about the axis, or roll, pitch and yaw, where the axis is None.
         """
         value = self.values.get(key)
         if not isinstance(value, dict):
@@ -261,7 +258,7 @@ class Table(NamedSource):
         (turn,) = turns
         table.check_keys(("axis", turn))
         shape = (3,) if turn.startswith("rpy") else ()
-        written = table.expressions(turn, *shape, symbolic_constants=symbolic_constants)
+        written = table.expressions(turn, *shape)
         angles = written if shape else [written]
         if turn.endswith("deg"):
             angles = [in_radians(angle) for angle in angles]
@@ -269,7 +266,7 @@ class Table(NamedSource):
             return None, angles
         with table.naming("axis"):
             finite_axis("axis", table.numbers("axis", 3))
-        return table.expressions("axis", 3, symbolic_constants=symbolic_constants), angles
+        return table.expressions("axis", 3), angles
 
     def _nested(self, key: str, value: Any) -> Any:
         return [self._nested(key, part) for part in value] if isinstance(value, list) else self._number(key, value)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import operator
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -22,19 +21,12 @@ from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.tree import Joint
 from hingepair.numeric.names import Names
-from hingepair.plans.arguments import check_outputs
 from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_among
 from hingepair.rotations.sequences import find_sequence
-from hingepair.symbolic import writing
 from hingepair.symbolic.exact import TIME, Expr, exact, exact_axis, exact_entry, rate, real_symbol
-from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, trig_sum
-from hingepair.symbolic.writing import count_symbols
+from hingepair.symbolic.trig_sums import cosine_expression, sine_expression
+from hingepair.symbolic.writing import ClosedForms, Exprs, latex_name
 
-Exprs = tuple[Expr, ...]
-"""Components of a vector, or entries of a matrix row by row."""
-
-MAX_SYMBOLS: Final = 20_000
-"""Largest number of symbols in a component, with repetition; a longer one is of no use."""
 SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
 POINTS: Final = "u"
@@ -50,165 +42,6 @@ FRAME_OUTPUTS: Final = {
 
 _IDENTITY = (1, 0, 0, 0, 1, 0, 0, 0, 1)
 _ZERO_LENGTH = 4 * 2.0**-53  # of a component of a point beside its largest one: rounding
-
-
-class ClosedForms(ABC):
-    """Closed forms, whose outputs are attributes: immutable SymPy matrices, or expressions of planar angles. Methods
-    write them as text, LaTeX, Python, C and SymPy source.
-
-    An output is derived at the first access, and intermediate results are kept.
-    """
-
-    names: tuple[str, ...]
-    title: str
-    notes: Sequence[str] = ()
-    #: values of symbols that stand for numbers
-    numbers: Mapping[Expr, float]
-    #: coordinates of a robot and their rates, which are arguments of generated functions
-    q: Exprs = ()
-    qd: Exprs = ()
-    #: the coordinates that move the frame
-    moving: Collection[Expr] = ()
-    #: names of rates, with the coordinate and the order of the derivative
-    rates: Mapping[str, tuple[str, int]]
-
-    def __init__(self) -> None:
-        self._found: dict[str, Any] = {}
-        self.numbers = {}
-
-    @abstractmethod
-    def _derive(self, name: str) -> Any:
-        """Return a quantity, derived from others by the equations."""
-
-    @abstractmethod
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of an output."""
-
-    @abstractmethod
-    def description(self, name: str) -> str:
-        """Return what an output is, or its unit, as it stands behind its name."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name not in self.names:
-            raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {', '.join(self.names)}")
-        parts, shape = self.entries(name), self.shape(name)
-        return parts[0] if not shape else sympy.ImmutableMatrix(shape[0], len(parts) // shape[0], parts)
-
-    def __dir__(self) -> list[str]:
-        return [*object.__dir__(self), *self.names]
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__} of {', '.join(self.names)}"
-
-    def entries(self, name: str) -> Exprs:
-        """Return the components of an output.
-
-        Raises:
-            ArgumentError: no such output, or its closed form is too long to be of use.
-        """
-        check_outputs((name,), self.names)
-        value = self.form(name)
-        return tuple(map(_displayed, value if isinstance(value, tuple) else (value,)))
-
-    def labels(self, name: str) -> list[str]:
-        """Return the labels of the components of an output: omega1_x, S2_xy, phi2."""
-        axes = ("xyz"[:size] for size in self.shape(name))
-        return [f"{name}_{place}" if place else name for place in map("".join, itertools.product(*axes))]
-
-    def form(self, name: str) -> Any:
-        """Return a quantity: an expression, or a tuple of them."""
-        if name not in self._found:
-            value = self._derive(name)
-            parts = value if isinstance(value, tuple) else (value,)
-            short = tuple(map(_shorter, map(sympy.sympify, parts)))
-            longest = max(map(count_symbols, short))
-            if longest > MAX_SYMBOLS:
-                expected = f"an output whose components have at most {MAX_SYMBOLS} symbols"
-                raise ArgumentError("outputs", expected, f"{name} with {longest}")
-            self._found[name] = short if isinstance(value, tuple) else short[0]
-        return self._found[name]
-
-    def _checked(self, names: Iterable[str] | None) -> tuple[str, ...]:
-        return self.names if names is None else check_outputs(tuple(names), self.names)
-
-    def to_text(self, names: Iterable[str] | None = None, *, short: bool | None = None, width: int = 100) -> str:
-        """Return the equations as text, as SymPy writes them: `omega1_x = 5*sin(t) + 3`; the derivatives of x by t
-        are xd and xdd. Equal components share a line, and those that are 0 stand in the last one.
-
-        Args:
-            names: names of outputs, out of `names`; None for all.
-            short: whether repeated terms are abbreviated (k_1; of a robot also c_1, s_12); by default where a line
-                would be longer than `width`.
-            width: largest number of characters of a line; longer equations go on in the next.
-
-        Raises:
-            ArgumentError: an unknown output, or one whose closed form is too long.
-        """
-        return writing.text(self, self._checked(names), short, width)
-
-    def to_latex(self, names: Iterable[str] | None = None, *, short: bool | None = None) -> str:
-        r"""Return the equations as a LaTeX align* environment (amsmath); the arguments are those of `to_text`."""
-        return writing.latex(self, self._checked(names), short)
-
-    def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
-        """Return the source of a Python module that needs only NumPy, with one vectorised function for each output.
-
-        The arguments of the functions of a pair are t and the symbols: constants, coordinates such as x, phi_x, psi,
-        their rates xd, phi_xd, psid, and so on. Those of a robot are q, or q and qd; symbols of points have the
-        robot's numbers as defaults.
-
-        Args:
-            names: names of outputs, out of `names`; None for all.
-            title: stands in the docstring of the module.
-
-        Raises:
-            ArgumentError: an unknown output, or one whose closed form is too long.
-        """
-        return writing.python(self, self._checked(names), title)
-
-    def to_c(self, names: Iterable[str] | None = None, title: str = "") -> str:
-        """Return C source (C99) with a function `void NAME(arguments, double out[])` for each output. It takes one
-        state, with the arguments of `to_python`, and writes the components of the output to `out`, row by row.
-
-        Args:
-            names: names of outputs, out of `names`; None for all.
-            title: stands in the comment at the top.
-
-        Raises:
-            ArgumentError: an unknown output, or one whose closed form is too long.
-        """
-        return writing.c(self, self._checked(names), title)
-
-    def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
-        """Return the components as text that `sympy.sympify` reads, by their labels, such as omega1_x or S2_xy.
-        Symbols have no assumptions.
-
-        Args:
-            names: names of outputs, out of `names`; None for all.
-
-        Raises:
-            ArgumentError: an unknown output, or one whose closed form is too long.
-        """
-        return writing.sympy_source(self, self._checked(names))
-
-
-def _shorter(expr: Expr) -> Expr:
-    """Return the form of an expression with the fewest symbols: itself, a sum of sines and cosines, or such a sum
-    times the factor that all terms share.
-    """
-    forms = [expr, trig_sum(expr)]
-    terms = [{*sympy.Mul.make_args(term)} for term in sympy.Add.make_args(expr)]
-    shared = [factor for factor in set.intersection(*terms) if not factor.is_number]
-    if shared and len(terms) > 1:
-        rest = trig_sum(sympy.Add(*(sympy.Mul(*(factors.difference(shared))) for factors in terms)))
-        forms.append(rest and rest * sympy.Mul(*shared))
-    return min((form for form in forms if form is not None), key=count_symbols)
-
-
-def _displayed(expr: Expr) -> Expr:
-    """Return an expression, or its sum of sines and cosines if that has as many symbols."""
-    as_sum = trig_sum(expr)
-    return expr if as_sum is None or count_symbols(as_sum) > count_symbols(expr) else as_sum
 
 
 # ---- a pair
@@ -227,7 +60,7 @@ class PairForms(ClosedForms):
             function of t. By default all are.
         sequence: sequence of the Euler angles; ignored in the plane.
         symbolic: names of constants, out of u1, u2 and n, that stay symbols; n counts as having length 1.
-        exact_values: exact components of u1, u2, n (of length 1), home and points, by name, where they are known.
+        exact_values: exact components of u1, u2 and points, by name, where they are known.
 
     Raises:
         ArgumentError: `pair` holds more than one pair.
@@ -297,7 +130,7 @@ class PairForms(ClosedForms):
         used = ["t", *itertools.chain(*map(self.labels, self.names))]
         used += [name + "d" * order for name in self.kind.coordinates if name not in given for order in range(3)]
         used += [f"{key}_{axis}" for key in symbolic for axis in "xyz"]
-        names = Names(used, writing.latex_name)
+        names = Names(used, latex_name)
         constants = set().union(*(expr.free_symbols for expr in exprs)) - {TIME}
         taken = names.take_all(sorted(symbol.name for symbol in constants))
         return {symbol: real_symbol(taken[symbol.name]) for symbol in constants}
@@ -318,7 +151,9 @@ class PairForms(ClosedForms):
             elif key in exact_values:
                 found[key] = exact_values[key]
             else:
-                found[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
+                found[key] = (
+                    tuple(map(exact_entry if key == "home" else exact, value)) if key != "n" else exact_axis(value)
+                )
             if len(found[key]) == 2:
                 found[key] = (*found[key], 0)
         return found

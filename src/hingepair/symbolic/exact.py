@@ -8,7 +8,6 @@ from typing import Any, Final, TypeAlias
 
 import sympy
 
-from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError
 from hingepair.symbolic.expressions import MAX_EXPONENT, SMOOTH_FUNCTIONS, Expression
 
@@ -143,38 +142,6 @@ def exact_axis(n: Sequence[float]) -> tuple[Expr, ...]:
     """
     roots = tuple(map(exact_entry, n))
     return roots if sum(root**2 for root in roots) == 1 else tuple(map(exact, n))
-
-
-def exact_unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Return the unit vector along `n`, three expressions of any non-zero length.
-
-    >>> exact_unit_axis([1, 2, 2])
-    (1/3, 2/3, 2/3)
-    """
-    length = sympy.sqrt(sympy.trigsimp(sum(sympy.sympify(c) ** 2 for c in n)))
-    return tuple(c / length for c in n)
-
-
-def axis_rotation(axis: Sequence[Expr], angle: Expr) -> tuple[Expr, ...]:
-    """Return the rotation of an angle [rad] about an axis of any length (E6): nine exact expressions, row by row.
-
-    >>> axis_rotation([0, 0, 2], sympy.pi / 2)
-    (0, -1, 0, 1, 0, 0, 0, 0, 1)
-    """
-    x, y, z = exact_unit_axis(axis)
-    sine, cosine = (value_without_nested_roots(function, angle) for function in (sympy.sin, sympy.cos))
-    return tuple(map(sympy.expand, eq.hinge_rotation((x, y, z), (sine, 1 - cosine))))
-
-
-def roll_pitch_yaw_rotation(angles: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Return the rotation of the angles roll, pitch and yaw [rad] about the fixed axes x, y, z, as `axis_rotation`
-    does.
-
-    >>> roll_pitch_yaw_rotation([sympy.pi / 2, 0, sympy.pi])
-    (-1, 0, 0, 0, 0, 1, 0, 1, 0)
-    """
-    roll, pitch, yaw = map(axis_rotation, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), angles)
-    return tuple(map(sympy.expand, eq.compose(eq.compose(yaw, pitch), roll)))
 
 
 def value_without_nested_roots(function: Callable[..., Expr], argument: Expr) -> Expr:

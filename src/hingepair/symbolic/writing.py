@@ -1,4 +1,4 @@
-"""Closed forms as text, LaTeX, Python, C and SymPy source."""
+"""Closed forms, kept in the shorter of two forms, as text, LaTeX, Python, C and SymPy source."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import itertools
 import keyword
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import sympy
 from sympy.core.function import AppliedUndef
@@ -18,11 +19,17 @@ from sympy.printing.latex import LatexPrinter
 from sympy.printing.numpy import NumPyPrinter
 from sympy.printing.str import StrPrinter
 
+from hingepair.errors import ArgumentError
 from hingepair.numeric.names import Names
+from hingepair.plans.arguments import check_outputs
 from hingepair.symbolic.exact import TIME, Expr, real_symbol
+from hingepair.symbolic.trig_sums import trig_sum
 
-if TYPE_CHECKING:
-    from hingepair.symbolic.closed_forms import ClosedForms
+Exprs: TypeAlias = tuple[Expr, ...]
+"""Components of a vector, or entries of a matrix row by row."""
+
+MAX_SYMBOLS: Final = 20_000
+"""Largest number of symbols in a component, with repetition; a longer one is of no use."""
 
 _MAX_DENOMINATOR = 12  # 5/12 reads better than 0.41666...; other fractions are written as decimals
 _MAX_CHARACTERS = 8  # of an exact constant, or of a repeated term that is not abbreviated
@@ -43,6 +50,168 @@ class _Sheet(NamedTuple):
 
     definitions: list[tuple[Expr, Expr]]
     rows: list[tuple[list[str], Expr]]  # equal components, and their expression
+
+
+class ClosedForms(ABC):
+    """Closed forms, whose outputs are attributes: immutable SymPy matrices, or expressions of planar angles. Methods
+    write them as text, LaTeX, Python, C and SymPy source.
+
+    An output is derived at the first access, and intermediate results are kept.
+    """
+
+    names: tuple[str, ...]
+    title: str
+    notes: Sequence[str] = ()
+    #: values of symbols that stand for numbers
+    numbers: Mapping[Expr, float]
+    #: coordinates of a robot and their rates, which are arguments of generated functions
+    q: Exprs = ()
+    qd: Exprs = ()
+    #: the coordinates that move the frame
+    moving: Collection[Expr] = ()
+    #: names of rates, with the coordinate and the order of the derivative
+    rates: Mapping[str, tuple[str, int]]
+
+    def __init__(self) -> None:
+        self._found: dict[str, Any] = {}
+        self.numbers = {}
+
+    @abstractmethod
+    def _derive(self, name: str) -> Any:
+        """Return a quantity, derived from others by the equations."""
+
+    @abstractmethod
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of an output."""
+
+    @abstractmethod
+    def description(self, name: str) -> str:
+        """Return what an output is, or its unit, as it stands behind its name."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name not in self.names:
+            raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {', '.join(self.names)}")
+        parts, shape = self.entries(name), self.shape(name)
+        return parts[0] if not shape else sympy.ImmutableMatrix(shape[0], len(parts) // shape[0], parts)
+
+    def __dir__(self) -> list[str]:
+        return [*object.__dir__(self), *self.names]
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__} of {', '.join(self.names)}"
+
+    def entries(self, name: str) -> Exprs:
+        """Return the components of an output.
+
+        Raises:
+            ArgumentError: no such output, or its closed form is too long to be of use.
+        """
+        check_outputs((name,), self.names)
+        value = self.form(name)
+        return tuple(map(_displayed, value if isinstance(value, tuple) else (value,)))
+
+    def labels(self, name: str) -> list[str]:
+        """Return the labels of the components of an output: omega1_x, S2_xy, phi2."""
+        axes = ("xyz"[:size] for size in self.shape(name))
+        return [f"{name}_{place}" if place else name for place in map("".join, itertools.product(*axes))]
+
+    def form(self, name: str) -> Any:
+        """Return a quantity: an expression, or a tuple of them."""
+        if name not in self._found:
+            value = self._derive(name)
+            parts = value if isinstance(value, tuple) else (value,)
+            short = tuple(map(_shorter, map(sympy.sympify, parts)))
+            longest = max(map(count_symbols, short))
+            if longest > MAX_SYMBOLS:
+                expected = f"an output whose components have at most {MAX_SYMBOLS} symbols"
+                raise ArgumentError("outputs", expected, f"{name} with {longest}")
+            self._found[name] = short if isinstance(value, tuple) else short[0]
+        return self._found[name]
+
+    def _checked(self, names: Iterable[str] | None) -> tuple[str, ...]:
+        return self.names if names is None else check_outputs(tuple(names), self.names)
+
+    def to_text(self, names: Iterable[str] | None = None, *, short: bool | None = None, width: int = 100) -> str:
+        """Return the equations as text, as SymPy writes them: `omega1_x = 5*sin(t) + 3`; the derivatives of x by t
+        are xd and xdd. Equal components share a line, and those that are 0 stand in the last one.
+
+        Args:
+            names: names of outputs, out of `names`; None for all.
+            short: whether repeated terms are abbreviated (k_1; of a robot also c_1, s_12); by default where a line
+                would be longer than `width`.
+            width: largest number of characters of a line; longer equations go on in the next.
+
+        Raises:
+            ArgumentError: an unknown output, or one whose closed form is too long.
+        """
+        return _write_text(self, self._checked(names), short, width)
+
+    def to_latex(self, names: Iterable[str] | None = None, *, short: bool | None = None) -> str:
+        r"""Return the equations as a LaTeX align* environment (amsmath); the arguments are those of `to_text`."""
+        return _write_latex(self, self._checked(names), short)
+
+    def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
+        """Return the source of a Python module that needs only NumPy, with one vectorised function for each output.
+
+        The arguments of the functions of a pair are t and the symbols: constants, coordinates such as x, phi_x, psi,
+        their rates xd, phi_xd, psid, and so on. Those of a robot are q, or q and qd; symbols of points have the
+        robot's numbers as defaults.
+
+        Args:
+            names: names of outputs, out of `names`; None for all.
+            title: stands in the docstring of the module.
+
+        Raises:
+            ArgumentError: an unknown output, or one whose closed form is too long.
+        """
+        return _write_python(self, self._checked(names), title)
+
+    def to_c(self, names: Iterable[str] | None = None, title: str = "") -> str:
+        """Return C source (C99) with a function `void NAME(arguments, double out[])` for each output. It takes one
+        state, with the arguments of `to_python`, and writes the components of the output to `out`, row by row.
+
+        Args:
+            names: names of outputs, out of `names`; None for all.
+            title: stands in the comment at the top.
+
+        Raises:
+            ArgumentError: an unknown output, or one whose closed form is too long.
+        """
+        return _write_c(self, self._checked(names), title)
+
+    def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
+        """Return the components as text that `sympy.sympify` reads, by their labels, such as omega1_x or S2_xy.
+        Symbols have no assumptions.
+
+        Args:
+            names: names of outputs, out of `names`; None for all.
+
+        Raises:
+            ArgumentError: an unknown output, or one whose closed form is too long.
+        """
+        parts = (
+            part for name in self._checked(names) for part in zip(self.labels(name), self.entries(name), strict=True)
+        )
+        return {label: _sympy_expression(expr) for label, expr in parts}
+
+
+def _shorter(expr: Expr) -> Expr:
+    """Return the form of an expression with the fewest symbols: itself, a sum of sines and cosines, or such a sum
+    times the factor that all terms share.
+    """
+    forms = [expr, trig_sum(expr)]
+    terms = [{*sympy.Mul.make_args(term)} for term in sympy.Add.make_args(expr)]
+    shared = [factor for factor in set.intersection(*terms) if not factor.is_number]
+    if shared and len(terms) > 1:
+        rest = trig_sum(sympy.Add(*(sympy.Mul(*(factors.difference(shared))) for factors in terms)))
+        forms.append(rest and rest * sympy.Mul(*shared))
+    return min((form for form in forms if form is not None), key=count_symbols)
+
+
+def _displayed(expr: Expr) -> Expr:
+    """Return an expression, or its sum of sines and cosines if that has as many symbols."""
+    as_sum = trig_sum(expr)
+    return expr if as_sum is None or count_symbols(as_sum) > count_symbols(expr) else as_sum
 
 
 # ---- what is written
@@ -105,6 +274,13 @@ def _sheet(forms: ClosedForms, names: Sequence[str], short: bool) -> _Sheet:
     return _abbreviated(forms, _Sheet(definitions, rows)) if short else _Sheet(definitions, rows)
 
 
+def _fitting_sheet(forms: ClosedForms, names: Sequence[str], short: bool | None, width: int) -> _Sheet:
+    """Return the equations, abbreviated if `short` is true or, if it is None, if a line would be too long."""
+    sheet = _sheet(forms, names, bool(short))
+    is_long = short is None and any(len(line) > width for line in _lines(sheet))
+    return _sheet(forms, names, True) if is_long else sheet
+
+
 def _abbreviated(forms: ClosedForms, sheet: _Sheet) -> _Sheet:
     """Return the equations with symbols k_1, k_2 and so on in place of repeated terms, and of a robot with s_1 and
     c_23 in place of sines and cosines.
@@ -163,11 +339,8 @@ class _Latex(LatexPrinter):  # type: ignore[misc]
 _text: Final = _Text().doprint
 
 
-def text(forms: ClosedForms, names: Sequence[str], short: bool | None, width: int) -> str:
-    """Return the equations as text; see `ClosedForms.to_text`."""
-    lines = _lines(_sheet(forms, names, bool(short)))
-    if short is None and any(len(line) > width for line in lines):
-        lines = _lines(_sheet(forms, names, True))
+def _write_text(forms: ClosedForms, names: Sequence[str], short: bool | None, width: int) -> str:
+    lines = _lines(_fitting_sheet(forms, names, short, width))
     return "".join(
         textwrap.fill(line, width, subsequent_indent=_INDENT, break_long_words=False, break_on_hyphens=False) + "\n"
         for line in (*forms.notes, *lines)
@@ -210,11 +383,8 @@ def _rate_name(name: str, order: int) -> str:
     return f"\\{'d' * order}ot{{{letter}}}{underscore}{index}"
 
 
-def latex(forms: ClosedForms, names: Sequence[str], short: bool | None) -> str:
-    """Return the equations as a LaTeX align* environment; see `ClosedForms.to_latex`."""
-    sheet = _sheet(forms, names, bool(short))
-    if short is None and any(len(line) > 100 for line in _lines(sheet)):
-        sheet = _sheet(forms, names, True)
+def _write_latex(forms: ClosedForms, names: Sequence[str], short: bool | None) -> str:
+    sheet = _fitting_sheet(forms, names, short, 100)
     exprs = [expr for _, expr in (*sheet.definitions, *sheet.rows)]
     rates = {name: _rate_name(*of) for name, of in forms.rates.items()}
     symbols = set().union(*(expr.free_symbols for expr in exprs), *(s.free_symbols for s, _ in sheet.definitions))
@@ -329,8 +499,7 @@ def one_line(text: str) -> str:
     return "".join(sign for sign in " ".join(text.split()) if sign.isprintable() and sign not in '"\\')
 
 
-def python(forms: ClosedForms, names: Sequence[str], title: str) -> str:
-    """Return the source of a Python module; see `ClosedForms.to_python`."""
+def _write_python(forms: ClosedForms, names: Sequence[str], title: str) -> str:
     first, *notes = _heading(forms, title)
     heading = "\n".join((first, "", *notes)) + "\n" if notes else first
     return "\n\n".join(
@@ -368,8 +537,7 @@ def _python_function(function: _Function) -> str:
     )
 
 
-def c(forms: ClosedForms, names: Sequence[str], title: str) -> str:
-    """Return C source; see `ClosedForms.to_c`."""
+def _write_c(forms: ClosedForms, names: Sequence[str], title: str) -> str:
     comment = "\n * ".join(line.replace("*/", "* /") for line in _heading(forms, title))
     functions = [_c_function(_function(forms, name)) for name in names]
     return "\n".join([f"/* {comment} */\n\n#include <math.h>\n", *functions])
@@ -387,12 +555,3 @@ def _c_function(function: _Function) -> str:
     body = "".join(f"    {line}\n" for line in lines)
     taken.append(f"double out[{len(function.results)}]")
     return f"/* {function.name}{function.description} */\nvoid {function.name}({', '.join(taken)})\n{{\n{body}}}\n"
-
-
-def sympy_source(forms: ClosedForms, names: Sequence[str]) -> dict[str, str]:
-    """Return the components as text that SymPy reads; see `ClosedForms.to_sympy`."""
-    return {
-        label: _sympy_expression(expr)
-        for name in names
-        for label, expr in zip(forms.labels(name), forms.entries(name), strict=True)
-    }

@@ -8,7 +8,6 @@ have to be counted beside it all the same: it fills short rows, renames doubled 
 from __future__ import annotations
 
 import csv
-import io
 import itertools
 import math
 import os
@@ -23,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError
-from hingepair.numeric.arrays import real_array
 from hingepair.numeric.optional import require
-from hingepair.tables.column_tables import ColumnTable
+from hingepair.tables.column_tables import ColumnTable, column_table
 
 MAX_FILE_ROWS: Final = 10_000_000  # of a file or a table in memory; more are refused
 MAX_FILE_BYTES: Final = 2_000_000_000
@@ -297,71 +295,22 @@ def _date(cell: str) -> np.datetime64:
 
 
 def _npz_table(path: Path) -> ColumnTable:
-    headers = {}
-    with zipfile.ZipFile(path) as archive:
-        for member in archive.namelist():
-            with archive.open(member) as stream:
-                headers[member.removesuffix(".npy")] = (member, *_read_npy_header(stream))
-
-    def read(wanted: Collection[str], exact: str) -> Columns:
-        with zipfile.ZipFile(path) as archive:
-            return {name: _npy_array(archive, name, headers[name], name == exact) for name in wanted}
-
-    return ColumnTable(str(path), {name: header[1][1:] for name, header in headers.items()}, read)
-
-
-def _npy_array(archive: zipfile.ZipFile, name: str, header: Any, exact: bool) -> NDArray[Any]:
-    """Return an array of real numbers; dates and times if it is `exact`."""
-    member, shape, fortran, dtype = header
-    if dtype is None:
-        raise ArgumentError(name, "an array of real numbers (float64, float32 or integers)", "another header")
-    if not (exact and dtype.kind in "mM"):
-        real_array(name, np.empty(0, dtype))
-    if not shape:
-        raise ArgumentError(name, "shape ('N',)".replace("'", ""), f"shape {shape}")
-    _check_rows(shape[0])
-    size = math.prod(shape) * dtype.itemsize
-    with archive.open(member) as stream:
-        _read_npy_header(stream)
-        content = stream.read(size)
-    if len(content) < size:
-        raise ArgumentError(name, f"{size} bytes of numbers", len(content))
-    return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran else "C")
-
-
-def _read_npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any] | None]:
-    """Return shape, Fortran order and dtype of an array; the dtype is None if the header is not understood."""
-    try:
-        version = np.lib.format.read_magic(stream)
-        length = stream.read(2 if version == (1, 0) else 4)
-        size = int.from_bytes(length, "little")
-        header = io.BytesIO(length + stream.read(size if size <= _MAX_HEADING else 0))
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = read(header, max_header_size=_MAX_HEADING)
-    except Exception:  # whatever the header of a stranger does to the parser
-        return (), False, None
-    return shape, fortran, dtype
+    arrays: dict[str, Any] = {}
+    with np.load(path, allow_pickle=False, max_header_size=_MAX_HEADING) as file:
+        for name in file.files:
+            try:
+                arrays[name] = file[name]
+            except (ValueError, MemoryError, EOFError) as error:  # objects, or more numbers than the file can hold
+                arrays[name] = np.array(str(error))
+            _check_rows(arrays[name].shape[0] if arrays[name].ndim else 0)
+    return column_table("source", arrays)
 
 
 def _parquet_table(path: Path) -> ColumnTable:
     pa, pq = require("pyarrow", str(path)), require("pyarrow.parquet", str(path))
-
-    def column(file: Any, name: str, exact: bool) -> NDArray[Any]:
-        kind = file.schema_arrow.field(name).type
-        number = pa.types.is_floating(kind) or pa.types.is_integer(kind)
-        if not (number or (exact and pa.types.is_temporal(kind))):
-            raise ArgumentError(name, "a column of numbers", str(kind))
-        read = file.read([name])[name]
-        return np.array((read if exact else read.cast(pa.float64(), safe=False)).to_numpy())
-
-    def read(wanted: Collection[str], exact: str) -> Columns:
-        with pq.ParquetFile(path) as file:
-            _check_rows(file.metadata.num_rows)
-            return {name: column(file, name, name == exact) for name in wanted}
-
     try:
-        with pq.ParquetFile(path) as file:
-            return ColumnTable(str(path), dict.fromkeys(file.schema_arrow.names, ()), read)
+        _check_rows(pq.read_metadata(path).num_rows)
+        return column_table("source", pq.read_table(path).to_pandas())
     except pa.ArrowException as error:
         raise OSError(str(error)) from None
 

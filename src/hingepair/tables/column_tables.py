@@ -4,7 +4,6 @@ files, whose readers are in `column_file`.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -102,7 +101,6 @@ def _array(values: Any) -> NDArray[Any]:
     if getattr(getattr(values, "dtype", None), "tz", None) is not None:
         values = values.dt.tz_convert(None)  # to UTC
     array = np.asarray(values)
-    if array.dtype == object and hasattr(values, "to_numpy"):  # numbers of pandas that may be missing
-        with contextlib.suppress(TypeError, ValueError):
-            array = values.to_numpy(np.float64, na_value=np.nan)
+    if array.dtype == object and getattr(values.dtype, "kind", "O") in "fiu":  # numbers of pandas that may be missing
+        array = values.to_numpy(np.float64, na_value=np.nan)
     return array
