@@ -132,7 +132,9 @@ def test_noise_of_a_circle_is_no_straight_path() -> None:
 def test_what_needs_an_attitude_refuses_a_point() -> None:
     point, one = hp.BodyMotion(R=np.zeros((20, 3))), hp.BodyMotion(R=np.zeros(3))
     body = hp.BodyMotion(R=np.zeros((20, 3)), S=np.eye(3))
-    pair, psi, t = hp.HingePair(u1=U1, u2=U2, n=N1), np.zeros(20), np.arange(20) / 10
+    matter = hp.Body(1, inertia=(1, 1, 1))
+    pair = hp.HingePair(u1=U1, u2=U2, n=N1, body1=matter, body2=matter)
+    psi, t = np.zeros(20), np.arange(20) / 10
     assert repr(point) == "BodyMotion(shape=(20,), R)"
     for call in (
         lambda: hp.fit(point, body),

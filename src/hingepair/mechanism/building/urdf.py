@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from hingepair.errors import ArgumentError, URDFError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
@@ -171,11 +173,13 @@ def hinge_of_urdf(
         if link not in {**one.places, **two.places}:
             expected = f"links fixed to either body: {choices((*one.places, *two.places))}"
             raise URDFError("points", expected, quoted(link))
-    home, u1 = one.frame.seen(part.pose)
+    with np.errstate(all="ignore"):
+        home, u1 = one.frame.seen(part.pose)
+        n = home @ hinge.n + 0.0
     return HingePair(
         u1=u1 + 0.0,
         u2=two.frame.seen(IDENTITY_POSE).origin + 0.0,
-        n=home @ hinge.n + 0.0,
+        n=n,
         home=home @ two.frame.rotation + 0.0,
         name=joint if name is None else name,
         **limits_of_pair(hinge),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -198,103 +198,39 @@ class Residuals(Results):
 # the largest seen; of motion that another program did, each component may be 16 off (as against Pinocchio), the norm
 # sqrt(3) times that.
 _ROUNDOFFS = 32
+_ORDER = ("R", "S", "v", "omega", "a", "alpha")
 
 
 class _Kind(NamedTuple):
-    """Properties of a kind of residual."""
+    """A kind of residual that is compared with tolerances."""
 
     label: str  # label of the equation, with a prime for each time derivative
     unit: str  # unit of the size of the residual
     letters: tuple[str, ...]  # names of the velocities and accelerations that both motions must have
-    scale: str  # formula of the scale that rounding errors are relative to, as text
-    size: str  # name of the array whose norm is the size of the residual
+    formula: str  # of the scale that rounding errors are relative to
+    scale: Callable[[Mapping[str, Any]], Any]  # the same, of sizes by name
+    size: str = ""  # name of the array whose norm is the size of the residual, where it is not its own
 
 
-# The residuals that are compared with tolerances; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the components
-# of both bodies.
+# W_i = abs(omega_i), A_i = abs(alpha_i); max abs over the components of both bodies. Squares alone could overflow.
 _KINDS = {
-    "gap": _Kind("E1", "m", (), "max abs(R) + abs(u1) + abs(u2)", "gap"),
-    "tilt": _Kind("E2", "rad", (), "1", "tilt_angle"),
-    "gap_rate": _Kind("E1'", "m/s", ("v", "omega"), "max abs(v) + W1 abs(u1) + W2 abs(u2)", "gap_rate"),
-    "tilt_rate": _Kind("E2'", "rad/s", ("omega",), "W1 + W2", "tilt_rate"),
-    "gap_acceleration": _Kind(
-        "E1''",
-        "m/s^2",
-        ("v", "omega", "a", "alpha"),
-        "max abs(a) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)",
-        "gap_acceleration",
+    "gap": _Kind("E1", "m", (), "max abs(R) + abs(u1) + abs(u2)", lambda s: s["R"] + (s["u1"] + s["u2"])),
+    "tilt": _Kind("E2", "rad", (), "1", lambda _: np.float64(1.0), "tilt_angle"),
+    "gap_rate": _Kind(
+        "E1'", "m/s", ("v", "omega"), "max abs(v) + W1 abs(u1) + W2 abs(u2)",
+        lambda s: s["v"] + s["W1"] * s["u1"] + s["W2"] * s["u2"],
     ),
-    "tilt_acceleration": _Kind("E2''", "rad/s^2", ("omega", "alpha"), "A1 + A2 + (W1 + W2)^2", "tilt_acceleration"),
-}
-
-
-def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float | str | None:
-    """Return the instant of a sample, a number or text; None without instants."""
-    if t is None or sample is None:
-        return None
-    return str(t[sample]) if t.dtype.kind in "mM" else t[sample].item()
-
-
-def _compute_residuals(
-    pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
-) -> tuple[dict[str, NDArray[Any]], dict[str, tuple[Float64Array, Float64Array]], float]:
-    """Compute all residuals for which two motions suffice: the arrays of a report; by kind the sizes, -inf where the
-    motion is not finite, and their tolerances; and the unit roundoff of the least precise array given.
-    """
-    motions = _read_both_motions(body1, body2)
-    given = _check_tolerances(tolerances)
-    for kind in given:
-        _check_rates_present(kind, motions)
-    shapes = {"body1": body1.shape, "body2": body2.shape}
-    shape = broadcast_shape({**shapes, "pair": pair.shape})
-    arrays = _computable_arrays(pair, motions, shapes)
-    u = _largest_roundoff(array.dtype for array in motions.values())
-    attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
-    compared = {}
-    for kind, scale in _residual_scales(pair, motions, [kind for kind in _KINDS if kind in arrays]).items():
-        size = arrays[_KINDS[kind].size]
-        size = size if size.ndim == len(shape) else norm(size)
-        is_finite = np.broadcast_to(attitudes & np.isfinite(scale), shape)
-        sizes = np.where(is_finite, np.where(np.isfinite(size), size, np.inf), -np.inf)
-        with np.errstate(all="ignore"):
-            rounding = _ROUNDOFFS * np.maximum(scale * u, np.finfo(np.float64).tiny)
-        compared[kind] = sizes, np.broadcast_to(given.get(kind, rounding), shape)
-    return arrays, compared, u
-
-
-def _ratio(sizes: Float64Array, tolerance: Float64Array) -> Float64Array:
-    """Return sizes in parts of their tolerances; -inf where the motion is not finite."""
-    with np.errstate(all="ignore"):
-        return np.where(sizes == -np.inf, -np.inf, sizes / tolerance)
-
-
-def _basis(kind: str, given: Collection[str]) -> str:
-    """Return where the tolerance of a kind of residual comes from: "given", or a formula."""
-    return "given" if kind in given else f"{_ROUNDOFFS} u * ({_KINDS[kind].scale})"
-
-
-def _largest_roundoff(dtypes: Iterable[np.dtype[Any]]) -> float:
-    """Return the unit roundoff of the least precise of the dtypes, the largest one; integers count as float64."""
-    return max(unit_roundoff(dtype if dtype.kind == "f" else np.float64) for dtype in dtypes)
-
-
-def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
-    """Return a dict of all arrays of two BodyMotions that are not None, with keys such as R1 and omega2."""
-    motions: dict[str, NDArray[Any]] = {}
-    for argument, body in (("body1", body1), ("body2", body2)):
-        motion_arrays(argument, body, "S")
-        letters = (letter for letter in ("R", "S", "v", "omega", "a", "alpha") if getattr(body, letter) is not None)
-        motions |= motion_arrays(argument, body, *letters)
-    return motions
-
-
-def _computable_arrays(
-    pair: Constants, motions: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
-) -> dict[str, NDArray[Any]]:
-    """Compute those residuals and hinge angles for which the motions suffice; float64 arrays by name."""
-    bodies = {f"{letter}{k}" for letter in MOTION_SHAPES for k in "12"}
-    names = [name for name in _ARRAYS if bodies.intersection(CONSTRAINTS[name][0]) <= motions.keys()]
-    return compute_arrays(pair, names, motions, shapes, np.dtype(np.float64))
+    "tilt_rate": _Kind("E2'", "rad/s", ("omega",), "W1 + W2", lambda s: s["W1"] + s["W2"]),
+    "gap_acceleration": _Kind(
+        "E1''", "m/s^2", ("v", "omega", "a", "alpha"),
+        "max abs(a) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)",
+        lambda s: s["a"] + sum(s[f"A{k}"] * s[f"u{k}"] + s[f"W{k}"] * (s[f"W{k}"] * s[f"u{k}"]) for k in "12"),
+    ),
+    "tilt_acceleration": _Kind(
+        "E2''", "rad/s^2", ("omega", "alpha"), "A1 + A2 + (W1 + W2)^2",
+        lambda s: s["A1"] + s["A2"] + (s["W1"] + s["W2"]) * (s["W1"] + s["W2"]),
+    ),
+}  # fmt: skip
 
 
 def residuals(
@@ -306,15 +242,52 @@ def residuals(
     t: ArrayLike | None,
 ) -> Residuals:
     """Compute what `HingePair.residuals` returns."""
-    arrays, compared, u = _compute_residuals(pair, body1, body2, tolerances)
-    checks, finite = [], np.True_
-    for kind, (sizes, tolerance) in compared.items():
-        checks.append(_worst_sample_check(kind, sizes, tolerance, _basis(kind, tolerances or ())))
-        finite = finite & (sizes != -np.inf)
-    instants = None if t is None else _broadcast_instants(t, finite.shape)
-    rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in checks)
+    motions: dict[str, NDArray[Any]] = {}
+    for argument, body in (("body1", body1), ("body2", body2)):
+        motion_arrays(argument, body, "S")
+        motions |= motion_arrays(argument, body, *(one for one in _ORDER if getattr(body, one) is not None))
+    given = _checked_tolerances({} if tolerances is None else tolerances, motions)
+    shapes = {"body1": body1.shape, "body2": body2.shape}
+    shape = broadcast_shape({**shapes, "pair": pair.shape})
+    bodies = {f"{letter}{k}" for letter in MOTION_SHAPES for k in "12"}
+    names = [one for one in _ARRAYS if bodies.intersection(CONSTRAINTS[one][0]) <= motions.keys()]
+    arrays = compute_arrays(pair, names, motions, shapes, np.dtype(np.float64))
+    # That of the least precise array; integers count as float64.
+    u = max(unit_roundoff(one.dtype if one.dtype.kind == "f" else np.float64) for one in motions.values())
+    instants = None if t is None else _broadcast_instants(t, shape)
+    attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
+    rows, finite, sizes = [], np.ones(shape, bool), _sizes(pair, motions)
+    for key, kind in _KINDS.items():
+        if key not in arrays:
+            continue
+        size = arrays[kind.size or key]
+        with np.errstate(all="ignore"):
+            scale = kind.scale(sizes)
+            rounding = _ROUNDOFFS * np.maximum(scale * u, np.finfo(np.float64).tiny)
+        known = np.broadcast_to(attitudes & np.isfinite(scale), shape)
+        size = size if size.ndim == len(shape) else norm(size)
+        size = np.where(np.isfinite(size), size, np.inf)
+        basis = "given" if key in given else f"{_ROUNDOFFS} u * ({kind.formula})"
+        tolerance = np.broadcast_to(given.get(key, rounding), shape)
+        rows.append(_check(key, size, known, tolerance, basis, instants))
+        finite &= known
     shown = {key: read_only(np.asarray(array)) for key, array in arrays.items()}
-    return Residuals(shown, finite.shape, rows, name, int((~finite).sum()), u, instants)
+    return Residuals(shown, shape, tuple(rows), name, int((~finite).sum()), u, instants)
+
+
+def _sizes(pair: Constants, motions: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return the sizes of which scales are made, by their names in `_KINDS`, as far as the motions have them."""
+    sizes: dict[str, Any] = {name: norm(pair.arrays[name]) for name in ("u1", "u2")}
+    for letter in ("R", "v", "a"):
+        if {f"{letter}1", f"{letter}2"} <= motions.keys():
+            sizes[letter] = np.maximum(largest(motions[f"{letter}1"]), largest(motions[f"{letter}2"]))
+    rates = (("W", "omega"), ("A", "alpha"))
+    return sizes | {
+        f"{size}{k}": norm(motions[f"{letter}{k}"])
+        for size, letter in rates
+        for k in "12"
+        if f"{letter}{k}" in motions
+    }
 
 
 def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
@@ -328,67 +301,41 @@ def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
         raise ShapeError("t", expected, f"shape {array.shape}") from None
 
 
-def _worst_sample_check(kind: str, sizes: Float64Array, tolerance: Float64Array, basis: str) -> ResidualCheck:
-    """Return the check of a residual, with its worst sample, but without the instant."""
-    label, unit, *_ = _KINDS[kind]
-    is_finite, ratio = sizes != -np.inf, _ratio(sizes, tolerance)
-    samples = int(is_finite.sum())
+def _check(
+    kind: str, size: Any, known: Any, tolerance: Float64Array, basis: str, t: NDArray[Any] | None
+) -> ResidualCheck:
+    """Return the check of a residual at the samples where the motions are known."""
+    label, unit = _KINDS[kind][:2]
+    samples = int(known.sum())
     if not samples:
         return ResidualCheck(kind, label, unit, 0.0, 0.0, 0.0, math.nan, 0.0, None, None, 0, basis)
-    where = tuple(int(i) for i in np.unravel_index(int(np.argmax(ratio)), sizes.shape))
-    highest = float(sizes.max())
-    relative = np.where(is_finite, sizes, 0.0) / (highest if 0 < highest < np.inf else 1.0)  # squares stay in range
-    rms = highest if highest == np.inf else highest * math.sqrt(float(np.square(relative).sum()) / samples)
-    worst = float(sizes[where]), float(tolerance[where]), float(ratio[where])
-    return ResidualCheck(kind, label, unit, highest, rms, *worst, where, None, samples, basis)
-
-
-def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
-    """Return the scales of rounding errors by kind, the formulas of `_KINDS`."""
-    lever1, lever2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
-
-    def largest_of_both(letter: str) -> Float64Array:
-        """Return the largest absolute component of the arrays `letter` of both bodies; shape (...,)."""
-        return np.asarray(np.maximum(largest(motions[f"{letter}1"]), largest(motions[f"{letter}2"])))
-
-    scales: dict[str, Any] = {"gap": largest_of_both("R") + (lever1 + lever2), "tilt": np.float64(1.0)}
     with np.errstate(all="ignore"):
-        if "tilt_rate" in kinds:
-            W1, W2 = norm(motions["omega1"]), norm(motions["omega2"])
-            scales["tilt_rate"] = W1 + W2
-        if "gap_rate" in kinds:
-            scales["gap_rate"] = largest_of_both("v") + W1 * lever1 + W2 * lever2
-        if "tilt_acceleration" in kinds:
-            A1, A2 = norm(motions["alpha1"]), norm(motions["alpha2"])
-            scales["tilt_acceleration"] = A1 + A2 + (W1 + W2) * (W1 + W2)
-        if "gap_acceleration" in kinds:
-            scales["gap_acceleration"] = largest_of_both("a") + (
-                (A1 * lever1 + W1 * (W1 * lever1)) + (A2 * lever2 + W2 * (W2 * lever2))
-            )
-    return {kind: scales[kind] for kind in kinds}
+        ratio = np.where(known, size / tolerance, -np.inf)
+    where = tuple(int(i) for i in np.unravel_index(int(np.argmax(ratio)), size.shape))
+    size = np.where(known, size, 0.0)
+    highest = float(size.max())
+    relative = size / (highest if 0 < highest < np.inf else 1.0)  # squares stay in range
+    rms = highest if highest == np.inf else highest * math.sqrt(float(np.square(relative).sum()) / samples)
+    when = None if t is None else str(t[where]) if t.dtype.kind in "mM" else t[where].item()
+    worst = float(size[where]), float(tolerance[where]), float(ratio[where])
+    return ResidualCheck(kind, label, unit, highest, rms, *worst, where, when, samples, basis)
 
 
-def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse a tolerance for a residual whose velocities or accelerations the motions do not have."""
-    letters = _KINDS[kind].letters
-    missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in motions]
-    if missing:
-        expected = f"motions with {' and '.join(letters)}, since {kind} needs them"
-        raise ArgumentError(f"tolerances[{kind!r}]", expected, f"no {', '.join(missing)}")
-
-
-def _check_tolerances(tolerances: Mapping[str, float] | None) -> dict[str, float]:
+def _checked_tolerances(tolerances: object, motions: Mapping[str, Any]) -> dict[str, float]:
     """Return the argument `tolerances` as positive floats by kind of residual."""
-    if tolerances is None:
-        return {}
     if not isinstance(tolerances, Mapping):
         raise ArgumentError("tolerances", "a dict of numbers by residual, such as {'gap': 1e-3}", quoted(tolerances))
-    tolerance_by_kind = {}
+    checked = {}
     for key, value in tolerances.items():
+        label = f"tolerances[{key!r}]"
         if key not in _KINDS:
             raise ArgumentError("tolerances", choices(tuple(_KINDS)), repr(key))
-        number = finite_number(f"tolerances[{key!r}]", value)
-        if number <= 0:
-            raise ArgumentError(f"tolerances[{key!r}]", f"a positive number [{_KINDS[key].unit}]", value)
-        tolerance_by_kind[key] = number
-    return tolerance_by_kind
+        checked[key] = finite_number(label, value)
+        if checked[key] <= 0:
+            raise ArgumentError(label, f"a positive number [{_KINDS[key].unit}]", value)
+        letters = _KINDS[key].letters
+        missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in motions]
+        if missing:
+            expected = f"motions with {' and '.join(letters)}, since {key} needs them"
+            raise ArgumentError(label, expected, f"no {', '.join(missing)}")
+    return checked
