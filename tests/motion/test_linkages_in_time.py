@@ -87,3 +87,19 @@ def test_a_thrown_four_bar_keeps_its_momenta_and_rolls_out_to_the_same():
     rolled = linkage.rollout([0.3], [3.0], np.zeros((200, 1)), 1e-2, method="rk4", **given)
     np.testing.assert_allclose(rolled.q[::5], found.q, rtol=0, atol=1e-7)
     np.testing.assert_allclose(rolled.R1[::5], found.base_motion.R, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_a_small_slider_crank_is_far_from_dead_points(unit):
+    bodies = [hp.Body(1, (x * unit, 0, 0), (0.1 * unit**2,) * 3) for x in (0.1, 0.4, 0)]
+    joints = [
+        hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), name="crank", body2=bodies[0]),
+        hp.HingePair((0.3 * unit, 0, 0), (0, 0, 0), (0, 0, 1), name="rod", body2=bodies[1]),
+        hp.Slider((0, 0, 0), (0, 0, 0), (1, 0, 0), name="piston", body2=bodies[2]),
+    ]
+    tree = hp.Mechanism(joints, parents=[0, 1, 0]).with_frame("pin", "rod", R=(0.9 * unit, 0, 0))
+    engine = tree.closed(hp.Loop("pin", "piston"), coordinates="crank", at={"piston": 1.2 * unit})
+    q = np.linspace(0, 6, 20)[:, None]
+    assert engine.transmission(q).min() > 0.4
+    motion = hp.simulate(engine, [0, 1, 2], [0.3], [2.0], gravity=(0, 0, 0))
+    assert not motion.ended_by_event

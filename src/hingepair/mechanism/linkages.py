@@ -88,7 +88,7 @@ def close_tree(
     record = TreeClosure(
         tuple(assembly.loops), assembly.closure._replace(chains=chains), assembly.frames, assembly.size, numbers,
         assembly.names, {joint.name: values[column] for column, joint in enumerate(tree.coordinates)},
-        assembly.redundant,
+        assembly.redundant, tuple(column for column, turns in enumerate(assembly.turns) if not turns),
     )  # fmt: skip
     return replace(tree, closure=record, source=None)
 

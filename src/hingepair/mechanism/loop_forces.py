@@ -31,8 +31,11 @@ def _following(closure: TreeClosure) -> list[int]:
 
 
 def transmission(closure: TreeClosure, jacobian: FloatArray) -> FloatArray:
-    """Return the smallest over the largest singular value of the loops' Jacobian, NaN where it is NaN."""
-    A = jacobian[..., _following(closure)]
+    """Return the smallest over the largest singular value of the loops' Jacobian, NaN where it is NaN. Lengths count
+    in sizes of the mechanism.
+    """
+    columns = _following(closure)
+    A = jacobian[..., columns] * np.where(np.isin(columns, closure.sliding), closure.size, 1.0)
     finite = np.asarray(np.isfinite(A).all(axis=(-1, -2)))
     singular = np.linalg.svd(np.where(finite[..., None, None], A, 1.0), compute_uv=False)
     return np.asarray(np.where(finite, singular[..., -1] / singular[..., 0], np.nan))

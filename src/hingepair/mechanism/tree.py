@@ -156,6 +156,7 @@ class TreeClosure(Frozen):
     names: tuple[str, ...]  # of the coordinates: joints, and struts whose length is a coordinate
     assembled: Mapping[str, float]  # coordinates of the tree at which the mechanism was assembled
     redundant: int  # number of conditions that say nothing new
+    sliding: tuple[int, ...] = ()  # columns of the tree's coordinates that are lengths
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -645,7 +645,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         return loop_wrenches(closure, efforts, jacobian, units)
 
     def transmission(self, q: Coordinates, *, backend: str = "auto") -> FloatArray:
-        """Compute the smallest over the largest singular value of the loops' Jacobian by the joints that follow.
+        """Compute the smallest over the largest singular value of the loops' Jacobian by the joints that follow,
+        in which lengths count in sizes of the mechanism.
 
         Its shape is (...). It is 0 at a dead point, where the coordinates do not move the others. Arguments: see
         `Mechanism`.
