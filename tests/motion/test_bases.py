@@ -70,24 +70,6 @@ def test_a_pair_in_the_plane_moves_as_in_space():
     np.testing.assert_allclose(forces.force1, np.broadcast_to((0.1, 0.2), (7, 2)), rtol=0, atol=1e-11)
 
 
-def test_the_plane_has_the_dynamics_of_space():
-    rng = generator(41)
-    q, qd, qdd = rng.normal(size=(3, 5, 4))
-    forces = DOUBLE.inverse_dynamics(q, qd, qdd)
-    back = DOUBLE.forward_dynamics(
-        q, qd, force1=forces.force1, torque1=forces.torque1, hinge_torque=forces.hinge_torque
-    )
-    np.testing.assert_allclose(back, qdd, rtol=0, atol=1e-12)
-    zero = DOUBLE.inverse_dynamics(q, qd, np.zeros((5, 4)))
-    parts = [np.concatenate([f.force1, f.torque1[:, None], f.hinge_torque[:, None]], -1) for f in (forces, zero)]
-    M = DOUBLE.mass_matrix(q)
-    np.testing.assert_allclose((M @ qdd[..., None])[..., 0], parts[0] - parts[1], rtol=0, atol=1e-12)
-    energy, momentum = DOUBLE.energy(q, qd), DOUBLE.momentum(q, qd)
-    np.testing.assert_allclose(energy.kinetic, 0.5 * np.einsum("ni,nij,nj->n", qd, M, qd), rtol=1e-12)
-    np.testing.assert_allclose(momentum.linear, (M @ qd[..., None])[:, :2, 0], rtol=0, atol=1e-13)
-    assert momentum.angular.shape == (5,)
-
-
 @pytest.mark.slow
 def test_a_pin_holds_its_point_and_gives_no_torque():
     rng = generator(42)
@@ -103,13 +85,3 @@ def test_a_pin_holds_its_point_and_gives_no_torque():
     total, power = sum(found.energy()), found.body1.omega @ (0.1, 0, 0.2)
     done = np.concatenate([[0], np.cumsum(power[:-1:2] + 4 * power[1::2] + power[2::2]) * t[1] / 3])
     np.testing.assert_allclose(total[::2] - total[0], done, rtol=0, atol=2e-3)
-
-
-def test_errors_are_told_apart_and_momentum_is_that_of_the_pair():
-    t, swing = np.linspace(0, 1, 5), {"psi_0": 0.3, "psid_0": 1.0, "tol": 1e-6}
-    still = hp.BodyMotion(R=HELD.R, S=HELD.S)
-    fixed = hp.simulate(DOUBLE, t, still, base="fixed", **swing)
-    assert fixed.error_estimate == 0.0 < fixed.psi_error_estimate
-    assert {"energy", "momentum", "psi_error_estimate"} <= {*dir(fixed)}
-    expected = dynamics_in_space(DOUBLE).momentum(fixed.body1, fixed.psi, fixed.psid)
-    np.testing.assert_array_equal(fixed.momentum().angular, expected.angular)

@@ -62,10 +62,3 @@ def test_an_impact_at_the_first_instant_counts():
     balance = found.energy_balance()
     np.testing.assert_allclose(balance.work["impacts"], [0, -1.5, -1.5, -1.5, -1.5], rtol=1e-12)
     np.testing.assert_allclose(balance.residual, 0, rtol=0, atol=1e-12)
-
-
-def test_a_plain_torque_is_a_row_of_its_own():
-    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
-    found = hp.simulate(pair, [0, 1, 2], STILL, 0.0, 0.0, base="fixed", hinge_torque=3.0)
-    assert list(found.energy_balance().work) == ["motor"]
-    np.testing.assert_allclose(found.energy_balance().work["motor"], [0, 4.5, 18], rtol=1e-13)

@@ -53,14 +53,6 @@ def test_samples_are_interpolated_exactly_where_they_are_polynomials():
         np.testing.assert_allclose(turned, exact, rtol=0, atol=1000 * U * exact[-1])
 
 
-@pytest.mark.parametrize("count", [2, 3, 4, 5, 6])
-def test_few_samples_go_through_one_polynomial(count):
-    t = np.linspace(0, 0.5, count)
-    motion = hp.integrate(PAIR, t, np.stack([t ** (count - 1), 0 * t, 0 * t], -1), 2 * t, outputs=())
-    np.testing.assert_allclose(motion.psi, t**2, rtol=0, atol=4 * U)
-    np.testing.assert_allclose(motion.euler_angles(1)[:, 0], t**count / count, rtol=0, atol=20 * U)
-
-
 @spins
 @pytest.mark.parametrize("kind", ["callable", "samples"])
 def test_error_estimate_is_honest(spin, kind):
@@ -72,16 +64,6 @@ def test_error_estimate_is_honest(spin, kind):
         true = spin.error(t, motion.S1, instants=8)
         assert motion.error_estimate <= most * max(true, 20 * U)
         assert true <= 10 * motion.error_estimate
-
-
-@pytest.mark.parametrize("shift", range(3))
-def test_error_estimate_is_honest_where_one_step_is_long(shift):
-    """Nearly all of the error is in one step, wherever that is among the chunks that are measured."""
-    t = np.concatenate([np.linspace(0, 1, 4096 + shift), np.linspace(1.1, 1.2, 2048)])
-    motion = attitudes(TURNED, t)
-    true = TURNED.error(t, motion.S1)
-    assert true / 2 <= motion.error_estimate <= 2 * true
-    assert true > 1e-10
 
 
 @spins
@@ -101,32 +83,6 @@ def test_tolerance_out_of_reach_says_what_is_left():
     motion = attitudes(REFERENCE, T[::4], tol=1e-13)
     assert motion.steps > len(T[::4]) - 1
     assert REFERENCE.error(T[::4], motion.S1) <= 1e-13
-
-
-def test_angular_velocity_may_jump_where_a_tolerance_is_asked():
-    """A step in omega inside an interval: many substeps there, few elsewhere; the estimate is good to a factor."""
-
-    def omega(t):
-        return np.stack([np.where(t < 0.4567, 1.0, 2.0), 0 * t, 0 * t], axis=-1)
-
-    motion = hp.integrate(PAIR, T, omega, 0.0, tol=1e-5, outputs=())
-    exact = T + np.maximum(0, T - 0.4567)
-    np.testing.assert_allclose(motion.euler_angles(1)[:, 0], exact, rtol=0, atol=1e-5)
-    assert motion.steps < 200
-
-
-def test_constant_rates():
-    motion = hp.integrate(PAIR, T, (0, 0, 2.0), 3, psi_0=-1)
-    np.testing.assert_allclose(motion.psi, 3 * T - 1, rtol=0, atol=3 * U)
-    np.testing.assert_allclose(motion.S1, hp.rodrigues((0, 0, 1), 2 * T), rtol=0, atol=8 * U)
-    still = motion.omega2 - motion.S1 @ PAIR.n * 3
-    np.testing.assert_allclose(still, np.broadcast_to((0, 0, 2.0), (101, 3)), rtol=0, atol=40 * U)
-
-
-def test_one_instant():
-    motion = hp.integrate(PAIR, [2.0], TURNED.omega, np.cos, S1_0=TURNED.S1_0, psi_0=0.5)
-    assert angle(motion.S1[0], TURNED.Q) <= 8 * U
-    assert (motion.psi, motion.psi_error_estimate) == (0.5, 0.5 * U)
 
 
 def test_outputs_follow_what_is_known():
@@ -150,46 +106,6 @@ def test_body_2_keeps_the_hinge_point():
     motion = hp.integrate(PAIR, T, TURNED.omega, np.cos, R1=np.stack([T, T**2, T**3], -1), outputs=("R1", "R2", "S2"))
     gap = motion.R1 + motion.S1 @ PAIR.u1 - motion.R2 - motion.S2 @ PAIR.u2
     assert np.abs(gap).max() <= 20 * U
-
-
-def test_a_callable_may_work_in_place():
-    def rate(t):
-        t *= 2
-        return np.cos(t)
-
-    def point(t):
-        t += 1
-        return np.stack([t, t, t], axis=-1)
-
-    motion = hp.integrate(PAIR, T, (0, 0, 1), rate, R1=point)
-    np.testing.assert_array_equal(motion.t, T)
-    np.testing.assert_array_equal(hp.integrate(PAIR, T, (0, 0, 1), lambda t: np.cos(2 * t)).psi, motion.psi)
-
-
-@pytest.mark.parametrize("pair", [PAIR, FLAT], ids=["space", "plane"])
-@pytest.mark.parametrize("count", [2, 3, 4])
-def test_components_side_by_side_are_refused_at_any_number_of_instants(pair, count):
-    """(3, n) for (n, 3): with three nodes, or three instants, nothing but the values would tell."""
-    size = 3 if pair is PAIR else 2
-    t, omega = np.linspace(0, 1, count), (0, 0, 1.0) if pair is PAIR else 1.0
-
-    def aside(t):
-        return np.stack([t] * size)
-
-    with pytest.raises(hp.ShapeError, match=r"^R1\(t\): expected shape"):
-        hp.integrate(pair, t, omega, 0.0, R1=aside)
-    assert hp.integrate(pair, t, omega, 0.0, R1=lambda t: aside(t).T, outputs=("R2",)).R2.shape == (count, size)
-    if pair is PAIR:
-        with pytest.raises(hp.ShapeError, match=r"^omega1\(t\): expected shape"):
-            hp.integrate(pair, t[:2], aside, 0.0, outputs=())
-
-
-def test_a_tuple_of_as_many_points_as_instants_is_refused():
-    """Of two or three points nobody knows whether they are R1 at the instants or R1, v1, a1."""
-    points = ((0, 0, 0), (1, 0, 0), (2, 0, 0))
-    with pytest.raises(hp.ArgumentError, match=r"R1: expected an array of shape \(3, 3\), or \(R1, v1\) .* either"):
-        hp.integrate(PAIR, T[:3], (0, 0, 1), 0.0, R1=points)
-    assert hp.integrate(PAIR, T[:3], (0, 0, 1), 0.0, R1=np.array(points)).R2.shape == (3, 3)
 
 
 @pytest.mark.slow
@@ -286,10 +202,3 @@ def test_a_million_steps_do_not_drift(name):
             exact = mpmath.mpf(0.1) + mpmath.mpf(t[i]) + mpmath.mpf(3) / 10 * mpmath.sin(mpmath.mpf(t[i]))
             assert abs(motion.psi[i] - exact) <= 2 * U * abs(exact)
     assert motion.error_estimate <= 2e-14
-
-
-def test_the_estimate_of_psi_is_its_error_between_far_instants():
-    pair, t = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)), np.linspace(0, 3, 4)
-    moved = hp.integrate(pair, t, omega1=(0, 0, 0.1), psid=lambda t: np.cos(7 * t))
-    error = np.abs(moved.psi - np.sin(7 * t) / 7).max()
-    assert moved.psi_error_estimate == pytest.approx(error, rel=0.01)

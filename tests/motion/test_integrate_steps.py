@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from fractions import Fraction
 
 import mpmath
 import numpy as np
@@ -11,10 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.bench.truth import DIGITS
-from hingepair.engine.backend import execution_of
 from hingepair.motion import steps
-from hingepair.motion.magnus import AttitudeIntegral, Steps, subdivide
-from hingepair.motion.signals import CallableSignal
 from support.sparse import sparse
 from support.spins import U
 from support.states import generator
@@ -65,67 +61,8 @@ def test_error_estimate_knows_the_rounding_of_fast_motion(samples, tol):
     assert off / 2 <= motion.psi_error_estimate <= 30 * off
 
 
-@pytest.mark.parametrize("count", sparse([600, 20_000], 2))
-@pytest.mark.parametrize("late", [0.0, 1e4])
-def test_error_estimate_knows_the_rounding_of_instants(late, count):
-    """Nodes are rounded in proportion to t, the more the later they are, on probes too."""
-    t = late + np.cumsum(generator(160).uniform(0.3, 1.5, count) * (2 / count))
-    rates = about_x(lambda t: 50 * np.cos(10 * (t - late))), lambda t: 50 * np.cos(10 * (t - late))
-    motion = hp.integrate(PAIR, t, *rates, outputs=())
-
-    def exact(s):
-        return 5 * (mpmath.sin(10 * (s - late)) - mpmath.sin(10 * (t[0] - late)))
-
-    true = true_error(motion, exact)
-    assert true / 3 <= motion.error_estimate <= 10 * max(true, 20 * U)
-    with mpmath.workdps(DIGITS):
-        off = max(abs(float(motion.psi[i] - exact(mpmath.mpf(t[i])))) for i in range(0, count, count // 300))
-    assert off / 3 <= motion.psi_error_estimate <= 10 * max(off, 20 * U)
-
-
-@pytest.mark.slow
-def test_probes_do_not_enlarge_rounding():
-    """One interval in fifty is measured; what rounding does to these is not fifty times what it does to all."""
-    t = np.linspace(0, 1e4, 100_001)
-    motion = hp.integrate(PAIR, t, about_x(lambda t: 10 + np.sin(t)), 0.0, outputs=())
-    true = true_error(motion, lambda t: 10 * t + 1 - mpmath.cos(t))
-    assert true / 3 <= motion.error_estimate <= 10 * true
-
-
-def test_steps_do_not_chase_rounding():
-    """What is left of the errors of intervals is rounding, which more steps do not mend."""
-    omega = CallableSignal("omega1", about_x(np.exp), (3,))
-    turning = AttitudeIntegral("omega1", omega, execution_of("numpy", 1), False)
-    assert steps.select_steps((turning,), np.linspace(0, 10, 3), 1e-14).steps.step_count <= 3000
-    smooth = hp.integrate(PAIR, [0, 1], about_x(np.cos), np.cos, tol=1e-2, outputs=())
-    assert smooth.steps == 16
-
-
-def test_noise_is_not_divided_with_a_jump():
-    """Steps beside the jump alone are divided until its error is no larger than what noise leaves elsewhere."""
-
-    def rate(t):
-        return np.where(t > 0.30012, 1.0, 0.0) + 1e-11 * np.sin(1e13 * t)
-
-    motion = hp.integrate(PAIR, np.linspace(0, 1, 2001), (0, 0, 0), rate, tol=1e-12, outputs=())
-    assert motion.steps <= 3000
-
-
 def test_no_attitude_is_off_by_more_than_half_a_turn():
     assert hp.integrate(PAIR, [0, 1e9], (1e9, 0, 0), 0.0, outputs=()).error_estimate == np.pi
-
-
-def test_lengths_of_steps_add_up():
-    """Exactly: no length is rounded alike in all steps of an interval."""
-    t, counts = np.array([0.1, 1 / 3, 10.7, 1e4]), np.array([7, 1, 1000])
-    parts = subdivide(t[:-1], t[1:], counts)
-    assert [parts.start[i] for i in (0, 7, 8)] == t[:-1].tolist()
-    assert parts.part.tolist() == [*range(7), 0, *range(1000)]
-    steps = Steps(t).refine(parts.start)
-    assert (steps.step_count, steps.instant_indices.tolist()) == (1008, [0, 7, 8, 1008])
-    _, (h, low) = steps.starts_and_lengths(0, 1008)
-    assert sum(Fraction(float(x)) for x in (*h, *low)) == Fraction(1e4) - Fraction(0.1)
-    assert (h > 0).all()
 
 
 @pytest.mark.parametrize("at", generator(161).uniform(0.5, 9.5, 4).tolist())
@@ -207,34 +144,6 @@ def test_uneven_intervals(kind, tol):
         assert off <= (tol or 10)
         assert off / 10 <= motion.psi_error_estimate <= 10 * max(off, 50 * U)
         assert off / 10 <= motion.error_estimate <= 10 * max(off, 100 * U)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [4, 5, 6])
-def test_few_samples_of_a_constant_rate(count):
-    t = np.arange(float(count))
-    motion = hp.integrate(PAIR, t, about_x(lambda t: 0.5 + 0 * t)(t), np.full(count, 0.5), outputs=())
-    np.testing.assert_allclose(motion.psi, 0.5 * t, rtol=0, atol=8 * U)
-    assert motion.error_estimate < 50 * U
-    assert motion.psi_error_estimate < 50 * U
-
-
-@pytest.mark.parametrize("jump", [1.6851933, 2.8944841, 7.4101957])
-def test_a_jump_is_measured_in_one_of_many_steps(jump):
-    t = np.linspace(0, 10, 20_001)
-    rate = lambda t: np.where(t < jump, 0.3, 5.3)  # noqa: E731
-    motion = hp.integrate(PAIR, t, about_x(rate), rate, outputs=())
-    off = np.abs(motion.psi - (0.3 * t + 5 * np.maximum(t - jump, 0))).max()
-    assert off > 1e-5
-    assert off / 10 <= motion.psi_error_estimate <= 10 * off
-    assert off / 10 <= motion.error_estimate <= 10 * off
-
-
-def test_intervals_are_divided_like_their_neighbours():
-    t = np.linspace(0, 1, 6144)
-    motion = hp.integrate(PAIR, t, (0, 0, 0), lambda t: 1e4 * np.cos(1e4 * t), tol=1e-6, outputs=())
-    assert np.abs(motion.psi - np.sin(1e4 * t)).max() <= 1e-6
-    assert 2 * len(t) - 2 <= motion.steps <= 10 * len(t)
 
 
 def random_rate(random, kinds=9, largest=7):
@@ -332,29 +241,3 @@ def test_a_corner_costs_some_sixty_steps(tmp_path, monkeypatch):
     assert abs(motion.psi[-1] - 9.7) <= 1e-5
     assert motion.steps <= 20_000
     assert len(motion.t) == len(motion.psi) == len(motion.S1) == 2
-
-
-def test_samples_beside_a_callable_that_jumps():
-    """Halved intervals are parts of those between samples, whose errors keep their places."""
-    t = np.linspace(0, 3, 61)
-    for at in (0.123, 2.91):
-        rates = about_x(lambda s: np.cos(2 * s))(t)
-        jump = hp.integrate(PAIR, t, rates, lambda s, at=at: 1.0 * (s > at), tol=1e-6, outputs=())
-        plain = hp.integrate(PAIR, t, rates, 0.0, outputs=())
-        off = np.abs(jump.euler_angles(1)[:, 0] - np.sin(2 * t) / 2).max()
-        assert jump.steps > len(t) + 8
-        assert off <= jump.error_estimate <= 200 * off
-        assert jump.error_estimate == pytest.approx(plain.error_estimate, rel=0.1)
-        np.testing.assert_allclose(jump.psi, np.maximum(0, t - at), rtol=0, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_a_pole_is_reported(tmp_path, monkeypatch):
-    """No number of steps follows the attitude through it; that is said."""
-    monkeypatch.setattr(steps, "MAX_STEPS", 2000)
-    text = SCENE.replace('"1000*t", 0, 0', '"1e9*t", "cos(t)", 1').replace("sqrt(t)", "1/(t - 0.987)")
-    (tmp_path / "my.toml").write_text(text.format(tol=""))
-    assert hp.load_scene(tmp_path / "my.toml").motion.error_estimate >= 1
-    (tmp_path / "my.toml").write_text(text.format(tol="tol = 1e-3"))
-    with pytest.raises(hp.SceneError, match=r"motion.tol: .* left, .* rad \(omega1 leaves .*, psi_dot leaves "):
-        hp.load_scene(tmp_path / "my.toml")

@@ -6,23 +6,10 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.errors import ArgumentError
 from support.trees import Robot, base_motion, random_model, record_of
 
 ROD = hp.Body(mass=2, inertia=(0.01, 1, 1), centre_of_mass=(1, 0, 0))
 PAIR = hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), body2=ROD)
-
-
-def test_a_robot_of_one_hinge_swings_as_the_pair():
-    held = hp.BodyMotion(R=np.zeros(3), S=np.eye(3))
-    pair = hp.linearize(PAIR, held, np.pi / 2, base="fixed")
-    robot = hp.linearize(hp.Mechanism([PAIR]), [np.pi / 2])
-    np.testing.assert_allclose(robot.A, pair.A, rtol=1e-7, atol=1e-7)
-    np.testing.assert_allclose(robot.B[:, 0], pair.B, rtol=1e-12)
-    np.testing.assert_allclose(robot.poles, pair.poles, rtol=1e-7, atol=1e-7)
-    np.testing.assert_allclose(robot.damping_ratios, 0.0, atol=1e-12)
-    with pytest.raises(ArgumentError, match="poles: expected the linearization about one state"):
-        _ = hp.linearize(hp.Mechanism([PAIR]), np.zeros((2, 1))).poles
 
 
 LOADS = {
@@ -36,33 +23,21 @@ LOADS = {
 
 
 @pytest.mark.parametrize("load", LOADS.values(), ids=LOADS)
-def test_loads_of_joints_act_as_at_the_hinge_of_a_pair(load):
-    held = hp.BodyMotion(R=np.zeros(3), S=np.eye(3))
-    pair = hp.linearize(PAIR, held, 0.3, 0.6, base="fixed", hinge_torque=load, t=1.2)
-    arm = hp.Mechanism([PAIR])
-    robot = hp.linearize(arm, [0.3], [0.6], [0.0], loads={arm.names[0]: load}, t=1.2)
-    np.testing.assert_allclose(robot.A, pair.A, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(robot.rates, pair.rates, rtol=1e-12)
-    held_still = hp.linearize(arm, [[0.3], [0.5]], [0.6], loads={arm.names[0]: load}, t=1.2)
-    np.testing.assert_allclose(held_still.A[0], pair.A, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(held_still.rates[:, 1], 0.0, atol=1e-12)
+def test_loads_of_joints_change_the_rates_as_differences_show(load):
+    arm, q, qd, h = hp.Mechanism([PAIR]), 0.3, 0.6, 1e-5
 
+    def acceleration(change, change_of_rate):
+        effort = load.smooth((q, qd), 1.2, q + change, qd + change_of_rate)
+        return arm.forward_dynamics([q + change], [qd + change_of_rate], [effort]).qdd[0]
 
-@pytest.mark.slow
-def test_loads_of_the_joints_of_a_free_robot_change_its_rates():
-    robot = Robot(record_of(random_model(3, 4)), "free")
-    rng = np.random.default_rng(2)
-    q, qd, tau = rng.uniform(-1, 1, (3, robot.dof))
-    k, load = 1, hp.HingeLoad(stiffness=3.0, damping=0.4)
-    found = hp.linearize(robot, q, qd, tau, loads={robot.names[k]: load})
-    spring, damper = robot.mass_matrix(q), np.zeros(6 + robot.dof)
-    damper[6 + k] = -load.damping
-    plain = hp.linearize(robot, q, qd, tau + np.eye(robot.dof)[k] * load(0.0, q[k], qd[k]))
-    by_qd = (found.A - plain.A)[6 + robot.dof :, 2 * 6 + robot.dof + k]
-    np.testing.assert_allclose(spring @ by_qd, damper, rtol=0, atol=1e-9)
-    by_q = (found.A - plain.A)[6 + robot.dof :, 6 + k]
-    np.testing.assert_allclose(spring @ by_q, damper * load.stiffness / load.damping, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(found.rates, plain.rates, rtol=1e-12)
+    slopes = [(acceleration(*step) - acceleration(*-step)) / (2 * h) for step in h * np.eye(2)]
+    found = hp.linearize(arm, [q], [qd], [0.0], loads={arm.names[0]: load}, t=1.2)
+    np.testing.assert_allclose(found.A, [[0, 1], slopes], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(found.rates, [qd, acceleration(0, 0)], rtol=1e-12)
+    held = hp.linearize(arm, [[q], [0.5]], [qd], loads={arm.names[0]: load}, t=1.2)
+    np.testing.assert_allclose(held.rates[:, 1], 0.0, atol=1e-12)
+    with pytest.raises(hp.ArgumentError, match="poles: expected the linearization about one state"):
+        _ = held.poles
 
 
 @pytest.mark.slow

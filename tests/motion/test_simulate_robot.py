@@ -251,16 +251,6 @@ def test_the_accelerations_are_those_of_forward_dynamics_and_the_energies_grow_b
 
 
 @pytest.mark.slow
-def test_the_error_estimate_is_the_error():
-    t = np.linspace(0, 3, 31)
-    coarse, fine = (hp.simulate(chain(4), t, np.zeros(4), tol=tol) for tol in (1e-5, 1e-14))
-    errors = np.abs(coarse.q - fine.q).max(axis=0)
-    np.testing.assert_allclose(coarse.q_error_estimate, errors, rtol=0.3)
-    assert coarse.error_estimate == coarse.q_error_estimate.max() > 0
-    assert {"q", "tau", "energy_balance", "error_estimate"} <= {*dir(coarse)}
-
-
-@pytest.mark.slow
 def test_a_driven_joint_moves_as_given_and_says_what_drives_it():
     robot = chain(3)
     found = hp.simulate(
@@ -270,15 +260,6 @@ def test_a_driven_joint_moves_as_given_and_says_what_drives_it():
     needed = robot.inverse_dynamics(found.q, found.qd, found.qdd).tau
     np.testing.assert_allclose(found.tau, needed, atol=1e-9)
     assert np.abs(found.tau[:, [0, 2]]).max() == 0.0
-
-
-@pytest.mark.slow
-def test_stiff_feedback_takes_no_short_steps():
-    robot = chain(4)
-    hold = hp.Feedback(K=1e4, D=1e4, q_ref=[0.1, 0.2, -0.1, 0.3])
-    found = hp.simulate(robot, np.linspace(0, 5, 6), np.zeros(4), tau=hold)
-    assert found.steps < 400
-    np.testing.assert_allclose(found.q[-1], [0.1, 0.2, -0.1, 0.3], atol=0.02)
 
 
 def test_a_damped_double_pendulum_is_that_of_mujoco_to_its_order():
@@ -300,28 +281,12 @@ def test_a_damped_double_pendulum_is_that_of_mujoco_to_its_order():
     assert 12 < errors[0] / errors[1] < 20  # order 4
 
 
-def test_an_event_ends_the_motion_of_a_robot():
-    found = hp.simulate(chain(2), np.linspace(0, 5, 51), [0.0, 0.0], until=lambda _, now: now.q[:, 0] - 0.5)
-    assert found.ended_by_event
-    assert found.q[-1, 0] == pytest.approx(0.5, abs=1e-12)
-
-
 def test_masses_that_resist_no_motion_are_named():
     point = hp.Body(1.0, inertia=(1, 1e-20, 1))
     bodies = {"a": point, "b": ROD}
     hinges = [hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), body2=body, name=n) for n, body in bodies.items()]
     with pytest.raises(hp.ArgumentError, match=r"^robot: expected masses that resist .* resists [ab]$"):
         hp.simulate(hp.Mechanism(hinges), [0.0, 1.0], [0.0, 0.0])
-
-
-EFFORTS = {"number": 3.0, "function": lambda _t, _now: 3.0, "of joints": lambda _t, _now: [3.0, 3.0]}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("tau", EFFORTS.values(), ids=EFFORTS)
-def test_one_effort_holds_at_all_instants(tau):
-    found = hp.simulate(chain(2), [0.0, 0.1], [0.0, 0.0], tau=tau)
-    np.testing.assert_array_equal(found.tau, np.full((2, 2), 3.0))
 
 
 def follower(leader_load, follower_load, ratio=-2.0, offset=0.1):
@@ -371,13 +336,6 @@ def test_what_a_file_says_of_the_panda_can_be_simulated():
     assert {"damper", "stop"} <= {*found.loads}
 
 
-@pytest.mark.slow
-def test_a_load_that_jumps_is_named():
-    jump = {"j1": hp.HingeLoad(motor=lambda _t, _psi, psid: -np.sign(psid) * 2.0)}
-    with pytest.raises(hp.errors.SimulationError, match=r"loads\['j1'\] jumps .* at j1' = "):
-        hp.simulate(chain(2), np.linspace(0, 20, 3), [1.5, 0.1], loads=jump, max_steps=3000)
-
-
 def test_what_a_file_describes_is_handed_on_as_it_is():
     hinge = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), body2=ROD, name="j", limits=(-1, 2))
     robot = hp.Mechanism([hinge]).with_joint_loads({"j": hp.HingeLoad(damping=0.3, friction=0.1)})
@@ -385,9 +343,3 @@ def test_what_a_file_describes_is_handed_on_as_it_is():
     assert {"stop", "damper", "friction"} <= {*found.loads}
     with pytest.warns(hp.DynamicsWarning, match=r"left out are damping and dry friction of 1 joint; loads="):
         hp.simulate(robot, [0.0, 0.1], [0.0])
-
-
-def test_limits_that_are_left_are_warned_of():
-    hinge = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), body2=ROD, name="j", limits=(-1, 1))
-    with pytest.warns(hp.DynamicsWarning, match=r"j leaves its limits, -1 to 1 rad: it reaches .* at t = "):
-        hp.simulate(hp.Mechanism([hinge]), [0.0, 1.0], [0.0])

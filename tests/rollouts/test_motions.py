@@ -85,11 +85,6 @@ def test_feedback_is_evaluated_in_every_stage(method, gains):
     close(found.qd[1], qd)
 
 
-def test_feedback_holds_still_and_adds_nothing_unless_told():
-    law = hp.Feedback(1.0, 2.0, 3.0)
-    assert (law.K, law.D, law.q_ref, law.qd_ref, law.tau_ff) == (1, 2, 3, 0, 0)
-
-
 def test_forms_of_a_call_are_the_same_motions():
     (q0, qd0), tau = samples(5)
     whole = ROBOT.rollout(q0, qd0, tau, H)
@@ -218,27 +213,6 @@ def test_rk4_is_of_order_4_and_keeps_energy_and_momentum():
     coarse, fine = np.array(drifts)
     assert (coarse > 1e-10).all()
     assert (coarse / fine > 12).all()
-
-
-@pytest.mark.slow
-def test_a_chain_of_ten_hinges_keeps_its_energy():
-    """It falls for 10 s from the horizontal; of its largest kinetic energy, with steps of 1e-4 s."""
-    rod = hp.Body(1.0, inertia=(0.001, 1 / 12, 1 / 12))
-    chain = hp.Mechanism([
-        hp.HingePair(u1=(0.5 if k else 0, 0, 0), u2=(-0.5, 0, 0), n=(0, 1, 0), body2=rod, name=f"hinge{k}")
-        for k in range(10)
-    ])  # fmt: skip
-    r = chain.rollout(np.zeros(10), np.zeros(10), 0, 1e-4, steps=100_000, every=50, method="rk4")
-    energy = chain.energy(r.q, r.qd)
-    assert np.ptp(energy.kinetic + energy.potential) <= 1e-8 * energy.kinetic.max()
-
-
-Q = np.zeros(DOF)
-
-
-def test_recorded_states_have_their_instants():
-    t = ROBOT.rollout(np.zeros((4, DOF)), Q, 0, H, steps=7, every=3).t
-    np.testing.assert_allclose(t, (0, 3 * H, 6 * H), rtol=1e-15)
 
 
 @pytest.mark.slow

@@ -14,13 +14,16 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from hingepair.numeric.arrays import Float64Array as Array
+
+if TYPE_CHECKING:
+    from hingepair.motion.events import JointEvents
 
 StateRates: TypeAlias = Callable[[Array, Array], Array]
 """Derivatives (m, k) of the state at times (m,) and states (m, k), smooth until the next event."""
@@ -98,26 +101,12 @@ class StepPolynomial:
         return self.state + self.length * (integration_matrix((t - self.start) / self.length) @ self.rates)
 
 
-class Events(Protocol):
-    """Where the state jumps, or its derivatives change from one smooth function to another."""
-
-    def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Return the distances from each event, (m, e), positive until it happens, and the sizes (e,) that scale
-        their rounding errors.
-        """
-
-    def apply(self, event: int, t: float, state: Array) -> Array | None:
-        """Apply the event of this number; return the state after it, a copy in which new derivatives hold, or None if
-        the event ends the motion.
-        """
-
-
 @dataclass
 class Stepper:
     """Makes steps that are as long as the tolerance allows and end at events."""
 
     rates: StateRates  # derivatives of the state
-    events: Events | None  # events, at which steps end; None where there are none
+    events: JointEvents | None  # events, at which steps end; None where there are none
     t: float  # present instant [s]
     state: Array  # present state; (k,)
     sizes: Array  # scales of errors; those of velocities are divided by the length of recent steps; (k,)

@@ -11,16 +11,15 @@ of the state.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, Protocol, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
-from hingepair.mechanism.bodies.hinge_load import HingeLoad, call_with_arrays, rate_kinks, stop_angles, stop_range
+from hingepair.mechanism.bodies.hinge_load import call_with_arrays, rate_kinks, stop_angles, stop_range
 from hingepair.motion.collocation import event_margin
-from hingepair.motion.linkages import Mark
-from hingepair.motion.loads import Side
+from hingepair.motion.equations_of_motion import RobotMotion
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
 
@@ -75,32 +74,6 @@ _MARK = "mark"
 _HOLDING: Final = 1e-12  # of the efforts: by which the holding effort may exceed its limit, for rounding
 
 
-class JointMotion(Protocol):
-    """What events ask of a motion, and what they switch."""
-
-    state: Array  # at the first instant
-    q: slice  # of the coordinates of the joints in the state; their rates follow them
-    joint_loads: tuple[HingeLoad, ...]
-    side: Side  # the branch of each load
-    held: NDArray[np.bool_]  # whether each joint is held at rest by friction or a stop
-    marks: tuple[Mark, ...]  # where the motion ends, and where loads have kinks
-
-    def rates(self, t: Array, states: Array) -> Array:
-        """Return the time derivatives of states."""
-
-    def holding_efforts(self, t: Array, states: Array) -> Array:
-        """Return the efforts that hold the held joints, (n, joints); 0 of others."""
-
-    def joint_accelerations(self, t: float, state: Array) -> Array:
-        """Return the accelerations of the joints in one state; 0 of held ones."""
-
-    def joint_mobility(self, t: float, state: Array) -> Array:
-        """Return the derivatives of the accelerations by efforts at the joints, none of which is held."""
-
-    def motion_at(self, t: Array, states: Array) -> Any:
-        """Return the motion as callables of users see it."""
-
-
 class JointEvents:
     """Events of the joints, which switch the motion's `side` and `held`.
 
@@ -116,7 +89,7 @@ class JointEvents:
     """
 
     def __init__(
-        self, motion: JointMotion, start: float, tol: float, user_event: UserEvent | None, span: float = 0.0
+        self, motion: RobotMotion, start: float, tol: float, user_event: UserEvent | None, span: float = 0.0
     ) -> None:
         self._motion, self._start, self._tol, self._user_event, self._span = motion, start, tol, user_event, span
         loads = motion.joint_loads

@@ -356,7 +356,7 @@ class AngleIntegral(_RateIntegral):
         """
         motions = np.broadcast_shapes(np.shape(start), self.rate.motions)
         if isinstance(self.rate, ConstantSignal):
-            change = twofold_product((np.asarray(self.rate.value)[..., None], 0.0), exact_sum(steps.t, -steps.t[0]))
+            change = twofold_product((np.asarray(self.rate.values)[..., None], 0.0), exact_sum(steps.t, -steps.t[0]))
             angles = np.stack(twofold_sum(change, (np.asarray(start)[..., None], 0.0)), axis=-1)
         else:
             low = np.zeros(np.shape(start)) if motions else 0.0

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, Self, TypeAlias
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -25,39 +25,46 @@ _MANY_STEPS: Final = 64  # for which kernels are worth their call
 R1_PARTS: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}  # parts of the argument R1, and their names in messages
 
 
-class ConstantSignal:
-    """A value that holds at every time: (*motions, ...)."""
+class _ArraySignal:
+    """Values of all motions in one array, the motions on leading axes."""
 
-    def __init__(self, value: Array, motions: tuple[int, ...] = ()) -> None:
-        self.value = value
+    def __init__(self, values: Array, motions: tuple[int, ...] = ()) -> None:
+        self.values = values
         self.motions = motions
 
-    def __getitem__(self, index: Any) -> ConstantSignal:
-        value = self.value[index]
-        return ConstantSignal(value, value.shape[: value.ndim - self.value.ndim + len(self.motions)])
+    def _with(self, values: Array, motions: tuple[int, ...]) -> Self:
+        return type(self)(values, motions)
 
-    def flattened(self, motions: tuple[int, ...]) -> ConstantSignal:
+    def __getitem__(self, index: Any) -> Self:
+        values = self.values[index]
+        return self._with(values, values.shape[: values.ndim - self.values.ndim + len(self.motions)])
+
+    def flattened(self, motions: tuple[int, ...]) -> Self:
         """Return the signal with one axis of motions, to which it is broadcast."""
-        tail = self.value.shape[len(self.motions) :]
-        value = np.broadcast_to(self.value, (*motions, *tail)).reshape(-1, *tail)
-        return ConstantSignal(value, value.shape[:1])
+        tail = self.values.shape[len(self.motions) :]
+        values = np.broadcast_to(self.values, (*motions, *tail)).reshape(-1, *tail)
+        return self._with(values, values.shape[:1])
+
+
+class ConstantSignal(_ArraySignal):
+    """A value that holds at every time: (*motions, ...)."""
 
     def first_bad(self) -> tuple[tuple[int, ...], str] | None:
         """Return the index of the first motion with a number that is not finite, and its value as text; or None."""
-        bad = _first_not_finite(self.value)
+        bad = _first_not_finite(self.values)
         motion = () if bad is None else bad[: len(self.motions)]
-        return None if bad is None else (motion, f"{self.value[motion]}")
+        return None if bad is None else (motion, f"{self.values[motion]}")
 
     def values_at(self, times: Array) -> Array:
         """Return the value at times (N,); (*motions, N, ...)."""
         count = len(self.motions)
-        value = np.expand_dims(self.value, count)
+        value = np.expand_dims(self.values, count)
         return np.broadcast_to(value, (*self.motions, len(times), *value.shape[count + 1 :]))
 
     def values_at_nodes(self, start: Array, _: Array, nodes: tuple[float, ...]) -> Array:
         """Return the value at the nodes of steps; (*motions, steps, nodes, ...)."""
         count = len(self.motions)
-        value = np.expand_dims(self.value, (count, count + 1))
+        value = np.expand_dims(self.values, (count, count + 1))
         return np.broadcast_to(value, (*self.motions, len(start), len(nodes), *value.shape[count + 2 :]))
 
 
@@ -99,20 +106,17 @@ class CallableSignal:
         return self.values_at(start[:, None] + h[:, None] * np.array(nodes))
 
 
-class SampledSignal:
+class SampledSignal(_ArraySignal):
     """Samples at instants: (*motions, N) or (*motions, N, k). Only times since the first instant enter, so that
     stamps since 1970 are not rounded again.
     """
 
     def __init__(self, t: Array, values: Array, motions: tuple[int, ...] = ()) -> None:
+        super().__init__(values, motions)
         self.t = t
-        self.values = values
-        self.motions = motions
 
-    def __getitem__(self, index: Any) -> SampledSignal:
-        values = self.values[index]
-        motions = values.shape[: values.ndim - self.values.ndim + len(self.motions)]
-        return SampledSignal(self.t, values, motions)
+    def _with(self, values: Array, motions: tuple[int, ...]) -> Self:
+        return type(self)(self.t, values, motions)
 
     def thinned(self) -> SampledSignal:
         """Return the signal of every second sample and the last one, of a single motion. Gaps become longer by a
@@ -124,12 +128,6 @@ class SampledSignal:
             kept[slice(*np.searchsorted(self.t, ends))] = False
         kept[[0, -1]] = True
         return SampledSignal(self.t[kept], self.values[kept])
-
-    def flattened(self, motions: tuple[int, ...]) -> SampledSignal:
-        """Return the signal with one axis of motions, to which it is broadcast."""
-        tail = self.values.shape[len(self.motions) :]
-        values = np.broadcast_to(self.values, (*motions, *tail)).reshape(-1, *tail)
-        return SampledSignal(self.t, values, values.shape[:1])
 
     def first_bad(self) -> tuple[tuple[int, ...], str] | None:
         """Return the index of the first motion with a number that is not finite, and the sample as text; or None."""

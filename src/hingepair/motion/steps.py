@@ -91,7 +91,7 @@ def estimate_error(integral: Integral, steps: Steps, values: Array, errors: Step
     if not steps.step_count or (isinstance(integral, AngleIntegral) and integral.is_exact):
         return integral.rounding_at_instants(values, 0.0)
     if isinstance(rate, ConstantSignal):
-        turned = (steps.t[-1] - steps.t[0]) * float(row_norms(rate.value.reshape(-1)))
+        turned = (steps.t[-1] - steps.t[0]) * float(row_norms(rate.values.reshape(-1)))
         return float(UNIT_ROUNDOFF * turned + integral.rounding_at_instants(values, 0.0))
     if errors is None:
         errors = measure_errors(integral, steps.t[:-1], steps.t[1:], steps.t[-1] - steps.t[0])

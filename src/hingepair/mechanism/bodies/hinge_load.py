@@ -39,7 +39,7 @@ class HingeLoad(Frozen):
         stops: smallest and largest hinge angle [rad], such as `pair.limits`; shape (2,). An infinite one is no stop.
         stop_stiffness: stiffness of stops that are springs [N m/rad].
         stop_damping: damping of stops that are springs [s/rad]. With 0, the hinge leaves a stop as fast as it
-            arrived; else `restitution` tells how fast.
+            arrived, else slower.
         stop_restitution: makes the stops rigid in `simulate`: the hinge leaves with this fraction, 0 to 1, of the
             rate at which it arrived. Rigid stops add nothing to the torque that a call returns.
         motor: torque of the motor [N m]: a number; a callable of arrays (t, psi, psid); or another HingeLoad, whose
@@ -103,35 +103,6 @@ class HingeLoad(Frozen):
         stiff = [load for load in nested_loads(self) if load.stops and load.stop_restitution is not None]
         ends = [(angle, load) for load in stiff for angle in load.stops or () if np.isfinite(angle)]
         return {angle: float(load.stop_restitution or 0.0) for angle, load in ends}
-
-    def restitution(self, rate: float) -> float:
-        """Return the ratio w / v of the hinge rates after and before an impact on a stop, if no other torque acts.
-
-        Of rigid stops it is stop_restitution. Of springs with c = stop_damping it solves c v - ln(1 + c v) = -c w -
-        ln(1 - c w): 1 for c = 0, else smaller the faster, whatever stiffness and inertia are. It is that of this
-        load's own stops.
-
-        Args:
-            rate: hinge rate before the impact [rad/s]; its sign does not matter.
-
-        Returns:
-            The ratio, from 0 to 1.
-
-        >>> import hingepair as hp
-        >>> round(hp.HingeLoad(stops=(0, 1), stop_damping=0.5).restitution(1.0), 4)
-        0.7484
-        """
-        speed = abs(finite_number("rate", rate))
-        if self.stop_restitution is not None:
-            return self.stop_restitution
-        into = self.stop_damping * speed
-        if into < 1e-4:
-            return 1 - into * (2 / 3 - into * 4 / 9)  # the next term of the series is below 1e-12
-        work = into - np.log1p(into)
-        path = work + 1  # -ln(1 - c w): path + exp(-path) - 1 = work, convex, met from above by Newton's method
-        for _ in range(50):
-            path -= (path + np.expm1(-path) - work) / -np.expm1(-path)
-        return float(-np.expm1(-path) / into)
 
     def __call__(self, t: Any, psi: Any, psid: Any) -> Any:
         """Return the torque [N m] at instants t [s], hinge angles psi [rad] and rates psid [rad/s]."""
