@@ -1,5 +1,8 @@
 """Closed mechanisms: all joints from the coordinates, efforts of the coordinates, and forces in the loops."""
 
+import json
+import re
+
 import mpmath
 import numpy as np
 import pinocchio as pin
@@ -249,8 +252,16 @@ def test_a_path_is_followed_from_sample_to_sample() -> None:
 
 
 def test_a_page_shows_all_joints_of_a_closed_mechanism() -> None:
-    page = hp.view(FOUR_BAR, q=TURN)
-    assert page.html == hp.view(FOUR_BAR.opened(), q=FOUR_BAR.all_coordinates(TURN)).html
+    robot = FOUR_BAR.with_strut("a", "base", "rod", stiffness=1, free_length=1)
+    pages = hp.view(robot, q=TURN), hp.view(robot.opened(), q=robot.all_coordinates(TURN))
+    closed, opened = (
+        json.loads(re.search(r'type="application/json">(.*?)</script>', page.html)[1]) for page in pages
+    )
+    assert closed.pop("marks") == ["a-b"]
+    assert closed["frames"].pop() == {"name": "a-b", "body": 2, "R": [0.9, 0, 0], "S": np.eye(3).ravel().tolist()}
+    assert [[end["body"] for end in strut] for strut in closed["struts"]] == [[2, 0]]
+    assert opened.pop("marks") == []
+    assert closed == opened
     assert FOUR_BAR.opened().names == OPEN.names
     with pytest.raises(hp.ArgumentError) as caught:
         hp.view(FOUR_BAR)

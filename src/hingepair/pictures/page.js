@@ -129,6 +129,19 @@ for (const frame of frames.filter((one) => content.marks.includes(one.name))) {
   frame.mark = poseGroup(frame.name);
   frame.mark.add(dot, label(frame.name));
 }
+const struts = content.struts.map(([first, second]) => {  // rods from one frame to another
+  const rod = new THREE.Mesh(new THREE.CylinderGeometry(0.012 * size, 0.012 * size, 1, 16),
+    new THREE.MeshPhongMaterial({ color: 0x9a9fa8, specular: 0x222222 }));
+  world.add(rod);
+  return { rod, first, second };
+});
+function setRod(rod, from, to) {
+  const start = new THREE.Vector3(...from.R), end = new THREE.Vector3(...to.R), along = end.clone().sub(start);
+  rod.visible = isKnown(from) && isKnown(to);
+  rod.position.copy(start.add(end).multiplyScalar(0.5));
+  rod.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.clone().normalize());
+  rod.scale.set(1, along.length(), 1);
+}
 const selectedAxes = poseGroup("frame");
 selectedAxes.add(new THREE.AxesHelper(axesLength));
 const axes = content.joints.map((joint, k) => {  // a line along each joint's axis; always visible if there is only one coordinate
@@ -224,6 +237,7 @@ function draw() {
   bodies.forEach((body, k) => setPose(body, poses[k]));
   for (const one of frames)
     for (const group of [one.axes, one.mark]) if (group) setPose(group, framePose(poses, one));
+  for (const { rod, first, second } of struts) setRod(rod, framePose(poses, first), framePose(poses, second));
   const shown = framePose(poses, selectedFrame);
   setPose(selectedAxes, shown);
   const at = byId("follow").checked && isKnown(poses[0]) ? poses[0].R : [0, 0, 0];

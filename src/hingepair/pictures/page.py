@@ -24,6 +24,7 @@ from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.tree import Frame
 from hingepair.motion.simulated import SimulatedRobotMotion
 from hingepair.numeric.arrays import number_not_below_0
 from hingepair.pictures.curves import check_drawable
@@ -97,12 +98,17 @@ def view(
     if isinstance(source, SimulatedRobotMotion) and source.robot.loops:
         q, t = source.q, source.t
         source = source.robot
+    loops: dict[str, Frame] = {}
     if isinstance(source, Mechanism) and source.loops:
+        closure = tree_of(source).closure
+        if closure is not None:
+            pairs = zip(closure.loops, closure.frames, strict=True)
+            loops = {str(loop.name): first for loop, (first, _) in pairs if loop.name not in source.names}
         source, q, tau = _opened(source, q, tau)
     if isinstance(source, Mechanism):
         joints = tree_of(source).coordinates
         motion = page_motion(given_motion(source, q, t, base_motion, tau=tau), joints)
-        model = robot_model(source, source.name, megabytes=megabytes)
+        model = robot_model(source, source.name, megabytes=megabytes, loops=loops)
     else:
         for name, value in (("q", q), ("t", t), ("base_motion", base_motion), ("tau", tau)):
             if value is not None:

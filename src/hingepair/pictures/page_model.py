@@ -77,6 +77,8 @@ class PageModel(NamedTuple):
     notes: Sequence[str] = ()
     #: names of the frames that are marked with a dot and their name
     marks: Sequence[str] = ()
+    #: the two frames of each strut, from whose origins it is drawn
+    struts: Sequence[tuple[Frame, Frame]] = ()
 
 
 def pair_model(pair: HingePair, title: str) -> PageModel:
@@ -126,9 +128,15 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
     )
 
 
-def robot_model(robot: Mechanism, title: str, frame: str | None = None, megabytes: float = 0.0) -> PageModel:
+def robot_model(
+    robot: Mechanism,
+    title: str,
+    frame: str | None = None,
+    megabytes: float = 0.0,
+    loops: Mapping[str, Frame] | None = None,
+) -> PageModel:
     """Return the page model of a robot. Its bodies have the meshes and shapes of the URDF or of the pairs, and simple
-    shapes are added to a body that these do not draw completely.
+    shapes are added to a body that these do not draw completely. Struts are drawn as rods.
 
     Args:
         robot: the robot.
@@ -136,6 +144,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None, megabyte
         frame: link or frame whose motion is shown first; by default the tool, or else the last link of the longest
             chain.
         megabytes: size of the meshes on the page; 0: none are read.
+        loops: by the names of loops, frames where they are closed, which are marked.
     """
     tree, size = tree_of(robot), robot_size(tree_of(robot))
     meshes = [visual for drawing in tree.drawings for visual in drawing.visuals if isinstance(visual, Mesh)]
@@ -157,7 +166,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None, megabyte
         bodies=bodies,
         joints=tree.joints,
         chains=chains,
-        frames={**tree.frames, **tree.links},
+        frames={**tree.frames, **tree.links, **(loops or {})},
         frame=_tool(tree) if frame is None else frame,
         path_colours={},
         axes_shown=(),
@@ -167,6 +176,8 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None, megabyte
         axes_length=0.12 * size,
         opacity=1.0,
         notes=notes,
+        marks=tuple(loops or ()),
+        struts=tuple(strut.frames for strut in tree.struts),
     )
 
 
@@ -202,10 +213,8 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
         ],
         "coordinates": coordinates,
         "chains": [{"name": name, "colour": model.bodies[numbers[0]].colour} for name, numbers in model.chains],
-        "frames": [
-            {"name": name, "body": frame.body, "R": frame.R.tolist(), "S": frame.S.ravel().tolist()}
-            for name, frame in model.frames.items()
-        ],
+        "frames": [{"name": name, **_frame_json(frame)} for name, frame in model.frames.items()],
+        "struts": [[_frame_json(frame) for frame in pair] for pair in model.struts],
         "frame": model.frame,
         "path_colours": model.path_colours,
         "axes_shown": model.axes_shown,
@@ -216,6 +225,10 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
         "axes_length": model.axes_length,
         "opacity": model.opacity,
     }
+
+
+def _frame_json(frame: Frame) -> dict[str, Any]:
+    return {"body": frame.body, "R": frame.R.tolist(), "S": frame.S.ravel().tolist()}
 
 
 def placements(R: np.ndarray[Any, Any], S: np.ndarray[Any, Any]) -> list[list[float] | None]:
