@@ -91,7 +91,7 @@ def crane(base: str) -> str:
 
 
 def chunk_of(sweep):
-    return compute_chunk(sweep.task, 0, 0, sweep.numbers)
+    return compute_chunk(sweep.task, 0, sweep.numbers)
 
 
 @pytest.fixture
@@ -135,7 +135,7 @@ def test_forces_do_not_depend_on_the_size_of_chunks():
     sweep = sweep_of(crane("free"), VARIED, '"tau", "force1"', samples=4000)
     whole = chunk_of(sweep)
     for size in (1, 7):
-        part = compute_chunk(sweep.task, 1, 10, sweep.numbers[10 : 10 + size])
+        part = compute_chunk(sweep.task, 10, sweep.numbers[10 : 10 + size])
         for name in ("tau_hook", "force1"):
             np.testing.assert_array_equal(part[name], whole[name][10 : 10 + size])
 

@@ -53,11 +53,16 @@ def sweep_command(
     with _sweep_progress_bar() as progress, _report_stopped_sweep(path):
         run_sweep(loaded, path, scheduler, workers, progress)
     if as_json:
-        facts = {"title": loaded.title, "variants": loaded.variants, "chunks": loaded.chunks, "keys": loaded.keys}
-        print(json_text(facts | {"file": str(path)}))
+        facts = {
+            "title": loaded.title,
+            "variants": loaded.variants,
+            "chunks": loaded.chunks,
+            "keys": loaded.task.keys,
+        }
+        print(json_text(facts | {"keys": loaded.task.keys, "file": str(path)}))
         return
     print_title(loaded.title)
-    print(f"{loaded.variants} variants of {', '.join(loaded.keys)} in {loaded.chunks} chunks")
+    print(f"{loaded.variants} variants of {', '.join(loaded.task.keys)} in {loaded.chunks} chunks")
     print(f"written: {path}")
 
 

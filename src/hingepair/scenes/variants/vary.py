@@ -144,12 +144,16 @@ class VariantTask:
     keys: tuple[str, ...]
     #: names of the outputs; None for all that the scene has
     outputs: tuple[str, ...] | None
+    #: names of the reductions; none to keep all instants
+    reductions: tuple[str, ...] = ()
+    #: units of results and levels in place of SI units
+    units: str = ""
 
     @classmethod
-    def of(cls, scene: Scene, keys: tuple[str, ...], outputs: tuple[str, ...] | None) -> VariantTask:
+    def of(cls, scene: Scene, keys: tuple[str, ...], outputs: tuple[str, ...] | None, *more: Any) -> VariantTask:
         """Return the task of a scene; workers may have another working directory."""
         tables = json.dumps(scene.tables.values, default=str)
-        task = cls(str(scene.path.absolute()), tables, keys, outputs)
+        task = cls(str(scene.path.absolute()), tables, keys, outputs, *more)
         _computers[task] = Variants(scene, keys, outputs)
         return task
 
