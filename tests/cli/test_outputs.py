@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import hingepair as hp
-from hingepair.cli import fit, pictures, scenes, tolerance
+from hingepair.cli import fit, pictures, scenes, variants
 from hingepair.cli.sources import Source
 from hingepair.mechanism.results import Record
 from support.commands import refusal, run_command
@@ -40,7 +40,7 @@ def work(*_: object, **__: object) -> None:
 @pytest.mark.parametrize("target", ["missing/x", "folder", "input"])
 def test_outputs_are_checked_before_work(command, ending, option, target, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for module in (scenes, pictures, tolerance):
+    for module in (scenes, pictures, variants):
         monkeypatch.setattr(module, "load_named_scene", work)
     monkeypatch.setattr(Source, "has_motion", property(work))
     monkeypatch.setattr(fit, "read_poses", work)

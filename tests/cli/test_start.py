@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
+
+from hingepair.cli.main import COMMANDS
 
 
 @pytest.mark.slow
@@ -25,3 +28,10 @@ def test_a_scene_of_expressions_is_evaluated_without_sympy() -> None:
         print("sympy" in sys.modules)"""
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert shown == "False\n"
+
+
+def test_the_list_of_commands_says_what_their_help_says() -> None:
+    for commands in COMMANDS.values():
+        for name, (module, text) in commands.items():
+            command = getattr(import_module(f"hingepair.cli.{module}"), f"{name}_command")
+            assert command.__doc__.partition("\n")[0] == text

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import numpy as np
 import typer
 
+from hingepair.cli.models import TextFileOption
 from hingepair.cli.output import check_output, split_names, write_text
-from hingepair.cli.pairs import TextFileOption
 from hingepair.cli.sources import Body1FrameOption, Body2FrameOption, JointArgument, Source
 from hingepair.errors import HingePairError
 from hingepair.formats.robots import load_robot, robot_urdf

@@ -5,71 +5,105 @@ from __future__ import annotations
 import functools
 import sys
 import traceback
-from collections.abc import Callable
-from typing import Annotated, Any
+from collections.abc import Callable, Iterator, Mapping
+from importlib import import_module
+from typing import Annotated, Any, Final
 
 import typer
 import typer.core
 
 from hingepair import __version__
-from hingepair.cli.bench import bench_command
-from hingepair.cli.derive import derive_command
-from hingepair.cli.examples import examples_command
-from hingepair.cli.fit import fit_command
-from hingepair.cli.masses import masses_command
-from hingepair.cli.options import with_option_names
-from hingepair.cli.output import BAD_INPUT, INTERNAL_ERROR, run_and_flush, set_up_process
-from hingepair.cli.pairs import mjcf_command, urdf_command
-from hingepair.cli.pictures import plot_command, view_command
-from hingepair.cli.robots import robots_command
-from hingepair.cli.scenes import check_command, forces_command, run_command
-from hingepair.cli.search import search_command
-from hingepair.cli.sweep import sweep_command
-from hingepair.cli.tolerance import tolerance_command
+from hingepair.cli.process import BAD_INPUT, INTERNAL_ERROR, run_and_flush, set_up_process
 from hingepair.errors import HingePairError
 
-COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
+COMMANDS = {
     "Compute": {
-        "run": run_command,
-        "forces": forces_command,
-        "derive": derive_command,
-        "tolerance": tolerance_command,
-        "sweep": sweep_command,
-        "search": search_command,
-        "fit": fit_command,
-        "masses": masses_command,
+        "run": ("scenes", "Compute and print the motion of body 2 or of a mechanism."),
+        "forces": ("scenes", "Compute and print the forces that a motion requires."),
+        "derive": ("derive", "Derive closed formulas of a motion, and print or write them."),
+        "tolerance": (
+            "variants",
+            "Show how manufacturing tolerances affect the pose of body 2, and points.",
+        ),
+        "sweep": ("variants", "Compute all variants of a sweep, and write the results."),
+        "search": ("variants", "Find numbers of a scene for which results have wanted values."),
+        "fit": ("fit", "Fit a hinge to the recorded motion of two bodies."),
+        "masses": (
+            "masses",
+            "Fit the masses of a robot, and friction, to a recorded motion and its torques.",
+        ),
     },
     "Look": {
-        "plot": plot_command,
-        "view": view_command,
-        "examples": examples_command,
-        "robots": robots_command,
+        "plot": ("pictures", "Draw the motion of a scene over time and in space."),
+        "view": ("pictures", "Write a web page that shows a pair or a robot in motion."),
+        "examples": ("examples", "List the example scenes and sweeps, or copy one."),
+        "robots": ("robots", "List the example robots, or the joints of a robot."),
     },
     "Exchange": {
-        "urdf": urdf_command,
-        "mjcf": mjcf_command,
+        "urdf": ("models", "Write a pair, or the mechanism of a scene, as a URDF file."),
+        "mjcf": ("models", "Write a pair, or the mechanism of a scene, as a MuJoCo model (MJCF)."),
     },
     "Measure": {
-        "check": check_command,
-        "bench": bench_command,
+        "check": ("scenes", "Compare a scene or a robot with Pinocchio, and print a report."),
+        "bench": ("bench", "Measure forward kinematics of a pair: run time and error."),
     },
 }
-"""The commands by the names that users type, under the headings and in the order of --help."""
+"""Module and first sentence of help of the commands, by the names that users type, under the headings of --help."""
+
+
+class _Commands(Mapping[str, Any]):
+    """The commands by name, whose modules are imported when they are asked for."""
+
+    _modules: Final = {name: own for commands in COMMANDS.values() for name, own in commands.items()}
+
+    def __getitem__(self, name: str) -> Any:
+        return _command(name, self._modules[name][0])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._modules)
+
+    def __len__(self) -> int:
+        return len(self._modules)
+
+
+@functools.cache
+def _command(name: str, module: str) -> Any:
+    """Return a command; its signature is read once."""
+    from hingepair.cli.options import with_option_names
+
+    function = getattr(import_module(f"hingepair.cli.{module}"), f"{name}_command")
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None, context_settings={"max_content_width": 110})
+    alone.command(name)(with_option_names(function))
+    return typer.main.get_command(alone)
 
 
 class _GroupedCommands(typer.core.TyperGroup):
     """The command line, whose help lists the commands under the headings of `COMMANDS`."""
 
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands = _Commands()  # type: ignore[assignment]
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002, Typer hands it over
+        """Return the names of the commands, in the order of help."""
+        return [*self.commands]
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, Typer hands it over
         """Write a section for each heading."""
         width = max(map(len, self.commands))
-        rows: dict[str, list[tuple[str, str]]] = {}
-        for name, command in self.commands.items():
-            text = command.get_short_help_str(formatter.width - width - 6)
-            rows.setdefault(getattr(command, "rich_help_panel", "Commands"), []).append((name.ljust(width), text))
-        for heading, lines in rows.items():
+        for heading, commands in COMMANDS.items():
             with formatter.section(heading):
-                formatter.write_dl(lines)
+                formatter.write_dl(
+                    [
+                        (name.ljust(width), _short(name, text, formatter.width - width - 6))
+                        for name, (_, text) in commands.items()
+                    ]
+                )
+
+
+def _short(name: str, text: str, width: int) -> str:
+    """Return a sentence, shortened to a width."""
+    return typer.core.TyperCommand(name, help=text).get_short_help_str(width)
 
 
 app = typer.Typer(
@@ -85,10 +119,6 @@ app = typer.Typer(
     context_settings={"max_content_width": 110},
     pretty_exceptions_enable=False,
 )
-
-for heading, commands in COMMANDS.items():
-    for command_name, command in commands.items():
-        app.command(command_name, rich_help_panel=heading)(with_option_names(command))
 
 
 def main() -> None:
@@ -117,7 +147,7 @@ def _run_app() -> int:
     return 0
 
 
-@functools.cache  # its signatures are read once, however many commands a process runs, as the tests do
+@functools.cache
 def _command_tree() -> Callable[[], object]:
     """Return the command line as one callable that reads `sys.argv`, runs the command and exits."""
     return typer.main.get_command(app)

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from hingepair.cli.models import GravityOption, parse_gravity
 from hingepair.cli.output import (
     PICTURE_SUFFIXES,
     JsonOption,
@@ -17,7 +18,6 @@ from hingepair.cli.output import (
     save_figure,
     split_names,
 )
-from hingepair.cli.pairs import GravityOption, parse_gravity
 from hingepair.cli.sources import ColumnOption, Source, parse_columns
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.model_writers import to_urdf
@@ -70,7 +70,7 @@ def masses_command(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Fit the masses of a robot, and the friction of its joints, to a recorded motion and its torques.
+    """Fit the masses of a robot, and friction, to a recorded motion and its torques.
 
     Columns are read by name: t, q_JOINT and tau_JOINT of all joints, and where recorded qd_JOINT and qdd_JOINT, in SI
     units or with their unit, such as "q_JOINT [deg]"; or JOINT, JOINTd and JOINTdd, as hingepair run writes them. The

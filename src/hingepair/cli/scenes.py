@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from hingepair.cli.models import GravityOption, parse_gravity
 from hingepair.cli.output import (
     JsonOption,
     OutputsOption,
@@ -23,7 +24,6 @@ from hingepair.cli.output import (
     split_names,
     with_progress_bar,
 )
-from hingepair.cli.pairs import GravityOption, parse_gravity
 from hingepair.cli.sources import Source, load_named_scene
 from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError, printable
