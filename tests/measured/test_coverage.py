@@ -149,15 +149,28 @@ FEW: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {  # 80 runs each, 40 wi
         *((name, "body") for name in (*KINDS, *FEW)),
         ("equal", "point"),
         (MOVING, "point"),
+        ("clocks, gaps", "point"),
+        ("weights, outliers", "point"),
     ],
 )
 def test_errors_of_a_fit_are_within_its_intervals(name: str, what: str) -> None:
+    judge_fits(name, what, RUNS if name in KINDS else 40 if "clocks" in name else 80)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["body", "point"])
+def test_errors_of_a_few_fits_are_within_their_intervals(what: str) -> None:
+    judge_fits("equal", what, 25)
+
+
+def judge_fits(name: str, what: str, runs: int) -> None:
+    """Fit so many recordings of a kind, and judge the errors."""
     made, told = (KINDS | FEW)[name]
     if what == "point":
         told = {key: value for key, value in told.items() if not key.startswith("noise")}
     scores: dict[str, list[np.ndarray]] = {}
     findings = []
-    for seed in range(RUNS if name in KINDS else 40 if "late" in made else 80):
+    for seed in range(runs):
         t, (R1, S1, R2, S2), psi = poses(seed, **made)
         more = {"t": t} if "late" in made else {}
         body2 = hp.BodyMotion(R=R2) if what == "point" else hp.BodyMotion(R=R2, S=S2)

@@ -49,15 +49,6 @@ def test_exact_motion_comes_to_rest(loss: str) -> None:
         assert (found.ok, found.findings) == (True, ())
 
 
-def test_rounding_is_no_outlier() -> None:
-    t = np.linspace(0, 10, 1001)
-    pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
-    state = pair.forward_kinematics((t, t, 0.0, t / 3, t, 5 * t, 10 * t), outputs=("R1", "S1", "R2", "S2"))
-    found = hp.fit(hp.BodyMotion(R=state.R1, S=state.S1), hp.BodyMotion(R=state.R2, S=state.S2))
-    assert found.findings == ()
-    assert np.ptp(found.psi) == pytest.approx(100, rel=1e-13)
-
-
 def test_psi_is_the_angle_that_home_and_sign_say() -> None:
     made = recording(turn=8.0)
     found = hp.fit(*bodies(made))
@@ -66,13 +57,6 @@ def test_psi_is_the_angle_that_home_and_sign_say() -> None:
     assert np.abs(state.R2 - made.R2).max() < 64 * U
     sign = np.sign(found.pair.n @ N1)
     assert np.ptp(found.psi - sign * made.psi) < 1e-13  # no jumps by 2 pi
-
-
-def test_home_is_the_identity_where_it_was() -> None:
-    made = recording(Q=turns(recording().psi[:, None] * N1))
-    found = hp.fit(*bodies(made))
-    assert np.abs(found.pair.home - np.eye(3)).max() < 8 * U
-    assert np.abs(found.psi - made.psi).max() < 1e-14
 
 
 @pytest.mark.slow
@@ -115,30 +99,6 @@ def test_the_sign_of_n_may_be_chosen(direction) -> None:
     assert point.pair.n @ direction > 0
 
 
-def errors_of_psi(found: hp.HingeFit, made) -> np.ndarray:
-    """In standard deviations; (N,)."""
-    sign = np.sign(found.pair.n @ N1)
-    home = truth(sign)[3]
-    true = sign * made.psi + hp.rotation_log(HOME @ home.T) @ (sign * N1)
-    return np.angle(np.exp(1j * (found.psi - true))) / found.std["psi"]
-
-
-def test_every_angle_has_its_standard_deviation() -> None:
-    made = recording(2000, 1e-3, 5e-3)
-    made.R1[7], made.R1[3] = np.nan, np.nan
-    found = hp.fit(*bodies(made))
-    assert np.array_equal(np.isnan(found.std["psi"]), np.isnan(found.psi))
-    assert np.nanmedian(found.std["psi"]) == pytest.approx(np.sqrt(2) * 5e-3, rel=0.06)
-    assert np.nanstd(errors_of_psi(found, made)) == pytest.approx(1, abs=0.06)
-    sizes = np.where(np.arange(2000) % 2, 1.0, 5.0)[:, None]
-    rough = recording(2000, 1e-3 * sizes, 5e-3 * sizes)
-    known = hp.fit(*bodies(rough), weights=1 / sizes[:, 0] ** 2)
-    for part in (slice(0, None, 2), slice(1, None, 2)):
-        assert np.std(errors_of_psi(known, rough)[part]) == pytest.approx(1, abs=0.1)
-    told = json.loads(known.to_json())["std"]["psi"]
-    assert told == pytest.approx(np.median(known.std["psi"]))
-
-
 @pytest.mark.slow
 def test_an_angle_of_few_samples_is_as_uncertain_as_the_axis_that_they_tell() -> None:
     """Axes 150 degrees apart in both bodies, where psi = 0 moves 4 times as much as they do."""
@@ -153,61 +113,6 @@ def test_an_angle_of_few_samples_is_as_uncertain_as_the_axis_that_they_tell() ->
         scores.append(np.mean(off / found.std["psi"]))
     # All angles of a fit are off together; with the noise of samples alone, std["psi"] would be half as large.
     assert np.std(scores) == pytest.approx(1, abs=0.35)
-
-
-def coverage(runs: int, count: int, loss: str, known: bool = False, **kind: float) -> np.ndarray:
-    inside = np.zeros(12)
-    noise = (kind["metres"], kind["radians"])
-    stated = {"noise1": noise, "noise2": noise} if known else {}
-    for seed in range(runs):
-        found = hp.fit(*bodies(recording(count, seed=seed, **kind)), loss=loss, **stated)
-        inside += np.abs(errors(found)) < 1.96 * np.sqrt(np.diagonal(found.covariance))
-    return inside / runs
-
-
-@pytest.mark.slow
-def test_errors_are_within_the_covariance() -> None:
-    inside = coverage(25, 150, "linear", metres=1e-3, radians=2e-3)
-    assert inside.mean() > 0.9
-    assert inside.min() > 0.7
-
-
-@pytest.mark.proof
-@pytest.mark.parametrize(
-    ("runs", "count", "loss", "kind"),
-    [
-        (100, 300, "linear", {"metres": 1e-3, "radians": 2e-3}),
-        (80, 2000, "linear", {"metres": 1e-3, "radians": 3e-2, "known": True}),
-        (100, 300, "linear", {"metres": 1e-3, "radians": 2e-3, "turn": 0.1}),
-        (100, 300, "cauchy", {"metres": 1e-3, "radians": 2e-3, "outliers": 0.3}),
-    ],
-    ids=["both", "many and rough", "little turning", "outliers"],
-)
-def test_errors_are_within_the_covariance_in_many_runs(
-    runs: int, count: int, loss: str, kind: dict[str, float]
-) -> None:
-    inside = coverage(runs, count, loss, **kind)
-    assert inside.min() >= 0.9
-    assert inside.max() <= 0.99
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("together", [4, 40])
-def test_noise_that_is_correlated_in_time_widens_the_covariance(together: int) -> None:
-    count = 400 * together
-    made = recording(count)
-    rng = np.random.default_rng(5)
-    smooth = np.ones(together) / np.sqrt(together)
-    slow = np.stack(
-        [np.convolve(rng.standard_normal(count + together - 1), smooth, "valid") for _ in range(3)], axis=-1
-    )
-    white = rng.standard_normal((count, 3))
-    stds = []
-    for noise in (white, slow):
-        body1, _ = bodies(made)
-        found = hp.fit(body1, hp.BodyMotion(R=made.R2, S=made.S2 @ turns(2e-3 * noise)))
-        stds.append(found.std["n"].max())
-    assert 0.6 < stds[1] / stds[0] / np.sqrt(together) < 1.4
 
 
 def test_errors_that_last_longer_than_the_sums_are_said() -> None:
@@ -396,18 +301,8 @@ def test_what_is_no_hinge_is_said_in_a_sentence(name: str, noise: float) -> None
     assert words in str(found)
 
 
-ACROSS = np.cross(N1, (1.0, 0, 0)) / np.linalg.norm(np.cross(N1, (1.0, 0, 0)))
-DEFECTS = {
-    "along": lambda size: {"slip": size * SLOW[:, None] * N1},
-    "across": lambda size: {"slip": size * SLOW[:, None] * ACROSS},
-    "every way": lambda size: {"slip": size * np.stack((SLOW, np.cos(1.9 * T), np.sin(2.7 * T)), axis=-1)},
-    "tilt": lambda size: {"Q": ROLL @ HOME @ turns(2 * size * SLOW[:, None] * np.array((0.0, 0.0, 1.0)))},
-    "noise": lambda size: {"metres": 3 * size},
-}
-
-
 def test_play_of_the_hinge_point_is_measured_beside_the_levers() -> None:
-    found = hp.fit(*bodies(recording(2000, 1e-3, 2e-3, **DEFECTS["along"](0.01))))
+    found = hp.fit(*bodies(recording(2000, 1e-3, 2e-3, slip=0.01 * SLOW[:, None] * N1)))
     size, share = re.search(r"along the axis by ([\d.]+) m rms, ([\d.]+) % of the levers", found.findings[0]).groups()
     assert float(size) == pytest.approx(0.01 * np.std(SLOW), rel=0.05)
     lever = max(np.linalg.norm(truth(1.0)[0]), np.linalg.norm(truth(1.0)[1]))
@@ -449,17 +344,19 @@ def test_residuals_say_when() -> None:
     assert left.ok
 
 
-def reordered(S: np.ndarray) -> np.ndarray:
-    """Attitudes of quaternions that were written with the scalar first and are read with the scalar last."""
-    angle = hp.rotation_log(S)
-    half = np.linalg.norm(angle, axis=-1, keepdims=True) / 2
-    wxyz = np.concatenate((np.cos(half), np.sin(half) / (2 * half) * angle), axis=-1)
-    return hp.BodyMotion.from_quaternion_xyzw(R=np.zeros(3), quat_xyzw=wxyz).S
+def read_in_order(S: np.ndarray, written: str) -> np.ndarray:
+    """Attitudes whose quaternions were written in one order and read in the other."""
+    from scipy.spatial.transform import Rotation
+
+    xyzw = Rotation.from_matrix(S).as_quat()
+    if written == "wxyz":
+        return Rotation.from_quat(np.roll(xyzw, 1, axis=-1)).as_matrix()
+    return Rotation.from_quat(np.roll(xyzw, -1, axis=-1)).as_matrix()
 
 
 NO_HINGES = {
     "millimetres": lambda made: made._replace(R2=1e3 * made.R2),
-    "quaternions in the wrong order": lambda made: made._replace(S2=reordered(made.S2)),
+    "quaternions in the wrong order": lambda made: made._replace(S2=read_in_order(made.S2, "wxyz")),
     "inverted attitudes": lambda made: made._replace(S2=np.swapaxes(made.S2, -1, -2)),
     "a wrong clock": lambda made: made._replace(R2=np.roll(made.R2, 40, 0), S2=np.roll(made.S2, 40, 0)),
 }
@@ -507,16 +404,6 @@ def test_doubtful_units_are_asked_about(change: dict[str, object], words: str | 
     found = hp.fit(*bodies(scaled), t=change.get("t", made.t))
     assert found.ok == (words is None)
     assert [bool(re.match(words, text)) for text in found.findings] == ([True] if words else [])
-
-
-def read_in_order(S: np.ndarray, written: str) -> np.ndarray:
-    """Attitudes whose quaternions were written in one order and read in the other."""
-    from scipy.spatial.transform import Rotation
-
-    xyzw = Rotation.from_matrix(S).as_quat()
-    if written == "wxyz":
-        return Rotation.from_quat(np.roll(xyzw, 1, axis=-1)).as_matrix()
-    return Rotation.from_quat(np.roll(xyzw, -1, axis=-1)).as_matrix()
 
 
 Y_UP = np.array(((1.0, 0, 0), (0, 0, 1), (0, -1, 0)))

@@ -61,34 +61,6 @@ def test_angles_of_a_point_have_standard_deviations(count: int, radians: float) 
     assert 0.7 < rms < 1.1
 
 
-@pytest.mark.slow
-def test_errors_of_a_point_are_within_the_covariance() -> None:
-    inside = np.zeros(6)
-    for seed in range(40):
-        found = hp.fit(*bodies(recording(200, 1e-3, seed=seed)))
-        n = np.sign(found.pair.n @ N1) * N1
-        off = np.concatenate((found.pair.u1 - true_circle(found.gauge), found.pair.n - n))
-        inside += np.abs(off) < 1.96 * np.concatenate((found.std["u1"], found.std["n"]))
-        assert found.noise_position == pytest.approx(np.sqrt(2) * 1e-3, rel=0.15)
-    assert (inside / 40).min() > 0.8
-    assert (inside / 40).mean() > 0.9
-
-
-@pytest.mark.proof
-@pytest.mark.parametrize(
-    ("turn", "loss", "outliers"), [(1.0, "linear", 0.0), (0.4, "linear", 0.0), (1.0, "cauchy", 0.2)]
-)
-def test_errors_of_a_point_are_within_the_intervals_in_many_runs(turn: float, loss: str, outliers: float) -> None:
-    inside = np.zeros(6)
-    for seed in range(150):
-        found = hp.fit(*bodies(recording(400, 1e-3, seed=seed, turn=turn, outliers=outliers)), loss=loss)
-        n = np.sign(found.pair.n @ N1) * N1
-        off = np.concatenate((found.pair.u1 - true_circle(found.gauge), found.pair.n - n))
-        inside += np.abs(off) < 1.96 * np.concatenate((found.std["u1"], found.std["n"]))
-    assert (inside / 150).min() >= 0.89
-    assert (inside / 150).mean() <= 0.985
-
-
 def test_outliers_and_missing_samples_of_a_point() -> None:
     made = recording(600, 1e-3, outliers=0.2)
     body1, point = bodies(made)
@@ -141,7 +113,6 @@ def test_what_needs_an_attitude_refuses_a_point() -> None:
         lambda: pair.residuals(body, point),
         lambda: pair.forward_kinematics_from_body1(point, psi),
         lambda: pair.jacobian(point, psi),
-        lambda: hp.simulate(pair, t, one, 0.0, 0.0),
         lambda: hp.smooth(t, point),
     ):
         with pytest.raises(hp.ArgumentError, match=r"body[12]?\.S: expected"):
@@ -276,7 +247,7 @@ BAD_CLUSTERS = {
     "labels unlike the reference": (lambda x: exchanged(x, slice(None)), 1.0, "labels may be exchanged"),
     "labels exchanged in a third": (lambda x: exchanged(x, slice(40, 140)), None, "labels may be exchanged"),
     "hidden at the origin": (hidden, None, "a marker that is not seen is NaN"),
-    "a marker that slides": (sliding, None, "rigid|Marker 0 moved|one of the markers"),
+    "a marker that slides": (sliding, None, "Marker 0 moved|One of the markers moved"),
 }
 
 

@@ -142,42 +142,6 @@ def test_angles_that_truly_jump_are_left_as_they_are() -> None:
 
 
 @pytest.mark.slow
-def test_degrees_are_warned_of_and_stay_what_they_are() -> None:
-    t = np.arange(400) / 20
-    degrees = 90 * np.sin(3 * t)
-    with (
-        pytest.warns(hp.MeasurementWarning, match="their noise cannot be told from motion"),  # they have none
-        pytest.warns(hp.MeasurementWarning, match="body spans 180 rad, 28.6 turns: is it in radians"),
-    ):
-        found = hp.smooth(t, degrees)
-    assert np.abs(found.psi - degrees).max() < 1e-3
-    assert np.abs(found.psid - 270 * np.cos(3 * t))[40:-40].max() < 1e-2
-
-
-def test_wrapped_degrees_are_refused() -> None:
-    t = np.arange(400) / 100
-    with pytest.raises(hp.ArgumentError, match=r"body: expected angles in radians: numpy.radians\(body\)"):
-        hp.smooth(t, (200 * t + 180) % 360 - 180)
-
-
-@pytest.mark.slow
-def test_noise_that_dominates_is_warned_of_with_its_size() -> None:
-    t = np.arange(1000) / 200
-    truth = motion(t)
-    with pytest.warns(hp.MeasurementWarning, match=r"a: noise of \d+ m/s\^2 in \d+ m/s\^2"):
-        hp.smooth(t, noisy(truth, 1e-3, 2e-3, 5), bandwidth=80.0)
-
-
-def test_jitter_is_warned_of() -> None:
-    t = np.cumsum(np.random.default_rng(6).uniform(0.001, 0.009, 500))
-    low, middle, high = (f"{1e3 * step:.3g}" for step in np.percentile(np.diff(t), (10, 50, 90)))
-    with pytest.warns(
-        hp.MeasurementWarning, match=f"t: stamps jitter: steps from {low} to {high} ms about {middle} ms"
-    ):
-        hp.smooth(t, np.sin(t))
-
-
-@pytest.mark.slow
 def test_uneven_stamps_are_believed() -> None:
     t = np.cumsum(np.random.default_rng(7).uniform(0.0045, 0.0055, 1000)) + 1.7e9
     x = t - t[0]
@@ -195,14 +159,6 @@ def test_short_pieces_between_gaps_are_smoothed_with_long_ones() -> None:
         found = hp.smooth(t, psi)
         assert (np.isnan(found.psi) == np.isnan(psi)).all()
         assert np.nanmax(np.abs(found.psi - np.sin(2 * t))) < 5e-3
-
-
-@pytest.mark.slow
-def test_rough_attitudes_are_smoothed_along_a_smooth_path() -> None:
-    t = np.arange(1000) / 200
-    truth = motion(t)
-    found = hp.smooth(t, noisy(truth, 1e-3, 0.1, 8))
-    assert rms(found.alpha - truth.alpha1) < 4 * found.noise["alpha"]
 
 
 def correlated(share: float, count: int, seed: int) -> np.ndarray:
@@ -236,37 +192,6 @@ def test_noise_with_memory_is_not_followed(share: float) -> None:
     assert rms(found.psidd - psidd) < 0.2
     low, high = (0.5e-3, 2e-3) if share == 0.9 else (0.8e-3, 1.2e-3)  # slow noise is like motion
     assert low < found.noise["psi"] < high
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("hertz", [6.0, 20.0])
-def test_samples_that_were_filtered_before_are_warned_of(hertz: float) -> None:
-    from scipy.signal import butter, filtfilt
-
-    t = np.arange(2000) / 200
-    raw = angle(t)[0] + 1e-3 * np.random.default_rng(0).standard_normal(2000)
-    with pytest.warns(
-        hp.MeasurementWarning,
-        match="as where samples were filtered before; the noise and the standard deviations that are stated",
-    ):
-        hp.smooth(t, filtfilt(*butter(2, hertz / 100), raw))
-
-
-def test_a_bandwidth_that_is_too_low_is_warned_of() -> None:
-    t = np.arange(2000) / 200
-    raw = angle(t)[0] + 1e-3 * np.random.default_rng(0).standard_normal(2000)
-    with pytest.warns(hp.MeasurementWarning, match=r"neighbouring samples is correlated .* bandwidth of 0.3 Hz"):
-        hp.smooth(t, raw, bandwidth=0.3)
-
-
-@pytest.mark.filterwarnings("ignore:.*what smoothing leaves")
-def test_neighbours_of_outliers_are_not_counted() -> None:
-    """Squares are pulled so far by 1 % of the samples that the curve leaves their neighbours, too."""
-    t, rng = np.arange(400) / 100, np.random.default_rng(1)
-    psi = np.sin(3 * t) + 1e-3 * rng.standard_normal(400)
-    psi[rng.choice(400, 4, replace=False)] += 1.0
-    with pytest.warns(hp.MeasurementWarning, match=r"angle: 1(\.\d)? % of the samples are outliers"):
-        hp.smooth(t, psi)
 
 
 def scores_of_angles(seeds: int, share: float, loss: str = "linear", outliers: float = 0.0) -> np.ndarray:
@@ -366,6 +291,42 @@ def test_standard_deviations_grow_towards_ends_and_in_holes() -> None:
     assert 0.5 < rms(z) < 1.6
 
 
+def doubtful() -> dict[str, tuple[np.ndarray, np.ndarray, float | None, str]]:
+    """Instants, angles, bandwidth, and what is warned of."""
+    from scipy.signal import butter, filtfilt
+
+    rng = np.random.default_rng(1)
+    t, few = np.arange(2000) / 200, np.arange(400) / 100
+    noisy, spikes = angle(t)[0] + 1e-3 * rng.standard_normal(2000), np.sin(3 * few) + 1e-3 * rng.standard_normal(400)
+    one, jitter = spikes.copy(), np.cumsum(rng.uniform(0.001, 0.009, 500))
+    one[133] += 0.1
+    spikes[rng.choice(400, 4, replace=False)] += 1.0
+    return {
+        "degrees": (few * 5, 90 * np.sin(15 * few), None, r"body spans 180 rad, 28.6 turns: is it in radians"),
+        "noise": (t, noisy, 80.0, r"psidd: noise of \d+ rad/s\^2 in \d+ rad/s\^2"),
+        "jitter": (jitter, np.sin(jitter), None, "t: stamps jitter: steps from .* to .* ms about .* ms"),
+        "filtered": (t, filtfilt(*butter(2, 0.06), noisy), None, "as where samples were filtered before; the noise"),
+        "too low": (t, noisy, 0.3, r"neighbouring samples is correlated .* bandwidth of 0.3 Hz"),
+        "one outlier": (few, one, None, r"angle: 0.25 % of the samples are outliers"),
+        "outliers": (few, spikes, None, r"angle: 1(\.\d)? % of the samples are outliers"),  # not their neighbours
+    }
+
+
+def test_wrapped_degrees_are_refused() -> None:
+    t = np.arange(400) / 100
+    with pytest.raises(hp.ArgumentError, match=r"body: expected angles in radians: numpy.radians\(body\)"):
+        hp.smooth(t, (200 * t + 180) % 360 - 180)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::hingepair.MeasurementWarning")
+@pytest.mark.parametrize("name", doubtful())
+def test_recordings_that_are_doubtful_are_warned_of(name: str) -> None:
+    t, psi, bandwidth, words = doubtful()[name]
+    with pytest.warns(hp.MeasurementWarning, match=words):
+        hp.smooth(t, psi, bandwidth)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("digits", [17, 3])
 def test_a_motion_from_rest_without_noise_has_no_outliers(digits: int) -> None:
@@ -379,17 +340,6 @@ def test_a_motion_from_rest_without_noise_has_no_outliers(digits: int) -> None:
         hp.smooth(t, ramp)
         hp.smooth(t, body)
     assert not any("outliers" in str(warning.message) for warning in caught)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("count", [60, 400])
-def test_a_single_outlier_is_warned_of(count: int, seed: int) -> None:
-    t = np.arange(count) / 100
-    raw = np.sin(3 * t) + 1e-3 * np.random.default_rng(seed).standard_normal(count)
-    raw[count // 3] += 0.1
-    with pytest.warns(hp.MeasurementWarning, match=r"angle: .* % of the samples are outliers"):
-        hp.smooth(t, raw)
 
 
 @pytest.mark.slow
@@ -436,18 +386,3 @@ def test_the_inverse_of_bands_is_that_of_the_matrix() -> None:
         if order == 0:
             np.testing.assert_allclose(np.diagonal(smoother[:, 90:]), variances, rtol=1e-9)
         assert (variances > 0).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("turn", [0.51, 1.6, 2.9])
-def test_fast_spins_are_smoothed(turn):
-    """A wheel that turns by up to 2.9 rad a sample, on an axis that tilts."""
-    rng = np.random.default_rng(5)
-    t = np.arange(400) / 100
-    tilt = hp.rotation_exp(0.3 * np.sin(t)[:, None] * (1, 0, 0))
-    S = tilt @ hp.rotation_exp((100 * turn * t)[:, None] * (0, 0, 1))
-    noisy = S @ hp.rotation_exp(1e-4 * rng.standard_normal((400, 3)))
-    smoothed = hp.smooth(t, hp.BodyMotion(R=np.sin(t)[:, None] + 1e-4 * rng.standard_normal((400, 3)), S=noisy))
-    exact = 100 * turn * tilt[..., 2] + 0.3 * np.cos(t)[:, None] * (1, 0, 0)
-    assert np.abs(smoothed.omega - exact)[40:-40].max() < 0.03
-    assert np.abs(hp.rotation_log(np.swapaxes(S, -1, -2) @ smoothed.S)).max() < 5e-4

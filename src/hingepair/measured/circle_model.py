@@ -208,6 +208,10 @@ class PointModel(Model):
         """Return the distances from the circle [m], (2, N), and NaN for the tilt."""
         return _distances(self.circle, poses), np.full(poses.samples, np.nan)
 
+    def noise_std(self, _poses: RelativePoses, _loss: Loss | None, /) -> dict[str, np.float64]:
+        """Return nothing: how well the noise is known is not computed of a point."""
+        return {}
+
 
 def _distances(circle: Circle, poses: RelativePoses) -> Float64Array:
     """Return the distances [m] from the plane of the circle, and in it from the circle; (2, N)."""

@@ -25,7 +25,8 @@ from hingepair.tables.sheets import percent
 _MIN_MARKERS = 3  # that a sample must show to have a pose
 _MIN_WIDTH = 0.02  # of a cluster, in parts of its length; below, the markers are on a line, which shows no attitude
 _MAX_SIZE = 10.0  # [m] of a cluster, in root mean square; more is probably in another unit
-_JUDGED_SAMPLES = 1000  # that tell which marker moved
+_JUDGED_SAMPLES = 1000  # that tell the usual distances between markers
+_MAX_PLAY = 0.02  # of a marker, in parts of the size of the cluster, if it is not random
 _MOST = 0.3  # of the samples whose markers are off their places; of more, it is not known which are right
 _RELIABLE = np.radians(2.0)  # [rad]: attitudes that are known less well are not to be relied on
 _ROUNDING = 1e-9  # of the size of the cluster; smaller distances from the places are rounding
@@ -122,10 +123,11 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     free = 3 * is_seen[good].sum() - 6 * good.sum() - (0 if given else 3 * cluster.shape[0] - 6)
     noise = float(np.sqrt((distances[good] ** 2).sum() / max(free, 1.0)))
     std_R, std_S = _deviations(S, is_seen, cluster, noise)
+    off = is_seen[..., None] * (np.einsum("nji,nmj->nmi", S, seen_places - R[:, None]) - cluster)  # body axes
     findings = [
         *_recording_findings(seen_places, is_seen, distances, good),
         *(_reference_findings(seen_places[good], is_seen[good], distances[good], size) if given else []),
-        *_moved_marker_findings(seen_places[good], is_seen[good], cluster, distances[good], size),
+        *_moved_marker_findings(off[good], is_seen[good], size),
     ]
     unit = f"The markers are {size:.2g} m from their middle: are they in metres?"
     attitude = float(np.median(std_S[good].max(axis=1)))
@@ -295,51 +297,16 @@ def _refined_places(places: Float64Array, is_seen: Float64Array, cluster: Float6
     return np.asarray(cluster @ S[int(np.argmax(is_seen.sum(axis=1)))].T)
 
 
-def _moved_marker_findings(
-    places: Float64Array, is_seen: Float64Array, cluster: Float64Array, distances: Float64Array, size: float
-) -> list[Finding]:
-    """Return a finding on the marker that moved against the others, or on several of which one did."""
-    if float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0))) <= _ROUNDING * size:
+def _moved_marker_findings(off: Float64Array, is_seen: Float64Array, size: float) -> list[Finding]:
+    """Return a finding on the marker that is farthest off its place if what is left of the places, `off` (N, M, 3),
+    is not random: a marker that moved against the others.
+    """
+    count, markers = off.shape[1], zip(off.swapaxes(0, 1), is_seen.T, strict=True)
+    correlations = [neighbour_correlation(one[seen > 0].T) for one, seen in markers]
+    rms = np.sqrt((off**2).sum(axis=(0, 2)) / np.maximum(is_seen.sum(axis=0), 1.0))
+    worst = int(np.argmax(rms))
+    if max(correlations) <= RANDOM_CORRELATION:
         return []
-    if cluster.shape[0] <= _MIN_MARKERS:
-        return _triangle_findings(places, is_seen, size)
-    every = slice(None, None, -(-places.shape[0] // _JUDGED_SAMPLES))
-    places, is_seen, distances = places[every], is_seen[every], distances[every]
-
-    def noise(distances: Float64Array, is_seen: Float64Array, markers: int) -> float:
-        free = 3 * is_seen.sum() - 6 * len(is_seen) - 3 * markers + 6
-        return float(np.sqrt((distances**2).sum() / max(free, 1.0)))
-
-    # The noise that each marker alone would leave behind if it were taken out.
-    without = np.full(cluster.shape[0], np.inf)
-    for marker in range(cluster.shape[0]):
-        others = is_seen * (np.arange(cluster.shape[0]) != marker)
-        rows = _markers_determine_attitude(places, others)
-        if rows.sum() >= 2:
-            refined = _refined_places(places[rows], others[rows], cluster)
-            left = _kabsch_poses(places[rows], others[rows], refined)[2]
-            without[marker] = noise(left, others[rows], cluster.shape[0] - 1)
-    whole, best = noise(distances, is_seen, cluster.shape[0]), int(np.argmin(without))
-    ratio = whole / max(float(without[best]), _ROUNDING * size)
-    suspects = [str(marker) for marker in np.flatnonzero(without < 2 * without[best])]
-    text = f"The cluster is not rigid: one of the markers {', '.join(suspects)} moved against the others."
-    if len(suspects) == 1:
-        text = (
-            f"Marker {best} moved against the others: without it they stay in place to {1e3 * without[best]:.2g} mm, "
-            f"with it to {1e3 * whole:.2g} mm. Leave it out."
-        )
-    return exceeded(Finding("moved", ratio, 3.0, text)) if np.isfinite(ratio) else []
-
-
-def _triangle_findings(places: Float64Array, is_seen: Float64Array, size: float) -> list[Finding]:
-    """Return a finding if the sides of a triangle of markers change, and not at random."""
-    whole = places[is_seen.all(axis=1)]
-    if whole.shape[0] < 8:
-        return []
-    sides = np.linalg.norm(whole - np.roll(whole, 1, axis=1), axis=2)
-    changes = [side - side.mean() for side in sides.T]
-    rms = max(
-        [float(side.std()) for side in changes if neighbour_correlation(side) > RANDOM_CORRELATION], default=0.0
-    )
-    text = f"The cluster is not rigid: distances between its markers change by {1e3 * rms:.2g} mm rms, not at random."
-    return exceeded(Finding("moved", rms, 0.02 * size, text))
+    which = f"Marker {worst}" if count > _MIN_MARKERS else "One of the markers"
+    text = f"{which} moved against the others: it is off its place by {1e3 * rms[worst]:.2g} mm rms, not at random."
+    return exceeded(Finding("moved", float(rms[worst]), _MAX_PLAY * size, text))

@@ -18,7 +18,7 @@ from hingepair.measured.hinge_findings import Fitted, check_turning, judged
 from hingepair.measured.hinge_model import BodyModel
 from hingepair.measured.hinge_report import HingeReport
 from hingepair.measured.mistakes import BodyPoses, probable_mistakes
-from hingepair.measured.most_likely import Estimate, Model, evaluate, most_likely, shows_offset
+from hingepair.measured.most_likely import Estimate, evaluate, most_likely, shows_offset
 from hingepair.measured.relative_poses import RelativePoses
 from hingepair.measured.robust import LOSSES, Loss
 from hingepair.measured.samples import Samples, checked_samples
@@ -339,7 +339,7 @@ def _estimated(
     """Return the most likely hinge and its poses, and what gives the poses at any clock; None in its place if the
     clock is that of body 1, as known or as taken where the motion does not determine it.
     """
-    kind: type[Model] = PointModel if samples.is_point else BodyModel
+    kind: type[PointModel | BodyModel] = PointModel if samples.is_point else BodyModel
     start = kind.start(poses.thinned(_START_SAMPLES), loss)
     clocked = _clocked_poses(samples, loss, clock_offset)
     if clocked is not None and clock_offset is not None:

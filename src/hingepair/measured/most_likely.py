@@ -18,7 +18,6 @@ import numpy as np
 from hingepair.measured.covariance import sandwich, solve_semidefinite
 from hingepair.measured.relative_poses import FEW_SAMPLES, RelativePoses
 from hingepair.measured.robust import Loss, loss_weights
-from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp
 
@@ -38,30 +37,16 @@ of the residuals by each unknown, and the residuals as the last row."""
 
 
 class Model(ABC):
-    """A hinge and its noise."""
+    """A hinge and its noise, as far as least squares know it."""
 
     __slots__ = ()
     parameters: ClassVar[int]  # numbers of a step
     angles: ClassVar[int]  # how many of these, the first, are in rad; the others are in m
     components: ClassVar[int]  # residuals of a sample
-    unknown_split: ClassVar[str]  # end of the sentence on noise whose parts are not known
-
-    @classmethod
-    @abstractmethod
-    def start(cls, poses: RelativePoses, loss: Loss | None, /) -> Self:
-        """Return a first estimate."""
-
-    @abstractmethod
-    def misfit(self, poses: RelativePoses, loss: Loss | None, /) -> float:
-        """Return the negative log-likelihood per sample of poses at another clock, but for a constant."""
 
     @abstractmethod
     def moved(self, step: Float64Array) -> Self:
         """Return the model after a step of its parameters."""
-
-    @abstractmethod
-    def settled(self, gauge: str, n_along: Float64Array | None, /) -> Self:
-        """Return the model with the sign of n and the hinge point that the rules choose."""
 
     @abstractmethod
     def with_noise(self, poses: RelativePoses, loss: Loss | None) -> Self:
@@ -74,42 +59,6 @@ class Model(ABC):
     @abstractmethod
     def exact(self, poses: RelativePoses) -> tuple[Float64Array, Float64Array]:
         """Return the relative attitudes (N, 3, 3) and places (N, 3) nearest to the samples that the model allows."""
-
-    @abstractmethod
-    def bias(self, poses: RelativePoses) -> Float64Array:
-        """Return the bias of the parameters by noise, as a step."""
-
-    @abstractmethod
-    def doubt(self, poses: RelativePoses) -> Float64Array:
-        """Return by how much the parameters are off, all alike, since it is not known whose attitudes are noisy."""
-
-    @abstractmethod
-    def pair(self, gauge: str, /) -> HingePair:
-        """Return the pair, with the hinge point that the gauge names."""
-
-    @abstractmethod
-    def result_derivatives(self, gauge: str) -> Float64Array:
-        """Return the derivatives of u1, u2, n and the rotation vector of home by the parameters; (12, k)."""
-
-    @abstractmethod
-    def psi(self, poses: RelativePoses) -> Float64Array:
-        """Return the hinge angles [rad] (N,), with jumps by 2 pi."""
-
-    @abstractmethod
-    def psi_derivatives(self, poses: RelativePoses) -> Float64Array:
-        """Return the derivatives of psi by the parameters and the clock; (k, N)."""
-
-    @abstractmethod
-    def psi_variances(self, poses: RelativePoses, doubt: Float64Array, /) -> Float64Array:
-        """Return the variances of psi [rad^2] by the noise of each sample alone; (N,)."""
-
-    @abstractmethod
-    def gap_and_tilt(self, poses: RelativePoses) -> tuple[Float64Array, Float64Array]:
-        """Return what is left of the samples, lengths (., N) [m] and the angle between the axes (N,) [rad]."""
-
-    def noise_std(self, _poses: RelativePoses, _loss: Loss | None, /) -> dict[str, np.float64]:
-        """Return how well the noise is known, by the names of `HingeFit.std`, where that is computed."""
-        return {}
 
 
 ModelT = TypeVar("ModelT", bound=Model)
