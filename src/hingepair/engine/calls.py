@@ -245,12 +245,12 @@ class Call:
         """Return a function of the arguments in order, `out` and `workers`, which calls a kernel directly, and leaves
         to `general` what that does not take.
         """
-        (make, fill), refuse, array, empty = direct, self._refuse, np.array, np.empty
-        tails, names = [*self.argument_shapes.values()], [name for name, _ in self.loop.outputs]
+        (make, fill), refuse, array, empty, ndarray = direct, self._refuse, np.array, np.empty, np.ndarray
+        tails, outputs = [*self.argument_shapes.values()], self.loop.outputs
         rank, takes_numbers = len(tails[0]) if tails else 0, () in tails
         size = np.dtype(char).itemsize
-        limits = [(k, self._limits[name][size]) for k, name in enumerate(names) if name in self._limits]
-        count, result_of = len(self.outputs), self._result_maker()
+        limits = [(k, self._limits[name][size]) for k, (name, _) in enumerate(outputs) if name in self._limits]
+        known, result_of = {*self.outputs}, self._result_maker()
 
         def rows(*given: Any, out: Any = None, workers: int = 1) -> Any:
             arrays = [array(x) if type(x) is float else x for x in given] if takes_numbers else given
@@ -260,10 +260,9 @@ class Call:
                 if found is None and list in map(type, given):
                     arrays = [_row(x) if type(x) is list else x for x in arrays]
                     found = make(*arrays)
-            elif type(out) is dict and len(out) == count:
-                written = [out.get(name) for name in names]
-                for k, _ in limits:
-                    written[k] = empty(np.shape(arrays[0])[: np.ndim(arrays[0]) - rank], char)
+            elif type(out) is dict and known.issuperset(out) and type(first := arrays[0]) is ndarray:
+                lead = first.shape[: first.ndim - rank]
+                written = [out[name] if name in out else empty(lead + tail, char) for name, tail in outputs]
                 found = fill(*arrays, *written)
             if found is None:
                 return general(*given, out=out, workers=workers)

@@ -222,7 +222,10 @@ def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names:
         kept, key = None, None
     if kept is not None:
         call, watch = kept
-        result = call.rows(*values) if out is None else call.rows(*values, out=check_out(out, call.outputs))
+        if out is None:
+            result = call.rows(*values)
+        else:  # of other names than the outputs', `rows` returns None
+            result = call.rows(*values, out=out if type(out) is dict else check_out(out, call.outputs))
         if result is not None:
             if watch is not None:
                 watch(result, dict(zip(call.argument_shapes, values, strict=True)))
