@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import Execution
-from hingepair.engine.binding import ArrayShape, ComponentSource, Constant, bind_constant
+from hingepair.engine.binding import ArrayShape, ComponentSource, Constant, NamedShapes, bind_constant
 from hingepair.engine.direct import Direct, direct_calls
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, output_arrays
@@ -54,14 +54,6 @@ class _Compiled(NamedTuple):
 
     ufunc: Ufunc
     direct: Rows  # for few samples; returns None for what it does not take
-
-
-class _Read(NamedTuple):
-    """Arguments that are one array each."""
-
-    arrays: list[NDArray[Any]]
-    shape: ArrayShape  # of the samples
-    dtype: np.dtype[Any]  # to compute in
 
 
 class Call:
@@ -111,8 +103,12 @@ class Call:
         self._constants = {name: value for name, value in constants.items() if name not in argument_shapes}
         self._shape, self._backend, self._constants_name = shape, backend, constants_name
         self._samples_name = samples_name or constants_name
-        self._limits, self._on_limit = dict(limits or {}), on_limit
-        self.outputs = tuple(name for name, _ in loop.outputs if name not in self._limits)
+        limits = limits or {}
+        self._limits = [(k, limits[name]) for k, (name, _) in enumerate(loop.outputs) if name in limits]
+        self._on_limit = on_limit
+        shown = [k for k, (name, _) in enumerate(loop.outputs) if name not in limits]
+        self.outputs = tuple(loop.outputs[k][0] for k in shown)
+        self._result_of = _result_maker(result, loop.outputs, shown)
         self._bound_constants = {
             name: bind_constant(tail, self._constants[name]) for name, tail in loop.inputs if name in self._constants
         }
@@ -221,20 +217,15 @@ class Call:
 
     @lock_free_cached_property
     def ufunc(self) -> np.ufunc:
-        """The kernel as a ufunc of NumPy, of float64 and float32, without the outputs that are only checked.
+        """The kernel as a ufunc of NumPy, of float64 and float32.
 
         Raises:
             ArgumentError: an argument or output has no components, or they are too many for a ufunc.
             CompilationError: LLVM fails.
         """
-        loop = self.loop
-        if self._limits:
-            outputs = {name: tail for name, tail in loop.outputs if name in self.outputs}
-            loop = Loop(loop.name, loop.function, dict(loop.inputs), outputs, form=loop.form)
-        call = Call(loop, self.argument_shapes, self._constants, None, shape=self._shape)
-        if not call._calls_kernels:
+        if not self._calls_kernels:
             raise ArgumentError("ufunc", "a call of single arrays of at least one number each", quoted(self.outputs))
-        codes = {char: call.machine_code(char) for char in "df"}
+        codes = {char: self.machine_code(char) for char in "df"}
         loops = [(char, one.kernel, one.constants) for char, one in codes.items()]
         doc = f"{', '.join(self.argument_shapes)} -> {', '.join(self.outputs)}"
         return Ufunc(self.loop.name, codes["d"].layout, loops, doc).publish()
@@ -245,12 +236,10 @@ class Call:
         """Return a function of the arguments in order, `out` and `workers`, which calls a kernel directly, and leaves
         to `general` what that does not take.
         """
-        (make, fill), refuse, array, empty, ndarray = direct, self._refuse, np.array, np.empty, np.ndarray
+        (make, fill), array, empty, ndarray = direct, np.array, np.empty, np.ndarray
         tails, outputs = [*self.argument_shapes.values()], self.loop.outputs
         rank, takes_numbers = len(tails[0]) if tails else 0, () in tails
-        size = np.dtype(char).itemsize
-        limits = [(k, self._limits[name][size]) for k, (name, _) in enumerate(outputs) if name in self._limits]
-        known, result_of = {*self.outputs}, self._result_maker()
+        known, checks, result_of = {*self.outputs}, bool(self._limits), self._result_of
 
         def rows(*given: Any, out: Any = None, workers: int = 1) -> Any:
             arrays = [array(x) if type(x) is float else x for x in given] if takes_numbers else given
@@ -266,80 +255,35 @@ class Call:
                 found = fill(*arrays, *written)
             if found is None:
                 return general(*given, out=out, workers=workers)
-            for k, limit in limits:
-                if (found[k] > limit).any():
-                    refuse(given, out is not None)
+            if checks:
+                self._check_limits(found, given, out is not None)
             first = arrays[0]
             return result_of(found, first.shape[: first.ndim - rank], out is None)
 
         return rows
 
-    def _result_maker(self) -> Callable[..., Any]:
-        """Return a function that makes the result of all outputs, their leading shape, and whether they are new."""
-        kept = [k for k, (name, _) in enumerate(self.loop.outputs) if name not in self._limits]
-        if self.result is None:
-            return lambda found, *_: found[kept[0]]
-        make = self.result.maker([self.loop.outputs[k] for k in kept])
-        if len(kept) == len(self.loop.outputs):
-            return make
-        return lambda found, *rest: make(tuple([found[k] for k in kept]), *rest)
-
     def _any_rows(self, *arguments: Any, out: Out = None, workers: int = 1) -> Any:
-        """Return the results for single arrays, lists or numbers; None if `run` has to look at the arguments."""
-        read = self._read(arguments) if self._calls_kernels else None
-        if read is None or (out is not None and not (type(out) is dict and out.keys() <= {*self.outputs})):
-            return None
-        arrays, shape, dtype = read
-        samples = math.prod(shape)
-        kernel = self._kernel(dtype.char, self._shared and samples < _FEW_SAMPLES)
-        if kernel is None:
-            return None
-        if out is None and samples < _DIRECT_SAMPLES:
-            plain = (x if x.dtype is dtype and x.flags.c_contiguous else _copied(x, dtype) for x in arrays)
-            result = kernel.direct(*plain)
-            if result is not None:
-                return result
-        outputs = self._output_arrays(shape, dtype, out, dict(zip(self.argument_shapes, arrays, strict=True)))
-        self._run_kernel(kernel.ufunc, arrays, outputs, shape, workers)
-        self._check_limits(outputs, arguments, out)
-        return self._make_result(outputs, shape)
-
-    def _read(self, arguments: Sequence[Any]) -> _Read | None:
-        """Return arguments as arrays; None where one is something else, or has another shape or dtype."""
+        """Return the results for single arrays, lists or numbers; None if more has to be looked at."""
         if len(arguments) != len(self.argument_shapes):
             return None
-        arrays, leads, chars = [], [], set()
-        for value, tail in zip(arguments, self.argument_shapes.values(), strict=True):
+        if out is not None and not (type(out) is dict and out.keys() <= {*self.outputs}):
+            return None
+        values, leads, chars = {}, {}, set()
+        for value, (name, tail) in zip(arguments, self.argument_shapes.items(), strict=True):
             array = value if type(value) is np.ndarray else _state_array(value, tail)
-            if array is None:
+            if array is None or array.ndim > MAX_AXES or array.dtype.char not in _READ_CHARACTERS:
                 return None
             axes = array.ndim - len(tail)
-            if axes < 0 or array.shape[axes:] != tail or array.ndim > MAX_AXES:
+            if axes < 0 or array.shape[axes:] != tail:
                 return None
-            leads.append(array.shape[:axes])
-            if array.dtype.char not in _READ_CHARACTERS:
-                return None
-            arrays.append(array)
+            values[name], leads[name] = array, array.shape[:axes]
             if type(value) not in _WEAK:
                 chars.add(array.dtype.char)
         try:
-            shape = np.broadcast_shapes(*leads)
+            shape = np.broadcast_shapes(*leads.values(), self._shape)
         except ValueError:
             return None
-        return None if 0 in shape else _Read(arrays, shape, _FLOAT32 if chars == {"f"} else _FLOAT64)
-
-    def _run_kernel(
-        self,
-        ufunc: Ufunc,
-        arrays: Sequence[NDArray[Any]],
-        outputs: Mapping[str, NDArray[Any]],
-        shape: ArrayShape,
-        workers: int,
-    ) -> None:
-        """Compute the outputs of all samples into their arrays."""
-        targets = [outputs[name] for name, _ in self.loop.outputs]
-        operations = self.program.weighted_operations if workers > 1 else 1
-        run_slices(ufunc, arrays, targets, shape, operations=operations, workers=workers)
+        return self._compute(values, shape, _FLOAT32 if chars == {"f"} else _FLOAT64, out, workers, values)
 
     # ---- any arguments
 
@@ -367,20 +311,44 @@ class Call:
         dtype = dtype or result_dtype(
             part for value in values.values() for part in (value if isinstance(value, tuple) else (value,))
         )
+        named = {(labels or {}).get(name, name): value for name, value in values.items()}
+        return self._compute(values, shape, dtype, out, workers, named)
+
+    def _compute(
+        self,
+        values: Mapping[str, Any],
+        shape: ArrayShape,
+        dtype: np.dtype[Any],
+        out: Out,
+        workers: int,
+        named: Mapping[str, Any],
+    ) -> Any:
+        """Return the results of samples of this shape; `named` are the values as messages name them."""
         self._check_constants(dtype.char)
-        named = {labels.get(name, name): value for name, value in values.items()} if out and labels else values
-        outputs = self._output_arrays(shape, dtype, out, named)
-        kernel, few = None, math.prod(shape) < _FEW_SAMPLES
-        if self._calls_kernels and 0 not in shape and (few or not any(type(one) is tuple for one in values.values())):
+        kernel, samples = None, math.prod(shape)
+        few = samples < _FEW_SAMPLES
+        if self._calls_kernels and samples and (few or not any(type(one) is tuple for one in values.values())):
             kernel = self._kernel(dtype.char, self._shared and few)
+        given = [values[name] for name in self.argument_shapes]
         if kernel is not None:
-            arrays = [_joined(values[name], tail, dtype) for name, tail in self.argument_shapes.items()]
-            self._run_kernel(kernel.ufunc, arrays, outputs, shape, workers)
+            arrays = [
+                _joined(one, tail, dtype) for one, tail in zip(given, self.argument_shapes.values(), strict=True)
+            ]
+            if out is None and samples < _DIRECT_SAMPLES:
+                plain = (x if x.dtype is dtype and x.flags.c_contiguous else _copied(x, dtype) for x in arrays)
+                result = kernel.direct(*plain)
+                if result is not None:
+                    return result
+        outputs = output_arrays(self.loop.outputs, shape, dtype, out, named, self.result is None)
+        found = tuple(outputs.values())
+        if kernel is not None:
+            operations = self.program.weighted_operations if workers > 1 else 1
+            run_slices(kernel.ufunc, arrays, found, shape, operations=operations, workers=workers)
         else:
             inputs = {**self._bound_constants, **values}
             self.loop.run(inputs, outputs, shape, dtype, Execution(self._backend, workers))
-        self._check_limits(outputs, [values[name] for name in self.argument_shapes], out)
-        return self._make_result(outputs, shape)
+        self._check_limits(found, given, out is not None)
+        return self._result_of(found, shape, False)
 
     def _sample_shape(self, shapes: Mapping[str, ArrayShape]) -> ArrayShape:
         """Return the leading shape of the results, to which those of the arguments and of the constants broadcast."""
@@ -393,31 +361,13 @@ class Call:
             got = f"{error.got}; shape {combined} combines each with every sample of the arguments"
             raise ShapeError(error.name, error.expected, got) from None
 
-    def _output_arrays(
-        self, shape: ArrayShape, dtype: np.dtype[Any], out: Out, inputs: Mapping[str, Any]
-    ) -> dict[str, NDArray[Any]]:
-        """Return the arrays to write the outputs into. Where there is one output, messages call it `out`."""
-        try:
-            return output_arrays(self.loop.outputs, shape, dtype, out, inputs)
-        except ArgumentError as error:
-            if self.result is not None or error.name != f"out[{self.outputs[0]!r}]":
-                raise
-            raise type(error)("out", error.expected, error.got) from None
-
-    def _make_result(self, outputs: Mapping[str, Any], shape: ArrayShape) -> Any:
-        """Return the result that holds these outputs, or the only output."""
-        if self.result is None:
-            return outputs[self.outputs[0]]
-        return self.result({name: outputs[name] for name in self.outputs}, shape)
-
     # ---- limits
 
-    def _check_limits(self, outputs: Mapping[str, Any], arguments: Sequence[Any], out: Out) -> None:
+    def _check_limits(self, outputs: Sequence[Any], arguments: Sequence[Any], written: bool) -> None:
         """Refuse the arguments if an output exceeds its limit at any sample."""
-        for name, limits in self._limits.items():
-            array = outputs[name]
-            if (array > limits[array.dtype.itemsize]).any():
-                self._refuse(arguments, out is not None)
+        for k, limits in self._limits:
+            if (outputs[k] > limits[outputs[k].dtype.itemsize]).any():
+                self._refuse(arguments, written)
 
     def _refuse(self, arguments: Sequence[Any], written: bool) -> None:
         """Call `on_limit`, which raises an error, with the arguments by name; say whether `out` has been written."""
@@ -429,6 +379,18 @@ class Call:
             if written:
                 error.add_note("The arrays of `out` have been written.")
             raise
+
+
+def _result_maker(
+    kind: type[Results] | None, outputs: NamedShapes, shown: Sequence[int]
+) -> Callable[[tuple[Any, ...], ArrayShape, bool], Any]:
+    """Return a function that makes the result of all outputs, their leading shape, and whether they are read-only."""
+    if kind is None:
+        return lambda found, *_: found[shown[0]]
+    make = kind.maker([outputs[k] for k in shown])
+    if len(shown) == len(outputs):
+        return make
+    return lambda found, *rest: make(tuple([found[k] for k in shown]), *rest)
 
 
 def _copied(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:

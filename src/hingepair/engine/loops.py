@@ -341,17 +341,9 @@ class Program:
 
     @lock_free_cached_property
     def weighted_operations(self) -> int:
-        """Number of operations, in which a sine or square root counts as ten; kept on disk too."""
-        form = self._form("operations")
-        key = object_cache.cache_key(form)
-        kept = object_cache.read_object(key) if form else None
-        if kept is not None:
-            return int(kept)
+        """Number of operations, in which a sine or square root counts as ten."""
         operations = [value.operation for value in self.needed_values if value.operation != "input"]
-        count = sum(10 if one in FUNCTIONS else 1 for one in operations)
-        if form:
-            object_cache.write_object(key, b"%d" % count)
-        return count
+        return sum(10 if one in FUNCTIONS else 1 for one in operations)
 
     @lock_free_cached_property
     def needed_values(self) -> list[TracedValue]:

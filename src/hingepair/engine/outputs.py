@@ -10,7 +10,7 @@ from __future__ import annotations
 import collections
 import contextlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -28,6 +28,7 @@ def output_arrays(
     dtype: np.dtype[Any],
     out: Out,
     inputs: Mapping[str, Any],
+    bare: bool = False,
 ) -> dict[str, NDArray[Any]]:
     """Return an array for each output: that of `out`, or a new one that holds nothing yet.
 
@@ -37,13 +38,15 @@ def output_arrays(
         dtype: dtype of the outputs.
         out: the user's arrays by output name.
         inputs: the arguments by name, arrays or tuples of them; no array of `out` may overlap them.
+        bare: whether there is one output, whose array messages call `out`.
     """
     shapes = {name: (*shape, *tail) for name, tail in sample_shapes}
     out = out or {}
-    for name, array in out.items():
-        _check_array(f"out[{name!r}]", array, shapes[name], dtype)
+    labels = {"out" if bare else f"out[{name!r}]": name for name in out}
+    for label, name in labels.items():
+        _check_array(label, out[name], shapes[name], dtype)
     if out:
-        _check_memory(out, inputs)
+        _check_memory({label: out[name] for label, name in labels.items()}, inputs)
     return {name: out[name] if name in out else empty(size, dtype) for name, size in shapes.items()}
 
 
@@ -69,28 +72,13 @@ def _check_memory(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) ->
         for part in (value if isinstance(value, tuple) else (value,))
         if isinstance(part, np.ndarray)
     ]
-    if _surely_apart([*out.values()], [array for _, array in others]):
-        return
     for name, array in out.items():
         if not _elements_apart(array):
-            raise ArgumentError(f"out[{name!r}]", "memory of its own", "an array that overlaps itself")
+            raise ArgumentError(name, "memory of its own", "an array that overlaps itself")
         for other_name, other in others:
             if np.may_share_memory(array, other) and np.shares_memory(array, other):
-                raise ArgumentError(f"out[{name!r}]", "memory of its own", f"an array that overlaps {other_name}")
-        others.append((f"out[{name!r}]", array))
-
-
-def _surely_apart(outputs: Sequence[NDArray[Any]], inputs: Sequence[NDArray[Any]]) -> bool:
-    """Return whether the owners of the memory show that no output shares any; False where that is unclear."""
-    owners = {id(one) if one.base is None else id(one.base) for one in outputs}
-    if len(owners) < len(outputs):
-        return False
-    for one in (*outputs, *inputs):
-        if one.base is not None and (type(one.base) is not np.ndarray or one.base.base is not None):
-            return False
-    if not owners.isdisjoint(id(one) if one.base is None else id(one.base) for one in inputs):
-        return False
-    return all(one.base is None or one.flags.forc or _elements_apart(one) for one in outputs)
+                raise ArgumentError(name, "memory of its own", f"an array that overlaps {other_name}")
+        others.append((name, array))
 
 
 def _elements_apart(array: NDArray[Any]) -> bool:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -19,8 +18,7 @@ Arrays = Sequence[NDArray[Any]]
 _MIN_WORK: Final = 1_000_000  # least operations of a thread: about 0.1 ms, as handing it work takes
 _MAX_CAST_BYTES: Final = 4_000_000  # most that are cast to another dtype at a time
 _SHORT_AXIS: Final = 16  # samples that are too few for one run of the inner loop, along the innermost axis
-_MIN_SAMPLES: Final = 512  # least of one call, so that the call itself takes little of the time
-_MAX_COPIED_NUMBERS: Final = 500_000  # of inputs, copied so that samples of short axes follow each other
+_COPIED_SAMPLES: Final = 2_000  # copied at a time, so that samples along short axes follow each other
 
 
 def run_slices(
@@ -44,85 +42,46 @@ def run_slices(
     """
     size, dtype = math.prod(shape), outputs[0].dtype
     ranks = [len(one.sample_shape) for one in ufunc.layout.operands]
-    input_ranks, output_ranks = ranks[: len(inputs)], ranks[len(inputs) :]
-    blocks: list[Block] = [tuple(slice(0, n) for n in shape)]
-    short = _short_axes((*inputs, *outputs), ranks, shape) if len(shape) > 1 else []
-    # A call for each index of the short axes where each has many samples.
-    if short and size // math.prod(shape[axis] for axis in short) >= _MIN_SAMPLES:
-        pieces = (
-            [slice(k, k + 1) for k in range(n)] if axis in short else [slice(0, n)] for axis, n in enumerate(shape)
-        )
-        blocks = list(itertools.product(*pieces))
-    # Else copies, whose samples fill the lanes; so many axes that these are large are left to NumPy.
-    elif short:
-        samples = [math.prod(one.shape[one.ndim - rank :]) for one, rank in zip(inputs, input_ranks, strict=True)]
-        if size * sum(samples) <= _MAX_COPIED_NUMBERS:
-            inputs = [
-                np.ascontiguousarray(np.broadcast_to(one, (*shape, *one.shape[one.ndim - rank :])))
-                for one, rank in zip(inputs, input_ranks, strict=True)
-            ]
     # Samples of a slice: as many as there are threads for, and as a cast may hold.
-    most = size
-    workers = max(1, min(workers, size * operations // _MIN_WORK))
+    most, workers = size, max(1, min(workers, size * operations // _MIN_WORK))
     if workers > 1:
         most = -(-size // workers)
     cast = sum(dtype.itemsize * one.size for one in inputs if one.dtype != dtype)
     if cast > _MAX_CAST_BYTES:
         most = min(most, max(1, size * _MAX_CAST_BYTES // cast))
-    if most < size:
-        blocks = [part for block in blocks for part in _cut(block, most)]
-    if len(blocks) == 1:
-        ufunc.call(*inputs, out=tuple(outputs), dtype=dtype)
-        return
+    # NumPy takes the samples along one axis at a time, unless one stride leads through several axes of all arrays.
+    short = len(shape) > 1 and shape[-1] < min(_SHORT_AXIS, size) and not _merges((*inputs, *outputs), ranks, shape)
+    short = short and all(one.flags.c_contiguous for one in outputs)
+    if short:
+        most = min(most, _COPIED_SAMPLES)
 
     def run(block: Block) -> None:
         """Call the ufunc for a block."""
-        ufunc.call(
-            *(_part(one, rank, block) for one, rank in zip(inputs, input_ranks, strict=True)),
-            out=tuple(_part(one, rank, block) for one, rank in zip(outputs, output_ranks, strict=True)),
-            dtype=dtype,
-        )
+        parts = [_part(one, rank, block) for one, rank in zip((*inputs, *outputs), ranks, strict=True)]
+        if short:
+            lead = tuple(axis.stop - axis.start for axis in block)
+            for k, one in enumerate(ufunc.layout.operands):
+                whole = np.broadcast_to(parts[k], lead + one.sample_shape) if k < len(inputs) else parts[k]
+                parts[k] = whole.reshape(-1, *one.sample_shape)
+        ufunc.call(*parts[: len(inputs)], out=tuple(parts[len(inputs) :]), dtype=dtype)
 
-    run_in_threads(run, blocks, workers)
-
-
-def _cut(block: Block, most: int) -> Iterator[Block]:
-    """Yield parts of a block, of at most `most` samples each."""
-    for part in split_into_blocks(tuple(axis.stop - axis.start for axis in block), most):
-        yield tuple(
-            slice(axis.start + own.start, axis.start + own.stop) for axis, own in zip(block, part, strict=True)
-        )
+    run_in_threads(run, [*split_into_blocks(shape, most)], workers)
 
 
 def _part(array: NDArray[Any], rank: int, block: Block) -> NDArray[Any]:
     """Return the samples of an array that a block selects; axes of length 1 and missing ones broadcast."""
     axes = array.ndim - rank
     own = zip(block[len(block) - axes :], array.shape[:axes], strict=True)
-    return array[tuple(piece if n != 1 else slice(None) for piece, n in own)]
+    index: tuple[Any, ...] = tuple(piece if n != 1 else slice(None) for piece, n in own)
+    return array[(*index, Ellipsis)]  # without axes too, an array and no copy
 
 
-def _short_axes(arrays: Arrays, ranks: Sequence[int], shape: tuple[int, ...]) -> list[int]:
-    """Return the axes of the samples along which NumPy's inner loop would not fill the lanes of a kernel: short ones
-    that do not merge with a neighbour, beside a longer axis.
-    """
-    steps = []
+def _merges(arrays: Arrays, ranks: Sequence[int], shape: tuple[int, ...]) -> bool:
+    """Return whether one stride leads through the last axis of the samples and the one before it, of each array."""
     for array, rank in zip(arrays, ranks, strict=True):
         axes = array.ndim - rank
-        own = (0 if n == 1 else step for n, step in zip(array.shape[:axes], array.strides[:axes], strict=True))
-        steps.append([*[0] * (len(shape) - axes), *own])
-    # NumPy merges neighbouring axes if one stride leads through both of each array.
-    merged: list[list[int]] = []
-    for axis, n in enumerate(shape):
-        if n == 1:
-            continue
-        last = merged[-1][-1] if merged else 0
-        if merged and all(one[last] == one[axis] * n for one in steps):
-            merged[-1].append(axis)
-        else:
-            merged.append([axis])
-    lengths = [math.prod(shape[axis] for axis in axes) for axes in merged]
-    if len(merged) < 2:
-        return []
-    return [
-        axis for axes, n in zip(merged, lengths, strict=True) for axis in axes if n < _SHORT_AXIS and n < max(lengths)
-    ]
+        steps = [0 if n == 1 else step for n, step in zip(array.shape[:axes], array.strides[:axes], strict=True)]
+        *_, outer, inner = 0, 0, *steps
+        if outer != inner * shape[-1]:
+            return False
+    return True

@@ -97,7 +97,7 @@ class Prepared:
         >>> R2.shape
         (2, 5, 3)
         """
-        return self._call.ufunc
+        return self._unchecked.ufunc
 
     @property
     def jax(self) -> Callable[..., Any]:
@@ -160,7 +160,7 @@ class Prepared:
         >>> [line for line in source.splitlines() if line.startswith("void")]
         ['void door(const double *restrict q, const double *restrict qd, double *restrict omega2)']
         """
-        call = self._computation.call(self.given, "auto", self._gravity, derivative=self._derivative)
+        call = self._unchecked
         if not call.has_kernels:
             expected = "a call with few enough joints for one program, without samples among its constants"
             raise ArgumentError("to_c", expected, ", ".join(self.outputs))
@@ -170,6 +170,11 @@ class Prepared:
             units |= {one: unit for one, unit in _JOINT_UNITS.items() if one in units}
         title = f"{', '.join(outputs)} from {', '.join(self.given)}, for one state; written by hingepair."
         return c_source(name, *call.program_with_numbers(), arguments, units, title)
+
+    @property
+    def _unchecked(self) -> Call:
+        """The call without checks of attitudes."""
+        return self._computation.call(self.given, "auto", self._gravity, derivative=self._derivative)
 
     def _function_of(self, library: str) -> Callable[..., Any]:
         """Return this call as a function of arrays of "jax" or "torch", made once."""
