@@ -114,12 +114,6 @@ def test_a_body_2_without_attitudes_is_a_point(tmp_path: Path) -> None:
         read_recording(point, first)
 
 
-def test_columns_of_no_concern_may_hold_anything(tmp_path: Path) -> None:
-    names = np.array(["left knee"] * 300)
-    path = table(tmp_path / "a.csv", **both(), marker_a=names, marker_b=names)
-    assert read_recording(path, ignore=["marker_*"]).body1.shape == (300,)
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -170,23 +170,6 @@ def test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate():
     assert content["frame"] == "panda_hand_tcp"
 
 
-def following_robot():
-    """A hinge and a hinge that follows it, with oblique axes and attitudes."""
-    home = hp.rodrigues((1, 2, -1), 0.7)
-    lead = hp.HingePair(u1=(0, 0.2, 1), u2=(0, 0, 0), n=(0, 1, 0.5), home=home, name="lead")
-    tip = hp.HingePair(u1=(1, 0, 0.3), u2=(0, 0, 0), n=(1, 0.2, 1), home=home.T, name="tip")
-    text, joint = hp.to_urdf(hp.Mechanism([lead, tip])), '<joint name="tip" type="continuous">'
-    return hp.Mechanism.from_urdf(text.replace(joint, joint + '<mimic joint="lead" multiplier="-2" offset="0.5"/>'))
-
-
-def test_a_joint_that_follows_has_the_rule_of_its_leader():
-    robot = following_robot()
-    assert robot.dof == 1
-    content = content_of(hp.view(robot))
-    rules = [(joint["coordinate"], joint["multiplier"], joint["offset"]) for joint in content["joints"]]
-    assert rules == [(0, 1, 0), (0, -2, 0.5)]
-
-
 @pytest.mark.slow
 def test_a_motion_of_a_robot_is_played_at_its_instants():
     robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
@@ -276,46 +259,6 @@ def test_a_scene_of_a_mechanism_is_played_with_its_base_and_its_frame(tmp_path):
 
 
 # ---------------------------------------------------------------- in a browser
-
-RATES = """
-const { show, content, bodyPoses, bodyRates, baseAt } = window.hingepair;
-show(7);
-const q = content.q[7], rates = bodyRates(bodyPoses(baseAt(7), q), 7);
-return { rates, text: document.getElementById("position").textContent,
-  effort: document.querySelector(".joint small:last-child").textContent,
-  bar: document.querySelector(".bar div").style.width,
-  ticks: [...document.querySelectorAll(".tick")].map((one) => one.textContent),
-  events: [...document.querySelectorAll(".event")].map((one) => one.title) };
-"""
-
-
-@in_a_browser
-@pytest.mark.proof
-def test_the_page_shows_velocities_efforts_and_what_is_beyond_its_limits(tmp_path):
-    arm = hp.Body(mass=2, centre_of_mass=(0.5, 0, 0), inertia=(1, 1, 1))
-    turn = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="turn", limits=(-0.5, 0.9), torque_limit=8)
-    tip = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="tip", body2=arm)
-    (tmp_path / "crane.urdf").write_text(hp.to_urdf(hp.Mechanism([turn, tip])))
-    (tmp_path / "crane.toml").write_text(SCENE)
-    scene = hp.load_scene(tmp_path / "crane.toml")
-    found = asked(hp.view(scene), tmp_path, RATES)
-    state = scene.evaluate(("v_tip", "omega_tip", "v_hook", "tau"))
-    np.testing.assert_allclose(found["rates"][2]["v"], state["tip"].v[7], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(found["rates"][2]["omega"], state["tip"].omega[7], rtol=0, atol=1e-14)
-    shown = next(line for line in found["text"].splitlines() if line.startswith("v "))
-    np.testing.assert_allclose([float(x) for x in shown.split()[1:4]], state["hook"].v[7], atol=1e-4)
-    assert found["effort"] == f"{float(f'{state.tau[7, 0]:.4g}'):g} of 8 N m"
-    np.testing.assert_allclose(float(found["bar"][:-1]), 100 * abs(state.tau[7, 0]) / 8, atol=0.01)
-    assert found["ticks"] == ["0", "0.5", "1", "1.5", "2"]
-    assert found["events"][0].startswith("turn beyond its limits from 1.2 s to 2 s")
-    other = asked(hp.view(scene, units="mm, rad, N mm, ms"), tmp_path, RATES)
-    shown = next(line for line in other["text"].splitlines() if line.startswith("v ")).split()
-    np.testing.assert_allclose([float(x) for x in shown[1:4]], 1e3 * state["hook"].v[7], atol=0.1)
-    assert shown[4] == "mm/s"
-    assert other["effort"] == f"{float(f'{1e3 * state.tau[7, 0]:.4g}'):g} of 8000 N mm"
-    assert other["bar"] == found["bar"]
-    assert other["ticks"] == ["0", "500", "1000", "1500", "2000"]
-    assert other["events"][0].startswith("turn beyond its limits from 1200 ms to 2000 ms")
 
 
 def test_a_page_has_the_units_of_the_scene_and_an_offset_of_late_instants(tmp_path):
@@ -461,16 +404,6 @@ return frames.filter((one) => one.mark).map(({ name, mark }) =>
 
 @in_a_browser
 @pytest.mark.proof
-def test_marks_of_points_move_with_their_body(tmp_path):
-    scene = hp.load_scene(MODELS / "hatch.toml")
-    result = scene.evaluate()
-    for name, position, parts in asked(hp.view(scene), tmp_path, MARKED):
-        np.testing.assert_allclose(position, result[name].R[300], atol=8 * U)
-        assert parts == ["Mesh", "Sprite"]
-
-
-@in_a_browser
-@pytest.mark.proof
 @pytest.mark.parametrize("name", ["talos_reduced", "go1"])
 def test_the_camera_has_the_whole_robot_and_the_floor_is_below_it(name, tmp_path):
     found = asked(hp.view(hp.load_robot(name), meshes=0), tmp_path, FRAMED)
@@ -478,13 +411,3 @@ def test_the_camera_has_the_whole_robot_and_the_floor_is_below_it(name, tmp_path
     assert found["shown"]
     assert found["floor"] <= 1e-12
     assert found["lowest"] >= found["floor"] - 0.02
-
-
-@in_a_browser
-@pytest.mark.proof
-def test_the_camera_has_the_whole_motion_of_a_pair(tmp_path):
-    t = np.linspace(0, 1, 11)
-    moved = hp.integrate(PAIR, t, omega1=(0, 0, 1), psid=1.0, R1=np.stack([100 + 3 * t, 0 * t, 0 * t], axis=-1))
-    script = f"window.hingepair.show({len(t) - 1});" + FRAMED
-    assert 0.2 < asked(hp.view(moved), tmp_path, script)["most"] < 1
-    assert 0.2 < asked(hp.view(moved), tmp_path, script.replace(f"({len(t) - 1})", "(0)"))["most"] < 1

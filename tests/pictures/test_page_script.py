@@ -36,7 +36,7 @@ def computed(page, code):
 
 
 def robot_of_all_kinds():
-    """A hinge, a slider that follows it, a screw and a continuous joint, with oblique axes."""
+    """Hinges and a slider with oblique axes, and a tool."""
     turn = hp.rodrigues((1, 2, 3), 0.7)
     pairs = [
         hp.HingePair(u1=(0, 0.1, 1), u2=(0.2, 0, 0), n=(1, 2, -1), home=turn, name="hinge"),
@@ -46,10 +46,22 @@ def robot_of_all_kinds():
     return hp.Mechanism(pairs, name="kinds").with_frame("tool", link="wrist", R=(0, 0.1, 0.2), S=turn)
 
 
+def following_robot():
+    """A hinge and a hinge that follows it, with oblique axes and attitudes."""
+    home = hp.rodrigues((1, 2, -1), 0.7)
+    lead = hp.HingePair(u1=(0, 0.2, 1), u2=(0, 0, 0), n=(0, 1, 0.5), home=home, name="lead")
+    tip = hp.HingePair(u1=(1, 0, 0.3), u2=(0, 0, 0), n=(1, 0.2, 1), home=home.T, name="tip")
+    text, joint = hp.to_urdf(hp.Mechanism([lead, tip])), '<joint name="tip" type="continuous">'
+    return hp.Mechanism.from_urdf(text.replace(joint, joint + '<mimic joint="lead" multiplier="-2" offset="0.5"/>'))
+
+
 @by_node
-@pytest.mark.parametrize("name", ["kinds", "panda", pytest.param("talos_full_v2", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["kinds", "following", "panda", pytest.param("talos_full_v2", marks=pytest.mark.slow)]
+)
 def test_the_page_computes_the_poses_that_the_mechanism_has(name):
-    robot = robot_of_all_kinds() if name == "kinds" else hp.load_robot(name)
+    made = {"kinds": robot_of_all_kinds, "following": following_robot}
+    robot = made[name]() if name in made else hp.load_robot(name)
     frames = ("tool",) if name == "kinds" else robot.tips
     q = np.random.default_rng(3).uniform(-3, 3, (4, robot.dof))
     base = hp.BodyMotion(R=(1, -2, 0.5), S=hp.rodrigues((0, 1, 1), 0.3))

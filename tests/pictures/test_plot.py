@@ -73,14 +73,6 @@ def test_a_gap_is_shaded(tmp_path):
     assert (patch.get_x(), patch.get_x() + patch.get_width()) == pytest.approx((0.2, 0.5))
 
 
-@pytest.mark.parametrize(("lost", "ends"), [((0, 1), (0.0, 0.2)), ((7, 8), (0.6, 0.8))])
-def test_a_gap_at_an_end_is_shaded_to_the_end(tmp_path, lost, ends):
-    rows = [(i / 10, "nan" if i in lost else i, i) for i in range(9)]
-    axes, _ = lines_of(hp.plot(log_scene(tmp_path, rows)), "position of body 2, R2")
-    (patch,) = axes.patches
-    assert (patch.get_x(), patch.get_x() + patch.get_width()) == pytest.approx(ends)
-
-
 def test_no_line_crosses_rows_that_are_absent(tmp_path):
     rows = [(i / 10, i, i / 10) for i in (*range(20), *range(50, 70))]
     axes, lines = lines_of(hp.plot(log_scene(tmp_path, rows)), "position of body 2, R2")
@@ -152,23 +144,6 @@ def test_the_picture_of_many_samples_is_that_of_all_of_them(tmp_path, monkeypatc
     whole, figure = pixels()
     assert sum(len(line.get_xdata()) for axes in figure.axes for line in axes.get_lines()) == 700_007
     assert (np.abs(drawn - whole).max(axis=2) > 60).mean() < 0.002
-
-
-@pytest.mark.slow
-def test_curves_go_on_from_piece_to_piece(tmp_path, monkeypatch):
-    """Angles that turn on, and a path; a scene of more samples than are computed at once."""
-    scene = moving(tmp_path, 3_001, x="t", phi_z="3*t", psi="t")
-    title = "attitude of body 2, Euler angles XYZ"
-    _, whole = lines_of(hp.plot(scene), title)
-    assert whole[2].max() == pytest.approx(40, abs=1e-9)
-    monkeypatch.setattr("hingepair.scenes.scene.RESULT_ROWS_PER_BLOCK", 500)
-    figure = hp.plot(scene)
-    axes, pieces = lines_of(figure, title)
-    np.testing.assert_allclose(pieces, whole, rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(axes.get_lines()[0].get_xdata(), scene.times())
-    assert [
-        len(line.get_xdata()) for line in lines_of(figure, "paths in space [m], from the dots")[0].get_lines()[::2]
-    ] == [3_001] * 3
 
 
 @pytest.mark.slow

@@ -62,15 +62,6 @@ def test_a_sum_is_worth_what_its_expression_is(expr):
         assert all(waves(term) <= 1 for term in sympy.Add.make_args(sympy.expand(total)))
 
 
-def test_terms_that_share_a_factor_are_put_together():
-    assert trig_sum(t - u * sine_expression(t) + cosine_expression(t) * u) == t + u * (sympy.cos(t) - sympy.sin(t))
-
-
-def test_squares_of_sine_and_cosine_make_one():
-    angle = sympy.atan(t) + a
-    assert trig_sum(sine_expression(angle) ** 2 + cosine_expression(angle) ** 2) == 1
-
-
 def test_sine_of_an_arc_keeps_its_angle():
     """So that sin(atan(x)) cos(y) + cos(atan(x)) sin(y) can become sin(atan(x) + y)."""
     arc = sympy.atan(u)
@@ -87,11 +78,6 @@ def test_sums_are_bounded():
         assert trig_sum(expr) is None
     for power in ((t + u) ** (2 * MAX_TERMS), (1 + sympy.cos(t)) ** 10**9):
         assert trig_sum(power) == power
-
-
-def test_what_vanishes_on_the_way_is_never_multiplied():
-    one = sympy.Mul(*(cosine_expression(k * t) ** 2 + sine_expression(k * t) ** 2 for k in range(1, 20)))
-    assert trig_sum(one) == 1
 
 
 def test_sines_of_long_angles_stay_products():

@@ -39,11 +39,6 @@ def test_empty_cells_and_nan_are_missing_numbers(tmp_path: Path) -> None:
     assert np.array_equal(read(path)["a"], [np.nan, np.nan, np.nan, 7.0], equal_nan=True)
 
 
-def test_one_row_and_one_column_are_a_file(tmp_path: Path) -> None:
-    assert read(write(tmp_path / "log.csv", "t\n5\n"))["t"].tolist() == [5.0]
-    assert read(write(tmp_path / "log.csv", "t,a\n5,6\n"))["a"].tolist() == [6.0]
-
-
 def test_a_heading_may_begin_as_numpy_writes_it(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     np.savetxt(path, [[1.0, 2.0], [3.0, 4.0]], delimiter=",", header="t,a")
@@ -112,11 +107,6 @@ def test_rows_have_a_field_for_each_name(tmp_path: Path) -> None:
 def test_what_cannot_be_read_of_a_csv_is_named(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(hp.ArgumentError, match=re.escape(words)):
         read(write(tmp_path / "log.csv", text))
-
-
-def test_columns_that_are_not_asked_for_may_hold_anything(tmp_path: Path) -> None:
-    path = write(tmp_path / "log.csv", "t,words,a\n1,one,2\n3,two,4\n")
-    assert read(path, "a")["a"].tolist() == [2.0, 4.0]
 
 
 @pytest.mark.parametrize("ending", [".npz", ".parquet"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hingepair.equations.quantities import unit_of
 from hingepair.tables.units import SCALES, Columns, Units, read_heading
 
 
@@ -14,11 +13,6 @@ def test_a_unit_of_lengths_or_angles_stands_for_its_rates_unless_these_have_thei
     assert [units.unit(si) for si in ("rad", "rad/s", "rad/s^2")] == ["deg", "deg/s", "deg/s^2"]
     assert [units.unit(si) for si in ("m", "m/s", "m/s^2")] == ["mm", "km/h", "mm/s^2"]
     assert [units.unit(si) for si in ("N", "N m", "s", "1", "kg")] == ["N", "N m", "s", "1", "kg"]
-
-
-def test_a_second_of_other_length_leaves_rates_alone() -> None:
-    units = Units("ms, mm")
-    assert (units.unit("s"), units.unit("m/s")) == ("ms", "mm/s")
 
 
 @pytest.mark.parametrize("si", SCALES)
@@ -38,13 +32,6 @@ def test_headings_name_units_only_where_units_were_named() -> None:
         "psi [rad]",
     ]
     assert Columns().heading("R2_x") == "R2_x"
-
-
-@pytest.mark.parametrize(
-    "heading", ["psi [mm]", "psi [degrees]", "psi deg", "Knick [deg]", "psi []", "psi [deg] [deg]"]
-)
-def test_other_headings_are_names(heading: str) -> None:
-    assert read_heading(heading, unit_of) == (heading, 1.0)
 
 
 def test_units_are_as_large_as_they_are_defined():

@@ -326,11 +326,11 @@ class _Builder:
             self._refuse(node, call)
         if name == "where":
             condition = self._condition(node.args[0], depth)
-            return _choice(condition, *(self.build(part, depth) for part in node.args[1:]))
+            return self._choice(node, condition, *(self.build(part, depth) for part in node.args[1:]))
         parts = tuple(self.build(argument, depth) for argument in node.args)
         match name:
             case "step":
-                return _choice(self._operation(node, "<=", (self._negative(node, parts[0]),)), _ONE, _ZERO)
+                return self._choice(node, self._operation(node, "<=", (self._negative(node, parts[0]),)), _ONE, _ZERO)
             case "ramp":
                 name, parts = "max", (parts[0], _ZERO)
             case "clip":
@@ -344,13 +344,19 @@ class _Builder:
                 return _square_root(parts[0])
         return self._operation(node, name, parts)
 
+    def _choice(self, node: ast.expr, condition: Expression, x: Expression, y: Expression) -> Expression:
+        """Return x where a condition holds and y elsewhere."""
+        if condition.constant is not None:
+            return x if condition.constant else y
+        return self._operation(node, "where", (condition, x, y))
+
     def _condition(self, node: ast.expr, depth: int) -> Expression:
         """Return the expression of a condition, such as `0 <= t < 1`."""
         self._count(node, depth)
         match node:
             case ast.BoolOp():
                 parts = tuple(self._condition(operand, depth + 1) for operand in node.values)
-                return _joined_condition("and" if isinstance(node.op, ast.And) else "or", parts)
+                return self._operation(node, "and" if isinstance(node.op, ast.And) else "or", parts)
             case ast.UnaryOp(op=ast.Not()):
                 return self._operation(node, "not", (self._condition(node.operand, depth + 1),))
             case ast.Compare() if all(isinstance(sign, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for sign in node.ops):
@@ -361,7 +367,7 @@ class _Builder:
                     difference = self._joined(node, "add", (low, self._negative(node, high)))
                     comparison = "<" if isinstance(sign, ast.Lt | ast.Gt) else "<="
                     parts = (*parts, self._operation(node, comparison, (difference,)))
-                return parts[0] if len(parts) == 1 else _joined_condition("and", parts)
+                return parts[0] if len(parts) == 1 else self._operation(node, "and", parts)
         self._refuse(node, "a condition: comparisons by < <= > >=, joined by and, or, not")
 
     def _operation(
@@ -461,25 +467,6 @@ def _square_root(x: Expression) -> Expression:
     return Expression("abs", (x.parts[0],)) if is_square else Expression("sqrt", (x,))
 
 
-def _choice(condition: Expression, x: Expression, y: Expression) -> Expression:
-    """Return x where the condition holds and y elsewhere."""
-    if condition.constant is not None:
-        return x if condition.constant else y
-    return Expression("where", (condition, x, y))
-
-
-def _joined_condition(operation: str, parts: tuple[Expression, ...]) -> Expression:
-    """Return conditions joined by "and" or "or"; those that are known are left out, or decide."""
-    decisive = operation == "or"
-    known = {bool(part.constant) for part in parts if part.constant is not None}
-    if decisive in known:
-        return Expression(operation, parts, decisive)
-    varying = tuple(part for part in parts if part.constant is None)
-    if not varying:
-        return Expression(operation, parts, not decisive)
-    return varying[0] if len(varying) == 1 else Expression(operation, varying)
-
-
 # ---- values of constant parts
 
 
@@ -540,4 +527,6 @@ _CONSTANT: Final[Mapping[str, Callable[..., Any]]] = {  # values of operations o
     "<=": lambda x: x <= 0,
     "<": lambda x: x < 0,
     "not": operator.not_,
+    "and": lambda *parts: all(parts),
+    "or": lambda *parts: any(parts),
 }

@@ -120,7 +120,8 @@ class _Program:
         if expression not in self._seen:
             step: tuple[str, tuple[int, ...]] | float
             if expression.constant is not None:
-                step = float(expression)
+                is_condition = isinstance(expression.constant, bool)
+                step = float(2 * expression.constant - 1 if is_condition else expression)
             else:
                 step = expression.operation, tuple(map(self._place, expression.parts))
             if step not in self._places:
@@ -261,6 +262,8 @@ class _Rates:
 
     def _just_after(self, condition: Expression) -> Expression:
         """Return a condition as it is just after t, from its function and the derivatives of it."""
+        if condition.constant is not None:
+            return condition
         if condition.operation in {"<", "<="}:
             x = condition.parts[0]
             return Expression(condition.operation, (x, self.of(x), self.of(self.of(x))))
