@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from hingepair.pictures.curves import (
     finish_figure,
 )
 from hingepair.pictures.motion_samples import Array, ShownMotion, has_efforts
-from hingepair.scenes.scene import Scene, SceneResult
+from hingepair.scenes.scene import Scene
 from hingepair.tables.units import Columns, Units, UnitsLike
 
 if TYPE_CHECKING:
@@ -40,43 +40,43 @@ _BLOCK: Final = 65_536  # instants of which the paths are computed in one call
 _COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
 
 
-def plot_mechanism(source: Scene | SceneResult, outputs: Iterable[str] | None, units: UnitsLike = None) -> Figure:
+_Piece: TypeAlias = tuple[Array, Mapping[str, Array], Sequence[Array]]
+"""Instants, q, qd and tau as far as known, (N, dof), and positions of frames, (N, 3)."""
+
+
+def plot_mechanism(scene: Scene, outputs: Iterable[str] | None, units: UnitsLike = None) -> Figure:
     """Return a new figure of the motion of a robot: position, rate and motor torque or force of each moving joint
     over time, and the paths of the scene's frames in space.
 
     Args:
-        source: a scene of a mechanism, or its result, whose scene is drawn.
+        scene: a scene of a mechanism.
         outputs: names of the outputs to draw instead, as for `Scene.evaluate`.
         units: units in place of SI units; by default those of the scene.
     """
-    scene = source if isinstance(source, Scene) else source.scene
     columns = scene.in_units(units)
-    collector = CurveCollector()
     if outputs is not None:
+        collector = CurveCollector()
         for part in scene.blocks(outputs):
             collector.add_piece(part.t, scene.samples, part.requested_arrays())
-        drawn = columns._replace(si_unit=lambda name: "rad" if _is_attitude(scene, name) else scene.unit(name))
+
+        def is_attitude(name: str) -> bool:  # drawn as Euler angles
+            return name.startswith("S_") and scene.unit(name) == "1"
+
+        drawn = columns._replace(si_unit=lambda name: "rad" if is_attitude(name) else scene.unit(name))
         figure = draw_side_by_side(
             figure_class(),
             collector.curves(drawn),
-            lambda name: (f"{name}, Euler angles XYZ" if _is_attitude(scene, name) else name, drawn.unit(name)),
+            lambda name: (f"{name}, Euler angles XYZ" if is_attitude(name) else name, drawn.unit(name)),
         )
         return finish_figure(figure, scene.title)
     quantities = _QUANTITIES[: 2 + has_efforts(scene)][: scene.motion.level + 1]
-    frames = [f"R_{frame}" for frame in scene.frames]
-    for part in scene.blocks((*quantities, *frames)):
-        by_joint = {
-            f"{name}_{joint}": values
-            for name in quantities
-            for joint, values in _columns_by_joint(part, name).items()
-        }
-        positions = [part[frame].R for frame in scene.frames]
-        paths = {PATHS: np.concatenate(positions, axis=1)} if positions else {}
-        collector.add_piece(part.t, scene.samples, by_joint | paths)
-    drawn = columns._replace(si_unit=lambda name: "m" if name == PATHS else _joint_unit(scene, *_joint_curve(name)))
-    curves = collector.curves(drawn, lambda _: False)  # limits are drawn beside the values
-    joints = [joint for joint in tree_of(scene.mechanism_only).coordinates if joint.name in scene.motion.moving]
-    figure = _draw_joint_panels(figure_class(), joints, scene.frames, quantities, curves, drawn)
+    pieces = (
+        (part.t, {name: getattr(part, name) for name in quantities}, [part[frame].R for frame in scene.frames])
+        for part in scene.blocks((*quantities, *(f"R_{frame}" for frame in scene.frames)))
+    )
+    figure = _plot_joints(
+        scene.mechanism_only, scene.motion.moving, scene.frames, scene.samples, pieces, columns.units
+    )
     return finish_figure(figure, scene.title)
 
 
@@ -84,63 +84,55 @@ def plot_robot(robot: Mechanism, given: ShownMotion, *, has_instants: bool, unit
     """Return a new figure of coordinates of a robot and of the rates and efforts that are given, over time (over the
     number of the sample without `has_instants`), and of the paths of its last links.
     """
-    joints = tree_of(robot).coordinates
-    si_units = {"t": "s" if has_instants else "1", PATHS: "m"}
-    si_units |= {f"{name}_{joint.name}": _unit_of(joint, name) for joint in joints for name in _QUANTITIES}
-    columns = Columns(Units.of(units), si_units.__getitem__)
-    others = {name: array for name, array in (("qd", given.qd), ("tau", given.tau)) if array is not None}
-    by_joint = {
-        f"{name}_{joint.name}": values[:, i]
-        for name, values in {"q": given.q, **others}.items()
-        for i, joint in enumerate(joints)
-    }
-    collector = CurveCollector()
-    count = len(given.t)
-    for start in range(0, count, _BLOCK):
+    pieces = _given_pieces(robot, given)
+    count, shown = len(given.t), Units.of(units)
+    return finish_figure(_plot_joints(robot, robot.names, robot.tips, count, pieces, shown, has_instants), robot.name)
+
+
+def _given_pieces(robot: Mechanism, given: ShownMotion) -> Iterator[_Piece]:
+    known = {name: array for name in _QUANTITIES if (array := getattr(given, name)) is not None}
+    for start in range(0, len(given.t), _BLOCK):
         rows = slice(start, start + _BLOCK)
         R, S = (part[rows] if len(part) > 1 else part[0] for part in (given.R, given.S))
-        state = robot.forward_kinematics(
-            given.q[rows], frames=robot.tips, outputs=("R",), base_motion=BodyMotion(R=R, S=S)
+        base = BodyMotion(R=R, S=S)
+        state = robot.forward_kinematics(given.q[rows], frames=robot.tips, outputs=("R",), base_motion=base)
+        yield (
+            given.t[rows],
+            {name: array[rows] for name, array in known.items()},
+            [state[tip].R for tip in robot.tips],
         )
-        paths = {PATHS: state.R.reshape(-1, 3 * len(robot.tips))}
-        block = {name: values[rows] for name, values in by_joint.items()}
-        collector.add_piece(given.t[rows], count, block | paths)
-    curves = collector.curves(columns, lambda _: False)
+
+
+def _plot_joints(
+    robot: Mechanism,
+    moving: Collection[str],
+    frames: Sequence[str],
+    samples: int,
+    pieces: Iterable[_Piece],
+    units: Units,
+    has_instants: bool = True,
+) -> Figure:
+    """Return a new figure of the joints that move, and of the paths of frames, from pieces of a motion of so many
+    samples.
+    """
+    joints = tree_of(robot).coordinates
+    si_units = {"t": "s" if has_instants else "1", PATHS: "m"}
+    for joint in joints:
+        per = (joint.unit, f"{joint.unit}/s", joint.effort_unit)
+        si_units |= {f"{name}_{joint.name}": unit for name, unit in zip(_QUANTITIES, per, strict=True)}
+    collector = CurveCollector()
+    quantities: tuple[str, ...] = ("q",)
+    for t, arrays, positions in pieces:
+        quantities = tuple(arrays)
+        by_joint = {f"{name}_{joint.name}": arrays[name][:, i] for name in arrays for i, joint in enumerate(joints)}
+        paths = {PATHS: np.concatenate(positions, axis=1)} if positions else {}
+        collector.add_piece(t, samples, by_joint | paths)
+    columns = Columns(units, si_units.__getitem__)
+    curves = collector.curves(columns, lambda _: False)  # limits are drawn beside the values
     if not has_instants:
         curves = {name: curve._replace(t_label="sample") for name, curve in curves.items()}
-    quantities = tuple(name for name in _QUANTITIES if name == "q" or name in others)
-    figure = _draw_joint_panels(figure_class(), joints, robot.tips, quantities, curves, columns)
-    return finish_figure(figure, robot.name)
-
-
-def _unit_of(joint: Joint, quantity: str) -> str:
-    """Return the SI unit of q, qd or tau of a joint."""
-    return {"q": joint.unit, "qd": f"{joint.unit}/s", "tau": joint.effort_unit}[quantity]
-
-
-def _columns_by_joint(piece: SceneResult, quantity: str) -> dict[str, Array]:
-    """Return q, qd or tau of each moving joint, shape (N,), by its name."""
-    array = getattr(piece, quantity)
-    moving = piece.scene.motion.moving
-    return {joint: array[:, i] for i, joint in enumerate(piece.scene.subject.names) if joint in moving}
-
-
-def _is_attitude(scene: Scene, name: str) -> bool:
-    """Return whether an output of a scene is a rotation matrix, which is drawn as Euler angles."""
-    return name.startswith("S_") and scene.unit(name) == "1"
-
-
-def _joint_curve(name: str) -> tuple[str, str]:
-    """Return quantity (q, qd or tau) and joint of a curve's name; a curve of instants has no joint."""
-    quantity, _, joint = name.partition("_")
-    return quantity, joint
-
-
-def _joint_unit(scene: Scene, quantity: str, joint: str) -> str:
-    """Return the SI unit of q, qd or tau of a joint; of instants if `joint` is empty."""
-    if not joint:
-        return "s"
-    return scene.unit(f"tau_{joint}" if quantity == "tau" else joint + quantity[1:])
+    shown = [joint for joint in joints if joint.name in moving]
+    return _draw_joint_panels(figure_class(), shown, frames, quantities, curves, columns)
 
 
 def _draw_joint_panels(
