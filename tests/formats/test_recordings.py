@@ -285,21 +285,6 @@ def test_euler_angles_are_attitudes(digits: tuple[str, str], sequence: str) -> N
     assert np.abs(found.body2.S - MADE.S2).max() < 12 * 2.0**-53
 
 
-def test_one_of_two_recordings_may_have_columns_of_other_names() -> None:
-    t = np.arange(40) / 10
-    first, second = ({"t": t, "x": k * t, "y": t, "phi_z": 0.1 * k * t} for k in (1, 2))
-    expected = hp.read_recording(first, second)
-    named = {**first, "Kurs [deg]": np.degrees(first["phi_z"])}
-    del named["phi_z"]
-    columns = {"phi_z": {"name": "Kurs [deg]", "unit": "deg"}}
-    for sources, bodies in (((named, second), (0, 1)), ((second, named), (1, 0))):
-        found = hp.read_recording(*sources, columns=columns)
-        for body, k in zip((found.body1, found.body2), bodies, strict=True):
-            assert np.abs(body.S - expected[k].S).max() < 8 * 2.0**-53
-    with pytest.raises(hp.ArgumentError, match=r"columns\.phi_z: expected one of .*, got 'Kurz'"):
-        hp.read_recording(first, second, columns={"phi_z": "Kurz"})
-
-
 def test_headings_are_read_as_in_scenes(tmp_path: Path) -> None:
     """A truck and its trailer, by compass; beside them the scene that has the same columns."""
     t = np.arange(40) / 10

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.formats.recordings import read_recording
 
 MODELS = Path(__file__).parents[2] / "models"
 PAIR = """
@@ -57,28 +56,6 @@ def test_stamps_since_1970_in_milliseconds_keep_their_digits(tmp_path: Path) -> 
     np.testing.assert_allclose(result.psid, np.radians(10.0), rtol=1e-7)  # of doubles, 1e-5
 
 
-@pytest.mark.slow
-def test_a_recording_for_fit_may_have_units(tmp_path: Path) -> None:
-    poses = ("R1", "S1", "R2", "S2", "v2")
-    result = hp.load_scene(MODELS / "reference_3d.toml").evaluate(poses)
-    recording = read_recording(result.save(tmp_path / "poses.csv", units="mm, deg"))
-    np.testing.assert_allclose(recording.body2.R, result.R2, rtol=1e-14, atol=1e-14)
-
-
-def test_a_heading_that_the_scene_names_is_what_the_scene_says(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("t,x,y,phi_z,psi [deg]\n0,0,0,0,1\n1,0,0,0,2\n", encoding="utf-8")
-    columns = '[motion.columns]\npsi = { name = "psi [deg]", unit = "mrad" }\n'
-    (tmp_path / "scene.toml").write_text(PAIR.format("log.csv") + columns, encoding="utf-8")
-    np.testing.assert_allclose(hp.load_scene(tmp_path / "scene.toml").evaluate(("psi",)).psi, [1e-3, 2e-3])
-
-
-def test_a_column_twice_is_refused_whatever_its_unit(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("t,x,y,phi_z,psi [deg],psi\n0,0,0,0,1,1\n1,0,0,0,2,2\n", encoding="utf-8")
-    (tmp_path / "scene.toml").write_text(PAIR.format("log.csv"), encoding="utf-8")
-    with pytest.raises(hp.SceneError, match="psi: expected a column once"):
-        hp.load_scene(tmp_path / "scene.toml")
-
-
 @pytest.mark.parametrize("rates", [0, 1, 2])
 def test_a_log_of_psi_alone_is_that_of_a_body_1_at_rest(tmp_path, rates):
     t = np.arange(30) / 10
@@ -98,20 +75,3 @@ def test_a_log_of_psi_alone_is_that_of_a_body_1_at_rest(tmp_path, rates):
     assert "body 1 rests at the origin, since the log has psi alone" in logged.motion.notes
     assert given.motion.how == "body 1 rests at the origin"
     assert not given.evaluate(("R1", "omega1", "a1")).R1.any()
-
-
-def test_a_unit_in_a_heading_counts_where_the_scene_names_the_column(tmp_path: Path) -> None:
-    rows = "".join(f"{k},{k},{10 * k}\n" for k in range(10))
-    (tmp_path / "log.csv").write_text("Time [ms],Angle [deg],Knick (°)\n" + rows, encoding="utf-8")
-    for heading, factor in (("Angle [deg]", 1.0), ("Knick (°)", 10.0)):
-        names = f'[motion.columns]\nt = "Time [ms]"\npsi = "{heading}"\n'
-        (tmp_path / "scene.toml").write_text(PAIR.format("log.csv") + names, encoding="utf-8")
-        result = hp.load_scene(tmp_path / "scene.toml").evaluate(("psi",))
-        np.testing.assert_allclose(result.psi, np.radians(factor * np.arange(10)), rtol=1e-15)
-        np.testing.assert_allclose(result.t, 1e-3 * np.arange(10), rtol=1e-15)
-    names = '[motion.columns]\nt = "Time [ms]"\npsi = "Time [ms]"\n'
-    (tmp_path / "scene.toml").write_text(PAIR.format("log.csv") + names, encoding="utf-8")
-    with pytest.raises(hp.SceneError, match=r"columns\.psi\.unit: expected one of rad, .* got 'ms'"):
-        hp.load_scene(tmp_path / "scene.toml")
-    data = {"t": np.arange(3.0), "X [mm]": [0.0, 1000, 2000], "y": np.zeros(3), "z": np.zeros(3)}
-    assert hp.read_recording(data, columns={"x": "X [mm]"}).body1.R[:, 0].tolist() == [0.0, 1.0, 2.0]
