@@ -237,10 +237,13 @@ def test_masses_are_taken_as_written_and_told():
 def test_the_mass_of_a_fixed_base_is_not_judged():
     bad = '<inertial><mass value="-1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     text = ARM.replace('<link name="base"/>', f'<link name="base">{bad}</link>')
-    assert tree_of_urdf(text, "fixed", None, None).notes == ()
-    (note,) = tree_of_urdf(text, "free", None, None).notes
-    assert note.startswith("no rigid body has the mass properties of 'base'")
-    assert tree_of_urdf(text, "free", None, None).base.mass == -1
+    q = np.zeros(3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hp.Mechanism.from_urdf(text).mass_matrix(q)
+    for robot in (hp.Mechanism.from_urdf(text, base="free"), hp.Mechanism.from_urdf(text).with_base("free")):
+        with pytest.warns(hp.DynamicsWarning, match="no rigid body has the mass properties of 'base'"):
+            assert robot.mass_matrix(q)[0, 0] == -1
 
 
 # ---------------------------------------------------------------- models of Pinocchio beyond URDF
@@ -425,19 +428,19 @@ def test_a_joint_comes_back_as_a_pair():
 def test_a_payload_adds_its_mass_where_it_is():
     tree = tree_of_file("panda")
     body = hp.Body(mass=3, centre_of_mass=(0, 0, 0.1), inertia=(0.1, 0.2, 0.15))
-    laden = add_body(tree, "fixed", "panda_hand", body)
+    laden = add_body(tree, "panda_hand", body)
     model = pin.buildModelFromUrdf(str(robot_urdf("panda")))
     frame = model.frames[model.getFrameId("panda_hand", pin.FrameType.BODY)]
     inertia = pin.Inertia(3, np.array((0, 0, 0.1)), np.diag((0.1, 0.2, 0.15)))
     model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
     check_against_model(laden, model, 0)
     assert tree.joints[6].body.mass < 2
-    (note, _) = add_body(tree, "fixed", "panda_hand", hp.Body()).notes
+    (note, _) = add_body(tree, "panda_hand", hp.Body()).notes
     assert note.startswith("payload of panda_hand: no mass is given")
-    on_base = add_body(tree, "free", "panda_link0", body)
+    on_base = add_body(tree, "panda_link0", body)
     assert on_base.base.mass == tree.base.mass + 3
     with pytest.raises(ArgumentError, match="body: expected a Body, got 3"):
-        add_body(tree, "fixed", "panda_hand", 3)
+        add_body(tree, "panda_hand", 3)
 
 
 def test_a_frame_is_added_where_it_is_said():
@@ -505,6 +508,7 @@ def test_a_robot_without_joints_has_empty_coordinates(base, backend):
         assert robot.forward_kinematics(q, q, q, backend=backend).R.shape == (*shape, 1, 3)
         assert robot.inverse_dynamics(q, q, q, backend=backend).tau.shape == (*shape, 0)
         assert robot.forward_dynamics(q, q, q, backend=backend).qdd.shape == (*shape, 0)
+    assert len(robot.base_parameters().names) == (10 if base == "free" else 0)
 
 
 @pytest.mark.parametrize("name", ["tool", "universe_tool"])

@@ -5,14 +5,11 @@ MuJoCo knows no packages: a file is named by its path below `meshdir`, the folde
 
 from __future__ import annotations
 
-import itertools
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
-
-import numpy as np
 
 from hingepair.formats.shape_writers import DRAWN_ONLY, drawing_of_body, mjcf_geometry
 from hingepair.formats.xml_text import add_element, check_xml_text, first_few
@@ -24,7 +21,6 @@ _GREY: Final = (0.6, 0.6, 0.6, 1.0)  # RGBA of what has no colour
 _COLLISION: Final = "collision"  # name of the class of the geoms for collisions
 _STL_HEADER, _STL_TRIANGLE = 84, 50  # bytes
 _MAX_STL_TRIANGLES = 200_000  # that MuJoCo reads
-_MIN_CORNERS = 4  # that MuJoCo wants
 
 
 class MjcfMeshes:
@@ -112,24 +108,15 @@ def _drawn(tree: Tree, number: int) -> Iterable[Drawn]:
 
 
 def _refusal(path: Path, scale: tuple[float, ...]) -> str:
-    """Return a clause on why MuJoCo cannot load the file of a mesh at a scale; "" if it can."""
+    """Return a clause on why MuJoCo cannot load the file of a mesh at a scale; "" if it should."""
     suffix = path.suffix.lower()
-    too_few = f"since MuJoCo loads meshes of at least {_MIN_CORNERS} vertices"
     if 0.0 in scale:
         return "since MuJoCo loads no meshes without a surface, and their scale has a 0"
-    if suffix == ".obj":
-        with path.open("rb") as file:
-            vertices = (line for line in file if line.split(maxsplit=1)[:1] == [b"v"])
-            return "" if len([*itertools.islice(vertices, _MIN_CORNERS)]) == _MIN_CORNERS else too_few
-    if suffix != ".stl":
+    if suffix not in {".stl", ".obj"}:
         return f"since MuJoCo cannot load {suffix[1:].upper()}"
-    with path.open("rb") as file:
-        count = int.from_bytes(file.read(_STL_HEADER)[80:], "little")
-        first = file.read(20 * _STL_TRIANGLE)
-    if path.stat().st_size != _STL_HEADER + _STL_TRIANGLE * count:
-        return "since MuJoCo cannot load STL that is text"
-    if not 1 <= count <= _MAX_STL_TRIANGLES:
-        return f"since MuJoCo loads STL of 1 to {_MAX_STL_TRIANGLES:,} triangles"
-    # A normal and three corners of four bytes a number, and two bytes more.
-    rows = np.frombuffer(first, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-    return "" if len(np.unique(rows["corners"].reshape(-1, 3), axis=0)) >= _MIN_CORNERS else too_few
+    if suffix == ".stl":
+        with path.open("rb") as file:
+            count = int.from_bytes(file.read(_STL_HEADER)[80:], "little")
+        if path.stat().st_size != _STL_HEADER + _STL_TRIANGLE * count or count > _MAX_STL_TRIANGLES:
+            return f"since MuJoCo loads binary STL of at most {_MAX_STL_TRIANGLES:,} triangles"
+    return ""

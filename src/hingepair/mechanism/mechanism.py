@@ -407,7 +407,7 @@ class Mechanism(MechanismMethods):
         5.0
         """
         if mass is None:
-            return self._with_tree(changes.add_body(self._tree, self.base, link, body))
+            return self._with_tree(changes.add_body(self._tree, link, body))
         if body is not None:
             raise ArgumentError("mass", "None, since `body` has a mass", quoted(mass))
         payload = read_payload(mass, centre_of_mass, inertia)
@@ -426,7 +426,7 @@ class Mechanism(MechanismMethods):
         >>> hp.load_robot("panda").with_locked({"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}).dof
         7
         """
-        return self._with_tree(changes.lock_joints(self._tree, self.base, positions))
+        return self._with_tree(changes.lock_joints(self._tree, positions))
 
     def with_motor(self, joint: str, *, armature: float, ratio: float | None = None) -> Mechanism:
         """Return a copy of the robot with the inertia of a motor's rotor at a joint, in place of its `armature`.
@@ -670,7 +670,8 @@ class Mechanism(MechanismMethods):
             rows.append((joint.name, joint.kind, carrier, axis, *shown, cell_text(joint.body.mass), follows, *cells))
         title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
         note = loads_note(self._tree)
-        notes = [*self._tree.notes, *([f"dynamics: {note}, unless joint_loads=True"] if note else ())]
+        masses = (*(self._tree.base_notes if self.base == "free" else ()), *self._tree.notes)
+        notes = [*masses, *([f"dynamics: {note}, unless joint_loads=True"] if note else ())]
         if self._tree.samples is not None:
             notes.append(f"payloads or lengths differ from sample to sample, shape {self._tree.samples.shape}")
         closure = self._tree.closure

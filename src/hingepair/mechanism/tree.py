@@ -176,6 +176,7 @@ class Tree(Frozen):
     # what a DynamicsWarning says at the first call of dynamics: masses that are assumed, and masses that no rigid
     # body can have; whole sentences that name the link
     notes: tuple[str, ...] = ()
+    base_notes: tuple[str, ...] = ()  # the same of the base, whose mass counts only if it is free
     drawings: tuple[BodyDrawing, ...] = ()  # what each body is drawn by, the base first
     # what the robot was read from, as long as it describes the links and masses of the robot
     source: Source | None = None

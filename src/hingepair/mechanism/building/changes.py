@@ -67,7 +67,7 @@ def _body_or_none(label: str, masses: MassProperties) -> Body | None:
     return Body(masses.mass, masses.centre_of_mass, masses.inertia)
 
 
-def add_body(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
+def add_body(tree: Tree, link: str, body: Body | None) -> Tree:
     """Return a copy of a tree with a Body fixed to the frame `link`, and with notes on its assumed masses."""
     frame = tree.known_frame("link", link)
     if not isinstance(body, Body):
@@ -76,12 +76,15 @@ def add_body(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
         payload_with_samples = Payload(np.array(body.mass), body.centre_of_mass, body.inertia)
         return add_payload(tree, link, payload_with_samples)
     payload = body_masses(body).placed(FramePose(frame.S, frame.R))
-    counts = frame.body > 0 or base == "free"
-    notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
+    notes = tuple(f"payload of {link}: {note}" for note in body.assumed)
+    if frame.body:
+        tree = replace(tree, notes=(*tree.notes, *notes))
+    else:
+        tree = replace(tree, base_notes=(*tree.base_notes, *notes))
     drawings = list(tree.drawings)
     added = placed_shapes(body.shapes, FramePose(frame.S, frame.R))
     drawings[frame.body] = drawings[frame.body].with_shapes(added)
-    return replace(_with_mass(tree, frame.body, payload), notes=notes, drawings=tuple(drawings))
+    return replace(_with_mass(tree, frame.body, payload), drawings=tuple(drawings))
 
 
 def set_loads(tree: Tree, loads: Mapping[str, HingeLoad]) -> Tree:
@@ -119,7 +122,7 @@ def set_motor(tree: Tree, name: str, armature: float, ratio: float | None) -> Tr
     return replace(tree, joints=tuple(joints), source=None)
 
 
-def lock_joints(tree: Tree, base: str, positions: Mapping[str, float]) -> Tree:
+def lock_joints(tree: Tree, positions: Mapping[str, float]) -> Tree:
     """Return a copy of a tree in which joints, by name, are held at positions [rad or m]."""
     bodies = [tree.plain().base, *(joint.body for joint in tree.joints)]
     contents = [_content(tree, number, masses) for number, masses in enumerate(bodies)]
@@ -129,11 +132,13 @@ def lock_joints(tree: Tree, base: str, positions: Mapping[str, float]) -> Tree:
         follows = None if rule is None else MimicRecord(tree.joints[rule.leader - 1].name, *rule[1:])
         parts.append(JointPart(joint, follows, **content))
     held = locked_positions(parts, positions)
-    locked = fold_parts(tree.name, parts, base, held)
+    locked = fold_parts(tree.name, parts, held)
     source = tree.source
     if source is not None:
         source = source._replace(locked={**source.locked, **held})
-    return replace(locked, notes=tuple(dict.fromkeys((*tree.notes, *locked.notes))), source=source)
+    notes = tuple(dict.fromkeys((*tree.notes, *locked.notes)))
+    of_base = tuple(dict.fromkeys((*tree.base_notes, *locked.base_notes)))
+    return replace(locked, notes=notes, base_notes=of_base, source=source)
 
 
 def _content(tree: Tree, number: int, masses: MassProperties) -> dict[str, Any]:

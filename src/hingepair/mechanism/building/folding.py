@@ -84,13 +84,12 @@ JointRule: TypeAlias = float | records.MimicRecord | None
 """How a joint moves: the position at which it is held, the joint that it follows, or None if by itself."""
 
 
-def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping[str, float] | None = None) -> Tree:
+def fold_parts(name: str, parts: Sequence[JointPart], locked: Mapping[str, float] | None = None) -> Tree:
     """Return the tree of the joints that move, where fixed and locked joints merge bodies.
 
     Args:
         name: name of the robot.
         parts: the base, and joints depth-first; names are unique.
-        base: "fixed" or "free".
         locked: positions [rad or m] of the joints to lock, by name.
     """
     rules = _joint_rules(parts, _checked_positions(parts, locked_positions(parts, locked)))
@@ -117,16 +116,15 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
         )
     ends = set(range(len(masses))) - {joint.parent for joint in joints}
     tips = [leaf for part, (body, _) in zip(parts, body_poses, strict=True) if body in ends for leaf in part.leaves]
-    counted = 1 if base == "fixed" else 0  # the mass of a fixed base counts nowhere
-    notes = [note for part in parts[counted:] for note in part.notes]
-    notes += [note for body in masses[counted:] if (note := unphysical_mass_note(body))]
+    of_base = [*parts[0].notes, unphysical_mass_note(masses[0])]
+    notes = [note for part in parts[1:] for note in part.notes] + [unphysical_mass_note(body) for body in masses[1:]]
     without_mass = {
         body: link for part, (body, _) in zip(parts, body_poses, strict=True) for link in part.without_mass
     }
     leaves = tuple(leaf for part in parts for leaf in part.leaves)
     return Tree(
-        name, joints, base_masses, links, frames, tuple(tips), tuple(notes), drawings, without_mass=without_mass,
-        leaves=leaves,
+        name, joints, base_masses, links, frames, tuple(tips), tuple(filter(None, notes)),
+        tuple(filter(None, of_base)), drawings, without_mass=without_mass, leaves=leaves,
     )  # fmt: skip
 
 

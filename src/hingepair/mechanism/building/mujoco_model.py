@@ -45,8 +45,7 @@ def tree_of_mjcf(model: Any, base: str | None, locked: Mapping[str, float] | Non
     """Return the tree of a model in MJCF, and the kind of its base, as `Mechanism.from_mjcf` describes."""
     reader = _Reader(_compiled(model))
     name, own, parts = reader.parts()
-    chosen = chosen_base(base, own)
-    return reader.with_linkages(fold_parts(name, parts, chosen, locked)), chosen
+    return reader.with_linkages(fold_parts(name, parts, locked)), chosen_base(base, own)
 
 
 def _compiled(model: Any) -> Any:

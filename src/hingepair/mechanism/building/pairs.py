@@ -35,7 +35,7 @@ def tree_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None, ba
         raise ArgumentError("name", "a text that is not empty", quoted(name))
     given = _numbered([*pairs]) if isinstance(pairs, Iterable) and not isinstance(pairs, str) else pairs
     single = [nominal_pair(pair) for pair in given] if isinstance(given, list) else given
-    tree = fold_parts("mechanism" if name is None else name, _parts(single, parents), base)
+    tree = fold_parts("mechanism" if name is None else name, _parts(single, parents))
     tree = tree if single == given else _with_lengths(tree, given, single)
     for joint, pair in zip(tree.joints, given, strict=True):
         if isinstance(pair, HingePair):

@@ -44,8 +44,7 @@ _SCREWS = {*(f"JointModelH{axis}" for axis in "XYZ"), "JointModelHelicalUnaligne
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
     """Return the tree of a Pinocchio model, and the kind of its base, as `Mechanism.from_pinocchio` describes."""
     own, parts = _parts(model)
-    chosen = chosen_base(base, own)
-    return fold_parts(model.name or "model", parts, chosen, locked), chosen
+    return fold_parts(model.name or "model", parts, locked), chosen_base(base, own)
 
 
 def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:

@@ -50,10 +50,9 @@ def tree_of_urdf(
         raise ArgumentError("snap", f"an angle [rad] of at most {_MAX_SNAP}", snap)
     robot = read_urdf(path_or_text, tolerance)
     own, parts = _parts(robot, warns=True)
-    chosen = chosen_base(base, own)
     held = locked_positions(parts, locked)
-    tree = fold_parts(robot.name, parts, chosen, held)
-    return replace(tree, source=Source(robot.text, held, tolerance)), chosen
+    tree = fold_parts(robot.name, parts, held)
+    return replace(tree, source=Source(robot.text, held, tolerance)), chosen_base(base, own)
 
 
 def _parts(robot: records.RobotRecord, *, warns: bool) -> tuple[Literal["fixed", "free"], list[JointPart]]:

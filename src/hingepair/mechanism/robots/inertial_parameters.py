@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -155,7 +156,7 @@ def find_base_parameters(
     states[0] = (low + high) / 2 + states[0] * (high - low) / 2
     rows = np.asarray(regressor(states))
     # R of a QR decomposition has the same combinations of columns.
-    rows = np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[-1]), "r"))
+    rows = np.asarray(np.linalg.qr(rows.reshape(math.prod(rows.shape[:-1]), rows.shape[-1]), "r"))
     lengths = np.linalg.norm(rows, axis=0)
     bodies = rows.shape[1] // 10
     order = [10 * body + PARAMETERS.index(name) for body in range(bodies) for name in _KEPT_FIRST]

@@ -333,7 +333,7 @@ class RobotRequests:
         if not cache.warned:
             self.check_masses()
             cache.warned = True
-            for note in self.tree.notes:
+            for note in (*(self.tree.base_notes if self.constants.free else ()), *self.tree.notes):
                 warn_of_dynamics(f"{self.tree.name}: {note}")
 
     def counts_loads(self, joint_loads: bool | None) -> bool:
