@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import warnings
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -82,14 +81,6 @@ def test_mujoco_moves_the_model_as_the_scene_moves(tmp_path, base):
     np.testing.assert_allclose(found, scene.motion.source.psi, rtol=0, atol=1e-8)
 
 
-def test_mujoco_moves_a_planar_scene_in_its_gravity(tmp_path):
-    text = PLANE + '[dynamics]\nbase = "fixed"\nphi_0 = 0.3\npsi.damping = 0.1\n' + TIME
-    found = moved_by_mujoco(exported(tmp_path, "mjcf", text), np.linspace(0, 1, 11), [0.0])
-    np.testing.assert_allclose(found, hp.load_scene(tmp_path / "scene.toml").motion.source.psi, rtol=0, atol=1e-8)
-    upright = exported(tmp_path, "mjcf", text.replace("psi.damping", "gravity = [1, -2]\npsi.damping"))
-    assert ET.fromstring(upright).find("option").get("gravity") == "1.0 -2.0 0.0"
-
-
 WHOLE = """
 [dynamics]
 base = "fixed"
@@ -161,21 +152,7 @@ def test_the_base_is_that_of_the_scene_or_listed(tmp_path, command, base, expect
         assert ("world" in {link.get("name") for link in root.findall("link")}) is (expected[0] == "world")
 
 
-@pytest.mark.parametrize("command", ["mjcf", "urdf"])
-def test_an_option_for_the_base_wins(tmp_path, command):
-    text = PAIR + f'[dynamics]\nbase = "pinned"\n{START}' + TIME
-    assert "ball" not in exported(tmp_path, command, text, "--fixed-base")
-    if command == "urdf":
-        assert 'type="floating"' in exported(tmp_path, command, text, "--floating-base", left_out="R1_0, S1_0")
-
-
 BEAM = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1))
-
-
-def test_the_models_stand_where_their_scenes_start():
-    text = (Path(__file__).parents[2] / "models" / "thrown_flail.xml").read_text()
-    assert '<body name="body1" pos="0.0 0.0 1.5"' in text
-    assert 'gravity="0.0 0.0 -9.81"' in text
 
 
 def drop(key, text=PAIR):

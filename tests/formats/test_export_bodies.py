@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import hingepair as hp
@@ -30,17 +29,6 @@ def random_body(rng, flat=False):
 def laden_pair(k, flat=False):
     rng = states.generator(87, k)
     return corner_pair(k, body1=random_body(rng, flat), body2=random_body(rng, flat))
-
-
-@pytest.mark.parametrize("k", range(6))
-def test_pinocchio_reads_the_mass_properties(k):
-    pair = laden_pair(k)
-    model = pin.buildModelFromXML(hp.to_urdf(pair), pin.JointModelFreeFlyer())
-    for joint, body, origin in ((1, pair.body1, 0), (2, pair.body2, pair.u2)):
-        read = model.inertias[joint]
-        assert read.mass == body.mass
-        assert np.abs(read.lever - (body.centre_of_mass - origin)).max() <= 16 * U * 4
-        assert np.abs(read.inertia - body.inertia).max() <= 16 * U * np.abs(body.inertia).max()
 
 
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)

@@ -95,14 +95,6 @@ def test_an_axis_a_hair_off_a_coordinate_axis_is_not_rounded_to_it(aside):
         assert max(ratios.values()) <= 16, ratios
 
 
-@pytest.mark.slow
-def test_pinocchio_moves_body2_as_many_pairs_do():
-    for k in range(150):
-        pair, (body1, hinge) = corner_pair(k), motion_of(k)
-        ratios = ratios_of(pair, body1, hinge, pinocchio_of_urdf(pair, body1, *hinge))
-        assert max(ratios.values()) <= 16, (k, ratios)
-
-
 # ---------------------------------------------------------------- the base
 
 

@@ -483,20 +483,6 @@ def test_a_mechanism_is_printed_copied_and_pickled(robot):
     assert "<table>" in robot._repr_html_()
 
 
-def test_a_robot_may_be_read_from_text_and_models(tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(ARM)
-    both = [hp.Mechanism.from_urdf(source, base="free", locked={"slide": 0.5}) for source in (path, ARM)]
-    assert str(both[0]) == str(both[1])
-    assert both[0].names == ("shoulder", "elbow")
-    flying = pin.buildModelFromXML(ARM, pin.JointModelFreeFlyer())  # there, a continuous joint leads none
-    model = hp.Mechanism.from_pinocchio(flying, locked={"slide": 0.5})
-    assert (model.base, model.names) == ("free", ("shoulder", "elbow", "follower"))
-    for wrong in ("free ", 1):
-        with pytest.raises(ArgumentError, match="base: expected one of fixed, free"):
-            hp.Mechanism.from_urdf(ARM, base=wrong)
-
-
 @pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
 @pytest.mark.parametrize("base", ["fixed", "free"])
 def test_a_robot_without_joints_has_empty_coordinates(base, backend):

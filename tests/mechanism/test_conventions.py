@@ -93,25 +93,6 @@ def test_states_come_back(package):
     close(getattr(FIXED, f"to_{package}_state")(Q)[0], Q)
 
 
-def test_hinges_without_limits_are_cosine_and_sine():
-    """Those of a model that Pinocchio reads from a URDF."""
-    links = "".join(f'<link name="{name}"/>' for name in "abcd")
-    joints = "".join(
-        f'<joint name="{name}" type="{kind}"><parent link="{p}"/><child link="{c}"/>{limit}</joint>'
-        for name, kind, p, c, limit in (
-            ("one", "continuous", "a", "b", ""),
-            ("two", "revolute", "b", "c", '<limit lower="-1" upper="1" effort="1" velocity="1"/>'),
-            ("three", "continuous", "c", "d", ""),
-        )
-    )
-    text = f'<robot name="turning">{links}{joints}</robot>'
-    robot, model = hp.Mechanism.from_urdf(text), pin.buildModelFromXML(text)
-    q, _ = robot.to_pinocchio_state([0.3, 0.4, -2.0], cos_sin=True)
-    assert q.shape == (model.nq,)
-    close(q, [np.cos(0.3), np.sin(0.3), 0.4, np.cos(-2.0), np.sin(-2.0)])
-    close(robot.from_pinocchio_state(q).q, [0.3, 0.4, -2.0])
-
-
 def test_a_change_leads_to_the_other_configuration():
     change = np.random.default_rng(5).uniform(-1, 1, (5, 10))
     there = FREE.integrate(Q, change, BASE)

@@ -80,17 +80,6 @@ def test_one_frame_and_an_axis_of_frames(robot, motion):
     assert robot.forward_kinematics(q).outputs == ("R", "S", "d")
 
 
-def test_no_samples_and_no_joints(robot):
-    none = np.empty((0, 7))
-    assert robot.inverse_dynamics(none, none, none).tau.shape == (0, 7)
-    still = hp.load_robot("ur5_robot", locked=dict.fromkeys(hp.load_robot("ur5_robot").names, 0.3))
-    assert still.dof == 0
-    assert still.forward_kinematics(np.empty((2, 0)), frames="tool0").R.shape == (2, 1, 3)
-    assert still.inverse_dynamics(np.empty(0), np.empty(0), np.empty(0)).tau.shape == (0,)
-    assert still.forward_dynamics(np.empty(0), np.empty(0), np.empty(0)).qdd.shape == (0,)
-    assert still.mass_matrix(np.empty((3, 0))).shape == (3, 0, 0)
-
-
 def test_a_prepared_call_takes_tables_and_values_by_joint(robot, motion):
     pandas = pytest.importorskip("pandas")
     q, qd = motion[:2, 0]
@@ -241,21 +230,6 @@ def test_bounds_hold_for_every_backend_of_a_mimic_robot():
         assert (bounds[name] < 1e-3).all()
 
 
-def test_frames_stands_for_the_one_frame_of_a_jacobian(robot, motion):
-    q, qd, _ = motion[:, 0, 0]
-    assert np.array_equal(robot.jacobian(q, frames=("panda_hand",)), robot.jacobian(q, "panda_hand"))
-    bias = robot.acceleration_bias(q, qd, frames="panda_hand")
-    assert np.array_equal(bias, robot.acceleration_bias(q, qd, "panda_hand"))
-
-
-@pytest.mark.slow
-def test_numbers_of_numpy_stand_for_numbers(robot, motion):
-    q, zero = motion[0, 0], np.int64(0)
-    loaded = robot.inverse_dynamics(q, q, q, wrenches={"panda_hand": (zero, np.float32(0))}, workers=np.int64(2))
-    assert np.array_equal(loaded.tau, robot.inverse_dynamics(q, q, q, wrenches={"panda_hand": (0, 0)}).tau)
-    assert np.array_equal(robot.forward_dynamics(q, q, q, force1=zero).qdd, robot.forward_dynamics(q, q, q).qdd)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["R", "S", "d", "v", "omega", "a", "alpha"])
 def test_a_frame_with_the_name_of_an_output_is_a_frame(name):
@@ -371,13 +345,6 @@ def test_tiny_numbers_do_not_raise_what_numpy_is_told_to_raise():
         hp.cross_validate(robot, one, one, one)
 
 
-def test_an_overlap_names_what_the_user_gave(robot, motion):
-    q, force = motion[0, 0], np.zeros((4, 7))
-    wrenches = {"panda_hand": (0, force[:, :3])}
-    with pytest.raises(hp.ArgumentError, match=r"out\['tau'\]: .* overlaps wrenches\['panda_hand'\]\[1\]"):
-        robot.inverse_dynamics(q[:4], q[:4], q[:4], wrenches=wrenches, out={"tau": force}, outputs=("tau",))
-
-
 @pytest.mark.skipif(
     (sys.platform, platform.machine()) != ("linux", "x86_64"), reason="the number of the mode is glibc's"
 )
@@ -411,19 +378,6 @@ def test_robots_without_moving_joints_are_prepared():
         found = flying.prepare(("q", "qd", "tau", "force1"))(*still, force).a1
         np.testing.assert_array_equal(found, flying.forward_dynamics(*still, force1=force).a1)
         assert found.any()
-
-
-def test_a_robot_whose_joints_are_all_locked_is_where_it_was_locked():
-    whole = hp.load_robot("ur5_robot")
-    locked = hp.load_robot("ur5_robot", locked=dict.fromkeys(whole.names, 0.3))
-    found = locked.prepare("pose", frames=("tool0",))(np.zeros(0))
-    expected = whole.forward_kinematics(np.full(6, 0.3), frames=("tool0",))
-    np.testing.assert_allclose(found.R, expected.R, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(found.S, expected.S, rtol=0, atol=1e-14)
-
-
-def test_accelerations_are_what_a_call_with_forces_is_prepared_for(robot):
-    assert robot.prepare(("q", "qd", "tau")).outputs == ("qdd",)
 
 
 @pytest.mark.slow

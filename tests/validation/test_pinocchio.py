@@ -10,10 +10,7 @@ import pinocchio as pin
 import pytest
 
 from hingepair.errors import ArgumentError, MissingDependencyError, ShapeError
-from hingepair.formats.model_writers import to_urdf
-from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.validation.cross_validate import cross_validate
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from support import states
@@ -114,46 +111,11 @@ def test_body_2_takes_quaternions_of_any_length_and_refuses_the_rest():
         twin.body2(v)
 
 
-@pytest.mark.slow
-def test_the_quaternion_is_unit_for_every_attitude():
-    """Half turns, where the scalar part vanishes, and attitudes next to the identity; every pivot is used."""
-    turns = [np.diag(d) for d in ((1.0, 1, 1), (1.0, -1, -1), (-1.0, 1, -1), (-1.0, -1, 1))]
-    tiny = [pin.exp3(np.array(w) * size) for size in (1e-9, 1e-160, 3.1415926) for w in np.eye(3)]
-    S = np.concatenate([turns, tiny, states.rotations(states.generator(52), 200)])
-    twin = to_pinocchio(HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)))
-    q = twin.configuration(BodyMotion(R=np.zeros(3), S=S), 0.0)
-    for row, expected in zip(q, S, strict=True):
-        assert abs(np.linalg.norm(row[3:7]) - 1) <= 4 * U
-        assert np.abs(pin.Quaternion(row[3:7]).toRotationMatrix() - expected).max() <= 8 * U
-
-
-def test_pinocchio_quaternions_of_any_length_are_normalised():
-    rng = states.generator(53)
-    twin, body1 = to_pinocchio(pair_of(states.pair(rng))), body1_of(rng)
-    q = twin.configuration(body1, 0.0)
-    q[3:7] *= -1e-3
-    assert np.abs(twin.motion(q)[0].S - body1.S).max() <= 8 * U
-
-
 def test_the_twin_is_a_free_flyer_and_a_hinge():
     twin = to_pinocchio(pair_of(states.pair(states.generator(54))))
     assert (twin.model.nq, twin.model.nv, twin.model.name) == (8, 7, "hinge_pair")
     assert twin.model.frames[twin.body2_frame].name == "body2"
     assert twin.model.frames[twin.body2_frame].type == pin.FrameType.OP_FRAME
-
-
-def test_the_twin_has_the_masses_and_limits_of_the_urdf():
-    """Inertia of the coordinates and forces that hold the bodies still: the same from either text or twin."""
-    u1, u2, n, home = states.pair(states.generator(57))
-    bodies = [Body(m, (0.1, m, -0.2), np.diag((m, 2 * m, 2.5 * m))) for m in (2.0, 3.0)]
-    pair = HingePair(u1, u2, n, home, limits=(-1, 0.5), body1=bodies[0], body2=bodies[1])
-    twin, model = to_pinocchio(pair).model, pin.buildModelFromXML(to_urdf(pair), pin.JointModelFreeFlyer())
-    q = np.array([0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5, 0.4])
-    for call in (pin.crba, pin.computeGeneralizedGravity):
-        expected, found = (call(m, m.createData(), q) for m in (model, twin))
-        assert np.abs(found - expected).max() <= 64 * U * np.abs(expected).max()
-    assert (twin.lowerPositionLimit[-1], twin.upperPositionLimit[-1]) == pair.limits
-    assert not any(inertia.mass for inertia in to_pinocchio(HingePair(u1, u2, n)).model.inertias)
 
 
 # ---------------------------------------------------------------- the package around it

@@ -198,12 +198,3 @@ def test_a_motion_that_is_further_off_than_the_bound_says_so(tmp_path):
     assert f"note: {note}" in str(report)
     assert json.loads(report.to_json())["notes"] == [note]
     assert report.ok
-
-
-@pytest.mark.slow
-def test_a_motion_by_expressions_has_neither_forces_nor_notes(tmp_path):
-    path = tmp_path / "scene.toml"
-    path.write_text(SPACE.partition("[dynamics]")[0] + "[motion]\npsi = 't'\n" + CARRIED[SPACE] + TIME)
-    report = hp.load_scene(path).cross_validate()
-    assert (report.forces, report.notes) == ((), ())
-    assert "rnea" not in str(report)
