@@ -22,10 +22,15 @@ from hingepair.mechanism.options import (
     OutputOptions,
     with_options,
 )
-from hingepair.mechanism.pairs import accuracy, requests, residuals, tolerances
+from hingepair.mechanism.pairs import accuracy, requests, residuals
 from hingepair.mechanism.pairs.geometry import Constants, Points, checked_points, spatial_constants
 from hingepair.mechanism.pairs.residuals import Residuals
-from hingepair.mechanism.pairs.tolerances import PoseCovariance
+from hingepair.mechanism.pairs.tolerances import (
+    TOLERANCE_DEFAULTS,
+    PoseCovariance,
+    ToleranceOptions,
+    propagate_covariance,
+)
 from hingepair.mechanism.requests import MOTION_LEVELS, PAIR_TASKS, ROWS, Request, Task, ask, coordinate_rows
 from hingepair.mechanism.states import (
     Accelerations,
@@ -564,21 +569,9 @@ class HingePair(Frozen, Shown):
         """
         return self._ask("acceleration_bias", requests.body1_inputs(body1, psi, psid), options)
 
+    @with_options(**TOLERANCE_DEFAULTS)
     def propagate_covariance(
-        self,
-        body1: BodyMotion,
-        psi: ArrayLike,
-        *,
-        u1: tolerances.Limits = None,
-        u2: tolerances.Limits = None,
-        axis: str | None = None,
-        home: tolerances.Limits = None,
-        u1_std: ArrayLike = 0.0,
-        u2_std: ArrayLike = 0.0,
-        axis_std: float = 0.0,
-        home_std: ArrayLike = 0.0,
-        covariance: ArrayLike | None = None,
-        points: tolerances.PointTolerances = None,
+        self, body1: BodyMotion, psi: ArrayLike, **options: Unpack[ToleranceOptions]
     ) -> PoseCovariance:
         """Compute the covariance of R2, of body 2's attitude and of points that tolerances of the geometry cause, to
         first order (E5, E7).
@@ -620,9 +613,7 @@ class HingePair(Frozen, Shown):
         >>> (1000 * pair.propagate_covariance(still, 1.0, u1="+-0.3 mm").R2_std).round(6)
         array([0.1, 0.1, 0.1])
         """
-        given: dict[str, Any] = {"u1": u1, "u2": u2, "axis": axis, "home": home}
-        given |= {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
-        return tolerances.propagate_covariance(self._constants, body1, psi, covariance, points, **given)
+        return propagate_covariance(self._constants, body1, psi, options)
 
     @with_options()
     def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion, **options: Unpack[OutOptions]) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.options import check_options, with_options
 from hingepair.mechanism.pairs.geometry import Constants, check_pair, check_single_pair
 from hingepair.mechanism.pairs.requests import INPUT_LABELS, body1_inputs, computation_of
 from hingepair.numeric.arrays import Float64Array, Frozen, number_not_below_0, one_constant, read_only
@@ -38,6 +39,29 @@ Limits: TypeAlias = str | Sequence[str] | None
 
 PointTolerances: TypeAlias = Mapping[str, Any] | None
 """Limits of points by name, or their standard deviations: a number or three [m]."""
+
+
+class ToleranceOptions(TypedDict, total=False):
+    """Tolerances of the geometry, in one of three forms, and of points."""
+
+    u1: Limits
+    u2: Limits
+    axis: str | None
+    home: Limits
+    u1_std: ArrayLike
+    u2_std: ArrayLike
+    axis_std: float
+    home_std: ArrayLike
+    covariance: ArrayLike | None
+    points: PointTolerances
+
+
+TOLERANCE_DEFAULTS: Final[dict[str, Any]] = {
+    **dict.fromkeys(LIMITS),
+    **dict.fromkeys(DEVIATIONS, 0.0),
+    **dict.fromkeys(("covariance", "points")),
+}
+"""Defaults of tolerances, in the order of signatures."""
 
 # A comma between two digits is a decimal comma.
 _SEPARATOR = re.compile(r"\s*(?:;|,(?=\s|[+±])|(?<!\d),)\s*")
@@ -181,18 +205,14 @@ class PoseCovariance(Frozen):
 
 
 def propagate_covariance(
-    pair: Constants,
-    body1: BodyMotion,
-    psi: ArrayLike,
-    covariance: ArrayLike | None,
-    points: PointTolerances,
-    **tolerances: Any,
+    pair: Constants, body1: BodyMotion, psi: ArrayLike, tolerances: ToleranceOptions
 ) -> PoseCovariance:
     """Compute what `HingePair.propagate_covariance` returns, from a covariance, or else from tolerances."""
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
-    own = point_scatter([point.name for point in pair.points], points)
-    geometry, _ = geometry_scatter(pair.arrays["n"], covariance, tolerances, required=not own)
+    check_options("propagate_covariance", tolerances, ToleranceOptions)
+    own = point_scatter([point.name for point in pair.points], tolerances.get("points"))
+    geometry, _ = geometry_scatter(pair.arrays["n"], tolerances, required=not own)
     turned = tuple(point.name for point in pair.points if point.body == 2)
     slopes = _geometry_jacobian(pair, body1, psi, turned)
 
@@ -236,21 +256,13 @@ def _attitude_of_body2(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> An
     return computation_of(pair, ("S2",)).compute(given, execution_of("auto", 1), labels=INPUT_LABELS)["S2"]
 
 
+@with_options(**TOLERANCE_DEFAULTS)
 def sample_pairs(
     pair: Any,
     samples: int = 10_000,
     *,
-    u1: Limits = None,
-    u2: Limits = None,
-    axis: str | None = None,
-    home: Limits = None,
-    u1_std: ArrayLike = 0.0,
-    u2_std: ArrayLike = 0.0,
-    axis_std: float = 0.0,
-    home_std: ArrayLike = 0.0,
-    covariance: ArrayLike | None = None,
-    points: PointTolerances = None,
     seed: int | np.random.Generator | None = None,
+    **tolerances: Unpack[ToleranceOptions],
 ) -> Any:
     """Return a HingePair that holds random pairs about a pair, for one call of its methods: one state gives a result
     for each, and of a motion of shape (samples,), state i is computed with pair i.
@@ -300,11 +312,10 @@ def sample_pairs(
         rng = np.random.default_rng(seed)
     except (TypeError, ValueError):
         raise ArgumentError("seed", "an integer from 0 or a numpy.random.Generator", quoted(seed)) from None
+    check_options("sample_pairs", tolerances, ToleranceOptions)
     n = pair.n
-    tolerances: dict[str, Any] = {"u1": u1, "u2": u2, "axis": axis, "home": home}
-    tolerances |= {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
-    own = point_scatter([*pair.points1, *pair.points2], points)
-    geometry, uniform = geometry_scatter(n, covariance, tolerances, required=not own)
+    own = point_scatter([*pair.points1, *pair.points2], tolerances.get("points"))
+    geometry, uniform = geometry_scatter(n, tolerances, required=not own)
     values, axes = np.linalg.eigh(geometry)
     # The symmetric square root does not depend on the order of the eigenvectors.
     root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
@@ -363,16 +374,13 @@ def point_scatter(names: Sequence[str], tolerances: PointTolerances) -> dict[str
     return found
 
 
-def geometry_scatter(
-    n: Float64Array, covariance: ArrayLike | None, tolerances: Mapping[str, Any], *, required: bool = True
-) -> Scatter:
-    """Return how u1, u2, n and the rotation vector of home scatter: as the checked `covariance` says, or
-    independently within tolerances.
+def geometry_scatter(n: Float64Array, tolerances: Mapping[str, Any], *, required: bool = True) -> Scatter:
+    """Return how u1, u2, n and the rotation vector of home scatter: as a checked covariance says, or independently
+    within tolerances.
 
     Args:
         n: hinge axis, of unit length; shape (3,).
-        covariance: the covariance, or None to use tolerances.
-        tolerances: values by the names of `LIMITS` and `DEVIATIONS`.
+        tolerances: values by the names of `LIMITS` and `DEVIATIONS`; or the covariance.
         required: whether at least one dimension must have a tolerance.
 
     Raises:
@@ -389,7 +397,7 @@ def geometry_scatter(
         if std.any():
             sizes[k] = std
             names.append(limit if within is not None else deviation)
-    if covariance is not None:
+    if (covariance := tolerances.get("covariance")) is not None:
         if names:
             expected = f"{'None' if names[0] in LIMITS else '0'}, since covariance gives all standard deviations"
             raise ArgumentError(names[0], expected, quoted(tolerances[names[0]]))
