@@ -349,8 +349,6 @@ ACCELERATIONS: Final = ("a1", "alpha1", "psidd")
 """Outputs of forward dynamics."""
 NO_MASSES: Final = frozenset({*SPACE.levels, *PLANE.levels, "jacobian", "acceleration_bias", "S1_check"})
 """Outputs that do not depend on masses, those of points apart, unless accelerations are solved for."""
-OF_WHOLE_BODY2: Final = frozenset({"hinge_force", "hinge_moment", "bearing_torque"})
-"""Outputs for which all matter of body 2 counts with it."""
 FRAME_NUMBERS: Final = sum(math.prod(tail) for tail in FRAME_SHAPES.values())
 """How many constants a frame of the tree has."""
 # A hinge without a motor (armature 0) that follows none: multiplier 1, offset 0.

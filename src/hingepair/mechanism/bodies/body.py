@@ -22,6 +22,9 @@ _ASSUMED_GYRATION = 0.01  # m^2: inertia per mass of a body without shapes whose
 INERTIA_ENTRIES: Final = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 """Rows and columns of the six entries that stand for an inertia matrix, in Pinocchio's order."""
 
+SECOND_MOMENTS: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Rows and columns of the entries of a second moment, in the order of programs."""
+
 
 class DynamicsWarning(UserWarning):
     """Warns that forces or motion may be wrong: a mass was not given or no rigid body can have it, a mass matrix is
@@ -258,6 +261,17 @@ def inertial_parameters(
     """Return mass m, first moment m c and the `INERTIA_ENTRIES` of J, both about the reference point; shape (10,)."""
     J = inertia - mass * skew(centre_of_mass) @ skew(centre_of_mass)
     return np.array([mass, *(mass * centre_of_mass), *(J[entry] for entry in INERTIA_ENTRIES)])
+
+
+def moments_of(mass: Any, centre: Any, inertia: Any, R: NDArray[np.float64], S: NDArray[np.float64]) -> Any:
+    """Return mass, first moment and the `SECOND_MOMENTS` of matter, (..., 10), in axes that its own axes are turned
+    to by S (..., 3, 3), about the point from which R (..., 3) leads to its origin. All may have leading axes.
+    """
+    c, half = (S @ centre[..., None])[..., 0] + R, np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] / 2
+    second = S @ (half * np.eye(3) - inertia) @ np.swapaxes(S, -1, -2)
+    m = np.asarray(mass)
+    entries = [second[..., i, j] + m * c[..., i] * c[..., j] for i, j in SECOND_MOMENTS]
+    return np.stack(np.broadcast_arrays(m, *np.moveaxis(m[..., None] * c, -1, 0), *entries), axis=-1) + 0.0
 
 
 def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

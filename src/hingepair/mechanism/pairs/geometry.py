@@ -6,9 +6,9 @@ Every constant is computed in twice the precision and rounded once. u1, u2, n, h
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -18,7 +18,7 @@ from hingepair.equations import spatial as eq
 from hingepair.equations.derivatives import matrix_from_columns
 from hingepair.equations.quantities import QUANTITIES
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.mechanism.bodies.body import Body, inertial_parameters
+from hingepair.mechanism.bodies.body import Body, inertial_parameters, moments_of
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, constant, read_only
 from hingepair.numeric.blocks import Components, numbers
 from hingepair.numeric.twofold import Twofold
@@ -39,6 +39,7 @@ _RESERVED: Final = {  # names that a point cannot have
     *("quat1", "quat2", "qx", "qy", "qz", "qw"),  # in scenes
     *("body1", "body2", "body2_at_hinge", "hinge", "base", "world"),  # in models and pages
 }
+_NOTHING: Final = SimpleNamespace(mass=0.0, centre_of_mass=np.zeros(3), inertia=np.zeros((3, 3)))  # no body
 _COMPONENTS: Final = ("_x", "_y", "_z")  # endings of the columns of a vector
 
 
@@ -250,30 +251,26 @@ class TreeNumbers(NamedTuple):
     samples: Float64Array | None  # these, shape (..., len(varied)); None if there are none
 
 
-def tree_numbers(constants: Constants, masses: bool = False, whole: bool = False) -> TreeNumbers:
+def tree_numbers(constants: Constants, masses: bool = False) -> TreeNumbers:
     """Return the constants of a pair's tree, with the masses only if they are asked for; they are made once.
 
     Args:
         constants: geometry and masses.
         masses: whether masses count; a body that is None has none.
-        whole: whether all matter of body 2 counts with it, as the wrench at the hinge needs it. Else matter on the
-            hinge axis counts with body 1 (T9).
 
     Raises:
         ArgumentError: a mass times the square of a length overflows.
     """
-    kept, key = constants.cache.others, ("tree", masses, whole)
+    kept, key = constants.cache.others, ("tree", masses)
     if key not in kept:
-        kept[key] = _tree_numbers(constants, masses, whole)
+        kept[key] = _tree_numbers(constants, masses)
     found: TreeNumbers = kept[key]
     return found
 
 
-def _tree_numbers(constants: Constants, masses: bool, whole: bool) -> TreeNumbers:
+def _tree_numbers(constants: Constants, masses: bool) -> TreeNumbers:
     frames = hinge_frames(constants)
-    base, body2, pivots = (
-        map(numbers, _masses(constants, whole)) if masses else ((0.0,) * 10, (0.0,) * 10, (0.0,) * 3)
-    )
+    base, body2, pivots = map(numbers, _masses(constants)) if masses else ((0.0,) * 10, (0.0,) * 10, (0.0,) * 3)
     rotor = (0.0, 1.0, 0.0)  # armature, multiplier and offset of a hinge that follows none
     u1 = numbers(lifted(constants.arrays["u1"]))
     parts = [*base, *frames.axes, *u1, *body2, *rotor, *pivots, *frames.origins[0], *_IDENTITY.ravel().tolist()]
@@ -329,34 +326,30 @@ def _rounded_once(c: Any, size: Any) -> Any:
     return np.spacing(np.abs(c)) / 2 + 2.0**-90 * size + 2.0**-1074
 
 
-def _masses(constants: Constants, whole: bool) -> tuple[Float64Array, Float64Array, Float64Array]:
+def _masses(constants: Constants) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return mass, first and second moment, (..., 10), of body 1 about R1 in its axes and of body 2 about the hinge
     point in the tree's axes; and the sizes below which pivots of the hinge, of forces and of torques on body 1 are
     rounding, (..., 3).
+
+    Raises:
+        ArgumentError: a mass times the square of a length overflows.
     """
-    body1, body2 = constants.bodies
-    frames = hinge_frames(constants)
-    axes, turn = (_joined(one).reshape(*np.shape(_joined(one))[:-1], 3, 3) for one in (frames.axes, frames.turn))
+    body1, body2 = (_NOTHING if body is None else body for body in constants.bodies)
+    turn = _joined(hinge_frames(constants).turn)
     u1, u2 = (lifted(constants.arrays[name]) for name in ("u1", "u2"))
+    origin, lever = np.zeros(3), body2.centre_of_mass - u2
     with np.errstate(all="ignore"):
-        m1, h1, N1, least1, spread1 = _moments(body1, np.eye(3), np.zeros(3))
-        m2, h2, N2, _, spread2 = _moments(body2, turn, u2)
-        lowest = _lowest_pivots(m1, least1, body1, spread1, m2, N2, h2, spread2, u1)
-        if whole:
-            found = _matter(m1, h1, N1), _matter(m2, h2, N2)
-        else:
-            w = axes[..., 2]
-            h_z, N_zz = h2[..., 2:], N2[..., 2, 2, None, None]
-            across = _outer(u1, w)
-            h1 = h1 + m2 * u1 + h_z * w
-            N1 = N1 + m2 * _outer(u1, u1) + h_z[..., None] * (across + _swapped(across)) + N_zz * _outer(w, w)
-            N2 = np.array(N2)
-            N2[..., 2, 2] = 0.0
-            found = _matter(m1 + m2, h1, N1), _matter(0.0, h2 * (1.0, 1.0, 0.0), N2)
-    if not all(np.isfinite(part).all() for part in found):
+        matter1 = moments_of(body1.mass, body1.centre_of_mass, body1.inertia, origin, np.eye(3))
+        matter2 = moments_of(body2.mass, lever, body2.inertia, origin, turn.reshape(*turn.shape[:-1], 3, 3))
+        spreads = [
+            body.mass * np.abs(arm).sum(axis=-1) ** 2 + np.abs(body.inertia).max()
+            for body, arm in ((body1, body1.centre_of_mass), (body2, lever))
+        ]
+        lowest = _lowest_pivots(body1, matter2, spreads, np.abs(u1).sum(axis=-1))
+    if not (np.isfinite(matter1).all() and np.isfinite(matter2).all()):
         expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
         raise ArgumentError("pair", expected, "products that overflow")
-    return *found, lowest
+    return matter1, matter2, lowest
 
 
 def body_numbers(constants: Constants) -> dict[str, Float64Array]:
@@ -373,65 +366,29 @@ def body_numbers(constants: Constants) -> dict[str, Float64Array]:
     return {"masses": masses, "first_moments": first, "inertias": second}
 
 
-def _moments(body: Body | None, turn: Any, u: Any) -> tuple[float, Any, Any, float, Any]:
-    """Return mass, first and second moment of a body about the point u, in axes to which `turn` rotates; its least
-    moment of inertia; and a bound on its inertia about that point.
-    """
-    if body is None:
-        return 0.0, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0
-    m, inertia, lever = body.mass, body.inertia, body.centre_of_mass - u
-    c = _product(turn, lever[..., None])[..., 0]
-    J = _product(_product(turn, inertia), _swapped(turn))
-    N = (J[..., 0, 0] + J[..., 1, 1] + J[..., 2, 2])[..., None, None] / 2 * np.eye(3) - J + m * _outer(c, c)
-    spread = m * np.abs(lever).sum(axis=-1) ** 2 + np.abs(inertia).max()
-    return m, m * c, N, float(np.linalg.eigvalsh(inertia)[0]), spread
-
-
-def _lowest_pivots(
-    m1: float, least1: float, body1: Body | None, spread1: Any, m2: float, N2: Any, h2: Any, spread2: Any, u1: Any
-) -> Float64Array:
+def _lowest_pivots(body1: Any, matter2: Float64Array, spreads: Sequence[Any], reach: Any) -> Float64Array:
     """Return the sizes below which pivots of the hinge, of forces and of torques on body 1 are rounding, (..., 3); 0
-    where they cannot be that small, as `mechanism.constants` has them for robots.
+    where they cannot be that small, as `robots.constants` has them for robots.
+
+    Args:
+        body1: mass properties of body 1.
+        matter2: moments of body 2 in the tree's axes.
+        spreads: bounds on the inertias of both bodies, about R1 and about the hinge point.
+        reach: bound on the length of u1.
     """
-    reach = np.abs(u1).sum(axis=-1)
-    hinge = PIVOT_ROUNDING * spread2
-    force = PIVOT_ROUNDING * (m1 + m2)
-    torque = PIVOT_ROUNDING * (spread1 + spread2 + 2 * reach * np.abs(h2).sum(axis=-1) + m2 * reach**2)
-    c = np.zeros(3) if body1 is None else body1.centre_of_mass
+    m1, m2, least1 = body1.mass, matter2[..., 0], float(np.linalg.eigvalsh(body1.inertia)[0])
+    hinge, force = PIVOT_ROUNDING * spreads[1], PIVOT_ROUNDING * (m1 + m2)
+    arm = 2 * reach * np.abs(matter2[..., 1:4]).sum(axis=-1) + m2 * reach**2
+    torque = PIVOT_ROUNDING * (spreads[0] + spreads[1] + arm)
     resists = least1 > torque
     if m1 > 0 and least1 > 0:
+        c = body1.centre_of_mass
         resists &= 1 / (1 / m1 + float(c @ c) / least1) > force
+    turns = matter2[..., 4] + matter2[..., 7] > hinge
     # 1e-300, since 0 stands for a pivot that is never small
-    turns = N2[..., 0, 0] + N2[..., 1, 1] > hinge
-    return np.stack(
-        np.broadcast_arrays(
-            np.where(turns, 0.0, np.maximum(hinge, 1e-300)),
-            np.where(resists, 0.0, np.maximum(force, 1e-300)),
-            np.where(resists, 0.0, np.maximum(torque, 1e-300)),
-        ),
-        axis=-1,
-    )
-
-
-def _matter(m: float, h: Any, N: Any) -> Float64Array:
-    """Return mass, first moment and the entries xx, xy, xz, yy, yz and zz of the second as one array."""
-    six = N[..., (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
-    shape = np.broadcast_shapes(h.shape[:-1], six.shape[:-1])
-    parts = np.array([m]), h, six
-    return np.concatenate([np.broadcast_to(one, (*shape, one.shape[-1])) for one in parts], axis=-1) + 0.0
-
-
-def _product(A: Any, B: Any) -> Any:
-    """Return A @ B in which products with 0 and 1 are exact, and without -0.0."""
-    return sum(A[..., :, k, None] * B[..., k, None, :] for k in range(3)) + 0.0
-
-
-def _swapped(A: Any) -> Any:
-    return np.swapaxes(A, -1, -2)
-
-
-def _outer(a: Any, b: Any) -> Any:
-    return a[..., :, None] * b[..., None, :]
+    pairs = ((turns, hinge), (resists, force), (resists, torque))
+    parts = [np.where(regular, 0.0, np.maximum(least, 1e-300)) for regular, least in pairs]
+    return np.stack(np.broadcast_arrays(*parts), axis=-1)
 
 
 def _joined(components: Components) -> Float64Array:

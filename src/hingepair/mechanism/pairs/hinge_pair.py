@@ -24,6 +24,7 @@ from hingepair.mechanism.options import (
 )
 from hingepair.mechanism.pairs import accuracy, requests, residuals
 from hingepair.mechanism.pairs.geometry import Constants, Points, checked_points, spatial_constants
+from hingepair.mechanism.pairs.requests import AskedPair
 from hingepair.mechanism.pairs.residuals import Residuals
 from hingepair.mechanism.pairs.tolerances import (
     TOLERANCE_DEFAULTS,
@@ -31,7 +32,7 @@ from hingepair.mechanism.pairs.tolerances import (
     ToleranceOptions,
     propagate_covariance,
 )
-from hingepair.mechanism.requests import MOTION_LEVELS, PAIR_TASKS, ROWS, Request, Task, ask, coordinate_rows
+from hingepair.mechanism.requests import MOTION_LEVELS, ROWS, ask, coordinate_rows
 from hingepair.mechanism.states import (
     Accelerations,
     Energy,
@@ -42,7 +43,6 @@ from hingepair.mechanism.states import (
 )
 from hingepair.numeric.arrays import FloatArray, Frozen, call_text, number_not_below_0, one_constant, set_frozen
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
-from hingepair.plans.computation import Cache
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
@@ -54,7 +54,7 @@ WRENCH_OUTPUTS: Final = {"force": "hinge_force", "torque": "hinge_moment"}
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class HingePair(Frozen, Shown):
+class HingePair(AskedPair, Frozen, Shown):
     """Two rigid bodies joined by a hinge, R1 + S1 u1 = R2 + S2 u2 (E1), which turn relative to each other about the
     hinge axis n only (E2).
 
@@ -182,23 +182,6 @@ class HingePair(Frozen, Shown):
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
         points = (*self.points1.items(), *self.points2.items())
         return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses, *points])
-
-    # ---- what `ask` needs
-
-    @property
-    def _cache(self) -> Cache:
-        return self._constants.cache
-
-    @property
-    def _tasks(self) -> Mapping[str, Task]:
-        return PAIR_TASKS[self._constants.kind]
-
-    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
-        return requests.pair_request(self, task, given, options, out)
-
-    def _ask(self, task: str, given: Mapping[str, Any], options: Any) -> Any:
-        """Compute what a method returns, from arguments by input name."""
-        return ask(self, task, tuple(given.values()), options, tuple(given))
 
     @with_options()
     def forward_kinematics(

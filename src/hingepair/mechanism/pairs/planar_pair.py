@@ -17,11 +17,11 @@ from hingepair.mechanism.options import GravityOptions, OutOptions, OutputOption
 from hingepair.mechanism.pairs import accuracy, requests
 from hingepair.mechanism.pairs.geometry import Constants, Points, checked_points, lifted, planar_constants
 from hingepair.mechanism.pairs.hinge_pair import HingePair, checked_mass_properties, rename_out
-from hingepair.mechanism.requests import MOTION_LEVELS, PAIR_TASKS, ROWS, Request, Task, ask, coordinate_rows
+from hingepair.mechanism.pairs.requests import AskedPair
+from hingepair.mechanism.requests import MOTION_LEVELS, ROWS, ask, coordinate_rows
 from hingepair.mechanism.states import Energy, Forces, HingeWrench, Momentum, PlanarState
 from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, call_text, set_frozen
 from hingepair.plans.arguments import Coordinates, Outputs
-from hingepair.plans.computation import Cache
 from hingepair.plans.pairs import PLANE
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.matrices import rotation_exp
@@ -31,7 +31,7 @@ PLANAR_GRAVITY = PLANE.gravity  # (0, -9.81) m/s^2
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class PlanarPair(Frozen, Shown):
+class PlanarPair(AskedPair, Frozen, Shown):
     """Two bodies in a plane joined by a hinge, R1 + S1 u1 = R2 + S2 u2 and phi2 = phi + psi (E11): a HingePair with n
     = (0, 0, 1) in the xy plane.
 
@@ -108,19 +108,6 @@ class PlanarPair(Frozen, Shown):
         return sheet_of(
             self.name, [("u1", self.u1), ("u2", self.u2), *masses, *self.points1.items(), *self.points2.items()]
         )
-
-    # ---- what `ask` needs
-
-    @property
-    def _cache(self) -> Cache:
-        return self._constants.cache
-
-    @property
-    def _tasks(self) -> Mapping[str, Task]:
-        return PAIR_TASKS[self._constants.kind]
-
-    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
-        return requests.pair_request(self, task, given, options, out)
 
     @with_options()
     def forward_kinematics(
@@ -290,7 +277,7 @@ class PlanarPair(Frozen, Shown):
         """
         loads = requests.loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
         given = {"q": q, "qd": qd, "hinge_torque": hinge_torque, **loads}
-        return ask(self, "forward_dynamics", tuple(given.values()), options, tuple(given))
+        return self._ask("forward_dynamics", given, options)
 
     @with_options(gravity=PLANAR_GRAVITY)
     def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[GravityOptions]) -> Energy:

@@ -30,18 +30,18 @@ from hingepair.mechanism.requests import (
     STATES,
     Request,
     Task,
+    ask,
     coordinate_rows,
     read_gravity,
 )
 from hingepair.numeric.arrays import FloatArray, is_zero
 from hingepair.plans.arguments import Arguments, CoordinateNames, check_outputs, read_arguments, requested_outputs
-from hingepair.plans.computation import QUATERNIONS, Computation
+from hingepair.plans.computation import QUATERNIONS, Cache, Computation
 from hingepair.plans.constraints import CONSTRAINTS
 from hingepair.plans.geometry import GEOMETRY_SHAPES
 from hingepair.plans.pairs import (
     LOADS,
     NO_MASSES,
-    OF_WHOLE_BODY2,
     PLANE,
     SPACE,
     PairKind,
@@ -83,7 +83,7 @@ def computation_of(
     found: Computation | None = pair.cache.computations.get(key)
     if found is None:
         masses = solves or needs_masses(pair, outputs)
-        tree = tree_numbers(pair, masses, masses and not OF_WHOLE_BODY2.isdisjoint(outputs))
+        tree = tree_numbers(pair, masses)
         known: dict[str, Any] = {"constants": tree_parameters(tree.numbers), "samples": tree.samples}
         if masses:
             known |= {name: np.zeros(pair.kind.shapes[name]) for name in LOADS}
@@ -170,7 +170,7 @@ def loads_that_act(**loads: Any) -> dict[str, Any]:
     return {name: value for name, value in loads.items() if not is_zero(value)}
 
 
-def pair_request(pair: Any, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
+def _pair_request(pair: Any, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
     """Return the request of a method of a pair.
 
     Raises:
@@ -193,6 +193,29 @@ def pair_request(pair: Any, task: Task, given: dict[str, Any], options: Mapping[
     remade = functools.partial(computation_of, constants, outputs, sequence, task.result, False, solves)
     watch = functools.partial(_watch, pair, outputs[-1]) if solves and pivot_limits(constants).any() else None
     return Request(remade(), given, INPUT_LABELS, gravity, remade, watch=watch, lasts=lasts)
+
+
+class AskedPair:
+    """What `ask` needs of a pair, in space or in the plane."""
+
+    __slots__ = ()
+
+    _constants: Constants
+
+    @property
+    def _cache(self) -> Cache:
+        return self._constants.cache
+
+    @property
+    def _tasks(self) -> Mapping[str, Task]:
+        return PAIR_TASKS[self._constants.kind]
+
+    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
+        return _pair_request(self, task, given, options, out)
+
+    def _ask(self, task: str, given: Mapping[str, Any], options: Any) -> Any:
+        """Compute what a method returns, from arguments by input name."""
+        return ask(self, task, tuple(given.values()), options, tuple(given))
 
 
 # ---- masses

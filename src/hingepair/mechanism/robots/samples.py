@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.mechanism.bodies.body import SECOND_MOMENTS, moments_of
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, read_only, real_array
 
-_SECOND_MOMENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # rows and columns, in the programs' order
 _ROUNDING = 1e-9  # of an inertia's trace: by so much it may miss being that of a body
 
 
@@ -73,15 +73,9 @@ class Payload(Frozen):
         """Leading shape of all three."""
         return np.broadcast_shapes(self.mass.shape, self.centre.shape[:-1], self.inertia.shape[:-2])
 
-    def moments(self, R: Float64Array, S: Float64Array) -> Float64Array:
+    def moments(self, R: Float64Array, S: Float64Array) -> Any:
         """Return mass, first and second moments (..., 10) where the frame has origins R, (..., 3), and rotation S."""
-        c = self.centre @ S.T + R
-        half = np.trace(self.inertia, axis1=-2, axis2=-1)[..., None, None] / 2
-        second = S @ (half * np.eye(3) - self.inertia) @ S.T
-        m = self.mass[..., None]
-        columns = [m[..., 0], *np.moveaxis(m * c, -1, 0)]
-        columns += [second[..., i, j] + m[..., 0] * c[..., i] * c[..., j] for i, j in _SECOND_MOMENTS]
-        return np.stack(np.broadcast_arrays(*columns), axis=-1)
+        return moments_of(self.mass, self.centre, self.inertia, R, S)
 
 
 def read_payload(mass: ArrayLike, centre_of_mass: ArrayLike, inertia: ArrayLike | None) -> Payload:
@@ -116,9 +110,9 @@ def turned_moments(numbers: Float64Array, axes: Float64Array) -> Float64Array:
     body's.
     """
     N = np.empty((*numbers.shape[:-1], 3, 3))
-    for k, (i, j) in enumerate(_SECOND_MOMENTS):
+    for k, (i, j) in enumerate(SECOND_MOMENTS):
         N[..., i, j] = N[..., j, i] = numbers[..., 4 + k]
     N = np.swapaxes(axes, -1, -2) @ N @ axes
     first = (numbers[..., None, 1:4] @ axes)[..., 0, :]
-    columns = [numbers[..., 0], *np.moveaxis(first, -1, 0), *(N[..., i, j] for i, j in _SECOND_MOMENTS)]
+    columns = [numbers[..., 0], *np.moveaxis(first, -1, 0), *(N[..., i, j] for i, j in SECOND_MOMENTS)]
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
