@@ -20,6 +20,7 @@ Block: TypeAlias = tuple[slice, ...]
 
 MAX_AXES = 29  # NumPy broadcasts up to 32, and results have up to three more than arguments
 FLOAT64: Final = np.dtype(np.float64)
+_PLAIN_TYPES: Final = {np.ndarray, list, tuple, float, int}
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
@@ -31,17 +32,8 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
             Dask array, which would be computed unasked; an array of JAX, PyTorch or another library.
         ShapeError: nested sequences of unequal length.
     """
-    if is_table(value):
-        raise DtypeError(name, "an array (of a table: .to_numpy())", f"a {type(value).__name__} with named columns")
-    if getattr(value, "__dask_graph__", lambda: None)() is not None:
-        raise DtypeError(name, f"an array in memory, such as {name}.compute()", f"a Dask {type(value).__name__}")
-    if not isinstance(value, np.ndarray | np.generic) and _is_of_other_library(value):
-        library = type(value).__module__.partition(".")[0].removesuffix("lib")  # "jaxlib" is JAX too
-        prepared = f" (prepared calls, f = robot.prepare(...), take this: f.{library})"
-        expected = f"an array of NumPy{prepared if library in {'jax', 'torch'} else ''}"
-        raise DtypeError(name, expected, f"{type(value).__name__} of {library}")
-    if isinstance(value, np.ma.MaskedArray):
-        raise DtypeError(name, "an array without a mask (use .filled(numpy.nan))", "a masked array")
+    if type(value) not in _PLAIN_TYPES:
+        _refuse_other_kinds(name, value)
     try:
         array = np.asarray(value)
     except (ValueError, TypeError, OverflowError):
@@ -54,6 +46,21 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     if dtype.kind in "iu" or (dtype.kind == "f" and dtype.itemsize in {4, 8}):
         return array
     raise DtypeError(name, "real numbers (float64, float32 or integers)", _describe(array))
+
+
+def _refuse_other_kinds(name: str, value: object) -> None:
+    """Refuse tables, masked arrays, and arrays of other libraries."""
+    if is_table(value):
+        raise DtypeError(name, "an array (of a table: .to_numpy())", f"a {type(value).__name__} with named columns")
+    if getattr(value, "__dask_graph__", lambda: None)() is not None:
+        raise DtypeError(name, f"an array in memory, such as {name}.compute()", f"a Dask {type(value).__name__}")
+    if not isinstance(value, np.ndarray | np.generic) and _is_of_other_library(value):
+        library = type(value).__module__.partition(".")[0].removesuffix("lib")  # "jaxlib" is JAX too
+        prepared = f" (prepared calls, f = robot.prepare(...), take this: f.{library})"
+        expected = f"an array of NumPy{prepared if library in {'jax', 'torch'} else ''}"
+        raise DtypeError(name, expected, f"{type(value).__name__} of {library}")
+    if isinstance(value, np.ma.MaskedArray):
+        raise DtypeError(name, "an array without a mask (use .filled(numpy.nan))", "a masked array")
 
 
 def _is_of_other_library(value: object) -> bool:
@@ -74,7 +81,7 @@ def vectors(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[Any]:
     """Return a value as an array whose last axes have a given shape, such as 3, 3. Of a data frame, the columns are
     taken whose names end in x, y, z (of a quaternion also w).
     """
-    if is_table(value) and len(sample_shape) == 1:
+    if type(value) not in _PLAIN_TYPES and is_table(value) and len(sample_shape) == 1:
         letters = name.removeprefix("quat_") if sample_shape == (4,) else "xyz"[: sample_shape[0]]
         endings = {column[-1:]: column for column in map(str, value.columns)}
         columns = columns_by_name(name, value, [tuple(endings.get(letter, letter) for letter in letters)])
@@ -126,9 +133,15 @@ def columns_by_name(
 def constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.float64]:
     """Return a read-only float64 copy of finite numbers whose last axes have a given shape, such as 3, 3."""
     array = np.array(vectors(name, value, *sample_shape), dtype=np.float64, order="C")
-    if not np.isfinite(array).all():
+    if not all_finite(array):
         raise ArgumentError(name, "finite numbers", value)
-    return read_only(array)
+    array.flags.writeable = False
+    return array
+
+
+def all_finite(array: NDArray[Any]) -> bool:
+    """Return whether all numbers of an array are finite."""
+    return all(map(math.isfinite, array.ravel().tolist())) if array.size < 16 else bool(np.isfinite(array).all())
 
 
 def one_constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import AxisError
-from hingepair.numeric.arrays import Component, vectors
+from hingepair.numeric.arrays import Component, all_finite, vectors
 from hingepair.numeric.blocks import Components, components_of, tabulate_one
 from hingepair.numeric.twofold import Twofold, exact_product, exact_sum, normal
 
@@ -35,9 +35,9 @@ def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
         AxisError: n is zero or not finite.
     """
     axis = vectors(name, n, 3)
-    if not np.isfinite(axis).all():
+    if not all_finite(axis):
         raise AxisError(name, "a finite axis", n)
-    if not axis.any(axis=-1).all():
+    if not (any(axis.tolist()) if axis.ndim == 1 else axis.any(axis=-1).all()):
         raise AxisError(name, "a non-zero axis", n)
     return axis
 

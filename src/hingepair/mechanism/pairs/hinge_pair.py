@@ -280,7 +280,7 @@ class HingePair(AskedPair, Frozen, Shown):
         >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
-        return self._ask("from_body1", requests.body1_inputs(body1, psi, psid, psidd), options)
+        return requests.ask_pair(self, "from_body1", requests.body1_inputs(body1, psi, psid, psidd), options)
 
     @overload
     def error_bounds(
@@ -361,7 +361,7 @@ class HingePair(AskedPair, Frozen, Shown):
         >>> pair.mass_matrix(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).diagonal().round(12).tolist()
         [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
-        return self._ask("mass_matrix", {**motion_inputs("body1", body1, ("S",)), "psi": psi}, options)
+        return requests.ask_pair(self, "mass_matrix", {**motion_inputs("body1", body1, ("S",)), "psi": psi}, options)
 
     @with_options()
     def inverse_dynamics(
@@ -382,7 +382,7 @@ class HingePair(AskedPair, Frozen, Shown):
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         given = {**motion_inputs("body1", body1, _MOVED), **hinge}
-        return self._ask("inverse_dynamics", given, options)
+        return requests.ask_pair(self, "inverse_dynamics", given, options)
 
     @with_options()
     def forward_dynamics(
@@ -424,7 +424,7 @@ class HingePair(AskedPair, Frozen, Shown):
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
         loads = requests.loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
         given = {**motion_inputs("body1", body1, ("S", "omega")), **hinge, **loads}
-        return self._ask("forward_dynamics", given, options)
+        return requests.ask_pair(self, "forward_dynamics", given, options)
 
     @with_options()
     def hinge_wrench(
@@ -445,7 +445,7 @@ class HingePair(AskedPair, Frozen, Shown):
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         given = {**motion_inputs("body1", body1, _MOVED), **hinge}
         rename_out(options)
-        return self._ask("hinge_wrench", given, options)
+        return requests.ask_pair(self, "hinge_wrench", given, options)
 
     @with_options()
     def energy(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, **options: Unpack[GravityOptions]) -> Energy:
@@ -463,7 +463,7 @@ class HingePair(AskedPair, Frozen, Shown):
         [2.0, 78.48]
         """
         given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        return self._ask("energy", given, options)
+        return requests.ask_pair(self, "energy", given, options)
 
     @with_options()
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, **options: Unpack[OutOptions]) -> Momentum:
@@ -480,7 +480,7 @@ class HingePair(AskedPair, Frozen, Shown):
         [4.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        return self._ask("momentum", given, options)
+        return requests.ask_pair(self, "momentum", given, options)
 
     def residuals(
         self,
@@ -532,7 +532,7 @@ class HingePair(AskedPair, Frozen, Shown):
         >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return self._ask("jacobian", requests.body1_inputs(body1, psi), options)
+        return requests.ask_pair(self, "jacobian", requests.body1_inputs(body1, psi), options)
 
     @with_options()
     def acceleration_bias(
@@ -550,7 +550,7 @@ class HingePair(AskedPair, Frozen, Shown):
         >>> pair.acceleration_bias(body1, 0.0, 2.0)
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        return self._ask("acceleration_bias", requests.body1_inputs(body1, psi, psid), options)
+        return requests.ask_pair(self, "acceleration_bias", requests.body1_inputs(body1, psi, psid), options)
 
     @with_options(**TOLERANCE_DEFAULTS)
     def propagate_covariance(
@@ -617,7 +617,7 @@ class HingePair(AskedPair, Frozen, Shown):
         [0.0, 0.0, 0.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        return self._ask("constraint_jacobian", given, options)
+        return requests.ask_pair(self, "constraint_jacobian", given, options)
 
     @with_options()
     def constraint_bias(self, body1: BodyMotion, body2: BodyMotion, **options: Unpack[OutOptions]) -> FloatArray:
@@ -635,7 +635,7 @@ class HingePair(AskedPair, Frozen, Shown):
         [-4.0, 0.0, 0.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        return self._ask("constraint_bias", given, options)
+        return requests.ask_pair(self, "constraint_bias", given, options)
 
 
 def rename_out(options: GravityOptions) -> None:

@@ -277,7 +277,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
         """
         loads = requests.loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
         given = {"q": q, "qd": qd, "hinge_torque": hinge_torque, **loads}
-        return self._ask("forward_dynamics", given, options)
+        return requests.ask_pair(self, "forward_dynamics", given, options)
 
     @with_options(gravity=PLANAR_GRAVITY)
     def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[GravityOptions]) -> Energy:

@@ -213,9 +213,10 @@ class AskedPair:
     def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
         return _pair_request(self, task, given, options, out)
 
-    def _ask(self, task: str, given: Mapping[str, Any], options: Any) -> Any:
-        """Compute what a method returns, from arguments by input name."""
-        return ask(self, task, tuple(given.values()), options, tuple(given))
+
+def ask_pair(pair: AskedPair, task: str, given: Mapping[str, Any], options: Any) -> Any:
+    """Compute what a method returns, from arguments by input name."""
+    return ask(pair, task, tuple(given.values()), options, tuple(given))
 
 
 # ---- masses
