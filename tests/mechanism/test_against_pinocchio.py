@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.mechanism.mechanism import tree_of
 from support.states import generator, rotations
 from support.trees import (
     Robot,
@@ -74,44 +73,6 @@ def test_joints_transmit_what_pinocchio_says(model, mode):
             S, exact = data.oMi[j + 2].rotation, data.f[j + 2]
             check(found[name].force[k], S @ exact.linear, scale[k])
             check(found.torque[k, j], S @ exact.angular, scale[k])
-
-
-def test_a_free_base_moves_as_the_forces_make_it(model):
-    rng, q, qd, qdd, _ = samples(model)
-    robot, base = Robot(record_of(model), "free"), base_motion(rng, (SAMPLES,))
-    links = tree_of(robot).tips[:1]
-    wrenches = {link: tuple(rng.normal(size=(2, SAMPLES, 3))) for link in links}
-    forces = robot.inverse_dynamics(q, qd, qdd, base_motion=base, wrenches=wrenches)
-    moves = robot.forward_dynamics(
-        q, qd, forces.tau, force1=forces.force1, torque1=forces.torque1, base_motion=base, wrenches=wrenches
-    )
-    size = max(1.0, np.abs(qdd).max())
-    np.testing.assert_allclose(moves.qdd, qdd, atol=1e-9 * size)
-    np.testing.assert_allclose(moves.a1, base.a, atol=1e-9 * size)
-    np.testing.assert_allclose(moves.alpha1, base.alpha, atol=1e-9 * size)
-    columns = np.concatenate([base.a, base.alpha, qdd], axis=-1)
-    bias = robot.bias_forces(q, qd, base_motion=base)
-    unloaded = robot.inverse_dynamics(q, qd, qdd, base_motion=base)
-    total = np.concatenate([unloaded.force1, unloaded.torque1, unloaded.tau], axis=-1)
-    product = (robot.mass_matrix(q, base_motion=base) @ columns[..., None])[..., 0] + bias
-    np.testing.assert_allclose(product, total, atol=1e-11 * np.abs(total).max())
-
-
-def test_wrenches_on_links_are_handed_to_the_joints_by_the_jacobian(model):
-    rng, q, qd, qdd, _ = samples(model)
-    robot = Robot(record_of(model))
-    links = [link for link, frame in tree_of(robot).links.items() if frame.body][-2:]
-    wrenches = {link: tuple(rng.normal(size=(2, SAMPLES, 3))) for link in links}
-    loaded, alone = robot.inverse_dynamics(q, qd, qdd, wrenches=wrenches), robot.inverse_dynamics(q, qd, qdd)
-    handed = sum(
-        np.einsum("nij,ni->nj", robot.jacobian(q, link), np.concatenate(pair, axis=-1))
-        for link, pair in wrenches.items()
-    )
-    size = 1 + np.abs(alone.tau).max() + np.abs(handed).max()
-    np.testing.assert_allclose(loaded.tau, alone.tau - handed, atol=1e-13 * size)
-    np.testing.assert_allclose(
-        loaded.force1, alone.force1 - sum(pair[0] for pair in wrenches.values()), atol=1e-12 * size
-    )
 
 
 @pytest.mark.parametrize("mode", ["fixed", "free"])

@@ -56,15 +56,6 @@ def test_every_sample_has_its_payload(robot):
             assert error <= (1e4 if name == "qdd" else 1) * TIMES_ROUNDING * max(1, np.abs(expected).max()), name
 
 
-@pytest.mark.slow
-def test_kinematics_do_not_depend_on_payloads(robot):
-    loaded = robot.with_payload(robot.tips[-1], mass=MASS)
-    assert (
-        loaded.forward_kinematics(np.zeros(robot.dof)).R.shape
-        == robot.forward_kinematics(np.zeros(robot.dof)).R.shape
-    )
-
-
 def test_a_point_is_that_of_pinocchio():
     model = random_model(3, 4)
     robot = hp.Mechanism.from_pinocchio(model)
@@ -74,17 +65,6 @@ def test_a_point_is_that_of_pinocchio():
     q, qd, qdd = np.random.default_rng(4).uniform(-1, 1, (3, 4))
     expected = pin.rnea(model, model.createData(), q, qd, qdd)
     assert np.abs(loaded.inverse_dynamics(q, qd, qdd).tau - expected).max() <= TIMES_ROUNDING * np.abs(expected).max()
-
-
-def test_payloads_add_up(robot):
-    first, second = robot.tips[-1], robot.links[2]
-    both = robot.with_payload(first, mass=MASS).with_payload(second, mass=MASS[:, 0]).with_payload(first, mass=2.0)
-    again = robot.with_payload(first, mass=MASS + 2).with_payload(second, mass=MASS[:, 0])
-    assert both.mass.shape == (COUNT, COUNT)
-    q = np.zeros(robot.dof)
-    one, other = (each.gravity_forces(q, backend="numpy") for each in (both, again))
-    assert one.shape[:2] == (COUNT, COUNT)
-    assert np.abs(one - other).max() <= TIMES_ROUNDING * np.abs(one).max()
 
 
 def test_the_total_mass_counts_a_free_base_and_payloads(robot):

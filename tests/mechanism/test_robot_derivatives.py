@@ -207,19 +207,6 @@ def test_torques_are_linear_in_masses_and_follow_lengths_as_pinocchio_says(base)
             np.testing.assert_allclose(found["lengths"][:, joint, k], slopes, rtol=0, atol=1e-8 * abs(tau[0]).max())
 
 
-@pytest.mark.slow
-def test_products_with_derivatives_by_constants_are_products(torques, states):
-    given, rng = tuple(states), np.random.default_rng(3)
-    J = torques.jacobian(given, ("masses", "q"))["tau"]
-    change = {"masses": rng.normal(size=6), "q": rng.normal(size=6)}
-    _, rate = torques.jvp(given, change)
-    expected = sum(np.einsum("sij,j->si", J[name], change[name]) for name in change)
-    np.testing.assert_allclose(rate["tau"], expected, rtol=0, atol=1e-12)
-    _, gradient = torques.vjp(given, {"tau": np.ones(6)}, wrt="masses")
-    np.testing.assert_allclose(gradient["masses"], J["masses"].sum(axis=-2), rtol=0, atol=1e-12)
-    assert set(gradient) == {"masses"}
-
-
 def torque_derivatives_by_pinocchio(model, base, force1, torque1, q, qd, qdd):
     """Derivatives of (force1, torque1, tau) by rotations of the base and q, and by omega1 and qd; world axes.
 
@@ -318,14 +305,6 @@ def test_derivatives_are_nan_where_nothing_resists(backend):
         assert np.isnan(d[name]).all()
     gradient = arm.prepare("forward_dynamics", backend=backend).vjp((q, q, q), {"qdd": np.ones(3)})[1]
     assert np.isnan(gradient["q"]).all()
-
-
-@pytest.mark.parametrize("name", ["inverse_dynamics_derivatives", "forward_dynamics_derivatives"])
-def test_prepared_calls_give_what_the_methods_of_derivatives_give(ur5, states, name):
-    found, expected = ur5.prepare(name)(*states), getattr(ur5, name)(*states)
-    assert type(found) is type(expected)
-    for one in expected.outputs:
-        np.testing.assert_array_max_ulp(found[one], expected[one], 0)
 
 
 def test_prepared_calls_give_rates_of_jacobians_on_a_base_that_turns(ur5, states):

@@ -148,32 +148,6 @@ def test_forces_of_followers_are_within_their_bounds():
     assert (off <= robot.error_bounds(*coordinates, outputs=("tau",))["tau"]).all()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("sizes", HARD.values(), ids=HARD)
-@pytest.mark.parametrize("base", ["fixed", "free"])
-@pytest.mark.parametrize("arm", LINKS)
-def test_accelerations_leave_nothing_over(arm, sizes, base):
-    """The forces that our accelerations take, in sixty digits, are those that act."""
-    robot, (q, qd, _), motion, _ = case(arm, base, sizes)
-    rng = states.generator(801)
-    tau, force1, torque1 = (rng.normal(size=(2, n)) * 10 for n in (q.shape[1], 3, 3))
-    loads = {"force1": force1, "torque1": torque1} if base == "free" else {}
-    moves = robot.forward_dynamics(q, qd, tau, base_motion=motion, gravity=GRAVITY, **loads)
-    a, alpha = (moves.a1, moves.alpha1) if base == "free" else (motion.a, motion.alpha)
-    parts = [motion.R, motion.S, motion.v, motion.omega, a, alpha]
-    exact = ExactRobot(tree_of(robot), q, qd, moves.qdd, base=parts, gravity=GRAVITY).forces(
-        base_counts=base == "free"
-    )
-    reached = hp.BodyMotion(**dict(zip(LETTERS, parts, strict=True)))
-    force, torque = scales_of(robot, [q, qd, moves.qdd], reached).forces()
-    wanted = {"tau": (tau, exact[2], torque.max(axis=1))}
-    if base == "free":
-        wanted |= {"force1": (force1, exact[0], force[:, 0]), "torque1": (torque1, exact[1], torque[:, 0])}
-    for name, (acts, takes, scale) in wanted.items():
-        left = largest_errors(acts, takes, 1)
-        assert (left <= SEEN * U * scale).all(), (name, (left / (U * scale)).max())
-
-
 def test_the_reference_conserves_what_it_must():
     """The oracle itself: force1 is the weight and the rate of momentum, whatever the joints do."""
     robot, coordinates, motion, truth = case("panda", "free", HARD["ordinary"])

@@ -18,7 +18,6 @@ from support.trees import (
     random_model,
     record_of,
     urdf_model,
-    with_mimics,
 )
 
 SAMPLES = 3
@@ -80,29 +79,6 @@ def test_inertial_parameters_are_those_of_pinocchio():
     found = Robot(record_of(model), "free").inertial_parameters
     np.testing.assert_allclose(found, expected, rtol=0, atol=16 * U * np.abs(expected).max())
     np.testing.assert_array_equal(Robot(record_of(model)).inertial_parameters, found[10:])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mode", ["fixed", "free"])
-def test_torques_are_linear_in_the_parameters(mode):
-    """Of mimic joints and rotors too; float32, `out` and prepared calls give the same."""
-    tree = with_mimics(record_of(model_of("1")), {"joint_3": ("joint_6", -0.5, 0.25)})
-    robot = Robot(tree, mode)
-    q, qd, qdd = states(len(robot.names))
-    options = {"backend": "numpy", "gravity": (1.0, 2.0, -9.0)}
-    forces = robot.inverse_dynamics(q, qd, qdd, **options)
-    parts = (forces.force1, forces.torque1, forces.tau) if mode == "free" else (forces.tau,)
-    expected, p = np.concatenate(parts, axis=-1), robot.inertial_parameters
-    out = np.empty((SAMPLES, expected.shape[1], p.size))
-    Y = robot.torque_regressor(q, qd, qdd, out=out, **options)
-    assert Y is out
-    scale = np.abs(Y) @ np.abs(p)
-    assert (np.abs(Y @ p - expected) <= 64 * U * scale.max()).all()
-    step = robot.prepare("torque_regressor", **options)
-    np.testing.assert_array_equal(step(q, qd, qdd), Y)
-    single = robot.torque_regressor(*(x.astype(np.float32) for x in (q, qd, qdd)), **options)
-    assert single.dtype == np.float32
-    assert np.abs(single - Y).max() < 64 * 2.0**-24 * np.abs(Y).max()
 
 
 @pytest.mark.slow

@@ -33,11 +33,6 @@ few = settings(
 NUMBERS = st.floats(-100.0, 100.0)
 
 
-def scales_of(motion):
-    flat = [np.asarray(c, float).reshape(-1, 7) for c in motion]
-    return euler_scales(PAIR, *flat)
-
-
 def require(found, expected, scales, ulps, keep=slice(None)):
     for name in OUTPUTS:
         got, want = (np.asarray(getattr(s, name)) for s in (found, expected))
@@ -46,29 +41,6 @@ def require(found, expected, scales, ulps, keep=slice(None)):
         rows = got.reshape(-1, count).astype(float) - want.reshape(-1, count)
         allowed = ulps * UNIT[got.dtype] * scales[name] + np.finfo(got.dtype).tiny
         assert np.all(abs(rows).max(axis=-1, initial=0.0)[keep] <= np.broadcast_to(allowed, len(rows))[keep]), name
-
-
-@pytest.mark.slow
-@backends
-@few
-@given(
-    st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=7, max_size=7),
-    st.lists(st.integers(0, 3), min_size=7, max_size=7),
-)
-def test_seven_that_broadcast(values, forms):
-    """A number, a 0-d array, a column, a row: the tuple of seven is the array that they broadcast to."""
-    make = (
-        lambda v: v[0],
-        lambda v: np.array(v[0]),
-        lambda v: np.array(v)[:, None],
-        lambda v: np.array(v[:2]),
-    )
-    q = tuple(make[form](value) for form, value in zip(forms, values, strict=True))
-    packed = np.stack(np.broadcast_arrays(*(np.asarray(x, float) for x in q)), axis=-1)
-    rest = np.zeros(7)
-    found = ONE.forward_kinematics(q, rest, rest, outputs=OUTPUTS)
-    expected = ONE.forward_kinematics(packed, rest, rest, outputs=OUTPUTS)
-    require(found, expected, scales_of((packed, 0 * packed, 0 * packed)), 2)
 
 
 @pytest.mark.slow

@@ -11,8 +11,6 @@ from support.sparse import sparse
 from support.states import generator
 
 BACKENDS = sparse(["numpy", "compiled"], 2)
-ULPS = 8  # in units of u * scale, the promise of a planar pair against the spatial one
-SPATIAL_NAMES = ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "R1", "S1", "v1", "omega1", "a1", "alpha1")
 
 
 def random_pair(rng, leading=()):
@@ -83,71 +81,3 @@ def test_is_a_value():
         pair.u1 = (0, 0)
     spatial = pair.to_spatial()
     assert (spatial.u1.tolist(), spatial.n.tolist(), spatial.name) == ([1, 0, 0], [0, 0, 1], "legs")
-
-
-def upright(rng, backend, *, sequence, n, home):
-    """Motion about z alone: with constants that prove it, and with arrays of zeros that do not."""
-    pair = hp.HingePair(u1=rng.normal(size=3), u2=rng.normal(size=3), n=(0, 0, n), home=home)
-    zero, index = np.zeros(50), sequence.lower().index("z")
-
-    def seven(still):
-        angles = [still, still, still]
-        angles[index] = rng.normal(size=50)
-        return (*rng.normal(size=(3, 50)), *angles, rng.normal(size=50))
-
-    proven = [seven(0.0) for _ in range(3)]
-    unproven = [tuple(zero if isinstance(c, float) else c for c in part) for part in proven]
-    run = [
-        pair.forward_kinematics(*motion, outputs=SPATIAL_NAMES, sequence=sequence, backend=backend)
-        for motion in (proven, unproven)
-    ]
-    return pair, proven, run
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize(
-    ("sequence", "n", "turn"), sparse([("XYZ", 1, 0.7), ("ZYX", -2, 0.0), ("zyx", 1, 0.0), ("YZX", -2, 0.7)], 4)
-)
-def test_motion_proven_flat_is_the_same_motion(backend, sequence, n, turn):
-    rng = generator(905)
-    home = hp.rodrigues((0, 0, 1), turn) if turn else None
-    pair, (q, qd, qdd), (flat, full) = upright(rng, backend, sequence=sequence, n=n, home=home)
-    index = sequence.lower().index("z")
-    W1 = np.abs(qd[3 + index])
-    scale = output_scales(
-        u1=pair.u1, u2=pair.u2, R1=np.stack(q[:3], -1), v1=np.stack(qd[:3], -1), a1=np.stack(qdd[:3], -1),
-        W1=W1, A1=np.abs(qdd[3 + index]) + W1**2, psid=qd[6], psidd=qdd[6],
-    ) | dict.fromkeys(("R1", "v1", "a1"), np.ones(50))  # fmt: skip
-    for name in SPATIAL_NAMES:
-        size = np.broadcast_to(scale[name], (50,))
-        assert off(getattr(flat, name), getattr(full, name), size) <= 2 * ULPS, name
-
-
-@pytest.mark.parametrize("order", [0, 1, 2])
-@pytest.mark.parametrize(("sequence", "tilted"), [("XYZ", 3), ("XYZ", 4), ("ZYX", 4), ("ZYX", 5)])
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_one_constant_that_tilts_is_not_flat(backend, order, sequence, tilted):
-    rng = generator(906)
-    pair = hp.HingePair(u1=rng.normal(size=3), u2=rng.normal(size=3), n=(0, 0, 1))
-    turning = 3 + sequence.lower().index("z")
-    still = [[0.0] * 7 for _ in range(3)]
-    for part in still:
-        part[turning] = 0.5
-    still[order][tilted] = 0.25
-    columns = [tuple(np.full(3, c) for c in part) for part in still]
-    columns[0] = (*columns[0][:6], rng.normal(size=3))
-    proven = [(*still[0][:6], columns[0][6]), *(tuple(part) for part in still[1:])]
-    a, b = (pair.forward_kinematics(*m, sequence=sequence, backend=backend) for m in (proven, columns))
-    for name in a.outputs:
-        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=0, atol=64 * 2.0**-53)
-
-
-@pytest.mark.parametrize("n", [(0, 1e-9, 1), (1, 0, 0)])
-@pytest.mark.parametrize("home", [None, hp.rodrigues((1, 0, 0), 0.5)], ids=["no_home", "home"])
-def test_a_hinge_that_is_not_upright_is_not_flat(n, home):
-    pair = hp.HingePair(u1=(1, 2, 3), u2=(3, 2, 1), n=n, home=home)
-    psi = np.linspace(-3, 3, 7)
-    proven = pair.forward_kinematics((0.0, 0.0, 0.0, 0.0, 0.0, 0.5, psi))
-    unproven = pair.forward_kinematics((0.0, 0.0, 0.0, np.zeros(7), 0.0, 0.5, psi))
-    np.testing.assert_allclose(proven.S2, unproven.S2, rtol=0, atol=8 * 2.0**-53)
-    np.testing.assert_allclose(proven.d, unproven.d, rtol=0, atol=64 * 2.0**-53)

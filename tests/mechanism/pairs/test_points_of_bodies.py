@@ -124,22 +124,6 @@ def test_points_cost_nothing_where_no_output_is_of_them():
     assert pair.forward_kinematics(np.zeros(7)).outputs == plain.forward_kinematics(np.zeros(7)).outputs
 
 
-@pytest.mark.slow
-def test_points_go_through_out_workers_and_derivatives():
-    pair, _ = pointed(1)
-    q, qd, _ = states.coordinates(states.generator(145), 1000)
-    whole = pair.forward_kinematics(q, qd, outputs=("arm", "arm_v"))
-    out = {"arm_v": np.empty((1000, 3))}
-    pair.forward_kinematics(q, qd, outputs=("arm_v",), out=out, workers=2)
-    assert abs(out["arm_v"] - whole["arm_v"]).max() < 8 * 2.0**-53 * abs(out["arm_v"]).max()
-    slopes = pair.prepare("pose", outputs=("arm",)).jacobian((q[:5],))["arm"]["q"]
-    rates = np.einsum("nij,nj->ni", slopes, qd[:5])
-    assert abs(rates - whole["arm_v"][:5]).max() < 64 * 2.0**-53 * abs(rates).max()
-    by_u2 = pair.prepare("pose", outputs=("arm", "S2"))
-    found = by_u2.jacobian((q[0],), wrt="u2")["arm"]["u2"]
-    assert abs(found + by_u2(q[0]).S2).max() < 8 * 2.0**-53
-
-
 def test_points_may_differ_from_sample_to_sample():
     pair, _ = pointed(1)
     positions = ARM + np.arange(4.0)[:, None]

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.mechanism.pairs.geometry import constants_of
 from support.sparse import sparse
 from support.states import coordinates, generator, pair, rotations
 
@@ -28,16 +27,6 @@ def close(found, expected, ulps=64):
     assert found.shape == expected.shape
     size = max(1.0, np.nanmax(np.abs(expected), initial=0.0))
     assert np.nanmax(np.abs(found - expected), initial=0.0) <= ulps * U * size
-
-
-def test_numpy_is_numpy_where_a_kernel_is_there_already():
-    rng = generator(1020)
-    one, motion = made(rng), coordinates(rng, 20)
-    expected = one.prepare("velocity", backend="numpy")(*motion[:2])["v2"].copy()
-    one.forward_kinematics(*motion[:2], backend="compiled")
-    fk = one.prepare("velocity", backend="numpy")
-    for _ in range(2):
-        np.testing.assert_array_equal(fk(*motion[:2])["v2"], expected)
 
 
 @pytest.mark.parametrize("backend", sparse(BACKENDS, 2))
@@ -105,19 +94,6 @@ def test_two_bodies(backend):
     close(np.sin(found["psi"] - q[:, 6]), np.zeros(11), 64)
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, 7, 8, 9, 300, 20_000])
-def test_batches_of_every_size(count):
-    rng = generator(1007)
-    one, motion = made(rng), coordinates(rng, count)
-    fk = one.prepare("velocity", backend="compiled")
-    expected = one.forward_kinematics(*motion[:2], backend="numpy")
-    for _ in range(2):
-        found = fk(*motion[:2])
-        assert found.S2.shape == (count, 3, 3)
-        for name in expected.outputs:
-            close(found[name], expected[name])
-
-
 def test_what_is_no_row_of_doubles_is_not_taken_for_one():
     """The short way looks at the heads of arrays; whatever is another thing goes the long way, or is refused."""
     rng = generator(1008)
@@ -147,16 +123,6 @@ def test_what_is_no_row_of_doubles_is_not_taken_for_one():
             fk(*wrong)
 
 
-def test_numbers_beside_arrays():
-    one = made(generator(1009))
-    at = one.prepare(("S1", "psi"), outputs=("S2",), backend="compiled")
-    expected = one.forward_kinematics_from_body1(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), 0.5).S2
-    for psi in (0.5, np.float64(0.5), np.array(0.5), np.float32(0.5)):
-        close(at(np.eye(3), psi).S2, expected, 8)
-    assert np.isnan(at(np.eye(3), np.nan).S2).any()
-    assert at(np.eye(3), 1).S2.shape == (3, 3)
-
-
 def test_threads_do_not_mix():
     rng = generator(1012)
     fk = made(rng).prepare("acceleration", backend="compiled")
@@ -178,30 +144,6 @@ def test_threads_do_not_mix():
     for thread in threads:
         thread.join()
     assert wrong == []
-
-
-@pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
-@pytest.mark.parametrize("made_of", [hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1)), hp.PlanarPair((1, 0), (0, 1))])
-def test_every_input_is_broadcast_at_every_call(made_of, backend):
-    """R2 needs q alone; the samples of qd count all the same, at the first call and at later ones."""
-    one, count = made_of, 7 if isinstance(made_of, hp.HingePair) else 4
-    for _ in range(3):
-        for q, qd, shape in (
-            ((), (5,), (5,)),
-            ((5,), (), (5,)),
-            ((1,), (5,), (5,)),
-            ((), (), ()),
-            ((2, 1), (3,), (2, 3)),
-        ):
-            state = one.forward_kinematics(
-                np.zeros((*q, count)), np.zeros((*qd, count)), outputs=("R2",), backend=backend
-            )
-            assert state.R2.shape == (*shape, len(made_of.u1))
-        for bad in ("rubbish", np.zeros(count + 1), np.zeros((4, count)), None):
-            with pytest.raises(hp.HingePairError):
-                one.forward_kinematics(
-                    np.zeros((3, count)), bad, np.zeros((3, count)), outputs=("R2",), backend=backend
-                )
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -269,16 +211,6 @@ def test_a_prepared_call_can_be_copied_and_pickled():
             assert (other.given, other.outputs) == (fk.given, fk.outputs)
             for name in fk.outputs:
                 np.testing.assert_array_equal(other(*rows)[name], fk(*rows)[name])
-
-
-def test_names_of_outputs_from_a_generator_are_not_kept():
-    one = made(generator(1025))
-    for _ in range(3):
-        assert one.forward_kinematics(np.zeros(7), outputs=(name for name in ("R2", "d"))).outputs == ("R2", "d")
-    size = len(constants_of(one).cache.calls)
-    for _ in range(20):
-        one.forward_kinematics(np.zeros(7), outputs=(name for name in ("R2", "d")))
-    assert len(constants_of(one).cache.calls) == size
 
 
 @pytest.mark.slow

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.validation.pinocchio_twin import to_pinocchio
-from support.hinged import LETTERS, bodies, made, only, pair_of
+from support.hinged import LETTERS, bodies, made, only
 from support.sparse import sparse
-from support.states import coordinates, generator, hard_states
+from support.states import coordinates, generator
 from support.states import pair as random_pair
 
 U = {np.float64: 2.0**-53, np.float32: 2.0**-24}
@@ -43,14 +42,6 @@ def test_motion_of_the_library_passes(variant, dtype, backend):
     assert [row.residual for row in found.rows] == list(KINDS)
 
 
-@pytest.mark.slow
-def test_hard_states_pass():
-    for name, (constants, *motion) in hard_states().items():
-        pair = pair_of(constants)
-        found = pair.residuals(*bodies(pair, motion))
-        assert found.ok, f"{name}\n{found}"
-
-
 def test_an_attitude_of_nine_digits_passes():
     """S1 as given is a rotation to 5e-10 only; what the pair makes of it is as close to the hinge as ever."""
     pair, (q, qd, qdd) = made(), coordinates(generator(87), 100)
@@ -59,20 +50,6 @@ def test_an_attitude_of_nine_digits_passes():
     s = pair.forward_kinematics_from_body1(body1, q[:, 6], qd[:, 6], qdd[:, 6])
     body2 = hp.BodyMotion(**{letter: getattr(s, name) for letter, name in LETTERS.items()})
     assert pair.residuals(body1, body2).ok
-
-
-def test_motion_of_pinocchio_passes():
-    pair, motion = made(), coordinates(generator(88), 50)
-    body1, _ = bodies(pair, motion)
-    psi, psid, psidd = (c[:, 6] for c in motion)
-    twin = to_pinocchio(pair)
-    q, v, a = (
-        twin.configuration(body1, psi),
-        twin.velocity(body1, psi, psid),
-        twin.acceleration(body1, psi, psid, psidd),
-    )
-    report = pair.residuals(body1, twin.body2(q, v, a))
-    assert report.ok, str(report)
 
 
 def sizes(pair, body1, body2):
