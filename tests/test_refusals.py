@@ -356,7 +356,7 @@ CALLS = {
     "simulate a robot": (lambda q0=(0.0, 0.0), **k: hp.simulate(arm(), [0.0, 1.0], q0, **k), [
         ("loads", A, {"j9": FINE}, {"j0": "much"}),
         ("q0", A, {"loads": {"j0": hp.HingeLoad(stops=(1, 2), stop_restitution=0)}}),
-        ("q0", S, [0.0]), ("tau", A, lambda t, _: np.zeros((len(t), 3))),
+        ("q0", S, [0.0]), ("q0", A, None), ("tau", A, lambda t, _: np.zeros((len(t), 3))),
         ("tau", S, lambda _, now: -50 * now.q[0], lambda t, _: np.cos(t[0])),
         ("tau", A, lambda t: t), ("tau", S, np.zeros((11, 2))), ("wrenches", A, {"hand": (0, 0)}),
         ("until", S, lambda _, now: now.q[0] - 0.3),

@@ -103,3 +103,13 @@ def test_a_small_slider_crank_is_far_from_dead_points(unit):
     assert engine.transmission(q).min() > 0.4
     motion = hp.simulate(engine, [0, 1, 2], [0.3], [2.0], gravity=(0, 0, 0))
     assert not motion.ended_by_event
+
+
+@pytest.mark.slow
+def test_a_hatch_comes_to_rest_by_the_friction_of_its_gas_spring():
+    """Where the spring carries the lid on either side of its friction; it creeps on by less than 0.1 mm/s."""
+    lid = hatch(force=hp.GasSpring(F1=150, F2=200, stroke=0.2, friction=20), free_length=0.5, stop_stiffness=1e5)
+    found = hp.simulate(lid, np.linspace(0, 4, 41), [-0.5])
+    assert found.steps < 2000
+    assert np.abs(lid.struts(found.q[-5:], found.qd[-5:])["gas"].rate).max() < 1e-4
+    assert np.abs(found.energy_balance().residual).max() < 1e-8

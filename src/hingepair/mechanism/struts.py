@@ -24,9 +24,9 @@ class GasSpring:
     """A gas spring by the values of its data sheet; its force pushes the points of its strut apart.
 
     The force on extension falls from F2, compressed by the stroke, to F1, extended; on compression it is larger by
-    `friction`, and at rest by half of it. Between F1 and F2 it is linear in the length, as data sheets draw it, or
-    with an exponent that of the enclosed gas, F1 (V1 / V)^exponent, whose volume V1 is such that F2 is met. A linear
-    force goes on beyond the stroke; that of the gas stays.
+    `friction`, and at rest by half of it, which changes over rates below 0.1 mm/s. Between F1 and F2 it is linear in
+    the length, as data sheets draw it, or with an exponent that of the enclosed gas, F1 (V1 / V)^exponent, whose
+    volume V1 is such that F2 is met. A linear force goes on beyond the stroke; that of the gas stays.
 
     Args:
         F1: force [N] extended, that is, at the `free_length` of the strut.

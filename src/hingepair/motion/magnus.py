@@ -132,7 +132,7 @@ def angle_loop() -> Loop:
     return Loop("rises_magnus6", step, {"rate": (len(NODES),), "h": (2,)}, {"sum": (2,)}, exact=True)
 
 
-CHUNK: Final = 16384  # steps that are computed at a time: 1.2 MB of omega at three nodes
+CHUNK: Final = 32768  # steps that are computed at a time: 2.4 MB of omega at three nodes
 GROUP: Final = 16  # elements of a scan that one kernel combines one after the other
 _SEQUENTIAL = 64  # elements up to which Python floats are faster than kernels
 

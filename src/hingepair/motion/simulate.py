@@ -245,7 +245,7 @@ def simulate(
 def simulate_robot(
     robot: Mechanism,
     t: ArrayLike,
-    q0: Coordinates,
+    q0: Coordinates | None = None,
     qd0: Coordinates | None = None,
     *,
     tau: EffortArgument = 0.0,
@@ -410,7 +410,9 @@ def _driven(
 
 def _read_start(name: str, value: Any, robot: Mechanism) -> Array:
     """Return the checked coordinates or rates at the first instant, a new array (dof,)."""
-    if isinstance(value, float | int) and not value:
+    if value is None and robot.dof:
+        raise ArgumentError(name, f"what the coordinates are at t[0], shape ({robot.dof},) or by joint", None)
+    if value is None or (isinstance(value, float | int) and not value):
         return np.zeros(robot.dof)
     array = tree_of(robot).rows(name, value).copy()
     if array.ndim > 1:

@@ -2,9 +2,10 @@
 
 The force of a strut of the length l pushes its points apart where it is positive:
 
-    F = c0 + c1 l + sum of d_k max(l - l_k, 0) + sum of b_j T_j(x) - damping l' - friction sign(l')
+    F = c0 + c1 l + sum of d_k max(l - l_k, 0) + sum of b_j T_j(x) - damping l' - friction s(l')
 
-which is a spring, a gas spring, a table of forces by length, stops, and what opposes the motion. T_j are Chebyshev
+which is a spring, a gas spring, a table of forces by length, stops, and what opposes the motion. s is the sign of the
+rate, but below 0.1 mm/s in proportion to it, so that a motion in time can come to rest there. T_j are Chebyshev
 polynomials of x, which is the length between -1 and 1 over the stroke, and stays there beyond.
 """
 
@@ -29,6 +30,9 @@ class StrutForm(NamedTuple):
     def size(self) -> int:
         """How many numbers it has: both points, those of a `Law`."""
         return 6 + 7 + 2 * self.knots + self.terms
+
+
+_CREEP = 1e-4  # m/s: below this rate of a strut, its friction is in proportion to the rate
 
 
 class Law(NamedTuple):
@@ -79,8 +83,9 @@ class Strut(NamedTuple):
             force = force + chebyshev_sum(law.terms, self._place(length))
         if type(law.friction) is float and law.friction == 0:
             return force
-        still = where_less(rate, 0.0, law.friction, 0.0)
-        return force + where_less(0.0, rate, -law.friction, still)
+        share = rate / _CREEP
+        share = where_less(share, -1.0, -1.0, where_less(1.0, share, 1.0, share))
+        return force - law.friction * share
 
     def potential(self, length: Scalar) -> Scalar:
         """Return the potential energy [J] of the part of the force that depends on the length alone."""
