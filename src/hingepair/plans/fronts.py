@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from hingepair.equations.spatial import Matrix, Scalar, Vector
 from hingepair.numeric.blocks import angle_terms, cosine, sine
@@ -76,24 +76,25 @@ class _Coordinates(Front):
         return self.given[array][place]
 
 
+def _parts(**places: Any) -> dict[str, tuple[str, Any]]:
+    """Return the parts of q at these places, and their derivatives in qd and qdd."""
+    parts: dict[str, tuple[str, Any]] = {}
+    for name, place in places.items():
+        derivatives = ("R1", "v1", "a1") if name == "R1" else (name, f"{name}d", f"{name}dd")
+        parts |= {one: (array, place) for one, array in zip(derivatives, ("q", "qd", "qdd"), strict=True)}
+    return parts
+
+
 class SevenCoordinates(_Coordinates):
     """R1, the Euler angles phi and psi, with their derivatives, of the coordinates of a pair in space."""
 
-    parts: ClassVar = {
-        "R1": ("q", slice(0, 3)), "phi": ("q", slice(3, 6)), "psi": ("q", 6),
-        "v1": ("qd", slice(0, 3)), "phid": ("qd", slice(3, 6)), "psid": ("qd", 6),
-        "a1": ("qdd", slice(0, 3)), "phidd": ("qdd", slice(3, 6)), "psidd": ("qdd", 6),
-    }  # fmt: skip
+    parts: ClassVar = _parts(R1=slice(0, 3), phi=slice(3, 6), psi=6)
 
 
 class FourCoordinates(_Coordinates):
     """R1, the angle phi1 and psi, with their derivatives, of the coordinates of a planar pair."""
 
-    parts: ClassVar = {
-        "R1": ("q", slice(0, 2)), "phi1": ("q", 2), "psi": ("q", 3),
-        "v1": ("qd", slice(0, 2)), "phi1d": ("qd", 2), "psid": ("qd", 3),
-        "a1": ("qdd", slice(0, 2)), "phi1dd": ("qdd", 2), "psidd": ("qdd", 3),
-    }  # fmt: skip
+    parts: ClassVar = _parts(R1=slice(0, 2), phi1=2, psi=3)
 
 
 # ---- the motion of body 1, the base
@@ -137,37 +138,34 @@ def euler_angles(sequence: str) -> type[EulerAngles]:
     return type(f"EulerAngles{sequence}", (EulerAngles,), {"sequence": find_sequence(sequence)})
 
 
-class QuaternionXYZW(Front):
-    """Attitude of body 1, given as a quaternion with its scalar last."""
+class Quaternion(Front):
+    """Attitude of body 1, given as a quaternion."""
 
-    needs: ClassVar = {"S1": ("quat_xyzw",), "quat_xyzw_check": ("quat_xyzw",)}
-
-    @lock_free_cached_property
-    def S1(self) -> Matrix:
-        """Attitude of body 1."""
-        x, y, z, w = self.given["quat_xyzw"]
-        return quaternion_rotation((w, x, y, z))
-
-    @property
-    def quat_xyzw_check(self) -> Scalar:
-        """2 for a quaternion of zeros, else 0."""
-        return zero_quaternion_check(self.given["quat_xyzw"])
-
-
-class QuaternionWXYZ(Front):
-    """Attitude of body 1, given as a quaternion with its scalar first."""
-
-    needs: ClassVar = {"S1": ("quat_wxyz",), "quat_wxyz_check": ("quat_wxyz",)}
+    name: ClassVar[str]  # of the input
+    places: ClassVar[tuple[int, ...]]  # of w, x, y and z
 
     @lock_free_cached_property
     def S1(self) -> Matrix:
         """Attitude of body 1."""
-        return quaternion_rotation(self.given["quat_wxyz"])
+        quat = self.given[self.name]
+        return quaternion_rotation(tuple(quat[k] for k in self.places))
 
-    @property
-    def quat_wxyz_check(self) -> Scalar:
-        """2 for a quaternion of zeros, else 0."""
-        return zero_quaternion_check(self.given["quat_wxyz"])
+    def __getitem__(self, name: str) -> Any:
+        if name == f"{self.name}_check":  # 2 for a quaternion of zeros, else 0
+            return zero_quaternion_check(self.given[self.name])
+        return super().__getitem__(name)
+
+
+def _quaternion(name: str, *places: int) -> type[Quaternion]:
+    needs = {"S1": (name,), f"{name}_check": (name,)}
+    return type(f"Quaternion_{name}", (Quaternion,), {"name": name, "places": places, "needs": needs})
+
+
+QUATERNIONS: Final = {
+    "quat_xyzw": _quaternion("quat_xyzw", 3, 0, 1, 2),
+    "quat_wxyz": _quaternion("quat_wxyz", 0, 1, 2, 3),
+}
+"""Fronts by the names of quaternions, which can be given in place of S1."""
 
 
 class Plane(Front):

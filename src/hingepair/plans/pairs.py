@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
@@ -20,16 +21,14 @@ from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross,
 from hingepair.equations.trees import Pose, Rates, axis_of, turned
 from hingepair.numeric.blocks import hinge_terms
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.plans.attitudes import rotation_defect
 from hingepair.plans.constraints import CONSTRAINTS, ConstraintQuantities
 from hingepair.plans.fronts import (
+    QUATERNIONS,
     ForwardDynamics,
     FourCoordinates,
     Front,
     HingeAngle,
     Plane,
-    QuaternionWXYZ,
-    QuaternionXYZW,
     SevenCoordinates,
     euler_angles,
     needed_names,
@@ -42,6 +41,7 @@ from hingepair.plans.trees import (
     OUTPUTS,
     PIVOT_SHAPES,
     Form,
+    Output,
     Request,
     TreeQuantities,
 )
@@ -90,14 +90,7 @@ def unit_among(outputs: Collection[str], name: str) -> str:
 # ---- the outputs
 
 
-class PairOutput(NamedTuple):
-    """How an output of a pair is computed."""
-
-    inputs: tuple[str, ...]  # names of the values of the tree that it depends on, the constants apart
-    compute: Callable[[TreeQuantities], Any]  # returns a scalar or a flat tuple of components
-
-
-def _of_frame(letter: str, frame: int) -> PairOutput:
+def _of_frame(letter: str, frame: int) -> Output:
     """Return the output of a frame."""
     functions: dict[str, Callable[[TreeQuantities], Any]] = {
         "R": lambda tree: add(tree.values["R1"], tree.frame_poses[frame].d),
@@ -107,12 +100,12 @@ def _of_frame(letter: str, frame: int) -> PairOutput:
         "a": lambda tree: tree.frame_accelerations[frame][0],
         "alpha": lambda tree: tree.frame_accelerations[frame][1],
     }
-    return PairOutput(OUTPUTS[letter].inputs, functions[letter])
+    return Output(OUTPUTS[letter].inputs, functions[letter])
 
 
-def _given(name: str, source: str) -> PairOutput:
+def _given(name: str, source: str) -> Output:
     """Return the output that is a value of the tree, or the only number of one."""
-    return PairOutput((source,), lambda tree: tree.values[source] if name == source else tree.values[source][0])
+    return Output((source,), lambda tree: tree.values[source] if name == source else tree.values[source][0])
 
 
 def _attitude2(tree: TreeQuantities) -> Any:
@@ -203,65 +196,48 @@ class PairQuantities(TreeQuantities):
 
 
 _FORCES: Final = OUTPUTS["tau"].inputs
-_SPATIAL: Final[dict[str, PairOutput]] = {
+_SPATIAL: Final[dict[str, Output]] = {
     **{f"{letter}2": _of_frame(letter, 0) for letter in ("R", "v", "omega", "a", "alpha")},
-    "S2": PairOutput((*OUTPUTS["S"].inputs, "n", "home"), _attitude2),
+    "S2": Output((*OUTPUTS["S"].inputs, "n", "home"), _attitude2),
     "d": _of_frame("d", 0),
     **{name: _given(name, name) for name in ("R1", "S1", "v1", "omega1", "a1", "alpha1")},
     "psidd": _given("psidd", "qdd"),
-    "hinge_torque": PairOutput(_FORCES, lambda tree: tree.efforts()[0]),
-    "hinge_force": PairOutput(_FORCES, lambda tree: tree.joint_wrenches[0][0]),
-    "hinge_moment": PairOutput(_FORCES, lambda tree: tree.joint_wrenches[0][1]),
-    "bearing_torque": PairOutput(_FORCES, _bearing_torque),
-    "angular": PairOutput(*OUTPUTS["angular_about_origin"]),
-    "pivots": PairOutput(OUTPUTS["pivots"].inputs, lambda tree: (*tree.pivots, *tree.base_pivots)),
-    "S1_check": PairOutput(("S1",), lambda tree: rotation_defect(tree.values["S1"])),
+    "hinge_torque": Output(_FORCES, lambda tree: tree.efforts()[0]),
+    "hinge_force": Output(_FORCES, lambda tree: tree.joint_wrenches[0][0]),
+    "hinge_moment": Output(_FORCES, lambda tree: tree.joint_wrenches[0][1]),
+    "bearing_torque": Output(_FORCES, _bearing_torque),
+    "angular": OUTPUTS["angular_about_origin"],
+    "pivots": Output(OUTPUTS["pivots"].inputs, lambda tree: (*tree.pivots, *tree.base_pivots)),
     **{name: _given(name, name) for name in ("quat_xyzw_check", "quat_wxyz_check")},
-    "jacobian": PairOutput(OUTPUTS["jacobian"].inputs, lambda tree: tree.jacobian(False)[:42]),  # of the first frame
+    "jacobian": Output(OUTPUTS["jacobian"].inputs, lambda tree: tree.jacobian(False)[:42]),  # of the first frame
     **{
-        name: PairOutput(*OUTPUTS[name])
-        for name in ("mass_matrix", "force1", "torque1", "kinetic", "potential", "linear")
+        name: OUTPUTS[name]
+        for name in ("mass_matrix", "force1", "torque1", "kinetic", "potential", "linear", "S1_check")
     },
-    "acceleration_bias": PairOutput(("q", "S1", "qd", "omega1"), TreeQuantities.acceleration_bias),
+    "acceleration_bias": Output(("q", "S1", "qd", "omega1"), TreeQuantities.acceleration_bias),
 }
 
 _PLANE: Final = (0, 1, 5, 6)  # places of planar velocities among v1, omega1 and psi'
 
 
-def _in_plane(output: PairOutput, take: Callable[[Any], Any]) -> PairOutput:
-    """Return an output of which `take` takes what the plane has."""
-    return PairOutput(output.inputs, lambda tree: take(output.compute(tree)))
-
-
-def _x_and_y(v: Any) -> Any:
-    return v[0], v[1]
-
-
-def _z(v: Any) -> Any:
-    return v[2]
-
-
-def _planar_matrix(M: Any) -> Any:
-    return tuple(M[7 * i + j] for i in _PLANE for j in _PLANE)
-
-
-_PLANAR: Final[dict[str, PairOutput]] = {
-    **{
-        name: _in_plane(_SPATIAL[name], _x_and_y)
-        for name in ("R2", "d", "v2", "a2", "force1", "hinge_force", "linear")
-    },
-    **{
-        name: _in_plane(_SPATIAL[name], _z)
-        for name in ("omega2", "alpha2", "torque1", "hinge_moment", "bearing_torque", "angular")
-    },
-    **{name: _SPATIAL[name] for name in ("hinge_torque", "kinetic", "potential", "pivots")},
-    "mass_matrix": _in_plane(_SPATIAL["mass_matrix"], _planar_matrix),
-    "phi2": PairOutput(("phi1", "psi"), lambda tree: tree.values["phi1"] + tree.values["psi"]),
-    "qdd": PairOutput(
+_OF_PLANE: Final[dict[str, Output]] = {
+    "mass_matrix": Output(
+        _SPATIAL["mass_matrix"].inputs,
+        lambda tree: tuple(tree.mass_rows[max(i, j)][min(i, j)] for i in _PLANE for j in _PLANE),
+    ),
+    "phi2": Output(("phi1", "psi"), lambda tree: tree.values["phi1"] + tree.values["psi"]),
+    "qdd": Output(
         ("a1", "alpha1", "qdd"),
         lambda tree: (*tree.values["a1"][:2], tree.values["alpha1"][2], tree.values["qdd"][0]),
     ),
 }
+
+
+def _in_plane(output: Output, is_vector: bool) -> Output:
+    """Return the x and y of an output that is a vector in the plane, or its z."""
+    take = operator.itemgetter(0, 1) if is_vector else operator.itemgetter(2)
+    return Output(output.inputs, lambda tree: take(output.compute(tree)))
+
 
 # ---- pairs in space and in the plane
 
@@ -386,7 +362,7 @@ class PairRequest(NamedTuple):
         elif "q" in self.given:
             found = [SevenCoordinates, euler_angles(self.sequence or "XYZ")]
         else:
-            found = [_QUATERNIONS[name] for name in self.given if name in _QUATERNIONS]
+            found = [QUATERNIONS[name] for name in self.given if name in QUATERNIONS]
         found.append(HingeAngle)
         if self.by_geometry:
             found += [PlanarGeometry, Geometry] if self.planar else [Geometry]
@@ -454,22 +430,27 @@ class PairRequest(NamedTuple):
         return PairQuantities(_FORM, self.tree, values, "S1" in self.given)
 
 
-_QUATERNIONS: Final[Mapping[str, type[Front]]] = {"quat_xyzw": QuaternionXYZW, "quat_wxyz": QuaternionWXYZ}
-
-
-def _output(request: PairRequest, name: str) -> PairOutput:
+def _output(request: PairRequest, name: str) -> Output:
     """Return how an output is computed; one that nothing computes has to be given."""
-    of_kind = _PLANAR if request.planar else _SPATIAL
-    if name == "S2" and not request.has_home:
-        return PairOutput((*OUTPUTS["S"].inputs, "n"), _attitude2_without_home)
-    if name in of_kind:
-        return of_kind[name]
-    for place, point in enumerate(request.points, 1):
-        for letter, ending in POINT_ENDINGS.items():
-            if name == point.name + ending:
-                output = _of_frame(letter, place)
-                return _in_plane(output, _x_and_y) if request.planar else output
-    return PairOutput((name,), lambda tree: tree.values[name])
+    if request.planar and name in _OF_PLANE:
+        return _OF_PLANE[name]
+    points = {
+        point.name + ending: (letter, place)
+        for place, point in enumerate(request.points, 1)
+        for letter, ending in POINT_ENDINGS.items()
+    }
+    if name in points:
+        found = _of_frame(*points[name])
+    elif name == "S2" and not request.has_home:
+        return Output((*OUTPUTS["S"].inputs, "n"), _attitude2_without_home)
+    elif name in _SPATIAL:
+        found = _SPATIAL[name]
+    else:
+        return Output((name,), lambda tree: tree.values[name])
+    if not request.planar:
+        return found
+    spatial, planar = ((3,), (2,)) if name in points else (SPACE.shapes[name], PLANE.shapes[name])
+    return found if spatial == planar else _in_plane(found, planar == (2,))
 
 
 @functools.lru_cache(maxsize=1024)
