@@ -31,6 +31,38 @@ def _by_place(arrays: Mapping[str, FloatArray], places: Sequence[str]) -> dict[s
     }
 
 
+class Named(Results):
+    """Results of a robot whose class has the names of its frames or joints."""
+
+    __slots__ = ()
+
+    _made_of: ClassVar[tuple[Any, ...]] = ()  # arguments of `with_names`
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuilt, (self._made_of, self.arrays(), self.shape)
+
+
+@functools.lru_cache(maxsize=256)
+def with_names(
+    kind: type[Results], names: tuple[tuple[str, tuple[str, ...]], ...], further: tuple[str, ...] = ()
+) -> type[Results]:
+    """Return the cached subclass of a class of results for frames or joints of these names.
+
+    Args:
+        kind: the class.
+        names: class attributes, and the names of frames or joints that they hold.
+        further: further outputs that are attributes.
+    """
+    content = {"__slots__": {**kind.__slots__, **attribute_texts(further)}, "__doc__": kind.__doc__}  # type: ignore[dict-item]
+    made_of = {"_made_of": (kind, names, further), "__module__": __name__}
+    return type(kind.__name__, (kind,), {**content, **made_of, **dict(names)})
+
+
+def _rebuilt(made_of: tuple[Any, ...], *content: Any) -> Results:
+    """Return results from their pickled contents."""
+    return with_names(*made_of)(*content)
+
+
 class _FrameMotion(Results):
     """Outputs of frames."""
 
@@ -51,7 +83,7 @@ class FrameState(_FrameMotion):
     __slots__ = attribute_texts(FRAME_OUTPUTS)
 
 
-class MechanismState(_FrameMotion):
+class MechanismState(Named, _FrameMotion):
     """Motion of some frames of a robot at every sample, world axes; None where an output was not computed.
     `state["hand"]` is the FrameState of one frame. Only hingepair calls the constructor.
 
@@ -64,7 +96,6 @@ class MechanismState(_FrameMotion):
     frames: ClassVar[tuple[str, ...]] = ()
     _robot_frames: ClassVar[tuple[str, ...]] = ()
     """Names of all frames of the robot, computed or not."""
-    _further: ClassVar[tuple[str, ...]] = ()
 
     def __getitem__(self, name: str) -> Any:
         """Return the FrameState of a frame by its name."""
@@ -97,34 +128,8 @@ class MechanismState(_FrameMotion):
         names = ", ".join(self.outputs)
         return f"{type(self).__name__}(shape={self.shape}, frames=({', '.join(frames)}), outputs=({names}))"
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild_state, (self.frames, self._robot_frames, self._further, self.arrays(), self.shape)
 
-
-@functools.lru_cache(maxsize=256)
-def mechanism_state_class(
-    frames: tuple[str, ...], robot_frames: tuple[str, ...], further: tuple[str, ...] = ()
-) -> type[MechanismState]:
-    """Return the cached subclass of MechanismState for frames of these names.
-
-    Args:
-        frames: names of the frames that are computed.
-        robot_frames: names of all frames of the robot.
-        further: outputs that are no motion of frames, which are attributes as well.
-    """
-    names = {"frames": frames, "_robot_frames": robot_frames, "_further": further}
-    slots = {**MechanismState.__slots__, **attribute_texts(further)}
-    return type("MechanismState", (MechanismState,), {"__slots__": slots, "__module__": __name__, **names})
-
-
-def _rebuild_state(
-    frames: tuple[str, ...], robot_frames: tuple[str, ...], further: tuple[str, ...], *content: Any
-) -> MechanismState:
-    """Return a MechanismState from its pickled contents."""
-    return mechanism_state_class(frames, robot_frames, further)(*content)
-
-
-class JointResults(Results):
+class JointResults(Named):
     """Base class of results with a column for each coordinate of a robot, such as torques."""
 
     __slots__ = ()
@@ -159,23 +164,6 @@ class JointResults(Results):
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), "names"]
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild_joint_results, (type(self).__base__, self.names, self.arrays(), self.shape)
-
-
-@functools.lru_cache(maxsize=256)
-def joint_results_class(kind: type[JointResults], names: tuple[str, ...]) -> type[JointResults]:
-    """Return the cached subclass of a class of joint results, `kind`, for joints of these names."""
-    content = {"__slots__": kind.__slots__, "__module__": __name__, "__doc__": kind.__doc__, "names": names}
-    return type(kind.__name__, (kind,), content)
-
-
-def _rebuild_joint_results(
-    kind: type[JointResults], names: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
-) -> JointResults:
-    """Return joint results from their pickled contents."""
-    return joint_results_class(kind, names)(arrays, shape)  # type: ignore[arg-type]
 
 
 class MechanismForces(JointResults):

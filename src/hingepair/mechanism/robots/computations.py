@@ -25,8 +25,7 @@ from hingepair.mechanism.states import (
     JointWrenches,
     MechanismDerivatives,
     MechanismState,
-    joint_results_class,
-    mechanism_state_class,
+    with_names,
 )
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import read_only
@@ -90,12 +89,12 @@ def result_class(
         return Results if len(outputs) > 1 else None
     if kind is MechanismState:
         further = tuple(name for name in outputs if name not in FRAME_OUTPUTS)
-        return mechanism_state_class(frames, constants.tree.frame_names, further)
-    if kind is JointWrenches:
-        return joint_results_class(kind, tuple(joint.name for joint in constants.tree.joints))
-    if not issubclass(kind, JointResults):
-        return kind if all(_RESULTS.get(name) is kind for name in outputs) else Results
-    return joint_results_class(kind, constants.names)  # type: ignore[arg-type]
+        return with_names(kind, (("frames", frames), ("_robot_frames", constants.tree.frame_names)), further)
+    if issubclass(kind, JointResults):
+        all_names = tuple(joint.name for joint in constants.tree.joints)
+        own = (("names", all_names if kind is JointWrenches else constants.names),)
+        return with_names(kind, own)  # type: ignore[arg-type]
+    return kind if all(_RESULTS.get(name) is kind for name in outputs) else Results
 
 
 def base_inputs(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -> dict[str, Any]:
