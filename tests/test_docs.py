@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import inspect
 import re
 from pathlib import Path
@@ -45,6 +46,12 @@ def test_code_prints_what_the_page_says(page, tmp_path, monkeypatch):
 def test_the_reference_has_every_public_name_once():
     page = (DOCS / "reference.md").read_text(encoding="utf-8")
     assert sorted(re.findall(r"^   hingepair\.(\w+)$", page, re.MULTILINE)) == sorted(hp.__all__)
+
+
+def test_the_classes_of_results_exist():
+    page = (DOCS / "reference.md").read_text(encoding="utf-8")
+    for module, name in re.findall(r"^   (hingepair\.[\w.]+)\.(\w+)$", page, re.MULTILINE):
+        assert hasattr(importlib.import_module(module), name), f"{module}.{name}"
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.glob("*/*.md")) + sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
