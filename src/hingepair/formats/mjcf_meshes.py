@@ -14,7 +14,7 @@ from typing import Any, Final
 from hingepair.formats.shape_writers import DRAWN_ONLY, drawing_of_body, mjcf_geometry
 from hingepair.formats.xml_text import add_element, check_xml_text, first_few
 from hingepair.mechanism.bodies.shapes import Drawn, Mesh
-from hingepair.mechanism.tree import Tree
+from hingepair.mechanism.tree import Tree, unused_name
 from hingepair.rotations.matrices import matrix_to_quaternion
 
 _GREY: Final = (0.6, 0.6, 0.6, 1.0)  # RGBA of what has no colour
@@ -32,6 +32,7 @@ class MjcfMeshes:
         self._assets: dict[tuple[Path, tuple[float, ...]], str] = {}  # names by file and scale
         # Of the files as written, with their scale; None: not loaded.
         self._paths: dict[tuple[str, Path | None, tuple[float, ...]], Path | None] = {}
+        taken: set[str] = set()
         left: dict[str, dict[str, None]] = {}  # names of files that are not written, by the reason
         numbers = range(len(tree.drawings)) if wanted else ()
         meshes = (one for k in numbers for one in _drawn(tree, k) if isinstance(one, Mesh))
@@ -46,7 +47,7 @@ class MjcfMeshes:
                     left.setdefault(reason, {})[mesh.file.rpartition("/")[2] or mesh.file] = None
             found = self._paths[key]
             if found is not None and (found, mesh.scale) not in self._assets:
-                self._assets[found, mesh.scale] = self._unused_name(found.stem)
+                self._assets[found, mesh.scale] = unused_name(found.stem, taken)
         for reason, names in left.items():
             self.sentences.append(f"{tree.name}: these meshes are not written, {reason}: {first_few(list(names))}")
 
@@ -95,11 +96,6 @@ class MjcfMeshes:
             **{"type": "mesh", "mesh": self._assets[path, shape.scale]},
             **{"pos": shape.pose.origin, "quat": quat, **colour},
         }
-
-    def _unused_name(self, stem: str) -> str:
-        used = set(self._assets.values())
-        numbered = (f"{stem}_{i}" for i in range(2, len(used) + 3))
-        return next(name for name in (stem, *numbered) if name not in used)
 
 
 def _drawn(tree: Tree, number: int) -> Iterable[Drawn]:

@@ -28,7 +28,7 @@ from hingepair.formats.xml_text import (
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.shapes import Mesh
 from hingepair.mechanism.joints import KINDS
-from hingepair.mechanism.tree import Frame, Joint, Tree
+from hingepair.mechanism.tree import Frame, Joint, Tree, unused_name
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.urdf.rigid import FramePose, MassProperties
 
@@ -82,9 +82,9 @@ class _UrdfWriter:
                 parent = seat if names == sorted(names) else self._add_carrier(root, seat, place, joint.name)
                 self._add_moving_joint(root, joint, parent, child)
         if base != "free":
-            world = _unused_name(self._links, "world")
+            world = unused_name("world", self._links)
             add_element(root, "link", name=world)
-            to_base = add_urdf_joint(root, _unused_name(self._joints, "base"), base, world, seats[0])
+            to_base = add_urdf_joint(root, unused_name("base", self._joints), base, world, seats[0])
             if pose is not None:
                 add_element(to_base, "origin", xyz=pose.origin, rpy=matrix_to_euler(pose.rotation, "xyz"))
         return root
@@ -96,9 +96,8 @@ class _UrdfWriter:
         frames = {name: frame for name, frame in tree.frames.items() if frame.body == body_number}
         seat = next((name for name, frame in links.items() if is_here(frame)), None)
         if seat is None:
-            seat = _unused_name(
-                self._links, f"{tree.joints[body_number - 1].name if body_number else 'base'}_at_joint"
-            )
+            carrier = tree.joints[body_number - 1].name if body_number else "base"
+            seat = unused_name(f"{carrier}_at_joint", self._links)
         link = add_element(root, "link", name=seat)
         if masses.mass or masses.inertia.any():
             add_inertial(link, masses.mass, masses.centre_of_mass, masses.inertia)
@@ -112,10 +111,10 @@ class _UrdfWriter:
                 continue
             held_by = next((joint for joint, other in frames.items() if _is_same_frame(frame, other)), None)
             frames.pop(held_by or "", None)
-            self._add_fixed_link(root, held_by or _unused_name(self._joints, f"{name}_fixed"), seat, name, frame)
+            self._add_fixed_link(root, held_by or unused_name(f"{name}_fixed", self._joints), seat, name, frame)
         for name, frame in frames.items():
             if name not in tree.links:
-                self._add_fixed_link(root, _unused_name(self._joints, f"{name}_frame"), seat, name, frame)
+                self._add_fixed_link(root, unused_name(f"{name}_frame", self._joints), seat, name, frame)
         return seat
 
     def _add_fixed_link(self, root: ET.Element, joint: str, parent: str, link: str, frame: Frame) -> None:
@@ -125,8 +124,8 @@ class _UrdfWriter:
 
     def _add_carrier(self, root: ET.Element, parent_link: str, order: int, joint_name: str) -> str:
         """Return an added link for one joint; the number in the name of its fixed joint sorts siblings."""
-        held_by = _unused_name(self._joints, f"{order:04d}_{joint_name}")
-        link = _unused_name(self._links, f"{held_by}_carrier")
+        held_by = unused_name(f"{order:04d}_{joint_name}", self._joints)
+        link = unused_name(f"{held_by}_carrier", self._links)
         add_element(root, "link", name=link)
         add_urdf_joint(root, held_by, "fixed", parent_link, link)
         return link
@@ -174,11 +173,3 @@ def is_here(frame: Frame) -> bool:
 
 def _is_same_frame(frame: Frame, other_frame: Frame) -> bool:
     return np.array_equal(frame.R, other_frame.R) and np.array_equal(frame.S, other_frame.S)
-
-
-def _unused_name(used_names: set[str], name: str) -> str:
-    """Return the name, with a number if it is in use, and add it to `used_names`."""
-    numbered = (f"{name}_{i}" for i in range(2, len(used_names) + 3))
-    unused = next(one for one in (name, *numbered) if one not in used_names)
-    used_names.add(unused)
-    return unused

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
-from hingepair.errors import ArgumentError, MissingDependencyError, quoted
+from hingepair.errors import ArgumentError, MissingDependencyError, nearest, quoted
 from hingepair.mechanism.building.urdf import hinge_of_urdf
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -95,19 +95,9 @@ def robot_urdf(robot: str) -> Path:
         return files[matching_names[0]]
     if matching_names:
         raise ArgumentError("robot", "one robot: " + " or ".join(sorted(matching_names)), quoted(robot))
-    raise ArgumentError("robot", _expected_robot_text(str(robot)), quoted(robot))
-
-
-def _expected_robot_text(robot: str) -> str:
-    """Return what the message on an unknown robot expects, with the nearest names."""
-    import difflib
-
     names = robot_names()
-    lower = {name.lower(): name for name in names}
-    near = [name for key, name in lower.items() if robot and (robot.lower() in key or key in robot.lower())]
-    near += [lower[key] for key in difflib.get_close_matches(robot.lower(), lower, n=5) if lower[key] not in near]
-    hint = f" (nearest: {', '.join(near[:5])})" if near else " (hingepair robots lists them)"
-    return f"one of the {len(names)} robots of {_DATA}{hint}"
+    hint = nearest(str(robot).lower(), names) or " (hingepair robots lists them)"
+    raise ArgumentError("robot", f"one of the {len(names)} robots of {_DATA}{hint}", quoted(robot))
 
 
 def _stem(name: str) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import ClassVar, Final, Literal, NamedTuple, TypeAlias
+from typing import ClassVar, Final, Literal, NamedTuple, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,6 +54,16 @@ KINDS: Final[Mapping[JointKind, Kind]] = MappingProxyType(
 )
 
 
+class JointOptions(TypedDict, total=False):
+    """What a joint of a robot has beside its geometry, as a `HingePair` has it."""
+
+    limits: ArrayLike | None
+    body1: Body | None
+    body2: Body | None
+    torque_limit: float | None
+    rate_limit: float | None
+
+
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class _JointOfRobot(Frozen, Shown):
     """Two rigid bodies and the joint between them: the fields of a `HingePair`, and its checks."""
@@ -78,14 +88,9 @@ class _JointOfRobot(Frozen, Shown):
         n: ArrayLike,
         home: ArrayLike | None = None,
         name: str | None = None,
-        limits: ArrayLike | None = None,
-        body1: Body | None = None,
-        body2: Body | None = None,
-        torque_limit: float | None = None,
-        rate_limit: float | None = None,
+        **options: Unpack[JointOptions],
     ) -> None:
-        own = self._default_name if name is None else name
-        checked = HingePair(u1, u2, n, home, own, limits, body1, body2, torque_limit, rate_limit)
+        checked = HingePair(u1, u2, n, home, self._default_name if name is None else name, **options)
         check_single_pair(checked)
         set_frozen(self, **{field: getattr(checked, field) for field in _FIELDS})
 
@@ -162,14 +167,10 @@ class Screw(_JointOfRobot):
         pitch: float,
         home: ArrayLike | None = None,
         name: str | None = None,
-        limits: ArrayLike | None = None,
-        body1: Body | None = None,
-        body2: Body | None = None,
-        torque_limit: float | None = None,
-        rate_limit: float | None = None,
+        **options: Unpack[JointOptions],
     ) -> None:
         # super() does not work in a class whose slots are made afterwards.
-        _JointOfRobot.__init__(self, u1, u2, n, home, name, limits, body1, body2, torque_limit, rate_limit)
+        _JointOfRobot.__init__(self, u1, u2, n, home, name, **options)
         checked = finite_number("pitch", pitch)
         if not checked:
             raise ArgumentError("pitch", "a number other than 0 (a HingePair has none)", pitch)

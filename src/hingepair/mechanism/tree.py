@@ -107,6 +107,14 @@ LOAD_FIELDS = ("stiffness", "rest", "damping", "friction")
 """What files say of the load of a joint: fields of its HingeLoad."""
 
 
+def unused_name(name: str, taken: set[str]) -> str:
+    """Return a name, with "_" behind it as often as it is in use, and add it to those in use."""
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame(Frozen):
     """A frame that is fixed in a body of a robot: of a link, of a joint, or a further one."""

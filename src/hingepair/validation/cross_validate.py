@@ -37,7 +37,7 @@ from hingepair.validation.pinocchio_twin import (
     robot_twin,
 )
 from hingepair.validation.report import MAX_LOAD_RATIO, Comparison, CrossValidation
-from hingepair.validation.scales import LinkWrench, Scales
+from hingepair.validation.scales import Scales
 from hingepair.validation.urdf_twin import urdf_twin
 
 _LETTERS = ("R", "S", "v", "omega", "a", "alpha")  # of the motion of a frame
@@ -289,7 +289,6 @@ class _Case(NamedTuple):
     frames: Mapping[str, Frame]
     tips: tuple[str, ...]  # frames with Jacobians
     gravity: Float64Array
-    wrenches: tuple[LinkWrench, ...] = ()
 
     @property
     def tree(self) -> Tree:
@@ -537,7 +536,7 @@ def _scales_of(case: _Case, base: BodyMotion | None = None) -> tuple[Scales, Flo
     joints[0] = joints[0] + offsets
     columns = np.zeros((6 + len(ratios), 6 + case.robot.dof))
     columns[:6, :6], columns[6:, 6:] = np.eye(6), np.abs(ratios)
-    scales = Scales(case.tree, joints, base or case.samples.base, case.gravity, case.wrenches)
+    scales = Scales(case.tree, joints, base or case.samples.base, case.gravity)
     return scales, columns if case.robot.base == "free" else columns[:, 6:]
 
 
@@ -603,20 +602,19 @@ def compare_loads(
     # Forces do not depend on the position of the base, and a large one would round the levers.
     samples = samples._replace(base=replace(samples.base, R=np.zeros_like(samples.base.R)))
     links = tuple(link for link in robot.links if f"force_{link}" in loads)
-    wrenches = tuple(
-        LinkWrench(tree_of(robot).links[link], loads[f"force_{link}"], loads[f"torque_{link}"]) for link in links
-    )
     fall = one_constant("gravity", gravity, 3)
-    case = _Case(robot, robot_twin(robot, has_free_flyer=True), samples, {}, links, fall, wrenches)
+    case = _Case(robot, robot_twin(robot, has_free_flyer=True), samples, {}, links, fall)
     required, scales = _outputs_by_pinocchio(case, _lift(case.twin)), _output_scales(case)
     acting = {name: np.array(loads[name]) for name in ("tau", "force1", "torque1")}
-    for k, wrench in enumerate(wrenches):
-        on_link = np.concatenate((wrench.force, wrench.torque), axis=1)
-        forces = np.einsum("nij,ni->nj", required["jacobian"][:, k], on_link)
-        acting["tau"] += forces[:, forces.shape[1] - robot.dof :]
-        if robot.base == "free":
-            acting["force1"] += forces[:, :3]
-            acting["torque1"] += forces[:, 3:6]
+    columns = {"tau": slice(6 * (robot.base == "free"), None), "force1": slice(3), "torque1": slice(3, 6)}
+    for k, link in enumerate(links):
+        on_link = np.concatenate((loads[f"force_{link}"], loads[f"torque_{link}"]), axis=1)
+        jacobian = required["jacobian"][:, k]
+        forces = np.einsum("nij,ni->nj", jacobian, on_link)
+        sizes = np.einsum("nij,ni->nj", np.abs(jacobian), np.abs(on_link))
+        for name in acting if robot.base == "free" else ("tau",):
+            acting[name] += forces[:, columns[name]]
+            scales[name] = scales[name] + (sizes[:, columns[name]] if scales[name].ndim > 1 else sizes.max(axis=1))
     if is_planar:
         for name, out_of_plane in (("force1", [2]), ("torque1", [0, 1])):
             acting[name][:, out_of_plane] = required[name][:, out_of_plane]

@@ -19,7 +19,7 @@ from hingepair.tables.sheets import Sheet, Shown, align_columns, json_text, left
 MAX_LOAD_RATIO = 64  # u * scale by which a load may differ; the largest difference in 1,000 motions was 11
 
 
-_LOADS_TITLE = "the loads against the forces that the motion takes by Pinocchio's rnea; rates against slopes"
+_LOADS_REMARK = "last: the loads against the forces that the motion takes by Pinocchio's rnea; rates against slopes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,37 +171,26 @@ class CrossValidation(Shown):
         without = f"; not compared: {', '.join(left)}" if left else ""
         return f"PASSED: {outputs} within {MAX_RATIO} u*scale of Pinocchio{more}{without}{beside}"
 
-    def _tables(self) -> list[list[tuple[str, ...]]]:
-        """Return the table of the outputs and, of a simulated motion, that of its loads, each with its heading."""
-        with_parts = any(row.worst_part for row in self.rows)
-        parts = ("of",) * with_parts
-        heading = ("output", "largest error", "in u*scale", "bound", "at sample", *parts, "compared", "")
-        groups = [self.rows, self.forces] if self.forces else [self.rows]
-        return [[heading, *(row.cells(with_parts) for row in group)] for group in groups]
-
-    def _remarks(self) -> tuple[list[str], list[str]]:
-        """Return the lines below the first table, and the last lines: notes and the verdict."""
-        below = [f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel"]
-        below += [f"compared with {self.compared_with}"] if self.compared_with else []
-        below += [row.note for row in self.rows if row.note]
-        return below, [*(f"note: {note}" for note in self.notes), self.verdict]
-
     def __str__(self) -> str:
-        (first, *others), (below, last) = self._tables(), self._remarks()
-        right = {*range(1, len(first[0]) - 1)} - {5 if "of" in first[0] else 0}
-        loads = [_LOADS_TITLE, *align_columns(others[0], right)] if others else []
-        return "\n".join((printable(self._title()), *align_columns(first, right), *below, *loads, *last))
+        title, rows, notes = self._sheet()
+        right = {*range(1, len(rows[0]) - 1)} - {5 if "of" in rows[0] else 0}
+        return "\n".join((printable(title), *align_columns(rows, right), *notes))
+
+    def _sheet(self) -> Sheet:
+        """Return the table of outputs and, behind them, of what was simulated; then remarks and the verdict."""
+        with_parts = any(row.worst_part for row in self.rows)
+        first = ("output", "largest error", "in u*scale", "bound", "at sample")
+        heading = (*first, *("of",) * with_parts, "compared", "")
+        rows = [heading, *(row.cells(with_parts) for row in (*self.rows, *self.forces))]
+        notes = [f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel"]
+        notes += [_LOADS_REMARK] if self.forces else []
+        notes += [f"compared with {self.compared_with}"] if self.compared_with else []
+        notes += [row.note for row in self.rows if row.note] + [f"note: {note}" for note in self.notes]
+        title = f"{self.name}: the equations against Pinocchio, {self.subject}"
+        return Sheet(title, rows, (*notes, self.verdict))
 
     def __repr__(self) -> str:
         return f"CrossValidation({self.name!r}, {self.verdict})"
-
-    def _title(self) -> str:
-        return f"{self.name}: the equations against Pinocchio, {self.subject}"
-
-    def _sheet(self) -> Sheet:
-        """Return what notebooks show."""
-        tables, (below, last) = self._tables(), self._remarks()
-        return Sheet(self._title(), [row for rows in tables for row in rows], (*below, *last))
 
     def to_json(self) -> str:
         """Return the report as JSON text; a number that is not finite becomes null."""

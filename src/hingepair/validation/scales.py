@@ -15,8 +15,7 @@ bodies that a joint carries.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,14 +24,6 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.accuracy import norm
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array
-
-
-class LinkWrench(NamedTuple):
-    """Force and torque that act on a link from outside, at its origin, at N samples."""
-
-    frame: Frame  # of the link
-    force: Float64Array  # world axes [N]; (N, 3)
-    torque: Float64Array  # world axes [N m]; (N, 3)
 
 
 class Scales:
@@ -44,7 +35,6 @@ class Scales:
             are known, shape (N, joints) each.
         base: motion of the base; shape (N,), with as many derivatives.
         gravity: acceleration of free fall [m/s^2]; shape (3,).
-        wrenches: loads on links.
     """
 
     def __init__(
@@ -53,14 +43,16 @@ class Scales:
         joints: list[Float64Array],
         base: BodyMotion,
         gravity: ArrayLike = (0.0, 0.0, 0.0),
-        wrenches: Sequence[LinkWrench] = (),
     ) -> None:
-        self._tree, self._wrenches = tree, wrenches
+        self._tree = tree
         count, number = joints[0].shape[0], len(tree.joints)
         zero = np.zeros((count, number))
         self._places, self._rates, self._changes = (np.abs(one) for one in (*joints, zero, zero)[:3])
         self._gravity = float(norm(gravity))
-        self._masses = (tree.base, *(joint.body for joint in tree.joints))
+        self._bodies = [
+            (abs(one.mass), float(norm(one.centre_of_mass)), float(norm(one.inertia.ravel())))
+            for one in (tree.base, *(joint.body for joint in tree.joints))
+        ]
         R, v, W, a, A = (
             np.zeros(count) + (0.0 if (part := getattr(base, letter)) is None else norm(part))
             for letter in ("R", "v", "omega", "a", "alpha")
@@ -107,20 +99,14 @@ class Scales:
         """
         count, bodies = len(self._lengths[0]), len(self._lengths)
         force, torque = np.zeros((2, count, bodies))
-        for frame, of_link, moment in self._wrenches:
-            force[:, frame.body] += norm(of_link)
-            torque[:, frame.body] += norm(moment) + float(norm(frame.R)) * norm(of_link)
         for k in reversed(range(bodies)):
-            masses, sums, size = self._masses[k], self._sums[k], self._sizes[k]
-            lever, inertia = float(norm(masses.centre_of_mass)), float(norm(masses.inertia.ravel()))
+            (mass, lever, inertia), sums, size = self._bodies[k], self._sums[k], self._sizes[k]
             turning = sums["A"] + sums["S"] * size["W"] ** 2
-            body_force = abs(masses.mass) * (sums["a"] + turning * lever + self._gravity * sums["S"])
+            body_force = mass * (sums["a"] + turning * lever + self._gravity * sums["S"])
             force[:, k] += body_force
             # Pinocchio adds v x m v, whose terms are rounded before they cancel.
             torque[:, k] += (
-                inertia * turning
-                + lever * body_force
-                + abs(masses.mass) * sums["v"] * (size["v"] + size["W"] * lever)
+                inertia * turning + lever * body_force + mass * sums["v"] * (size["v"] + size["W"] * lever)
             )
             if k:
                 parent = self._tree.joints[k - 1].parent
@@ -140,8 +126,7 @@ class Scales:
         joints = len(self._tree.joints)
         scales = np.zeros((len(self._lengths[0]), 6 + joints, 6 + joints))
         for k in range(1 + joints):
-            masses, steps = self._masses[k], 1.0 + self._sums[k]["S"]  # inertias are turned from both sides
-            lever, inertia = float(norm(masses.centre_of_mass)), float(norm(masses.inertia.ravel()))
+            (mass, lever, inertia), steps = self._bodies[k], 1.0 + self._sums[k]["S"]  # turned from both sides
             carriers = [
                 column for body in np.flatnonzero(self._carries[:, k]) for column in self._velocity_columns(int(body))
             ]
@@ -149,7 +134,7 @@ class Scales:
             turns, shifts = np.array([axis for _, axis in carriers]).T
             arms = turns * (self._distances[:, bodies, k] + lever) + shifts
             place = np.array([column for column, _ in carriers])
-            both = abs(masses.mass) * arms[:, :, None] * arms[:, None, :]
+            both = mass * arms[:, :, None] * arms[:, None, :]
             both += inertia * turns[:, None] * turns[None, :]
             scales[:, place[:, None], place[None, :]] += steps[:, None, None] * both
         for k, joint in enumerate(self._tree.joints):
@@ -163,9 +148,7 @@ class Scales:
         count = len(self._lengths[0])
         scales = {name: np.zeros(count) for name in ("kinetic", "potential", "linear", "angular")}
         for k in range(len(self._lengths)):
-            masses, sums, size = self._masses[k], self._sums[k], self._sizes[k]
-            lever, inertia = float(norm(masses.centre_of_mass)), float(norm(masses.inertia.ravel()))
-            mass = abs(masses.mass)
+            (mass, lever, inertia), sums, size = self._bodies[k], self._sums[k], self._sizes[k]
             rate, place = sums["v"] + sums["W"] * lever, sums["R"] + sums["S"] * lever
             scales["kinetic"] += mass * rate * (size["v"] + size["W"] * lever) + inertia * sums["W"] * size["W"]
             scales["potential"] += mass * self._gravity * place

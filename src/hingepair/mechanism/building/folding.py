@@ -128,14 +128,6 @@ def fold_parts(name: str, parts: Sequence[JointPart], locked: Mapping[str, float
     )  # fmt: skip
 
 
-def unused_name(name: str, taken: set[str]) -> str:
-    """Return a name, with "_" behind it as often as it is in use, and add it to those in use."""
-    while name in taken:
-        name += "_"
-    taken.add(name)
-    return name
-
-
 def chosen_base(base: str | None, own: str) -> str:
     """Return the argument `base`, by default the kind of base that a model has itself."""
     if base is not None:

@@ -22,13 +22,12 @@ from hingepair.mechanism.building.folding import (
     displaced,
     effort_fields,
     fold_parts,
-    unused_name,
     written_joint,
 )
 from hingepair.mechanism.building.mujoco_linkages import read_loops, read_struts, with_linkages
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.tree import Joint, Tree
+from hingepair.mechanism.tree import Joint, Tree, unused_name
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.optional import require
 from hingepair.numeric.unit_vectors import unit_axis

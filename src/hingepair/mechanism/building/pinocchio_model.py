@@ -17,12 +17,11 @@ from hingepair.mechanism.building.folding import (
     effort_fields,
     fold_parts,
     limit_or_infinity,
-    unused_name,
     written_joint,
 )
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.tree import Tree
+from hingepair.mechanism.tree import Tree, unused_name
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.records import MimicRecord
