@@ -286,9 +286,9 @@ class _Assembly:
 
     def conditions(self, chain: Chain, values: Mapping[int, float], keys: Sequence[int]) -> tuple[Any, Any]:
         """Return the conditions of a chain and their derivatives by keys, as arrays."""
-        linear = self._chains.linear(chain, values)
-        rows = [[float(row.get(key, 0.0)) for key in keys] for row in linear.rows]
-        return np.array(linear.gaps, float), np.array(rows, float).reshape(len(linear.rows), len(keys))
+        found = self._chains.conditions(chain, values)
+        rows = [float(one.row.get(key, 0.0)) for one in found for key in keys]
+        return np.array([one.gap for one in found], float), np.array(rows).reshape(len(found), len(keys))
 
     def assembled(self, start: Mapping[int, float], lengths: Mapping[str, float]) -> dict[int, float]:
         """Return values at which all loops are closed; the coordinates keep their start where they can."""

@@ -12,17 +12,15 @@ in a plane, cost nothing. Coordinates are NaN where the loops do not close, or w
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from hingepair.engine.trace import arc_tangent, square_root, where_less
-from hingepair.equations import constraints
 from hingepair.equations import trees as eq
 from hingepair.equations.derivatives import WORLD_UNIT_VECTORS
 from hingepair.equations.series import chebyshev_sum, clenshaw
-from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, cross, dot, rotate, scale, subtract
+from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross, dot, rotate, scale, subtract
 from hingepair.numeric.blocks import cosine, sine
 
 # Loops with a larger gap, over the size of the mechanism, count as open; of float32 and float64. At an angle of many
@@ -34,6 +32,8 @@ PRECISION: Final = 1 + 2.0**-30  # which is 1 in float32
 _IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 CONDITIONS: Final = {"ball": 3, "hinge": 5, "weld": 6, "distance": 1}
 """Kinds of loops - a shared point, point and axis, or frame, and two points at a distance - and their conditions."""
+# Axes of the first and of the second frame that stay square to each other, where more than a point is shared.
+_SQUARE: Final = {"ball": (), "hinge": ((0, 2), (1, 2)), "weld": ((0, 2), (1, 2), (0, 1))}
 
 
 class Chain(NamedTuple):
@@ -86,23 +86,13 @@ def start_size(chain: Chain) -> int:
     return 2 + unknowns * 2 * chain.terms if chain.start == "range" else unknowns * (2 + 2 * chain.terms)
 
 
-class Meeting(NamedTuple):
-    """Where the two frames of a loop are, in the axes of the body that carries its chain."""
+class Condition(NamedTuple):
+    """A condition of a loop at given coordinates."""
 
-    first: eq.Pose
-    second: eq.Pose
-    length: Scalar  # wanted distance; of a loop of that kind only
-
-
-class Linear(NamedTuple):
-    """Conditions of a chain at given coordinates: their values, and their derivatives by each column and length."""
-
-    gaps: list[Scalar]  # [m]; angles times the size of the mechanism
-    rows: list[dict[int, Scalar]]  # by `Closure.key`
-
-    def columns(self, keys: Sequence[int]) -> list[list[Scalar]]:
-        """Return the derivatives by some coordinates, row by row."""
-        return [[row.get(key, 0.0) for key in keys] for row in self.rows]
+    loop: int  # place of the loop
+    gap: Scalar  # its value [m]; an angle times the size of the mechanism
+    row: dict[int, Scalar]  # its derivatives, by `Closure.key`
+    wrench: eq.Rates  # force and torque by which it holds the first body, axes of the body that carries the chain
 
 
 class Turn(NamedTuple):
@@ -187,67 +177,62 @@ class Chains:
             values.append(value + offset if offsets else value)
         return values
 
-    def _meetings(self, chain: Chain, by_column: Mapping[int, Scalar]) -> tuple[list[eq.Pose], list[Meeting]]:
-        """Return the poses of the bodies of a chain, and of the frames of its loops."""
-        links, q = self._links_of(chain), self._joint_values(chain, by_column, True)
+    def _poses(
+        self, chain: Chain, values: Mapping[int, Scalar]
+    ) -> tuple[list[eq.Pose], list[tuple[eq.Pose, eq.Pose]]]:
+        """Return the poses of the bodies of a chain, and of the two frames of each loop."""
+        links, q = self._links_of(chain), self._joint_values(chain, values, True)
         angles = [link.axis.turn(value) if link.axis.turns else None for link, value in zip(links, q, strict=True)]
         turns = [None if angle is None else (sine(angle), cosine(angle)) for angle in angles]
         poses = eq.poses(links, eq.joint_placements(links, turns, q), _IDENTITY)
-        meetings = []
-        for place, (first, second) in zip(chain.loops, chain.ends, strict=True):
-            (R1, S1), (R2, S2), length = self._frames[place]
-            if place in self.closure.lengths:
-                length = by_column[-1 - self.closure.lengths.index(place)]
-            meetings.append(
-                Meeting(eq.frame_pose(poses[first], R1, S1), eq.frame_pose(poses[second], R2, S2), length)
-            )
-        return poses, meetings
+        ends = zip(chain.loops, chain.ends, strict=True)
+        frames = [
+            [eq.frame_pose(poses[body], *self._frames[place][k]) for k, body in enumerate(bodies)]
+            for place, bodies in ends
+        ]
+        return poses, [(first, second) for first, second in frames]
 
-    def linear(self, chain: Chain, by_column: Mapping[int, Scalar]) -> Linear:
-        """Return the conditions of a chain and their derivatives."""
-        links, (poses, meetings) = self._links_of(chain), self._meetings(chain, by_column)
-        gaps: list[Scalar] = []
-        rows: list[dict[int, Scalar]] = []
-        for place, ends, meeting in zip(chain.loops, chain.ends, meetings, strict=True):
-            kind = self.closure.loops[place]
+    def conditions(self, chain: Chain, values: Mapping[int, Scalar]) -> list[Condition]:
+        """Return the conditions of a chain at values by key."""
+        links, (poses, frames) = self._links_of(chain), self._poses(chain, values)
+        found = []
+        for place, ends, pair in zip(chain.loops, chain.ends, frames, strict=True):
             first, second = (
-                eq.point_jacobian_columns(links, poses, body, pose.d)
-                for body, pose in zip(ends, meeting[:2], strict=True)
+                eq.point_jacobian_columns(links, poses, body, pose.d) for body, pose in zip(ends, pair, strict=True)
             )
             common = eq.joints_to_base(links, ends[0]) & eq.joints_to_base(links, ends[1])
             moved = [
                 (subtract(v1, v2), subtract(w1, w2)) if k not in common else (ZERO_VECTOR, ZERO_VECTOR)
                 for k, ((v1, w1), (v2, w2)) in enumerate(zip(first, second, strict=True), 1)
             ]
-            values, rates = _conditions(kind, meeting, self._size)
-            gaps += values
-            for along, about in rates:
-                row: dict[int, Scalar] = {}
+            own_length = place in self.closure.lengths
+            key = -1 - self.closure.lengths.index(place) if own_length else 0
+            length = values[key] if own_length else self._frames[place][2]
+            for gap, (force, torque) in _gaps(self.closure.loops[place], *pair, length, self._size):
+                row: dict[int, Scalar] = {key: -1.0} if own_length else {}
                 for number, (v, omega) in zip(chain.joints, moved, strict=True):
                     column, (ratio, _) = self._joint_columns[number - 1], self._ratios[number - 1]
-                    row[column] = row.get(column, 0.0) + (dot(along, v) + dot(about, omega)) * ratio
-                if place in self.closure.lengths:
-                    row[-1 - self.closure.lengths.index(place)] = -1.0
-                rows.append(row)
-        return Linear(gaps, rows)
+                    row[column] = row.get(column, 0.0) + (dot(force, v) + dot(torque, omega)) * ratio
+                found.append(Condition(place, gap, row, (force, torque)))
+        return found
 
-    def _biases(self, chain: Chain, by_column: Mapping[int, Scalar], rates: Mapping[int, Scalar]) -> list[Scalar]:
+    def _biases(self, chain: Chain, values: Mapping[int, Scalar], rates: Mapping[int, Scalar]) -> list[Scalar]:
         """Return the second time derivatives of the conditions of a chain at q'' = 0."""
-        links, (poses, meetings) = self._links_of(chain), self._meetings(chain, by_column)
+        links, (poses, frames) = self._links_of(chain), self._poses(chain, values)
         qd = self._joint_values(chain, rates, False)
         at_rest = ZERO_VECTOR, ZERO_VECTOR
         velocities = eq.body_velocities(links, poses, qd, at_rest)
         changes = eq.body_accelerations(links, poses, qd, [0.0] * len(links), velocities, at_rest)
         biases: list[Scalar] = []
-        for place, ends, (first, second, _) in zip(chain.loops, chain.ends, meetings, strict=True):
+        for place, ends, pair in zip(chain.loops, chain.ends, frames, strict=True):
             moving = [
                 (
-                    eq.frame_velocity(pose, velocities[body]),
-                    eq.frame_acceleration(pose, velocities[body][1], changes[body]),
+                    *eq.frame_velocity(pose, velocities[body]),
+                    *eq.frame_acceleration(pose, velocities[body][1], changes[body]),
                 )
-                for pose, body in zip((first, second), ends, strict=True)
+                for pose, body in zip(pair, ends, strict=True)
             ]
-            biases += _condition_biases(self.closure.loops[place], (first, second), moving, self._size)
+            biases += _gap_changes(self.closure.loops[place], *pair, moving, self._size)
         return biases
 
     # ---- the solution
@@ -294,11 +279,15 @@ class Chains:
             steps.append(way * (1 / chain.terms))
         for number in range(chain.terms):
             here = [start + step * float(number) for start, step in zip(origin, steps, strict=True)]
-            linear = self.linear(chain, dict(zip((*chain.driving, *chain.dependent), (*here, *found), strict=True)))
-            left = list(linear.gaps)
-            for key, step in zip(chain.driving, steps, strict=True):
-                left = [gap + row.get(key, 0.0) * step for gap, row in zip(left, linear.rows, strict=True)]
-            found = _stepped(chain, linear, left, found)
+            values = dict(zip((*chain.driving, *chain.dependent), (*here, *found), strict=True))
+            conditions = self.conditions(chain, values)
+            ahead = [
+                _total(
+                    (one.gap, *(one.row.get(key, 0.0) * step for key, step in zip(chain.driving, steps, strict=True)))
+                )
+                for one in conditions
+            ]
+            found = _stepped(chain, conditions, ahead, found)
         return found
 
     def _solve(self) -> None:
@@ -307,22 +296,22 @@ class Chains:
             return
         self._G: dict[int, dict[int, Scalar]] = {self.closure.key(k): {k: 1.0} for k in range(len(self._q))}
         self._factors: list[_Factor] = []
-        self._gaps: dict[int, Scalar] = {}
+        self._closed: list[Condition] = []
         for place, chain in enumerate(self.closure.chains):
             known = {key: self._q[key] for key in chain.driving}
             found = self._start(place)
             for _ in range(chain.steps):
-                linear = self.linear(chain, known | dict(zip(chain.dependent, found, strict=True)))
-                found = _stepped(chain, linear, linear.gaps, found)
-            linear = self.linear(chain, known | dict(zip(chain.dependent, found, strict=True)))
-            matrix = linear.columns(chain.dependent)
-            sides = [[-row.get(key, 0.0) for row in linear.rows] for key in chain.driving]
+                conditions = self.conditions(chain, known | dict(zip(chain.dependent, found, strict=True)))
+                found = _stepped(chain, conditions, [one.gap for one in conditions], found)
+            conditions = self.conditions(chain, known | dict(zip(chain.dependent, found, strict=True)))
+            matrix = _derivatives(conditions, chain.dependent)
+            sides = [[-one.row.get(key, 0.0) for one in conditions] for key in chain.driving]
             by_driving, pivots = _least_squares(matrix, sides)
-            doubt = self._doubt(chain, linear.gaps, [*matrix, *sides], pivots)
+            doubt = self._doubt(chain, conditions, pivots)
             if chain.start == "line":
                 volume = _determinant([matrix[row] for row in chain.rows]) * chain.sign
                 doubt = doubt + where_less(0.0, volume, 0.0, math.nan)
-            self._gaps |= self._gaps_by_loop(chain, linear.gaps)
+            self._closed += conditions
             curvatures: list[Scalar] | None = None
             if chain.start == "exact":  # which hold next to a change point, too, where A is ill conditioned
                 slopes, s = [turn.slope() for turn in self._turns(place)], known[chain.source]
@@ -337,19 +326,7 @@ class Chains:
                 self._G[key] = sums
         self._solved = True
 
-    def _gaps_by_loop(self, chain: Chain, gaps: Sequence[Scalar]) -> dict[int, Scalar]:
-        """Return by how much each loop of a chain is open [m], by its place."""
-        left = iter(gaps)
-        counts = ((place, CONDITIONS[self.closure.loops[place]]) for place in chain.loops)
-        return {place: square_root(_total(x * x for x in itertools.islice(left, count))) for place, count in counts}
-
-    def _doubt(
-        self,
-        chain: Chain,
-        gaps: Sequence[Scalar],
-        derivatives: Sequence[Sequence[Scalar]],
-        pivots: Sequence[Scalar],
-    ) -> Scalar:
+    def _doubt(self, chain: Chain, conditions: Sequence[Condition], pivots: Sequence[Scalar]) -> Scalar:
         """Return NaN where a loop is open, or at a dead point, else 0."""
         max_gap, min_transmission = (
             where_less(1.0, self._precision, double * double, single * single)
@@ -358,8 +335,8 @@ class Chains:
         drivers = zip(chain.driving, chain.turning, strict=True)
         turned = _total(self._q[key] * self._q[key] for key, turns in drivers if turns)
         limit = max_gap * (self._size * self._size) * (1.0 + turned)
-        doubt = where_less(_total(gap * gap for gap in gaps), limit, 0.0, math.nan)
-        largest = _total(entry * entry for row in derivatives for entry in row)
+        doubt = where_less(_total(one.gap * one.gap for one in conditions), limit, 0.0, math.nan)
+        largest = _total(entry * entry for one in conditions for entry in one.row.values())
         for pivot in pivots:
             doubt = doubt + where_less(largest * min_transmission, pivot, 0.0, math.nan)
         return doubt
@@ -374,7 +351,8 @@ class Chains:
     def gaps(self) -> tuple[Scalar, ...]:
         """Return by how much each loop is open [m], with angles times the size of the mechanism."""
         self._solve()
-        return tuple(self._gaps[place] for place in range(len(self.closure.loops)))
+        loops = range(len(self.closure.loops))
+        return tuple(square_root(_total(one.gap * one.gap for one in self._closed if one.loop == k)) for k in loops)
 
     def transfer(self) -> list[dict[int, Scalar]]:
         """Return for each coordinate of the tree its derivatives by those in q on which it depends, a row of G."""
@@ -418,29 +396,26 @@ class Chains:
         """Return for each condition of all loops the wrench on the second body by which it acts, world axes, six
         numbers each. `poses` are those of the bodies of the tree.
         """
-        self._solve()
-        by_loop: dict[int, list[Scalar]] = {}
-        for chain in self.closure.chains:
-            carrier = poses[self._links[chain.joints[0] - 1].parent]
-            for place, meeting in zip(chain.loops, self._meetings(chain, self._q)[1], strict=True):
-                _, rates = _conditions(self.closure.loops[place], meeting, self._size)
-                by_loop[place] = [-x for pair in rates for part in pair for x in rotate(carrier.S, part)]
-        return tuple(entry for place in sorted(by_loop) for entry in by_loop[place])
+        carriers = {
+            place: poses[self._links[chain.joints[0] - 1].parent]
+            for chain in self.closure.chains
+            for place in chain.loops
+        }
+        return tuple(
+            -x for one in self._conditions() for part in one.wrench for x in rotate(carriers[one.loop].S, part)
+        )
 
     def loop_jacobian(self) -> tuple[Scalar, ...]:
         """Return the derivatives of the conditions of all loops by all coordinates of the tree, as a flat tuple row
         by row: those of a loop's points, then of its angles times the size of the mechanism.
         """
+        return tuple(one.row.get(column, 0.0) for one in self._conditions() for column in range(self._width))
+
+    def _conditions(self) -> list[Condition]:
+        """Return the conditions of all loops in their order, NaN where they cannot be closed."""
         self._solve()
-        by_loop: dict[int, list[Scalar]] = {}
-        for chain in self.closure.chains:
-            rows = iter(self.linear(chain, self._q).rows)
-            for place in chain.loops:
-                entries = by_loop.setdefault(place, [])
-                for _ in range(CONDITIONS[self.closure.loops[place]]):
-                    row = next(rows)
-                    entries += [row.get(column, 0.0) for column in range(self._width)]
-        return tuple(entry for place in sorted(by_loop) for entry in by_loop[place])
+        found = [one for chain in self.closure.chains for one in self.conditions(chain, self._q)]
+        return sorted(found, key=lambda one: one.loop)
 
 
 def condition_count(closure: Closure) -> int:
@@ -448,57 +423,51 @@ def condition_count(closure: Closure) -> int:
     return sum(CONDITIONS[kind] for kind in closure.loops)
 
 
-def _conditions(kind: str, meeting: Meeting, size: Scalar) -> tuple[list[Scalar], list[eq.Rates]]:
-    """Return the values of a loop's conditions, and for each the pair (f, t) of vectors in its rate
-    f . (v1 - v2) + t . (omega1 - omega2), which is also the wrench with which it holds the first body.
+def _gaps(kind: str, first: eq.Pose, second: eq.Pose, length: Scalar, size: Scalar) -> list[tuple[Scalar, eq.Rates]]:
+    """Return the values of a loop's conditions, each with the pair (f, t) of vectors in its rate
+    f . (v1 - v2) + t . (omega1 - omega2).
     """
-    first, second, length = meeting
     apart = subtract(first.d, second.d)
     if kind == "distance":
         distance = square_root(dot(apart, apart))
-        return [distance - length], [(scale(apart, 1.0 / distance), ZERO_VECTOR)]
-    values: list[Scalar] = list(apart)
-    rates: list[eq.Rates] = [(axis, ZERO_VECTOR) for axis in WORLD_UNIT_VECTORS]
-    if kind != "ball":
-        f1, f2, _ = _columns(first)
-        _, g2, h2 = _columns(second)
-        angles, axes = [*constraints.tilt(f1, f2, h2)], [*constraints.tilt_axes(f1, f2, h2)]
-        if kind == "weld":
-            angles.append(dot(f1, g2))
-            axes.append(cross(g2, f1))
-        values += [angle * size for angle in angles]
-        rates += [(ZERO_VECTOR, scale(axis, -size)) for axis in axes]
-    return values, rates
+        return [(distance - length, (scale(apart, 1.0 / distance), ZERO_VECTOR))]
+    found = [(gap, (axis, ZERO_VECTOR)) for gap, axis in zip(apart, WORLD_UNIT_VECTORS, strict=True)]
+    for i, j in _SQUARE[kind]:
+        a, b = _columns(first)[i], _columns(second)[j]
+        found.append((dot(a, b) * size, (ZERO_VECTOR, scale(cross(a, b), size))))
+    return found
 
 
-def _condition_biases(
-    kind: str, frames: tuple[eq.Pose, eq.Pose], moving: Sequence[tuple[eq.Rates, eq.Rates]], size: Scalar
+def _gap_changes(
+    kind: str, first: eq.Pose, second: eq.Pose, moving: Sequence[tuple[Vector, ...]], size: Scalar
 ) -> list[Scalar]:
-    """Return the second derivatives of a loop's conditions from the velocities and accelerations of its frames."""
-    (first, second), (((v1, omega1), (a1, alpha1)), ((v2, omega2), (a2, alpha2))) = frames, moving
-    v, a = subtract(v1, v2), subtract(a1, a2)
+    """Return the second derivatives of a loop's conditions from v, omega, a and alpha of its frames."""
+    (v1, omega1, a1, alpha1), (v2, omega2, a2, alpha2) = moving
+    v, omega, change, alpha = subtract(v1, v2), subtract(omega1, omega2), subtract(a1, a2), subtract(alpha1, alpha2)
     if kind == "distance":
         apart = subtract(first.d, second.d)
         inverse = 1.0 / square_root(dot(apart, apart))
         along = scale(apart, inverse)
         rate = dot(along, v)
-        return [dot(along, a) + (dot(v, v) - rate * rate) * inverse]
-    if kind == "ball":
-        return [*a]
-    f1, f2, _ = _columns(first)
-    _, g2, h2 = _columns(second)
-    omega, alpha = subtract(omega2, omega1), subtract(alpha2, alpha1)
-    bias = constraints.tilt_bias((f1, f2), h2, omega1, omega2, omega)
-    angles = [*constraints.tilt_acceleration(constraints.tilt_axes(f1, f2, h2), alpha, bias)]
-    if kind == "weld":
-        turned = cross(cross(omega2, g2), f1), cross(g2, cross(omega1, f1))
-        angles.append(dot(cross(g2, f1), alpha) + dot(turned[0], omega) + dot(turned[1], omega))
-    return [*a, *(angle * size for angle in angles)]
+        return [dot(along, change) + (dot(v, v) - rate * rate) * inverse]
+    found: list[Scalar] = [*change]
+    for i, j in _SQUARE[kind]:
+        a, b = _columns(first)[i], _columns(second)[j]
+        turned = add(cross(cross(omega1, a), b), cross(a, cross(omega2, b)))
+        found.append((dot(cross(a, b), alpha) + dot(turned, omega)) * size)
+    return found
 
 
-def _stepped(chain: Chain, linear: Linear, gaps: Sequence[Scalar], found: Sequence[Scalar]) -> list[Scalar]:
+def _derivatives(conditions: Sequence[Condition], keys: Sequence[int]) -> list[list[Scalar]]:
+    """Return the derivatives of conditions by some coordinates, row by row."""
+    return [[one.row.get(key, 0.0) for key in keys] for one in conditions]
+
+
+def _stepped(
+    chain: Chain, conditions: Sequence[Condition], gaps: Sequence[Scalar], found: Sequence[Scalar]
+) -> list[Scalar]:
     """Return the dependent coordinates of a chain after a Newton step."""
-    (moved,), _ = _least_squares(linear.columns(chain.dependent), [gaps])
+    (moved,), _ = _least_squares(_derivatives(conditions, chain.dependent), [gaps])
     return [x - dx for x, dx in zip(found, moved, strict=True)]
 
 
