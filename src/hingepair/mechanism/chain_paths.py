@@ -65,6 +65,11 @@ class ChainPath:
         self._unit = size if shifts else 1.0  # what counts as a long step: the size of the mechanism, or a radian
         self._home = _Point(values[key], np.array([values[column] for column in dependent]))
 
+    def reached(self, s: float) -> Float64Array | None:
+        """Return the dependent coordinates at s; None where the way ends before."""
+        point, there = self._advance(self._home, s)
+        return point.x if there else None
+
     def start(self, wanted: Sequence[int]) -> Start:
         """Return the start for some of the dependent coordinates."""
         places = [self._dependent.index(key) for key in wanted]

@@ -180,7 +180,6 @@ class _Assembly:
         self.loops = [*loops, *(Loop(*strut.ends, kind="distance", length=1.0, name=strut.name) for strut in driving)]
         self.frames = (*(self._frames_of(loop) for loop in loops), *(strut.frames for strut in driving))
         self._ends = [(first.body, second.body) for first, second in self.frames]
-        self._check_bodies()
         lengths: list[Any] = [np.linalg.norm(joint.u) for joint in tree.joints]
         lengths += [np.linalg.norm(frame.R) for pair in self.frames for frame in pair]
         lengths += [loop.length or 0.0 for loop in loops]
@@ -213,13 +212,10 @@ class _Assembly:
         if loop.axis is not None:
             turn = axes_along(np.asarray(loop.axis, float))
             found = [replace(frame, S=read_only(frame.S @ turn)) for frame in found]
+        if found[0].body == found[1].body:
+            got = f"{loop.frame1!r} and {loop.frame2!r} of one body"
+            raise ArgumentError(f"loop {loop.name}", "frames of two bodies that move against each other", got)
         return found[0], found[1]
-
-    def _check_bodies(self) -> None:
-        for loop, ends in zip(self.loops, self._ends, strict=True):
-            if ends[0] == ends[1]:
-                got = f"{loop.frame1!r} and {loop.frame2!r} of one body"
-                raise ArgumentError(f"loop {loop.name}", "frames of two bodies that move against each other", got)
 
     # ---- which joints close which loops
 
@@ -298,9 +294,15 @@ class _Assembly:
             **{key: lengths.get(name, 1.0) for key, name in zip(self._keys, self.names, strict=True) if key < 0},
         }
         loosely = self._closed_near(asked, values, [*start])
-        self._check_count(loosely)
+        free = self._free_joints(loosely)
+        if not free:
+            raise ArgumentError("loops", "loops that leave a degree of freedom", "none is left")
         if self._free_choice:
-            self._choose(self._found(loosely))
+            self._choose(free)
+        elif len(self.names) != len(free):
+            degrees = "1 degree" if len(free) == 1 else f"{len(free)} degrees"
+            expected = f"{len(free)} of them, since the mechanism has {degrees} of freedom"
+            raise ArgumentError("coordinates", expected, f"{len(self.names)}: {', '.join(self.names)}")
         dependent = [column for column in start if column not in self._keys]
         known = asked + [
             place
@@ -331,28 +333,18 @@ class _Assembly:
             raise ArgumentError("coordinates", expected, ", ".join(self.names))
         return rank
 
-    def _found(self, values: Mapping[int, float]) -> list[str]:
-        """Return names of joints that determine all others, those near the base first."""
+    def _free_joints(self, values: Mapping[int, float]) -> list[str]:
+        """Return names of as many joints as there are degrees of freedom, which determine all others: those near the
+        base first.
+        """
+        if not self._asked:
+            return self._joints
         _, A = self.conditions(self._chain(range(self._asked)), values, range(len(self._joints)))
         dependent: list[int] = []
         for column in reversed(range(len(self._joints))):
             if _rank(A[:, [*dependent, column]]) > len(dependent):
                 dependent.append(column)
         return [name for column, name in enumerate(self._joints) if column not in dependent]
-
-    def _check_count(self, values: Mapping[int, float]) -> None:
-        """Refuse coordinates that are too few or too many."""
-        rank = 0
-        if self._asked:
-            _, A = self.conditions(self._chain(range(self._asked)), values, range(len(self._joints)))
-            rank = _rank(A)
-        count = len(self._joints) - rank
-        if count == 0:
-            raise ArgumentError("loops", "loops that leave a degree of freedom", "none is left")
-        if not self._free_choice and len(self.names) != count:
-            degrees = "1 degree" if count == 1 else f"{count} degrees"
-            expected = f"{count} of them, since the mechanism has {degrees} of freedom"
-            raise ArgumentError("coordinates", expected, f"{len(self.names)}: {', '.join(self.names)}")
 
     def _closed_near(
         self, places: Sequence[int], start: Mapping[int, float], columns: Sequence[int]
@@ -380,50 +372,37 @@ class _Assembly:
     def _approached(
         self, chain: Chain, values: Mapping[int, float], columns: Sequence[int]
     ) -> tuple[dict[int, float], Float64Array]:
-        """Return values near a start at which the gaps of a chain are least (Levenberg, Marquardt), and the gaps."""
-        values, damping = dict(values), 1e-3
-        longest = np.array([0.5 if self.turns[column] else 0.5 * self.size for column in columns])  # of one step
-        gaps, A = self.conditions(chain, values, columns)
-        for _ in range(200):
-            if np.linalg.norm(gaps) < 1e-15 * self.size or not columns:
-                break
-            scale = damping * max(float(np.linalg.norm(A, 2)), 1e-300) if damping > 1e-15 else 0.0
-            padded = np.vstack((A, scale * np.eye(len(columns))))
-            step = np.linalg.lstsq(padded, np.concatenate((gaps, np.zeros(len(columns)))), rcond=None)[0]
-            step /= max(1.0, float(np.abs(step / longest).max()))
-            moved = values | {column: values[column] - float(x) for column, x in zip(columns, step, strict=True)}
-            after, A_after = self.conditions(chain, moved, columns)
-            if np.linalg.norm(after) < np.linalg.norm(gaps):
-                values, gaps, A, damping = moved, after, A_after, damping / 10
-            elif damping > 1e6:
-                break
-            else:
-                damping = max(damping, 1e-12) * 10
-        return values, gaps
+        """Return values near a start at which the gaps of a chain are least, and the gaps."""
+        from scipy.optimize import least_squares
 
-    def followed(self, values: Mapping[int, float], q: Sequence[float]) -> dict[int, float] | None:
-        """Return the closed values with the coordinates q next to others; None where no short way leads there."""
-        everything = self._chain(range(len(self.loops)))
-        dependent = [*everything.dependent]
-        start, done, step = np.array([values[key] for key in self._keys]), 0.0, 1.0
-        here = dict(values)
-        while done < 1.0:
-            share = min(1.0, done + step)
-            ahead = here | dict(zip(self._keys, (start + share * (np.asarray(q) - start)).tolist(), strict=True))
-            for _ in range(8):
-                gaps, A = self.conditions(everything, ahead, dependent)
-                change = np.linalg.lstsq(A, gaps, rcond=None)[0]
-                ahead |= {c: ahead[c] - float(x) for c, x in zip(dependent, change, strict=True)}
-                if np.abs(change).max(initial=0.0) < 1e-13:
-                    break
-            moved = max((abs(ahead[c] - here[c]) for c in dependent), default=0.0)
-            if np.linalg.norm(gaps) < 1e-11 * self.size and moved < 0.2:
-                here, done, step = ahead, share, 2 * step
-            else:
-                step /= 2
-                if step < 1e-6:
-                    return None
-        return here
+        def at(x: Float64Array) -> tuple[Any, Any]:
+            return self.conditions(chain, {**values, **dict(zip(columns, x.tolist(), strict=True))}, columns)
+
+        x = np.array([values[column] for column in columns])
+        if len(x):
+            sizes = np.array([1.0 if self.turns[column] else self.size for column in columns])
+            exact = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
+            x = least_squares(lambda x: at(x)[0], x, lambda x: at(x)[1], x_scale=sizes, max_nfev=200, **exact).x
+            for _ in range(2):
+                gaps, A = at(x)
+                x = x - np.linalg.lstsq(A, gaps, rcond=1e-9)[0]
+        return dict(values) | dict(zip(columns, x.tolist(), strict=True)), at(x)[0]
+
+    def followed(self, values: Mapping[int, float], q: Float64Array) -> dict[int, float] | None:
+        """Return the closed values with the coordinates q, along the line from others; None where it ends before."""
+        chain = self._chain(range(len(self.loops)))
+        start, count = np.array([values[key] for key in self._keys]), len(chain.dependent)
+        way, share = q - start, len(self._joints)  # a key that nothing else has
+
+        def along(here: Mapping[int, float], _: Sequence[int]) -> tuple[Any, Any]:
+            moved = dict(here) | dict(zip(self._keys, (start + here[share] * way).tolist(), strict=True))
+            gaps, A = self.conditions(chain, moved, (*chain.dependent, *self._keys))
+            return gaps, np.column_stack((A[:, :count], A[:, count:] @ way))
+
+        turns = [self.turns[column] for column in chain.dependent]
+        end = ChainPath(along, share, chain.dependent, turns, {**values, share: 0.0}, self.size, False).reached(1.0)
+        known = dict(zip(self._keys, q.tolist(), strict=True))
+        return None if end is None else {**values, **known, **dict(zip(chain.dependent, end.tolist(), strict=True))}
 
     # ---- starts
 
@@ -458,14 +437,11 @@ class _Assembly:
         """Return conditions that determine the dependent coordinates, in the order of elimination, and the sign of
         the determinant of their derivatives.
         """
-        _, A = self.conditions(chain, values, chain.dependent)
-        rows, left, sign = list[int](), A.copy(), 1.0
-        for k in range(A.shape[1]):
-            row = int(np.argmax(np.abs(left[:, k])))
-            rows.append(row)
-            sign *= float(np.sign(left[row, k]))
-            left -= np.outer(left[:, k] / left[row, k], left[row])
-        return tuple(rows), sign
+        from scipy.linalg import lu
+
+        order, _, upper = lu(self.conditions(chain, values, chain.dependent)[1])
+        rows = order.argmax(axis=0)[: len(chain.dependent)]
+        return tuple(rows.tolist()), float(np.prod(np.sign(np.diag(upper))))
 
 
 def _rank(A: NDArray[np.float64]) -> int:
