@@ -51,9 +51,7 @@ def states(count, dof, seed=0):
 def test_every_kind_of_loop_agrees_with_pinocchio(kind, base):
     report = hp.cross_validate(four_bar(kind, base), *states(6, 1), gravity=GRAVITY)
     assert report.ok, str(report)
-    assert {"gap", "gap_rate", "gap_acceleration", "tau", "forward_dynamics", "strut_length"} <= {
-        row.output for row in report.rows
-    }
+    assert {"gap", "gap_rate", "gap_acceleration", "tau", "forward_dynamics"} <= {row.output for row in report.rows}
 
 
 def test_cylinders_and_overconstrained_loops_agree_with_pinocchio():
@@ -82,7 +80,7 @@ OFF = {
     "gap_acceleration": ("all_coordinates", lambda q, qd, qdd: (q, qd, qdd + OTHER * 1e-12)),
     "tau": ("inverse_dynamics", off_tau),
     "mass_matrix": ("mass_matrix", lambda M: M * (1 + 1e-11)),
-    "strut_length": (
+    "gap, struts": (
         "struts",
         lambda found: {"spring": found["spring"]._replace(length=found["spring"].length + 1e-13)},
     ),
@@ -103,7 +101,7 @@ def test_what_is_off_is_seen(output, monkeypatch):
 
     monkeypatch.setattr(MechanismMethods, name, changed)
     report = hp.cross_validate(robot, *states(6, 1), gravity=GRAVITY)
-    assert output in {row.output for row in report.rows if not row.ok}
+    assert output.partition(",")[0] in {row.output for row in report.rows if not row.ok}
 
 
 def test_samples_that_cannot_be_closed_are_left_out():

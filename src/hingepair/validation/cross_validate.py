@@ -359,11 +359,14 @@ def _robot_rows(
         ours["forward_dynamics"], theirs["forward_dynamics"], singular = _residual(found, theirs, lift)
         scales["forward_dynamics"] = _generalized_scales(found)[1]
     if linkage is not None and theirs:
-        reduction = linkage.reduction(case.twin, case.samples.joints, case.samples.states(case.twin))
+        samples = case.samples
+        reduction, of_loops = linkage.compared(
+            case.twin, samples.joints, samples.states(case.twin), coordinates or {}
+        )
         if "tau" in theirs:
             ours["forward_dynamics"], _ = linkage.onto_coordinates(reduction, ours["forward_dynamics"])
         theirs, scales = linkage.reduced(reduction, theirs, scales)
-        for name, values in linkage.of_loops(reduction, coordinates or {}).items():
+        for name, values in of_loops.items():
             ours[name], theirs[name], scales[name] = values
     parts = dict.fromkeys((*_LETTERS, "d"), tuple(case.frames)) | {"jacobian": case.tips, "tau": names}
     parts["forward_dynamics"] = (*(_BASE_WRENCH if case.robot.base == "free" else ()), *names)
