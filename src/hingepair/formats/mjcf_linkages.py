@@ -42,7 +42,7 @@ def add_linkages(
         base: "free", "pinned" or "fixed".
         pose: of the base at the start.
     """
-    closure, sentences = tree.closure, list[str]()
+    closure, sentences, tendons = tree.closure, list[str](), ET.Element("tendon")
     taken = {*tree.links, *tree.frames, *(joint.name for joint in tree.joints)}
 
     def site(name: str, frame: Frame, own: str = "", along: float = 0.0) -> str:
@@ -58,10 +58,7 @@ def add_linkages(
 
     def tendon(name: str, ends: tuple[str, str], frames: tuple[Frame, Frame], **attributes: Any) -> None:
         """Add a tendon straight from one frame to another."""
-        parent = root.find("tendon")
-        element = add_element(
-            add_element(root, "tendon") if parent is None else parent, "spatial", name=name, **attributes
-        )
+        element = add_element(tendons, "spatial", name=name, **attributes)
         for k, (end, frame) in enumerate(zip(ends, frames, strict=True), 1):
             add_element(element, "site", site=site(f"{name}_{k}", frame, end))
 
@@ -79,14 +76,8 @@ def add_linkages(
             if name in {strut.name for strut in tree.struts}:  # whose length is a coordinate
                 continue
             tendon(name, ends, frames)
-            # MuJoCo counts from the length at q = 0.
-            add_element(
-                equality,
-                "tendon",
-                name=name,
-                tendon1=name,
-                polycoef=(loop.length - _distance(tree, frames), *[0] * 4),
-            )
+            longer = loop.length - _distance(tree, frames)  # than at q = 0, from where MuJoCo counts
+            add_element(equality, "tendon", name=name, tendon1=name, polycoef=(longer, 0, 0, 0, 0))
             continue
         sites = [site(f"{name}_{k}", *pair) for k, pair in enumerate(zip(frames, ends, strict=True), 1)]
         tag = "weld" if loop.kind == "weld" else "connect"
@@ -94,6 +85,7 @@ def add_linkages(
         if loop.kind == "hinge" and closure is not None:
             axis = [site(f"{name}_axis_{k}", frame, along=closure.size) for k, frame in enumerate(frames, 1)]
             add_element(equality, "connect", name=f"{name}_axis", site1=axis[0], site2=axis[1])
+    root.extend([tendons] if len(tendons) else [])
     if closure is not None:
         add_element(add_element(root, "keyframe"), "key", name="assembled", qpos=_assembled(tree, base, pose))
     return sentences

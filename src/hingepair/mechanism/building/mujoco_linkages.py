@@ -4,88 +4,67 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.linkages import Loop, close_tree
 from hingepair.mechanism.struts import add_strut, with_stops
 from hingepair.mechanism.tree import Tree
 
-_CONNECT, _WELD, _TENDON = 0, 1, 3  # types of equalities (mjtEq)
+_KINDS: Final = {0: "ball", 1: "weld"}  # of loops, by the type of an equality (mjtEq)
+_TENDON: Final = 3  # the type of an equality of the length of a tendon
 _SITE, _SITE_ON_TENDON = 6, 3  # what an equality joins (mjtObj), and what a tendon runs through (mjtWrap)
 
 
-class End(NamedTuple):
-    """A frame at which a loop is closed: a site, or a frame in a body, which gets a name."""
+class BodyFrame(NamedTuple):
+    """A frame of a body that the model has no site for."""
 
     name: str
     body: int
-    position: Any  # of a frame; None of a site
+    position: Any
     quat_wxyz: Any
 
 
-class LoopRecord(NamedTuple):
-    """A loop of a model."""
-
-    name: str
-    kind: str
-    ends: tuple[End, End]
-    length: float | None
-
-
-class StrutRecord(NamedTuple):
-    """A tendon that runs straight from one site to another."""
-
-    name: str
-    ends: tuple[str, str]
-    number: int
-
-
-def read_struts(model: Any, names: Sequence[str], sites: Sequence[str]) -> dict[int, StrutRecord]:
-    """Return the tendons of one segment by number."""
+def read_struts(model: Any, sites: Sequence[str]) -> dict[int, tuple[str, str]]:
+    """Return the sites of the tendons of one segment, by the tendon's number."""
     found = {}
-    for number, name in enumerate(names):
-        first = int(model.tendon_adr[number])
+    for number, first in enumerate(model.tendon_adr.tolist()):
         places = slice(first, first + int(model.tendon_num[number]))
         if model.wrap_type[places].tolist() == [_SITE_ON_TENDON] * 2:
             one, other = (sites[site] for site in model.wrap_objid[places].tolist())
-            found[number] = StrutRecord(name, (one, other), number)
+            found[number] = one, other
     return found
 
 
 def read_loops(
-    model: Any, names: Sequence[str], sites: Sequence[str], struts: Mapping[int, StrutRecord]
-) -> Iterator[LoopRecord]:
-    """Yield the loops of a model: active equalities `connect`, `weld`, and `tendon` with one of one segment."""
+    model: Any, names: Sequence[str], sites: Sequence[str], struts: Mapping[int, tuple[str, str]]
+) -> Iterator[tuple[Loop, list[BodyFrame]]]:
+    """Yield the loops of a model, with the frames that they need: active equalities `connect` and `weld`, and those
+    of the length of a tendon of one segment.
+    """
     for number, name in enumerate(names):
         kind, data = int(model.eq_type[number]), model.eq_data[number]
-        objects = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
+        first, second = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
         if not model.eq_active0[number]:
             continue
-        if kind == _TENDON and objects[0] in struts and objects[1] < 0 and not data[1:5].any():
-            tendon = struts[objects[0]]
-            length = float(model.tendon_length0[tendon.number] + data[0])
-            ends = [End(site, -1, None, None) for site in tendon.ends]
-            yield LoopRecord(name, "distance", (ends[0], ends[1]), length)
-        elif kind in (_CONNECT, _WELD):
-            turn = (1.0, 0.0, 0.0, 0.0)
-            if model.eq_objtype[number] == _SITE:
-                ends = [End(sites[site], -1, None, None) for site in objects]
-            elif kind == _CONNECT:
-                ends = [End(f"{name}_{k}", objects[k - 1], data[3 * k - 3 : 3 * k], turn) for k in (1, 2)]
-            else:
-                ends = [
-                    End(f"{name}_1", objects[0], data[3:6], data[6:10]),
-                    End(f"{name}_2", objects[1], data[:3], turn),
-                ]
-            yield LoopRecord(name, "ball" if kind == _CONNECT else "weld", (ends[0], ends[1]), None)
+        if kind == _TENDON and first in struts and second < 0 and not data[1:5].any():
+            length = float(model.tendon_length0[first] + data[0])
+            yield Loop(*struts[first], kind="distance", length=length, name=name), []
+        elif kind in _KINDS and model.eq_objtype[number] == _SITE:
+            yield Loop(sites[first], sites[second], _KINDS[kind], name=name), []
+        elif kind in _KINDS:
+            places, turn = (data[:3], data[3:6]), (1.0, 0.0, 0.0, 0.0)
+            one, other = places if _KINDS[kind] == "ball" else places[::-1]
+            own = data[6:10] if _KINDS[kind] == "weld" else turn
+            frames = [BodyFrame(f"{name}_1", first, one, own), BodyFrame(f"{name}_2", second, other, turn)]
+            yield Loop(frames[0].name, frames[1].name, _KINDS[kind], name=name), frames
 
 
 def with_linkages(
     tree: Tree,
     model: Any,
-    loops: Sequence[LoopRecord],
-    struts: Sequence[StrutRecord],
+    loops: Sequence[Loop],
+    struts: Mapping[str, tuple[int, tuple[str, str]]],
     positions: Sequence[Mapping[str, float]],
     warn: Callable[[str], None],
 ) -> Tree:
@@ -95,39 +74,34 @@ def with_linkages(
         tree: the tree, which has the frames of all ends.
         model: the MjModel.
         loops: the loops.
-        struts: the struts.
+        struts: numbers and sites of the tendons that are struts, by name.
         positions: coordinates by joint at which it may be assembled.
         warn: called with what cannot be read.
     """
-    for strut in struts:
-        tree = _with_strut(tree, model, strut, warn)
-    joints = {joint.name for joint in tree.own_coordinates}
-    wanted = [Loop(one.ends[0].name, one.ends[1].name, one.kind, None, one.length, one.name) for one in loops]
-    refused = None
-    for at in positions if wanted else ():
+    for name, (number, ends) in struts.items():
         try:
-            return close_tree(tree, wanted, None, {name: x for name, x in at.items() if name in joints})
+            tree = _with_strut(tree, model, name, number, ends)
+        except ArgumentError as error:
+            warn(f"tendon {name} is left out: {error}")
+    joints, refused = {joint.name for joint in tree.own_coordinates}, None
+    for at in positions if loops else ():
+        try:
+            return close_tree(tree, loops, None, {name: x for name, x in at.items() if name in joints})
         except ArgumentError as error:
             refused = error
     if refused is not None:
-        names = ", ".join(str(loop.name) for loop in wanted)
+        names = ", ".join(str(loop.name) for loop in loops)
         warn(f"the loops {names} are left open, and can be closed by robot.closed: {refused}")
     return tree
 
 
-def _with_strut(tree: Tree, model: Any, strut: StrutRecord, warn: Callable[[str], None]) -> Tree:
+def _with_strut(tree: Tree, model: Any, name: str, number: int, ends: tuple[str, str]) -> Tree:
     """Return a tree with a tendon as a strut: a spring that is slack between two lengths, a damper and friction."""
-    number = strut.number
     low, high = model.tendon_lengthspring[number].tolist()
     limits = model.tendon_range[number].tolist() if model.tendon_limited[number] else None
     stiffness, damping = float(model.tendon_stiffness[number]), float(model.tendon_damping[number])
-    plain = low == high
-    try:
-        tree = add_strut(tree, strut.ends, strut.name, None, stiffness * plain, low, damping, limits, 0.0)
-    except ArgumentError as error:
-        warn(f"tendon {strut.name} is left out: {error}")
-        return tree
+    tree = add_strut(tree, ends, name, None, stiffness * (low == high), low, damping, limits, 0.0)
     *before, added = tree.struts
     law = added.law._replace(friction=float(model.tendon_frictionloss[number]))
-    law = law if plain else with_stops(law, (low, high), stiffness)
+    law = law if low == high else with_stops(law, (low, high), stiffness)
     return replace(tree, struts=(*before, replace(added, law=law)))

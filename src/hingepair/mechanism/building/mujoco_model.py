@@ -86,8 +86,9 @@ class _Reader:
             _names(of, count, kind, frames)
             for of, count, kind in ((model.equality, model.neq, "equality"), (model.tendon, model.ntendon, "tendon"))
         )
-        self._struts = read_struts(model, tendons, self._site_names)
-        self._loops = [*read_loops(model, equalities, self._site_names, self._struts)]
+        ends = read_struts(model, self._site_names)
+        self._struts = {tendons[number]: (number, pair) for number, pair in ends.items()}
+        self._loops = [*read_loops(model, equalities, self._site_names, ends)]
 
     def parts(self) -> tuple[str, Literal["fixed", "free"], list[JointPart]]:
         """Return the name of the model, the kind of the base and the parts."""
@@ -109,7 +110,7 @@ class _Reader:
             for site in np.flatnonzero(model.site_bodyid == body).tolist():
                 own = _pose(model.site_pos[site], model.site_quat[site])
                 parts[number].frames[self._site_names[site]] = pose.placed(own)
-            for end in (end for loop in self._loops for end in loop.ends):
+            for end in (end for _, ends in self._loops for end in ends):
                 if end.body == body:
                     parts[number].frames[end.name] = pose.placed(_pose(end.position, end.quat_wxyz))
         self._warn()
@@ -123,7 +124,7 @@ class _Reader:
             for qpos in (model.qpos0, *model.key_qpos)
         ]
         return with_linkages(
-            tree, model, self._loops, [*self._struts.values()], positions,
+            tree, model, [loop for loop, _ in self._loops], self._struts, positions,
             lambda message: warn_of_dynamics(f"{title}: {message}"),
         )  # fmt: skip
 
