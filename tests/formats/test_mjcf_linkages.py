@@ -7,41 +7,17 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.linkages import KINDS, bar, four_bar
 
 GRAVITY = (0, 0, -9.81)
 Y = (0, 1, 0)
 STATES = np.random.default_rng(5).uniform(-0.2, 0.2, (3, 7, 1))
-TILT = hp.rotation_exp((0.2, -0.1, 0.4))
 
 
-def bar(name, u1, length):
-    return hp.HingePair(u1, (0, 0, 0), Y, name=name, body2=hp.Body(2 * length, (length / 2, 0, 0), (0.1, 0.1, 0.1)))
-
-
-def four_bar(kind="ball", base="fixed"):
-    """A four-bar; its end "b" is tilted, so that welds and axes have turns to get right."""
-    body1, body2 = hp.Body(3, inertia=(1, 1, 1)), bar("crank", (0, 0, 0), 0.3).body2
-    crank = hp.HingePair((0, 0, 0), (0, 0, 0), Y, name="crank", body1=body1, body2=body2)
-    ends = {"a": ("coupler", (0.9, 0, 0)), "b": ("rocker", (0.7, 0, 0))}
-    joints, parents = [crank, bar("coupler", (0.3, 0, 0), 0.9), bar("rocker", (1, 0, 0), 0.7)], [0, 1, 0]
-    at = {"crank": 0.3, "coupler": 0.8, "rocker": 1.9}
-    if kind == "weld":
-        joints.insert(2, hp.HingePair((0.9, 0, 0), (0, 0, 0), Y, name="knee", body2=hp.Body(1, inertia=(1, 1, 1))))
-        parents, ends, at = [0, 1, 2, 0], {**ends, "a": ("knee", (0, 0, 0))}, {**at, "knee": 0.8}
-    if kind == "distance":
-        joints, parents, ends = joints[:2], parents[:2], {**ends, "b": ("base", (1, 0, 0))}
-        del at["rocker"]
-    robot = hp.Mechanism(joints, parents=parents, base=base)
-    for name, (link, R) in ends.items():
-        robot = robot.with_frame(name, link, R=R, S=TILT if kind == "weld" else None)
-    more = {"hinge": {"axis": Y}, "distance": {"length": 0.7}}.get(kind, {})
-    return robot.closed(hp.Loop("a", "b", kind=kind, **more), coordinates="crank", at=at)
-
-
-@pytest.mark.parametrize("kind", ["ball", "hinge", "weld", "distance"])
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("base", ["fixed", "free"])
 def test_a_loop_is_read_as_it_was_written(kind, base):
-    robot = four_bar(kind, base)
+    robot = four_bar(kind, base, Y)
     back = hp.Mechanism.from_mjcf(hp.to_mjcf(robot))
     assert (back.names, back.base) == (robot.names, base)
     assert np.abs(back.all_coordinates(STATES[0]) - robot.all_coordinates(STATES[0])).max() < 1e-14
@@ -51,9 +27,9 @@ def test_a_loop_is_read_as_it_was_written(kind, base):
     assert back.opened().names == robot.opened().names
 
 
-@pytest.mark.parametrize("kind", ["ball", "hinge", "weld", "distance"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_accelerations_are_those_of_mujoco(kind):
-    robot = four_bar(kind).with_strut("a", "base", "damper", stiffness=200, free_length=0.5, damping=9)
+    robot = four_bar(kind, n=Y).with_strut("a", "base", "damper", stiffness=200, free_length=0.5, damping=9)
     root = ET.fromstring(hp.to_mjcf(robot))
     for element in root.find("equality"):  # as hard as MuJoCo allows
         element.set("solimp", "0.9999 0.9999 0.001 0.5 2")
@@ -129,7 +105,7 @@ def test_a_straight_tendon_is_a_strut():
 
 
 def test_forces_that_mjcf_cannot_hold_are_named():
-    hatch = hp.Mechanism([bar("lid", (0, 0, 0), 1)]).with_frame("a", "base", R=(0.3, 0, -0.2))
+    hatch = hp.Mechanism([bar("lid", (0, 0, 0), 1, Y)]).with_frame("a", "base", R=(0.3, 0, -0.2))
     hatch = hatch.with_frame("b", "lid", R=(0.5, 0, 0))
     gas = hatch.with_strut("a", "b", "gas", force=hp.GasSpring(150, 200, 0.2, friction=10), free_length=0.6)
     back = hp.Mechanism.from_mjcf(hp.to_mjcf(gas))

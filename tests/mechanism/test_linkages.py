@@ -5,10 +5,10 @@ import re
 
 import mpmath
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import hingepair as hp
+from support.linkages import AT, bar, four_bar, open_four_bar
 
 U = 2.0**-53
 Z = (0, 0, 1)
@@ -16,20 +16,7 @@ GRAVITY = (0, -9.81, 0)
 TURN = np.linspace(0.01, 6.29, 97)[:, None]
 
 
-def bar(name: str, u1: tuple[float, ...], length: float, n: tuple[float, ...] = Z) -> hp.HingePair:
-    inertia = (0.01, length**3 / 6, length**3 / 6 + 0.01)
-    return hp.HingePair(u1, (0, 0, 0), n, name=name, body2=hp.Body(2 * length, (length / 2, 0, 0), inertia))
-
-
-def open_four_bar(crank: float = 0.3, coupler: float = 0.9, rocker: float = 0.7) -> hp.Mechanism:
-    bars = [bar("crank", (0, 0, 0), crank), bar("coupler", (crank, 0, 0), coupler), bar("rocker", (1, 0, 0), rocker)]
-    robot = hp.Mechanism(bars, parents=[0, 1, 0])
-    return robot.with_frame("a", "coupler", R=(coupler, 0, 0)).with_frame("b", "rocker", R=(rocker, 0, 0))
-
-
-OPEN = open_four_bar()
-AT = {"crank": 0.3, "coupler": 0.8, "rocker": 1.9}
-FOUR_BAR = OPEN.closed(hp.Loop("a", "b"), coordinates="crank", at=AT)
+OPEN, FOUR_BAR = open_four_bar(), four_bar()
 
 
 def rocker_angle(crank: float) -> float:
@@ -106,20 +93,15 @@ def test_redundant_conditions_of_a_plane_that_lies_anyhow_are_counted(kind: str,
         assert np.abs(found - wanted).max() < 5000 * U * np.abs(wanted).max()
 
 
-def test_a_weld_and_a_distance_close_as_a_ball_does() -> None:
-    q = FOUR_BAR.all_coordinates(TURN, TURN, TURN)
-    # Without the rocker: the coupler's end stays at its length from the foot.
-    two = hp.Mechanism([bar("crank", (0, 0, 0), 0.3), bar("coupler", (0.3, 0, 0), 0.9)])
-    two = two.with_frame("a", "coupler", R=(0.9, 0, 0)).with_frame("foot", "base", R=(1, 0, 0))
-    loop = hp.Loop("a", "foot", kind="distance", length=0.7)
-    closed = two.closed(loop, coordinates="crank", at={name: AT[name] for name in ("crank", "coupler")})
-    # With a fourth hinge between coupler and rocker's end, both are one frame there.
-    joints = [OPEN["crank"], OPEN["coupler"], bar("knee", (0.9, 0, 0), 0.1), OPEN["rocker"]]
-    four = hp.Mechanism(joints, parents=[0, 1, 2, 0]).with_frame("b", "rocker", R=(0.7, 0, 0))
-    welded = four.closed(hp.Loop("knee", "b", kind="weld"), coordinates="crank", at={**AT, "knee": 0.8})
-    for k, wanted in enumerate(q):
-        assert np.abs(closed.all_coordinates(TURN, TURN, TURN)[k] - wanted[:, :2]).max() < 1e-12
-        assert np.abs(welded.all_coordinates(TURN, TURN, TURN)[k][:, [0, 1, 3]] - wanted).max() < 1e-12
+@pytest.mark.parametrize("kind", ["weld", "distance"])
+def test_a_weld_and_a_distance_close_as_a_ball_does(kind: str) -> None:
+    plain, closed = FOUR_BAR, four_bar(kind)
+    names = [name for name in closed.opened().names if name != "knee"]
+    for found, wanted in zip(
+        closed.all_coordinates(TURN, TURN, TURN), plain.all_coordinates(TURN, TURN, TURN), strict=True
+    ):
+        columns = [closed.opened().names.index(name) for name in names]
+        assert np.abs(found[:, columns] - wanted[:, : len(names)]).max() < 1e-12
 
 
 def test_forces_in_the_loop_leave_no_effort_at_joints_that_follow() -> None:
@@ -137,28 +119,6 @@ def test_forces_in_the_loop_leave_no_effort_at_joints_that_follow() -> None:
     assert np.abs(tau[:, 1:]).max() < 64 * U * np.abs(force).max()
     crank = FOUR_BAR.inverse_dynamics(q, qd, qdd, gravity=GRAVITY).tau
     assert np.abs(tau[:, :1] - crank).max() < 64 * U * np.abs(force).max()
-
-
-@pytest.mark.parametrize("backend", ["numpy", "compiled"])
-def test_accelerations_are_those_of_pinocchio_with_a_constraint(backend: str) -> None:
-    twin = hp.to_pinocchio(OPEN)
-    model, data = twin.model, twin.model.createData()
-    model.gravity.linear = np.array(GRAVITY)
-    loop = pin.RigidConstraintModel(
-        pin.ContactType.CONTACT_3D, model, model.getJointId("coupler"), pin.SE3(np.eye(3), np.array([0.9, 0, 0])),
-        model.getJointId("rocker"), pin.SE3(np.eye(3), np.array([0.7, 0, 0])), pin.ReferenceFrame.LOCAL,
-    )  # fmt: skip
-    constraint = pin.StdVec_RigidConstraintModel([loop]), pin.StdVec_RigidConstraintData([loop.createData()])
-    pin.initConstraintDynamics(model, data, *constraint)
-    settings = pin.ProximalSettings(1e-14, 1e-10, 50)
-    q, qd, tau = TURN[:12], np.full((12, 1), 2.0), np.full((12, 1), 0.7)
-    everything, rates = FOUR_BAR.all_coordinates(q, qd, 0 * q)[:2]
-    wanted = [
-        pin.constraintDynamics(model, data, everything[k], rates[k], np.array([0.7, 0, 0]), *constraint, settings)[0]
-        for k in range(12)
-    ]
-    found = FOUR_BAR.forward_dynamics(q, qd, tau, gravity=GRAVITY, backend=backend).qdd
-    assert np.abs(found[:, 0] - wanted).max() < 1e-7 * np.abs(wanted).max()  # the proximal steps of Pinocchio
 
 
 def test_the_power_of_the_crank_is_the_change_of_energy() -> None:

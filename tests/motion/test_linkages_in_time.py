@@ -6,23 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-
-BARS = (("crank", (0, 0, 0), 0.3), ("coupler", (0.3, 0, 0), 0.9), ("rocker", (1, 0, 0), 0.7))
-
-
-def four_bar(coordinate, base="fixed"):
-    frame = hp.Body(5, (0.5, 0, 0), (1, 1, 1))
-    joints = [
-        hp.HingePair(
-            u1, (0, 0, 0), (0, 0, 1), name=name, body1=None if name == "coupler" else frame,
-            body2=hp.Body(2 * size, (size / 2, 0, 0), (0.1, 0.1, 0.1)),
-        )
-        for name, u1, size in BARS
-    ]  # fmt: skip
-    tree = hp.Mechanism(joints, parents=[0, 1, 0], base=base)
-    tree = tree.with_frame("a", link="coupler", R=(0.9, 0, 0)).with_frame("b", link="rocker", R=(0.7, 0, 0))
-    assembled = {"crank": 0.3, "coupler": 0.8, "rocker": 1.9}
-    return tree.closed(hp.Loop("a", "b"), coordinates=coordinate, at=assembled)
+from support.linkages import four_bar
 
 
 def hatch(**strut):
@@ -35,7 +19,7 @@ def hatch(**strut):
 @pytest.mark.parametrize("rate", [1.0, -1.0])
 def test_a_motion_ends_where_its_coordinate_comes_to_a_dead_point(rate):
     """The crank goes on there, and shows when the rocker turns back."""
-    by_rocker, by_crank = four_bar("rocker"), four_bar("crank")
+    by_rocker, by_crank = four_bar(coordinate="rocker"), four_bar()
     t, given = np.linspace(0, 3, 301), {"gravity": (0, 0, 0), "tol": 1e-12}
     with pytest.warns(hp.DynamicsWarning, match="ends at t = .* a-b at a dead point, where rocker no longer moves"):
         found = hp.simulate(by_rocker, t, [1.9], [rate], **given)
@@ -77,7 +61,7 @@ def test_elastic_stops_of_a_strut_are_felt_and_its_damper_works(damping):
 
 @pytest.mark.slow
 def test_a_thrown_four_bar_keeps_its_momenta_and_rolls_out_to_the_same():
-    linkage = four_bar("crank", "free")
+    linkage = four_bar(base="free")
     start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0.1, 0, 0), omega=(0.1, 0.3, 0.2))
     given = {"gravity": (0, 0, 0), "base_motion": start}
     found = hp.simulate(linkage, np.linspace(0, 2, 41), [0.3], [3.0], **given)

@@ -8,6 +8,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.mechanism.robots.methods import MechanismMethods
+from support.linkages import KINDS, four_bar
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 import multibody as mb
@@ -16,40 +17,18 @@ GRAVITY = (0, -9.81, 0)
 BODY = hp.Body(2, (0.4, 0.1, 0), (0.1, 0.2, 0.3))
 
 
-def four_bar(kind, base):
-    """A four-bar; kinds differ in what its loop is."""
-    bars = [("crank", (0, 0, 0)), ("coupler", (0.3, 0, 0)), ("rocker", (1, 0, 0))]
-    at, ends = (
-        {"crank": 0.3, "coupler": 0.8, "rocker": 1.9},
-        {"a": ("coupler", (0.9, 0, 0)), "b": ("rocker", (0.7, 0, 0))},
-    )
-    parents, more = [0, 1, 0], {"hinge": {"axis": (0, 0, 1)}, "distance": {"length": 0.7}}.get(kind, {})
-    if kind == "weld":
-        bars.insert(2, ("knee", (0.9, 0, 0)))
-        parents, at["knee"], ends["a"] = [0, 1, 2, 0], 0.8, ("knee", (0, 0, 0))
-    if kind == "distance":
-        bars.pop()
-        parents, ends["b"] = [0, 1], ("base", (1, 0, 0))
-        del at["rocker"]
-    joints = [
-        hp.HingePair(u1, (0, 0, 0), (0, 0, 1), name=name, body1=BODY if name == "crank" else None, body2=BODY)
-        for name, u1 in bars
-    ]
-    robot = hp.Mechanism(joints, parents=parents, base=base)
-    for name, (link, R) in ends.items():
-        robot = robot.with_frame(name, link, R=R)
-    closed = robot.closed(hp.Loop("a", "b", kind=kind, **more), coordinates="crank", at=at)
-    return closed.with_strut("a", "base", "spring", stiffness=70, free_length=0.2, damping=3)
+def with_spring(robot):
+    return robot.with_strut("a", "base", "spring", stiffness=70, free_length=0.2, damping=3)
 
 
 def states(count, dof, seed=0):
     return np.random.default_rng(seed).uniform(-1, 1, (3, count, dof))
 
 
-@pytest.mark.parametrize("kind", ["ball", "hinge", "weld", "distance"])
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("base", ["fixed", "free"])
 def test_every_kind_of_loop_agrees_with_pinocchio(kind, base):
-    report = hp.cross_validate(four_bar(kind, base), *states(6, 1), gravity=GRAVITY)
+    report = hp.cross_validate(with_spring(four_bar(kind, base)), *states(6, 1), gravity=GRAVITY)
     assert report.ok, str(report)
     assert {"gap", "gap_rate", "gap_acceleration", "tau", "forward_dynamics"} <= {row.output for row in report.rows}
 
@@ -89,7 +68,7 @@ OFF = {
 
 @pytest.mark.parametrize("output", OFF)
 def test_what_is_off_is_seen(output, monkeypatch):
-    robot = four_bar("ball", "fixed")
+    robot = with_spring(four_bar())
     name, change = OFF[output]
     method = getattr(MechanismMethods, name)
 
@@ -105,7 +84,7 @@ def test_what_is_off_is_seen(output, monkeypatch):
 
 
 def test_samples_that_cannot_be_closed_are_left_out():
-    robot = four_bar("ball", "fixed")
+    robot = with_spring(four_bar())
     q, qd, qdd = states(3, 1)
     q[1] = np.nan
     report = hp.cross_validate(robot, q, qd, qdd)
