@@ -32,7 +32,6 @@ autodoc_default_options = {"members": True, "inherited-members": "Shown, Frozen,
 templates_path = ["_templates"]  # of the pages in _generated, one for each name of reference.md
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings give shapes and units, which types do not
-autodoc_preserve_defaults = True
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False
 napoleon_use_ivar = True
