@@ -241,6 +241,17 @@ def test_a_module_of_kinks_agrees_with_the_library(tmp_path):
         )
 
 
+def test_body_1_rests_where_psi_alone_moves(tmp_path):
+    (tmp_path / "s.toml").write_text(
+        '[pair]\nu1 = [1, 0, 0]\nu2 = [-1, 0, 0]\nn = [0, 0, 1]\n[motion]\npsi = "mod(3*pi, pi) + t"\n'
+        "[time]\nstart = 0\nstop = 1\nsamples = 2\n"
+    )
+    found = hp.load_scene(tmp_path / "s.toml")
+    assert tuple(hp.derive(found).R2) == (sympy.cos(T) + 1, sympy.sin(T), 0)
+    assert hp.derive(found).to_text("R2") == "R2_x = cos(t) + 1\nR2_y = sin(t)\nR2_z = 0\n"
+    assert found.expressions["x"] == 0
+
+
 def test_a_fixed_base_gives_the_short_form(tmp_path):
     """Nothing of body 1 but where it stands: one wave of psi."""
     path = tmp_path / "gate.toml"

@@ -102,7 +102,9 @@ def derive(
         scene, pair = scene_or_pair, scene_or_pair.require_pair().pair
         names = _symbolic_names(symbolic, pair, scene.constants)
         symbolic_constants = tuple(name for name in names if name in scene.constants)
-        motion = {name: own for part in scene.functions for name, own in part.expressions(symbolic_constants).items()}
+        motion = dict.fromkeys(scene.expressions, exact(0))  # body 1 may rest
+        for part in scene.functions:
+            motion |= part.expressions(symbolic_constants)
         written = _exact_pair_values(pair, scene.tables, symbolic_constants)
         return PairForms(pair, motion, scene.sequence, names, written)
     pair = scene_or_pair

@@ -282,21 +282,26 @@ class Scene(Shown):
 
     @property
     def functions(self) -> tuple[FunctionsOfTime, ...]:
-        """The coordinates as functions of time: those of body 1, and psi; raise an ArgumentError without them."""
+        """The coordinates as functions of time: those of body 1, unless it rests at the origin, and psi; raise an
+        ArgumentError without them.
+        """
         from hingepair.scenes.motions.functions import FunctionSource
 
         source = self.motion.source
-        if self.pair is None or not isinstance(source, FunctionSource) or source.base is None:
+        if self.pair is None or not isinstance(source, FunctionSource):
             wanted = "a scene whose motion is coordinates as expressions in t"
             raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
-        return source.base, source.joints
+        return (source.joints,) if source.base is None else (source.base, source.joints)
 
     @property
     def expressions(self) -> dict[str, Expr | None]:
         """SymPy expressions of the coordinates of a pair by name (x, y, z, phi_x, phi_y, phi_z, psi; in the plane x,
         y, phi, psi). The value of a coordinate given by way points is None.
         """
-        return {name: found for part in self.functions for name, found in part.expressions().items()}
+        import sympy
+
+        moved = {name: found for part in self.functions for name, found in part.expressions().items()}
+        return dict.fromkeys(self.subject.base_names, sympy.S.Zero) | moved
 
     @property
     def has_own_gravity(self) -> bool:

@@ -129,7 +129,7 @@ class ClosedForms(ABC):
         return self._found[name]
 
     def _checked(self, names: Iterable[str] | None) -> tuple[str, ...]:
-        return self.names if names is None else check_outputs(tuple(names), self.names)
+        return self.names if names is None else check_outputs(names, self.names)
 
     def to_text(self, names: Iterable[str] | None = None, *, short: bool | None = None, width: int = 100) -> str:
         """Return the equations as text, as SymPy writes them: `omega1_x = 5*sin(t) + 3`; the derivatives of x by t

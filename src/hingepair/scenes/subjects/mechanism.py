@@ -141,7 +141,7 @@ class MechanismSubject(Subject):
             of_joints = [Output(name, (), motion.moving) for name in _COORDINATES if _order(name) <= level]
             return (*of_frames, *of_joints)
         try:
-            requested = [] if isinstance(outputs, str) else list(outputs)
+            requested = [outputs] if isinstance(outputs, str) else list(outputs)
         except TypeError:
             requested = []
         if not requested:
