@@ -164,6 +164,15 @@ def test_sympy_source_is_read_by_sympy(text, tmp_path):
         np.testing.assert_allclose(np.array(got, float), expected, rtol=0, atol=1e-12 * (1 + abs(expected).max()))
 
 
+def test_choices_with_decimals_are_written(tmp_path):
+    text = (MODELS / "reference_2d.toml").read_text()
+    text = re.sub(r"(?m)^psi = .*$", 'psi = "where(t < 1.234567, 0.7654321, t**2)"', text)
+    (tmp_path / "scene.toml").write_text(text)
+    forms = hp.derive(hp.load_scene(tmp_path / "scene.toml"))
+    assert "0.7654321" in forms.to_text(["phi2"])
+    assert "0.7654321" in forms.to_latex(["phi2"])
+
+
 def test_letters_of_sympy_s_own_names_are_symbols(tmp_path):
     """`gamma` alone would be read as a function, `S` as a class."""
     text = (MODELS / "reference_2d.toml").read_text().replace("swing", "gamma")

@@ -235,6 +235,8 @@ def _with_symbols(exprs: Sequence[Expr]) -> list[Expr]:
 @functools.lru_cache(maxsize=4096)  # long forms repeat their parts
 def _with_decimals(expr: Expr) -> Expr:
     """Return an expression with decimals in place of constants that are no simple fractions or roots."""
+    if not isinstance(expr, sympy.Expr):  # a branch of a choice, or a condition
+        return expr.func(*map(_with_decimals, expr.args)) if expr.args else expr
     if not expr.free_symbols:
         simple = len(str(expr)) <= _MAX_CHARACTERS and all(
             x.q <= _MAX_DENOMINATOR for x in expr.atoms(sympy.Rational)
