@@ -21,7 +21,7 @@ from hingepair.mechanism.tree import Joint, loads_note
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.motions.known import Known
 from hingepair.scenes.motions.motion import Motion, impact_sentences, non_finite_sentences
-from hingepair.scenes.subjects.subject import Subject
+from hingepair.scenes.subjects.either import Subject
 from hingepair.scenes.tables import Table
 from hingepair.tables.data_frames import column_names, plain_magnitudes, with_magnitudes
 from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts, ruled_table

@@ -17,9 +17,9 @@ from hingepair.scenes.motions.dynamics import Dynamics, link_wrenches, read_dyna
 from hingepair.scenes.motions.functions import read_function_motion
 from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.scene import Scene
+from hingepair.scenes.subjects.either import Subject
 from hingepair.scenes.subjects.mechanism import MechanismSubject
 from hingepair.scenes.subjects.pair import PairSubject
-from hingepair.scenes.subjects.subject import Subject
 from hingepair.scenes.suspicions import file_suspicions
 from hingepair.scenes.tables import Table, read_let, read_tables
 from hingepair.symbolic.expressions import constant_name_fault, parse_constant

@@ -35,9 +35,10 @@ from hingepair.scenes.forces import SceneForces, scene_forces
 from hingepair.scenes.motions.known import Known, Rows
 from hingepair.scenes.motions.motion import Instants, Motion, kink_sentences
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers
+from hingepair.scenes.subjects.either import Subject
 from hingepair.scenes.subjects.mechanism import MechanismSubject
 from hingepair.scenes.subjects.pair import PairSubject
-from hingepair.scenes.subjects.subject import Acting, Computed, Subject
+from hingepair.scenes.subjects.subject import Acting, Computed
 from hingepair.scenes.tables import Table
 from hingepair.tables.sheets import Sheet, Shown, cell_text, instant_text
 from hingepair.tables.units import SI, Columns, Units, UnitsLike

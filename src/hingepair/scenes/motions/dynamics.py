@@ -30,8 +30,8 @@ from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.motions.functions import read_base, read_functions
 from hingepair.scenes.motions.known import PSI, RATE_SUFFIXES, EulerBase, Known
 from hingepair.scenes.motions.motion import LazyValue, Motion, impact_sentences, read_instants_array
+from hingepair.scenes.subjects.either import Subject
 from hingepair.scenes.subjects.mechanism import MechanismSubject
-from hingepair.scenes.subjects.subject import Subject
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 from hingepair.symbolic.expressions import number, parse_expression
 from hingepair.symbolic.time_functions import TimeFunctions

@@ -22,8 +22,8 @@ from hingepair.scenes.motions.integrated import integrate_motion
 from hingepair.scenes.motions.known import PSI, EulerBase, Known, Rows
 from hingepair.scenes.motions.motion import Instants, Motion, read_instants, read_instants_array
 from hingepair.scenes.motions.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
+from hingepair.scenes.subjects.either import Subject
 from hingepair.scenes.subjects.mechanism import MechanismSubject
-from hingepair.scenes.subjects.subject import Subject
 from hingepair.scenes.tables import Table, names_in
 from hingepair.symbolic.expressions import Expression, number, parse_expression
 from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions

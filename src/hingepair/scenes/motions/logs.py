@@ -12,7 +12,6 @@ from collections.abc import Mapping, Set
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -37,8 +36,8 @@ from hingepair.scenes.motions.functions import FunctionsOfTime, base_at, base_ph
 from hingepair.scenes.motions.integrated import integrate_motion
 from hingepair.scenes.motions.known import RATE_SUFFIXES, EulerBase, Known, known_by_body1
 from hingepair.scenes.motions.motion import Motion
+from hingepair.scenes.subjects.either import Subject
 from hingepair.scenes.subjects.mechanism import MechanismSubject
-from hingepair.scenes.subjects.subject import Subject
 from hingepair.scenes.tables import NamedSource, Table
 from hingepair.tables.column_tables import ColumnTable
 from hingepair.tables.instants import MeasurementWarning, gap_sentences, instants_of, split_at_gaps
@@ -63,9 +62,7 @@ LOG_ARRAYS: Final[dict[str, tuple[str, ...]]] = {
     **SPACE.columns,
 }
 """Names of the columns of each array that a log may have."""
-LOG_COLUMNS: Final = tuple(dict.fromkeys(("t", *(column for own in LOG_ARRAYS.values() for column in own))))
-"""Names of all columns that a log of a pair may have: t and the columns of the arrays."""
-
+_WRITING: Final = "run --outputs q,qd,qdd --out FILE writes what is read here"
 HINGE_NAMES: Final = ("psi", "psid", "psidd")
 """Names of the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
 
@@ -80,20 +77,16 @@ class LogLayout(NamedTuple):
     arrays: Mapping[str, tuple[str, ...]]
     #: names of all columns
     columns: tuple[str, ...]
-    #: names of the arrays and columns that hold angles
-    angle_names: frozenset[str]
     #: quantity of each array or column whose unit is judged
     judged: Mapping[str, str]
     #: beginnings (up to the first `_`) of the names of columns that hold results
     result_prefixes: frozenset[str]
-    #: clause for messages with the command that writes such a log
-    writing_hint: str
     #: unit of each column that has none of the registry
-    units: Mapping[str, str] = MappingProxyType({})
+    units: Mapping[str, str]
     #: columns that a log in the plane leaves out together, and those that it then has
-    planar: PlanarColumns = MappingProxyType({})
+    planar: PlanarColumns
     #: names of columns by other names that they may have
-    other_names: Mapping[str, str] = MappingProxyType({})
+    other_names: Mapping[str, str]
 
     def unit_of(self, column: str) -> str:
         """Return the SI unit of a column."""
@@ -119,44 +112,36 @@ class LogLayout(NamedTuple):
         return Vocabulary(self.columns, self.unit_of, components, headings)
 
 
-_JUDGED_OF_BODY_1: Final = {
-    **dict.fromkeys(("phi_x", "phi_y", "phi_z"), "angle"),
-    "qx": "quaternion x",
-    "omega1": "gyroscope",
+_PLANAR: Final = {  # columns that a log in the plane leaves out together, and those that it then has
+    ("z", "phi_x", "phi_y"): ("x", "y", "phi_z"),
+    ("v1_z",): ("v1_x", "v1_y"),
+    ("phid_x", "phid_y"): ("phid_z",),
+    ("a1_z",): ("a1_x", "a1_y"),
+    ("phidd_x", "phidd_y"): ("phidd_z",),
 }
-_BODY_1_UNITS: Final = {"phi": "rad", "phid": "rad/s", "phidd": "rad/s^2"}
-_WRITING: Final = "run --outputs q,qd,qdd --out FILE writes what is read here"
+_PHI: Final = {"phi": "phi_z", "phid": "phid_z", "phidd": "phidd_z"}  # results in the plane have one angle
 
 
 def log_layout(subject: Subject) -> LogLayout:
     """Return the LogLayout of the log of what moves: columns of body 1 or the base, and of the joints."""
-    suffixes = dict(enumerate(RATE_SUFFIXES))
-    if subject.pair is not None:
-        judged = {**_JUDGED_OF_BODY_1, "psi": "angle", "psid": "rate"}
-        planar = {
-            ("z", "phi_x", "phi_y"): ("x", "y", "phi_z"),
-            ("v1_z",): ("v1_x", "v1_y"),
-            ("phid_x", "phid_y"): ("phid_z",),
-            ("a1_z",): ("a1_x", "a1_y"),
-            ("phidd_x", "phidd_y"): ("phidd_z",),
-        }
-        others = {"phi": "phi_z", "phid": "phid_z", "phidd": "phidd_z"}  # results in the plane have one angle
-        results = frozenset({*SPACE.levels, *PLANE.levels})
-        angles = frozenset({"phi", "psi"})
-        return LogLayout(LOG_ARRAYS, LOG_COLUMNS, angles, judged, results, _WRITING, _BODY_1_UNITS, planar, others)
-    joints = {f"q{ending}": tuple(name + ending for name in subject.names) for ending in RATE_SUFFIXES}
-    body_1 = {name: own for name, own in LOG_ARRAYS.items() if name in _OF_BODY_1} if subject.base_names else {}
-    columns = tuple(dict.fromkeys(("t", *(column for own in (*body_1.values(), *joints.values()) for column in own))))
-    arrays = body_1 | {name: own for name, own in joints.items() if name not in columns}  # a joint may be called q
-    hinges = sorted(joint.name for joint in subject.joints if joint.unit == "rad")
-    judged = (_JUDGED_OF_BODY_1 if body_1 else {}) | dict.fromkeys(hinges, "angle")
-    units = _BODY_1_UNITS | {
-        joint.name + suffixes[k]: joint.unit + per
-        for joint in subject.joints
-        for k, per in enumerate(("", "/s", "/s^2"))
-    }
-    results = frozenset({*FRAME_OUTPUTS, "quat", "tau", "force1", "torque1"})
-    return LogLayout(arrays, columns, frozenset({"phi", *hinges}), judged, results, _WRITING, units)
+    moves_base = bool(subject.base_names)
+    arrays = dict(LOG_ARRAYS) if moves_base else {}
+    if subject.pair is None:
+        arrays |= {f"q{ending}": tuple(name + ending for name in subject.names) for ending in RATE_SUFFIXES}
+    columns = tuple(dict.fromkeys(("t", *(column for own in arrays.values() for column in own))))
+    arrays = {name: own for name, own in arrays.items() if own == (name,) or name not in columns}  # a joint may be q
+    judged: dict[str, str] = {}
+    if moves_base:
+        judged |= {**dict.fromkeys(("phi_x", "phi_y", "phi_z"), "angle"), "qx": "quaternion x", "omega1": "gyroscope"}
+    units = {"phi": "rad", "phid": "rad/s", "phidd": "rad/s^2"}
+    for joint in subject.joints:
+        for ending, per, quantity in zip(RATE_SUFFIXES, ("", "/s", "/s^2"), ("angle", "rate", ""), strict=True):
+            units[joint.name + ending] = joint.unit + per
+            if joint.unit == "rad" and quantity:
+                judged[joint.name + ending] = quantity
+    results = {*SPACE.levels, *PLANE.levels} if subject.pair is not None else {*FRAME_OUTPUTS, "quat", "tau"}
+    others = (_PLANAR, _PHI) if moves_base else ({}, {})
+    return LogLayout(arrays, columns, judged, frozenset(results | {"force1", "torque1"}), units, *others)
 
 
 SMOOTHING_KEYS: Final = {
@@ -171,7 +156,6 @@ _EULER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
-_OF_BODY_1: Final = frozenset({"quat_wxyz", *_POSITION, *_EULER, *_QUATERNION})
 _DEGREES: Final = 'unit = "deg" for {} in [motion.columns]'  # for messages
 _HEADINGS: Final = f'{_DEGREES} (unit = "compass" for headings clockwise from north)'
 
@@ -339,7 +323,7 @@ class Log(NamedSource):
         """Add what a log of a motion in the plane leaves out, as zeros; a note on them starts with `absence`."""
         added = planar_zeros(self.columns, self.layout.planar, self._sequence)
         self.columns |= dict.fromkeys(added, np.zeros(len(self.columns["t"])))
-        if self.layout.planar and "psi" in self.columns and {*self.columns} <= {"t", *HINGE_NAMES}:
+        if "psi" in self.columns and {*self.columns} <= {"t", *HINGE_NAMES}:
             order = max(k for k, name in enumerate(HINGE_NAMES) if name in self.columns)
             at_rest = [name for names in (_POSITION, _EULER) for name in names[: order + 1]]
             zeros = np.zeros(len(self.columns["t"]))
@@ -374,7 +358,7 @@ class Log(NamedSource):
             if name not in known_names:
                 got = f"an unknown column{nearest(name, known_names)}"
                 if name.partition("_")[0] in self.layout.result_prefixes:
-                    got = f"a column of results, which are no motion ({self.layout.writing_hint})"
+                    got = f"a column of results, which are no motion ({_WRITING})"
                 expected = (
                     f"{choices(known_names)}; [motion] ignore = [{name[:40]!r}] leaves the column out, and "
                     '[motion.columns] names the columns of another program, such as t = "Time"'

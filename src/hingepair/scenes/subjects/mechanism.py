@@ -19,7 +19,7 @@ from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.motions.known import RATE_SUFFIXES, Known
 from hingepair.scenes.motions.motion import Motion
-from hingepair.scenes.subjects.subject import Acting, Arrays, Computed, Plan, Subject, compared_rates
+from hingepair.scenes.subjects.subject import Acting, Arrays, Computed, Plan, SubjectBase, compared_rates
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Output(NamedTuple):
 Request = tuple[Output, ...]
 
 
-class MechanismSubject(Subject):
+class MechanismSubject(SubjectBase):
     """A mechanism, with the frames and the payload of the file.
 
     Args:
@@ -60,20 +60,16 @@ class MechanismSubject(Subject):
 
     max_check_instants: ClassVar[int] = 501  # of a humanoid, some seconds
     noted: ClassVar[str] = "q"
-    mechanism: Mechanism
+    pair: None = None
 
     def __init__(self, mechanism: Mechanism, frames: tuple[str, ...]) -> None:
-        self.mechanism, self.frames = mechanism, frames
+        self.mechanism = self.robot = mechanism
+        self.frames = frames
 
     @property
     def name(self) -> str:
         """Name of the mechanism."""
         return self.mechanism.name
-
-    @property
-    def robot(self) -> Mechanism:
-        """The mechanism."""
-        return self.mechanism
 
     def check_motion_keys(self, motion: Table, further: Collection[str] = ()) -> None:
         """Refuse keys of [motion] other than joints, coordinates of the base and `sequence`, with what they are."""
@@ -131,7 +127,10 @@ class MechanismSubject(Subject):
         for joint in self.joints:
             if name == f"tau_{joint.name}":
                 return joint.effort_unit
-        return self.unit_of_joint(name) or unit_of(name.partition("_")[0])
+            for ending, per in zip(RATE_SUFFIXES, ("", "/s", "/s^2"), strict=True):
+                if name == joint.name + ending:
+                    return joint.unit + per
+        return unit_of(name.partition("_")[0])
 
     def request(self, outputs: Iterable[str] | None, motion: Motion) -> Request:
         """Return the requested outputs, by default the motion of the scene's frames and of the joints that move."""

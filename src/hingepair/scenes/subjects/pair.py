@@ -23,7 +23,7 @@ from hingepair.plans.arguments import check_outputs
 from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_among
 from hingepair.scenes.motions.known import PSI, Known, quaternion_columns
 from hingepair.scenes.motions.motion import Motion
-from hingepair.scenes.subjects.subject import Acting, Arrays, Computed, Plan, Subject, compared_rates
+from hingepair.scenes.subjects.subject import Acting, Arrays, Computed, Plan, SubjectBase, compared_rates
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
@@ -43,12 +43,12 @@ Request = tuple[str, ...] | None
 """Names of outputs; None for all of body 2 and of points, and psi."""
 
 
-class PairSubject(Subject):
+class PairSubject(SubjectBase):
     """A pair, whose joint is psi."""
 
     max_check_instants: ClassVar[int] = 10_001  # about a second
     noted: ClassVar[str] = "psi"
-    pair: HingePair | PlanarPair
+    mechanism: None = None
 
     def __init__(self, pair: HingePair | PlanarPair) -> None:
         self.pair = pair
@@ -69,6 +69,11 @@ class PairSubject(Subject):
         """The pair as a mechanism with the joint and link psi; in the plane with its planar dynamics."""
         space = replace(dynamics_in_space(self.pair), name=PSI[0])
         return Mechanism([space], base="fixed" if space.body1 is None else "free", name=self.name)
+
+    @property
+    def base_names(self) -> tuple[str, ...]:
+        """Keys of [motion] for the coordinates of body 1."""
+        return self.kind.coordinates[:-1]
 
     @property
     def rests(self) -> Mapping[str, float]:
@@ -266,6 +271,10 @@ class PairSubject(Subject):
         )
         rows = (replace(torque, output="hinge_torque"), *on_body1, *compared_rates(acting.motion, PSI))
         return replace(report, forces=tuple(replace(row, worst_part="") for row in rows))
+
+    def coincident_frames(self, *_: object) -> dict[str, str]:
+        """Return nothing: a pair has no frames that move exactly alike."""
+        return {}
 
     def describe(self, moving: tuple[str, ...]) -> str:  # noqa: ARG002
         """Return a line with the geometry of the pair."""

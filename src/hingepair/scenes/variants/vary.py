@@ -24,8 +24,9 @@ from hingepair.scenes.motions.functions import FunctionSource, read_function_mot
 from hingepair.scenes.motions.known import EulerBase, Known
 from hingepair.scenes.numbers import keep_motion, number_path, with_numbers
 from hingepair.scenes.scene import Scene
+from hingepair.scenes.subjects.either import Subject
 from hingepair.scenes.subjects.pair import PairSubject
-from hingepair.scenes.subjects.subject import Acting, Arrays, Subject
+from hingepair.scenes.subjects.subject import Acting, Arrays
 from hingepair.scenes.tables import Table
 from hingepair.scenes.variants.reductions import Touches, check_reductions, reduce_arrays, touches_of
 from hingepair.tables.units import Columns
