@@ -9,15 +9,12 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import hingepair as hp
 from hingepair.engine.backend import execution_of
-from hingepair.formats.robots import robot_urdf
-from hingepair.tables.data_frames import column_names
 from support.commands import refusal, run_command
 from support.work import HANG
 
@@ -90,31 +87,6 @@ def test_what_is_written_is_what_was_computed(
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
-def test_run_json_is_strict_and_complete(short_scene: Path) -> None:
-    def refuse(word: str) -> None:
-        raise AssertionError(word)
-
-    found = json.loads(run_command("run", short_scene, "--json").stdout, parse_constant=refuse)
-    assert found["samples"] == 11
-    assert found["outputs"]["R2_x"]["first"] == 0.75
-    assert found["file"] is None
-
-
-@pytest.mark.slow
-def test_ranges_are_those_of_every_component(short_scene: Path) -> None:
-    shown = json.loads(run_command("run", short_scene, "--json").stdout)["outputs"]
-    result = hp.load_scene(short_scene).evaluate()
-    for name, array in result.state.arrays().items():
-        for label, column in zip(column_names({name: array}), array.reshape(11, -1).T, strict=True):
-            expected = {"first": column[0], "last": column[-1], "smallest": column.min(), "largest": column.max()}
-            assert shown.pop(label) == expected
-    assert shown == {
-        "psi": {"first": 0, "last": 100, "smallest": 0, "largest": 100},
-        "psid": dict.fromkeys(("first", "last", "smallest", "largest"), 10),
-        "psidd": dict.fromkeys(("first", "last", "smallest", "largest"), 0),
-    }
-
-
 def test_a_failed_check_exits_with_1(monkeypatch: pytest.MonkeyPatch, short_scene: Path) -> None:
     from hingepair.validation import report as cross_validation
 
@@ -125,24 +97,6 @@ def test_a_failed_check_exits_with_1(monkeypatch: pytest.MonkeyPatch, short_scen
 
     monkeypatch.setattr(cross_validation.Comparison, "of", spoiled)
     assert "FAILED" in run_command("check", short_scene, code=1).stdout
-
-
-@pytest.mark.slow
-def test_the_mechanism_of_a_scene_is_written_as_mjcf(tmp_path: Path) -> None:
-    out = tmp_path / "excavator.xml"
-    run_command("mjcf", MODELS / "excavator.toml", "-o", out, "--gravity", "0,0,-1.62")
-    text = out.read_text()
-    assert 'gravity="0.0 0.0 -1.62"' in text
-    assert all(f'<joint name="{name}" type="hinge"' in text for name in ("swing", "boom", "stick", "bucket"))
-
-
-def test_mjcf_is_written_and_exports_take_their_base_by_a_flag(short_scene: Path, tmp_path: Path) -> None:
-    pair = hp.load_scene(short_scene).pair
-    run_command("mjcf", short_scene, "-o", tmp_path / "pair.xml")
-    assert (tmp_path / "pair.xml").read_text() == hp.to_mjcf(pair, base="fixed")
-    for flag, base in (("--fixed-base", "fixed"), ("--floating-base", "floating")):
-        assert run_command("urdf", short_scene, flag).stdout == hp.to_urdf(pair, base=base)
-    assert run_command("mjcf", short_scene, "--free-base").stdout == hp.to_mjcf(pair)
 
 
 def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
@@ -253,89 +207,6 @@ def test_an_input_is_not_written_over(short_scene: Path, tmp_path: Path) -> None
 
 
 # ---------------------------------------------------------------- a pair without a motion
-
-
-@pytest.mark.slow
-def test_a_simulated_scene_is_viewed_as_it_moves_and_derived_as_any_motion_of_its_hinge(tmp_path: Path) -> None:
-    path = tmp_path / "fall.toml"
-    path.write_text(
-        "[pair]\nu1 = [0, 0, 0]\nu2 = [-0.5, 0, 0]\nn = [0, 1, 0]\nbody2 = { mass = 2, inertia = [0.1, 1, 1] }\n"
-        "[dynamics]\nbase = 'fixed'\n[time]\nstart = 0\nstop = 0.1\nsamples = 7\n"
-    )
-    assert "(7 instants;" in run_command("view", path, "-o", tmp_path / "fall.html").stdout
-    assert "v2_x = -psid*sin(psi)/2" in run_command("derive", path, "--outputs", "v2").stdout
-
-
-def test_a_robot_without_a_joint_is_exported_whole(tmp_path: Path) -> None:
-    file = tmp_path / "arm.urdf"
-    mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    file.write_text(
-        f'<robot name="arm"><link name="a"/><link name="b">{mass}</link><link name="c">{mass}</link>'
-        '<joint name="one" type="continuous"><parent link="a"/><child link="b"/></joint>'
-        '<joint name="two" type="continuous"><parent link="b"/><child link="c"/></joint></robot>'
-    )
-    robot = hp.Mechanism.from_urdf(file)
-    assert run_command("urdf", file, "--fixed-base").stdout == hp.to_urdf(robot, base="fixed")
-    assert run_command("mjcf", file).stdout == hp.to_mjcf(robot)
-    assert run_command("mjcf", file, "two").stdout != hp.to_mjcf(robot)
-    bare = hp.to_urdf(hp.load_robot("ur5"), meshes=False)
-    for name in ("ur5", "ur5_robot", "ur_description/ur5_robot"):
-        assert run_command("urdf", name, "--no-meshes").stdout == bare
-    assert "hingepair view shows it" in refusal("plot", file)
-
-
-@pytest.mark.slow
-def test_a_robots_frame_is_derived_by_name_or_from_a_urdf(tmp_path: Path) -> None:
-    robot = hp.load_robot("ur5_robot", snap=1e-6)
-    q = np.linspace(-2, 2, 6)
-    for source in ("ur5_robot", robot_urdf("ur5_robot")):
-        text = run_command("derive", source, "--frame", "tool0", "--python", "--outputs", "R,jacobian").stdout
-        assert "up to 5e-12 rad from a multiple of pi/2 are taken for it (--snap)" in text
-        module: dict[str, Any] = {}
-        exec(compile(text, "generated", "exec"), module)
-        np.testing.assert_allclose(module["R"](q), robot.forward_kinematics(q, frames="tool0")["tool0"].R, atol=1e-15)
-        np.testing.assert_allclose(module["jacobian"](q), robot.jacobian(q, "tool0"), rtol=0, atol=1e-15)
-    as_written = run_command("derive", "ur5_robot", "--frame", "tool0", "--snap", "0", "--outputs", "R").stdout
-    assert "--snap" not in as_written
-    assert "e-12" in as_written
-    latex = run_command(
-        "derive", "ur5_robot", "--frame", "tool0", "--symbolic", "u", "--latex", "--outputs", "R"
-    ).stdout
-    assert "  p_{y} &= 0.0823 \\\\\n" in latex
-    assert (
-        json.loads(run_command("derive", "ur5_robot", "--frame", "world", "--json", "--outputs", "S").stdout)["S_xx"]
-        == "1"
-    )
-    full = run_command("derive", "ur5_robot", "--frame", "tool0", "--outputs", "R", "--full").stdout
-    assert "sin" in full
-    assert "k_1" not in full
-    scene = tmp_path / "arm.toml"
-    scene.write_text(
-        '[mechanism]\nrobot = "ur5_robot"\n[motion]\nelbow_joint = "t"\n[time]\nstart = 0\nstop = 1\nsamples = 3\n'
-    )
-    assert run_command("derive", scene, "--frame", "tool0", "--outputs", "R").stdout == as_written
-    assert "--snap a robot's name or a URDF file" in refusal("derive", scene, "--frame", "tool0", "--snap", "1e-9")
-    out = tmp_path / "forms.txt"
-    run_command("derive", "ur5_robot", "--frame", "tool0", "--snap", "0", "--outputs", "R", "--out", out)
-    assert out.read_text() == as_written
-
-
-@pytest.mark.slow
-def test_no_shown_number_hangs_on_rounding(tmp_path: Path) -> None:
-    """A turn by pi/2 leaves no exact zeros."""
-    (tmp_path / "turned.toml").write_text(
-        "[pair]\nu1 = [0, 0, 1]\nu2 = [-1, 0, 0]\nn = [0, 0, 1]\n[motion]\nx = 0\ny = 0\nz = 0\n"
-        "phi_x = 0\nphi_y = 0\nphi_z = 'pi/2*t'\npsi = 0\n[time]\nstart = 0\nstop = 2\nsamples = 3\n"
-    )
-    shown = run_command("run", tmp_path / "turned.toml").stdout
-    assert not re.search(r"[0-9]e-[12]\d\b", shown.split("\nE1")[0])
-
-
-@pytest.mark.slow
-def test_a_whole_robot_is_compared_with_pinocchio():
-    said = run_command("check", "ur5_robot").stdout
-    assert "17 outputs of 224 samples within 16 u*scale" in said
-    assert json.loads(run_command("check", robot_urdf("ur5_robot"), "--json").stdout)["ok"] is True
 
 
 @pytest.mark.slow

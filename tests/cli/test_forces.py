@@ -101,19 +101,6 @@ def test_instants_without_finite_forces_are_counted_and_left_out_of_the_ranges(t
     assert row["t_of_largest_size"] == np.linspace(0, 1, 101)[np.nanargmax(np.abs(torque))]
 
 
-def test_the_torque_limit_and_the_rate_limit_are_compared(tmp_path):
-    path = scene_file(tmp_path, PENDULUM.replace("20", "10") + MOVED.format("2*t**2"))
-    torque, psid = hp.load_scene(path).forces().hinge_torque, 4 * np.linspace(0, 1, 101)
-    beyond = np.flatnonzero(np.abs(torque) > 10)
-    assert 0 < beyond.size < 101
-    first = rf"{beyond.size} of 101 .* {beyond[0] / 100:g} s \({torque[beyond[0]]:.6g}\)"
-    output = " ".join(told(path).split())
-    assert re.search(rf"note: hinge_torque .*torque_limit, 10 N m, .*{first}", output)
-    assert re.search(rf"psi' .*limits.* {(psid > 3).sum()} of 101 ", output)
-    path.write_text(path.read_text().replace("torque_limit = 10", f"torque_limit = {float(np.abs(torque).max())!r}"))
-    assert "torque_limit" not in told(path)
-
-
 DRIVEN = """
 [dynamics]
 base = "fixed"

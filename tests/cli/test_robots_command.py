@@ -40,12 +40,3 @@ def test_the_joints_of_a_robot_are_those_of_its_mechanism(name: str) -> None:
     report = json.loads(robots(name, "--json"))
     assert report["dof"] == robot.dof
     assert report["notes"] == list(tree_of(robot).notes)
-
-
-def test_masses_are_those_of_what_a_joint_moves() -> None:
-    rows, robot = joints_of("panda"), hp.load_robot("panda")
-    bodies = [joint.body.mass for joint in tree_of(robot).joints]
-    assert [row["mass2"] for row in rows.values()] == bodies
-    assert rows["panda_joint1"]["mass_moved"] == pytest.approx(sum(bodies), rel=1e-15)
-    assert rows["panda_finger_joint2"]["mass_moved"] == bodies[-1]
-    assert rows["panda_joint7"]["mass_moved"] == pytest.approx(sum(bodies[6:]), rel=1e-15)

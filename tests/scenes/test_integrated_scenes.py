@@ -5,16 +5,10 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
-import mpmath
 import numpy as np
 import pytest
-import sympy
 
 import hingepair as hp
-from hingepair.symbolic.exact import TIME as INSTANT
-from hingepair.symbolic.exact import to_sympy
-from hingepair.symbolic.expressions import parse_expression
-from support.spins import U
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -39,18 +33,6 @@ y = "3*t"
 z = "3*t"
 """
 GOOD = PAIR + REFERENCE + TIME
-FLAT = """
-planar = true
-[pair]
-u1 = [0.5, 0.2]
-u2 = [-0.25, 0.1]
-[motion]
-omega1 = "cos(t)"
-psi_dot = "t*sin(2*t)"
-x = "0.5*t"
-phi_0 = 0.3
-psi_0 = -1
-"""
 LOG = "t,omega1_x,omega1_y,omega1_z,psid\n" + "".join(f"{k / 10},0,0,{1 + k / 10},2\n" for k in range(12))
 LOGGED = PAIR + '[motion]\nfile = "log.csv"\nintegrate = true\nframe = "world"\n'
 
@@ -104,59 +86,6 @@ def test_a_scene_is_what_integrate_makes_of_it():
         np.testing.assert_allclose(array, getattr(motion, name), rtol=0, atol=1e-13 * (1 + np.abs(array).max()))
 
 
-def test_planar_rates_are_two_integrals(tmp_path):
-    result = scene_of(tmp_path, FLAT + TIME).evaluate()
-    t = result.t
-    phi, psi = 0.3 + np.sin(t), -1 + np.sin(2 * t) / 4 - t * np.cos(2 * t) / 2
-    psid = t * np.sin(2 * t)
-    expected = hp.PlanarPair((0.5, 0.2), (-0.25, 0.1)).forward_kinematics(
-        (0.5 * t, 0.0, phi, psi),
-        (0.5, 0.0, np.cos(t), psid),
-        (0.0, 0.0, -np.sin(t), np.sin(2 * t) + 2 * t * np.cos(2 * t)),
-    )
-    assert result.state.outputs == expected.outputs
-    for name, array in expected.arrays().items():
-        np.testing.assert_allclose(getattr(result, name), array, rtol=0, atol=1e-12)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("rate", ["t**2 - 3", "2*cos(3*t) + 1", "exp(-t/4) - sin(0.5 - 2*t)", "7", "pi*t**5/3"])
-def test_sums_are_as_good_as_antiderivatives(rate, tmp_path):
-    scene = scene_of(tmp_path, GOOD.replace("psi_dot = 10", f'psi_dot = "{rate}"\npsi_0 = 0.5'))
-    t = INSTANT
-    whole = sympy.integrate(to_sympy("rate", parse_expression("rate", rate)), t)
-    for instant, found in zip(scene.times()[::10], scene.motion.source.psi[::10], strict=True):
-        exact = 0.5 + float((whole.subs(t, instant) - whole.subs(t, 0)).evalf(30))
-        assert abs(found - exact) <= 32 * U * (1 + abs(exact))
-
-
-def slow_sine(t):
-    """The integral of 0.3 sin(1e-8 t) from 0."""
-    return mpmath.mpf(3) * 10**7 * (1 - mpmath.cos(t / mpmath.mpf(10) ** 8))
-
-
-@pytest.mark.parametrize(
-    ("rate", "whole", "start"), [("t", lambda t: t * t / 2, 1.7e9), ("0.3*sin(1e-8*t)", slow_sine, 0)]
-)
-@pytest.mark.parametrize("planar", [False, True])
-def test_the_estimate_holds_far_from_zero_and_for_slow_rates(tmp_path, rate, whole, start, planar):
-    """Where an antiderivative minus its first value has no digits left."""
-    text = (FLAT.replace("psi_0 = -1\n", "").replace('"t*sin(2*t)"', "10") if planar else PAIR + REFERENCE) + TIME
-    text = text.replace("psi_dot = 10", f'psi_dot = "{rate}"').replace("start = 0", f"start = {start!r}")
-    scene = scene_of(tmp_path, text.replace("stop = 2", f"stop = {start + 10!r}"))
-    with mpmath.workdps(50):
-        first, *others = (whole(mpmath.mpf(float(t))) for t in scene.times())
-        exact = [0.0, *(float(value - first) for value in others)]
-    error = np.abs(scene.motion.source.psi - exact).max()
-    assert error <= scene.motion.error_estimate
-    assert error <= 4 * U * np.abs(exact).max()
-
-
-def test_rates_without_an_antiderivative_are_summed(tmp_path):
-    scene = scene_of(tmp_path, GOOD.replace("psi_dot = 10", 'psi_dot = "2*t*cos(t**2)"'))
-    np.testing.assert_allclose(scene.motion.source.psi, np.sin(scene.times() ** 2), rtol=0, atol=1e-12)
-
-
 @pytest.mark.slow
 def test_the_gyro_log_is_what_its_script_makes(tmp_path):
     spec = importlib.util.spec_from_file_location("make_gyro_log", MODELS / "make_gyro_log.py")
@@ -179,33 +108,6 @@ def test_the_gyro_log_gives_the_attitude_beside_it():
     assert off < 1e-10
     assert off / 10 <= scene.motion.error_estimate <= 50 * off
     np.testing.assert_allclose(scene.motion.source.psi, truth[:, 5], rtol=0, atol=1e-10)
-
-
-@pytest.mark.slow
-def test_the_level_follows_the_log(tmp_path):
-    plain = scene_of(tmp_path, LOGGED, LOG)
-    assert plain.evaluate().state.outputs == ("R2", "S2", "d", "v2", "omega2")
-    turned = 1.1 + 1.1**2 / 2
-    np.testing.assert_allclose(plain.evaluate(("S1",)).S1[-1], hp.rodrigues((0, 0, 1), turned), rtol=0, atol=20 * U)
-    head, *rows = LOG.splitlines()
-    moving = "\n".join(
-        [
-            head.replace("t,", "t,x,y,z,"),
-            *(f"{k / 10},{k / 10},0,1{row[row.index(',') :]}" for k, row in enumerate(rows)),
-        ]
-    )
-    with pytest.raises(hp.SceneError, match="v1_x: expected a column, since the log has x"):
-        scene_of(tmp_path, LOGGED, moving)
-    head, *rows = moving.splitlines()
-    head = head.replace(",omega1_x", ",v1_x,v1_y,v1_z,omega1_x")
-    velocities = "\n".join([head, *(_with_velocity(row, k / 5) for k, row in enumerate(rows))])
-    again = scene_of(tmp_path, LOGGED, velocities).evaluate(("v1",))
-    np.testing.assert_array_equal(again.v1[:, 0], np.arange(12) / 5)
-
-
-def _with_velocity(row, speed):
-    cells = row.split(",")
-    return ",".join([*cells[:4], str(speed), "0", "0", *cells[4:]])
 
 
 @pytest.mark.parametrize(
@@ -259,13 +161,6 @@ def test_what_is_wrong_with_a_log_is_named(tmp_path, extra, log, message):
     text = LOGGED if "integrate" not in extra else LOGGED.replace("integrate = true\n", "")
     with pytest.raises(hp.SceneError, match=message):
         scene_of(tmp_path, text + extra + "\n", log)
-
-
-def test_start_attitudes_are_said_by_axis_and_angle(tmp_path):
-    text = GOOD.replace("psi_dot = 10\n", "psi_dot = 10\nS1_0 = { axis = [0, 0, 1], deg = 90 }\npsi_0 = 'pi/4'\n")
-    scene = scene_of(tmp_path, text)
-    np.testing.assert_allclose(scene.evaluate(("S1",)).S1[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], rtol=0, atol=4 * U)
-    assert scene.motion.source.psi[0] == np.pi / 4
 
 
 @pytest.mark.slow

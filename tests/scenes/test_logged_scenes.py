@@ -37,17 +37,6 @@ def test_columns_are_the_coordinates(tmp_path, name):
     assert scene.cross_validate(5).samples == 5
 
 
-def test_stacked_arrays_are_the_columns_side_by_side(tmp_path):
-    columns = moving()
-    q, qd, qdd = (np.stack([columns[c] for c in names], axis=-1) for names in (EULER, RATES, SECOND))
-    one = scene_of(tmp_path, columns).evaluate()
-    parts = {"t": columns["t"], "R1": q[:, :3], "phi": q[:, 3:6], "psi": q[:, 6], "v1": qd[:, :3]}
-    parts |= {"phid": qd[:, 3:6], "psid": qd[:, 6], "a1": qdd[:, :3], "phidd": qdd[:, 3:6], "psidd": qdd[:, 6]}
-    for arrays in ({"t": columns["t"], "q": q, "qd": qd, "qdd": qdd}, parts):
-        result = scene_of(tmp_path, arrays, name="log.npz").evaluate()
-        assert all(np.array_equal(a, getattr(result, name)) for name, a in one.state.arrays().items())
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("order", ["columns", "quat_xyzw", "quat_wxyz"])
 def test_quaternions_go_the_way_of_given_attitudes(tmp_path, order):
@@ -97,19 +86,6 @@ def test_a_number_that_is_lost_stays_lost_in_its_sample(tmp_path):
     scene = scene_of(tmp_path, body)
     assert np.flatnonzero(~np.isfinite(scene.evaluate().S2).all(axis=(-2, -1))).tolist() == [3]
     assert scene.cross_validate().skipped == 1
-
-
-def test_what_is_done_to_a_result_changes_no_other(tmp_path):
-    scene = scene_of(tmp_path, some(logged(30), *BODY))
-    names = ("psi", "q", "R1", "S1", "R2", "quat1")
-    first, other = scene.evaluate(names), scene.evaluate(names)
-    before = {name: np.copy(array) for name, array in other.recorded().items()}
-    for array in (*first.recorded().values(), *(getattr(first, name) for name in names)):
-        if array.flags.writeable:
-            array[...] = 0
-    for result in (other, scene.evaluate(names)):
-        for name, array in result.recorded().items():
-            np.testing.assert_array_equal(array, before[name])
 
 
 @pytest.mark.slow
@@ -232,17 +208,6 @@ def test_commands_work_on_a_pose_only_log(tmp_path):
     assert [row["output"] for row in checked["rows"]] == ["R2", "S2", "d"]
 
 
-def test_seconds_since_1970_are_as_good_as_their_stamps(tmp_path):
-    """Stamps that are exact at 1.7e9 s: every digit of the derivatives is that of a log from 0."""
-    columns = some(logged(64, h=1 / 64), *BODY)
-    results = []
-    for start in (0.0, 1.7e9):
-        moved = columns | {"t": columns["t"] + start}
-        results.append(scene_of(tmp_path, moved, "smooth = true\n").evaluate().state.arrays())
-    for name, array in results[0].items():
-        np.testing.assert_array_equal(array, results[1][name])
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(np.finfo(np.longdouble).nmant < 60, reason="no number here holds more digits than a float")
 @pytest.mark.parametrize("more", ["smooth = true\n", 'integrate = true\nframe = "body"\n'])
@@ -264,22 +229,6 @@ def test_stamps_since_1970_keep_the_digits_of_their_text(tmp_path, more):
         np.testing.assert_allclose(getattr(second.evaluate((name,)), name), array, rtol=0, atol=2e-7)
 
 
-STEPS = 20_000_000 + np.random.default_rng(5).integers(-5_000_000, 5_000_000, 150)
-STAMPS = 1_700_000_000_123_456_789 + np.cumsum(STEPS)
-KINDS = {"npz int64": np.int64, "npz datetime64[ns]": "datetime64[ns]", "npz timedelta64[ns]": "timedelta64[ns]"}
-KINDS |= {"parquet int64": np.int64, "parquet datetime64[ns]": "datetime64[ns]", "csv int64": np.int64}
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_stamps_of_clocks_are_counted_from_the_first_without_rounding(tmp_path, kind):
-    t = (np.cumsum(STEPS) - STEPS[0]) * 1e-9
-    columns = {"t": t, **{name: np.zeros(t.size) for name in EULER[:6]}, "psi": np.sin(3 * t)}
-    scene = scene_of(tmp_path, columns | {"t": STAMPS.astype(KINDS[kind])}, name=f"log.{kind.split()[0]}")
-    np.testing.assert_allclose(scene.t, t, rtol=0, atol=1e-15)
-    assert scene.notes()[0].startswith("t is counted from the first stamp of the log, ")
-    assert not any("is it in" in note for note in scene.notes())
-
-
 @pytest.mark.slow
 def test_doubtful_units_of_a_log_are_said_in_a_line(tmp_path):
     """Milliseconds and degrees pass every check of shape and kind."""
@@ -299,36 +248,3 @@ def test_doubtful_units_of_a_log_are_said_in_a_line(tmp_path):
     for command in ("run", "check", "forces"):
         shown = run_command(command, tmp_path / "my.toml").stdout
         assert all(f"note: {sentence}\n" in shown for sentence in said), command
-
-
-def test_a_log_in_millimetres_or_with_the_scalar_first_is_doubted(tmp_path):
-    t = np.arange(200) * 0.01
-    columns = {"t": t, **dict.fromkeys(EULER[:6], 0 * t), "x": 0.3 * np.sin(5 * t), "psi": np.sin(t)}
-    attitude = dict(zip(("qx", "qy", "qz", "qw"), (np.cos(t / 4), np.sin(t / 4), 0 * t, 0 * t), strict=True))
-    more = "smooth = true\n"
-    assert scene_of(tmp_path, columns, more).notes()[0].startswith("smoothed")
-    (first, *_) = scene_of(tmp_path, columns | {"x": 1000 * columns["x"]}, more).notes()
-    assert first.startswith("body 1 moves at")
-    turned = {name: column for name, column in columns.items() if not name.startswith("phi")} | attitude
-    (first, *_) = scene_of(tmp_path, turned, more).notes()
-    assert (
-        first == "qx has a median size of 0.97, half a turn about x: is it the scalar? The order is qx, qy, qz, qw."
-    )
-
-
-def test_instants_since_1970_can_be_told_apart(tmp_path):
-    rows = "".join(f"{1763746391 + i / 4!r},{i},0,0,0,0,0,{i}\n" for i in range(3))
-    (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + rows)
-    pair = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\nlimits = [0, 0.5]\n"
-    (tmp_path / "late.toml").write_text(f'{pair}[motion]\nfile = "log.csv"\n')
-    shown = run_command("run", tmp_path / "late.toml").stdout
-    for text in (
-        "t = 1763746391.0 ",
-        "t = 1763746391.25 ",
-        "t = 1763746391.0 to 1763746391.5 s",
-        "first at t = 1763746391.25 s",
-    ):
-        assert text in shown
-    scene = hp.load_scene(tmp_path / "late.toml")
-    assert "t=1763746391.0..1763746391.5" in repr(scene.evaluate())
-    assert "t=1763746391.0..1763746391.5" in repr(scene)

@@ -12,12 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import hingepair as hp
 from hingepair.cli.summary import RunSummary
-from hingepair.formats.recordings import read_recording
-from hingepair.scenes.motions.motion import UniformInstants
 from support.sparse import sparse
 from support.work import HANG
 
@@ -44,23 +41,6 @@ def long_scene(folder: Path, samples: int | str, model: str = "reference_3d") ->
     text = re.sub(r"(?m)^samples = \d+", f"samples = {samples}", (MODELS / f"{model}.toml").read_text())
     path.write_text(text)
     return path
-
-
-@pytest.mark.parametrize(
-    ("start", "stop", "count"), [(0.0, 10.0, 10_001), (-1 / 3, 10 / 3, 14), (2.0, 2.0, 3), (5, 9, 1)]
-)
-def test_instants_are_those_of_linspace_in_pieces_too(start, stop, count):
-    found, expected = UniformInstants(start, stop, count), np.linspace(start, stop, count)
-    np.testing.assert_array_equal(found[:], expected)
-    pieces = np.concatenate([found[i : i + 64] for i in range(0, count, 64)])
-    np.testing.assert_array_equal(pieces, expected)
-    some = np.array([0, count // 2, count - 1])
-    np.testing.assert_array_equal(found[some], expected[some])
-    assert (found[0], found[-1]) == (start, expected[-1])
-    assert list(found) == expected.tolist()  # and iteration ends
-    for index in (count, -count - 1, np.array([0, count])):
-        with pytest.raises(IndexError, match=f"index out of range for {count} instants"):
-            found[index]
 
 
 @pytest.mark.slow
@@ -178,51 +158,3 @@ def test_coordinates_in_a_file_are_a_log_of_the_motion(tmp_path):
     back, there = hp.load_scene(tmp_path / "back.toml").evaluate(), scene.evaluate()
     for name in there.state.outputs:
         np.testing.assert_array_equal(back.state[name], there.state[name])
-
-
-@pytest.mark.slow
-def test_coordinates_of_the_plane_and_of_attitudes(tmp_path):
-    flat = hp.load_scene(long_scene(tmp_path, 11, "reference_2d")).evaluate(("R2", "qd"))
-    assert flat.qd.shape == (11, 4)
-    assert {"v1_x", "v1_y", "phid", "psid"} <= set(flat.recorded())
-    turned = hp.load_scene(long_scene(tmp_path, 101, "spinning_satellite"))
-    result = turned.evaluate(("psi", "psid"))
-    np.testing.assert_array_equal(result.psid, result.known.hinge[1])
-    assert result.quat2 is None
-    assert result.qdd is None
-    whole = turned.evaluate(("R1", "S1", "v1", "omega1", "q", "qd", "quat1", "quat2"))
-    np.testing.assert_array_equal(whole.q[:, :3], whole.R1)
-    np.testing.assert_array_equal(whole.q[:, 3:7], whole.quat1)
-    np.testing.assert_array_equal(whole.qd, np.column_stack([whole.v1, whole.omega1, whole.psid]))
-    np.testing.assert_allclose(Rotation.from_quat(whole.quat1).as_matrix(), whole.S1, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(Rotation.from_quat(whole.quat2).as_matrix(), whole.S2, rtol=0, atol=1e-15)
-    assert (whole.quat2[:, 3] >= 0).all()
-    assert "S2" not in whole.recorded()  # that quat2 is made of
-    assert [name for name in whole.recorded() if name[0] == "q"] == [
-        *("qx", "qy", "qz", "qw"), *("qx1", "qy1", "qz1", "qw1"), *("qx2", "qy2", "qz2", "qw2")
-    ]  # fmt: skip
-    flat = hp.load_scene(long_scene(tmp_path, 11, "reference_2d"))
-    with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of .*psi, psid, psidd, got 'quat2'"):
-        flat.evaluate(("quat2",))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["log.csv", "log.npz", "log.parquet"])
-@pytest.mark.parametrize("model", sparse(["thrown_flail", "logged_arm", "gyro_log"], 2))
-def test_motions_by_attitudes_are_written_and_read_back_as_quaternions(tmp_path, model, name):
-    scene = hp.load_scene(MODELS / f"{model}.toml")
-    scene.evaluate(("q", "qd", "qdd")[: scene.motion.level + 1]).save(tmp_path / name)
-    pair = scene.path.read_text().split("[motion]", maxsplit=1)[0].split("[dynamics]", maxsplit=1)[0]
-    (tmp_path / "back.toml").write_text(f'{pair}[motion]\nfile = "{name}"\nframe = "world"\n')
-    back, there = hp.load_scene(tmp_path / "back.toml").evaluate(), scene.evaluate()
-    assert back.state.outputs == there.state.outputs
-    for output, array in there.state.arrays().items():
-        np.testing.assert_allclose(back.state[output], array, rtol=0, atol=1e-14 * (1 + np.abs(array).max()))
-
-
-def test_poses_as_quaternions_are_a_recording_that_fit_reads(tmp_path):
-    scene = hp.load_scene(MODELS / "logged_arm.toml")
-    result = scene.evaluate(("R1", "quat1", "R2", "quat2"))
-    recording = read_recording(result.save(tmp_path / "poses.csv"))
-    np.testing.assert_allclose(recording.body2.S, scene.evaluate(("S2",)).S2, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(recording.body1.R, result.R1)

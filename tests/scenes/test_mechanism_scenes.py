@@ -135,18 +135,6 @@ def test_rates_of_outputs_are_slopes(tmp_path: Path) -> None:
     assert scene.cross_validate(7).ok
 
 
-def test_siblings_stand_in_the_order_of_their_names(tmp_path: Path) -> None:
-    names = ("right", "left", "middle")
-    place = "u1 = [0, {}, 0]\nu2 = [0, 0, 1]\nn = [0, 1, 0]\nbody2 = {{ mass = 1, inertia = [1, 1, 1] }}\n"
-    joints = "".join(f"[[joint]]\nname = '{name}'\n{place.format(k)}" for k, name in enumerate(names))
-    scene = scene_of(tmp_path, joints + "[motion]\nleft = 't'\nright = '2*t'\n" + TIME)
-    assert scene.mechanism.names == ("left", "middle", "right")
-    np.testing.assert_array_equal(scene.coordinates().q, np.stack([scene.t, 0 * scene.t, 2 * scene.t], axis=1))
-    result = scene.evaluate(("R",))
-    assert scene.frames == ("left", "middle", "right")
-    assert [result[name].R[0, 1] for name in scene.frames] == [1, 2, 0]
-
-
 @pytest.mark.slow
 def test_a_free_base_needs_a_motion_and_shows_what_moves_it(tmp_path: Path) -> None:
     base = "[dynamics]\nbase = '{}'\n[motion]\nz = '-4.905*t**2'\n" + TIME
@@ -257,17 +245,6 @@ def test_wrapped_angles_are_unwrapped_and_shifts_are_not(tmp_path: Path) -> None
     assert np.abs(qd[:, 2] - 3).max() > 5
 
 
-@pytest.mark.slow
-def test_pieces_are_the_whole_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = scene_of(tmp_path, GOOD.replace("samples = 41", "samples = 1001"))
-    asked = ("R", "S", "v", "a", "q", "qdd", "tau", "force1", "quat_ram")
-    monkeypatch.setattr("hingepair.scenes.scene.RESULT_ROWS_PER_BLOCK", 200)
-    whole, pieces = scene.evaluate(asked).recorded(), [part.recorded() for part in scene.blocks(asked)]
-    assert len(pieces) == 6
-    for name, array in whole.items():
-        np.testing.assert_array_equal(np.concatenate([piece[name] for piece in pieces]), array, name)
-
-
 def test_limits_that_are_passed_are_told_with_where(tmp_path: Path) -> None:
     text = (
         GOOD.replace("w = 0.3", "w = 0.6")
@@ -294,49 +271,6 @@ def test_limits_that_are_passed_are_told_with_where(tmp_path: Path) -> None:
     assert stick.rate == 2.5
     degrees = scene_of(tmp_path, GOOD.replace("[motion]", "[motion]\nstick = -90", 1)).notes()
     assert any(note.startswith("motion.stick: -90 is taken for radians") for note in degrees)
-
-
-def test_a_joint_that_may_take_no_load_uses_all_of_it(tmp_path: Path) -> None:
-    """URDFs often have effort="0" where nobody filled it in."""
-    forces = scene_of(tmp_path, GOOD.replace("torque_limit = 900", "torque_limit = 0")).forces()
-    (stick,) = (load for load in forces.loads if load.joint == "stick")
-    assert stick.use == np.inf
-    assert "stick" in str(forces)
-
-
-def test_samples_that_are_no_number_stay_by_themselves(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, GOOD.replace('"w*t"', '"sqrt(t - 0.52)"'))
-    forces = scene.forces()
-    assert forces.notes[0].startswith("11 of 41 instants have forces that are not finite")
-    assert np.isfinite(forces.loads[0].rms)
-    assert np.isnan(forces.tau[:11]).any(axis=1).all()
-    assert np.isfinite(forces.tau[11:]).all()
-
-
-def test_units_go_with_every_column(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, GOOD)
-    units = scene.evaluate(("q", "qd", "qdd", "tau", "R", "omega", "quat", "force1", "torque1")).to_dataframe().attrs
-    expected = {"boom": "rad", "ram": "m", "ramd": "m/s", "stickdd": "rad/s^2", "tau_boom": "N m", "tau_ram": "N"}
-    expected |= {"R_ram": "m", "omega_ram": "rad/s", "quat_ram_x": "1", "force1": "N", "torque1": "N m"}
-    assert units["units"] | expected == units["units"]
-    assert scene.forces().to_xarray()["tau_ram"].attrs["units"] == "N"
-
-
-def test_outputs_of_the_file_are_what_is_computed(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, GOOD + "[outputs]\nnames = ['R_boom', 'tau']\n")
-    result = scene.evaluate()
-    assert list(result.requested_arrays()) == ["R_boom", "tau_boom", "tau_stick", "tau_ram"]
-    assert result.force1 is None
-    assert result.v is None
-    of_one = scene.evaluate(("tau_stick",)).requested_arrays()
-    assert list(of_one) == ["tau_stick"]
-    np.testing.assert_array_equal(of_one["tau_stick"], result.requested_arrays()["tau_stick"])
-    with pytest.raises(hp.ArgumentError, match="nearest: tau_stick"):
-        scene.evaluate(("tau_stik",))
-    assert {"R", "tau", "q"} <= {*dir(result)}
-    assert "v" not in dir(result)
-    assert list(scene.evaluate().requested_arrays()) != list(scene.evaluate(("boom",)).requested_arrays())
-    np.testing.assert_array_equal(scene.sampled(5, ("q",)).t, scene.t[::10])
 
 
 STRAY = r"expected the motion of a joint under \[motion\], got a joint in another table"
@@ -422,14 +356,6 @@ def test_mistakes_in_a_log_are_refused_by_column(tmp_path: Path, name: str) -> N
     (tmp_path / "log.csv").write_text(text)
     with pytest.raises(hp.SceneError, match=rf"log\.csv: {words}"):
         scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\n")
-
-
-def test_ignored_columns_of_a_log_are_not_read(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("t,boom,note\n0,0,first\n1,1,last\n")
-    with pytest.raises(hp.SceneError, match=r"'note': .*ignore = \['note'\] leaves the column out"):
-        scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\n")
-    scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\nignore = ['note']\n")
-    assert scene.evaluate(("q",)).q[:, scene.mechanism.names.index("boom")].tolist() == [0.0, 1.0]
 
 
 def test_what_a_motion_lacks_is_refused_where_it_is_needed(tmp_path: Path) -> None:

@@ -146,29 +146,9 @@ def bare_scene(base: str) -> str:
     return "bare.toml"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("ending", ["", 'reduce = ["absmax", "q50", "t_min"]\n'])
-def test_variants_come_in_their_order_however_many_are_computed_at_once(ending, monkeypatch):
-    sweep = sweep_of(crane("fixed"), VARIED, '"tau", "R"', ending)
-    whole = chunk_of(sweep)
-    monkeypatch.setattr(vary, "MAX_STATES", 10)  # two variants
-    parts = chunk_of(sweep)
-    assert [*whole] == [*parts]
-    for name, column in whole.items():
-        np.testing.assert_array_equal(column, parts[name])
-
-
 def test_a_payload_on_a_fixed_base_changes_nothing():
     text = crane("fixed").replace("payload.trolley", "payload.base")
     sweep = sweep_of(text, {"base.mass": "low = 1\nhigh = 100"}, '"tau", "force1"')
     found = chunk_of(sweep)
     assert (found["tau_boom"] == found["tau_boom"][0]).all()
     assert (found["force1"] == found["force1"][0]).all()
-
-
-def test_an_inertia_that_needs_a_closer_look_is_read_as_in_a_scene(one_by_one):
-    rounded = {"jaw.inertia[2]": "low = 0.22\nhigh = 0.2201"}  # of a flat body: just above the sum of the other two
-    with pytest.warns(hp.DynamicsWarning, match="which no rigid body has"):
-        found = chunk_of(sweep_of(crane("fixed"), rounded, '"tau"'))
-    assert len(one_by_one) == 1 + 7  # load_sweep computes the first
-    assert len(found["tau_hook"]) == 7

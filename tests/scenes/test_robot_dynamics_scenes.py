@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.validation.pinocchio_twin import robot_twin
 from support.commands import run_command
 
 MODEL = Path("models/falling_rods.toml")
@@ -65,18 +64,6 @@ def test_a_scene_is_the_simulation_of_its_robot():
     assert result.energy_balance().work["impacts"][-1] < -5
     (note,) = found.notes()
     assert note.startswith("elbow hits a rigid stop at t = 0.49")
-
-
-@pytest.mark.slow
-def test_the_accelerations_are_those_of_pinocchio_s_aba():
-    import pinocchio as pin
-
-    found = hp.load_scene(MODEL)
-    motion = found.motion.simulated
-    twin = robot_twin(found.mechanism, has_free_flyer=False)
-    for k in range(0, 801, 40):
-        a = pin.aba(twin.model, twin.data, motion.q[k], motion.qd[k], motion.tau[k])
-        np.testing.assert_allclose(motion.qdd[k], a, rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.slow

@@ -169,19 +169,6 @@ def test_conditions_and_results_are_in_the_units_that_are_asked_for(arm: Path) -
     assert "ms" in str(timed)
 
 
-def test_magnitudes_of_vectors_are_results(arm: Path) -> None:
-    """At 2 m from the hinge, the speed is 2 m times the rate, 2 a t."""
-    found = hp.search(arm, "constants.a", "v2_norm_max = 4000", units="mm")
-    np.testing.assert_allclose(found.values["constants.a"], 0.5, rtol=1e-10)
-    assert found.units == {"v2_norm_max": "mm/s"}
-    with pytest.raises(hp.ArgumentError, match="v2_z_absmax, v2_norm_absmax, got 'v2_absmax'"):
-        hp.search(arm, "constants.a", "v2_absmax = 4")
-    t, turn, u = np.arange(2.0), np.ones((1, 2, 3, 3)), np.array([[[3.0, 4.0], [0, 0]]])
-    reduced = reduce_arrays(t, {"S2": turn, "v2": u, "psi": u[..., 0]}, ("max", "t_last"))
-    assert [name for name in reduced if "norm" in name] == ["v2_norm_max", "v2_norm_t_last"]
-    assert (reduced["v2_norm_max"], reduced["psi_t_last"]) == (5, 1)
-
-
 def test_times_at_levels_are_linear_between_instants() -> None:
     t = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
     x = np.array([[2.0, 1.0, 0.0, 0.5, 0.4], [0, 0, 0, 0, 0], [1, 1, np.nan, 0, 0]])
@@ -192,15 +179,6 @@ def test_times_at_levels_are_linear_between_instants() -> None:
     np.testing.assert_allclose(found["psi_t_at(1.5)"], (0.5, np.nan, np.nan))
     np.testing.assert_allclose(found["psi_t_settled(0.2)"], (2.4, 0, np.nan))
     np.testing.assert_allclose(found["psi_t_above(-1)"], (0, 0, np.nan))
-
-
-@pytest.mark.slow
-def test_forces_are_results_too(tmp_path: Path) -> None:
-    path = tmp_path / "door.toml"
-    path.write_text(DOOR.replace("stop = 20", "stop = 1").replace("samples = 2001", "samples = 11"))
-    found = hp.search(path, "pair.body2.mass", "hinge_force_norm_max = 2")
-    assert found.ok
-    np.testing.assert_allclose(found.results["hinge_force_norm_max"], 2, rtol=1e-6)
 
 
 FREE_DOOR = """

@@ -165,55 +165,6 @@ def test_results_are_in_the_units_of_the_sweep_or_of_the_command():
         swept("bad", "bad.parquet", text.format("").replace("deg, mm", "degrees"))
 
 
-KINDS = {
-    "geometry": ("arm", ARM, "pair.n[1]", ("n = [1, 2, 0]", "n = [1, {}, 0]"), "S2"),
-    "motion": ("arm", ARM, "constants.speed", ("speed = 1.5", "speed = {}"), "omega2"),
-    "time": ("arm", ARM, "time.stop", ("stop = 3", "stop = {}"), "R2"),
-    "coordinates": ("arm", ARM, "pair.u2[0]", ("u2 = [-0.25", "u2 = [{}"), "q"),
-    "dynamics": ("thrown", THROWN, "dynamics.psi.q_0", ("psi.q_0 = 0.2", "psi.q_0 = {}"), "psi"),
-    "payload": ("crane", CRANE, "mechanism.payload.boom.mass", ("mass = 1\n", "mass = {}\n"), "tau"),
-    "joint": ("crane", CRANE, "joint[0].u1[0]", ("u1 = [0, 0, 1]", "u1 = [{}, 0, 1]"), "R"),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-def test_whole_motions_are_those_of_the_scenes(kind):
-    name, text, key, (old, new), output = KINDS[kind]
-    sweep = (
-        f'scene = "{name}.toml"\noutputs = ["{output}"]\nchunk = 2\n[[vary]]\nkey = "{key}"\nvalues = [1, 2, 2.5]\n'
-    )
-    path = swept("whole", "whole.parquet", sweep)
-    scenes = [scene_with(text, (old, new.format(value))) for value in (1, 2, 2.5)]
-    expected = [scene.evaluate((output,)).requested_arrays() for scene in scenes]
-    found = table(path)
-    assert_array_equal(found["variant"], np.repeat([0, 1, 2], scenes[0].samples))
-    assert_array_equal(found["t"], np.concatenate([scene.times() for scene in scenes]))
-    for name, array in expected[0].items():
-        column = f"{name}_{'x' * (array.ndim - 1)}".rstrip("_")
-        whole = np.concatenate([own[name].reshape(len(own[name]), -1)[:, 0] for own in expected])
-        assert np.abs(found[column] - whole).max() < 1e-12
-
-
-@pytest.mark.filterwarnings("ignore:pair.body2. no centre_of_mass is given")
-@pytest.mark.slow
-@pytest.mark.parametrize("inertia", ["inertia = [0.1, 0.2, 0.2], ", ""], ids=["given", "of_shapes"])
-def test_masses_that_follow_from_shapes_are_those_of_the_scene(inertia):
-    shapes = "shapes = [{ sphere = 0.1, center = [0, 0.2, 0.3] }]"
-    text = ARM.replace("inertia = [0.1, 0.2, 0.2], centre_of_mass = [0, 0, 0.1]", inertia + shapes)
-    sweep = 'scene = "arm.toml"\noutputs = ["hinge_torque"]\nreduce = ["max"]\n[[vary]]\n'
-    Path("arm.toml").write_text(text)
-    found = table(swept("shapes", "mass.parquet", sweep + 'key = "pair.body2.mass"\nvalues = [1, 3]\n'))
-    for i, mass in enumerate((1, 3)):
-        torque = scene_with(text, ("mass = 2", f"mass = {mass}")).forces().hinge_torque
-        assert found["hinge_torque_max"][i] == pytest.approx(torque.max(), rel=1e-12)
-    key = "pair.body2.shapes[0].sphere"
-    found = table(swept("shapes", "radius.parquet", sweep + f'key = "{key}"\nvalues = [0.1, 0.3]\n'))
-    for i, radius in enumerate((0.1, 0.3)):
-        torque = scene_with(text, ("sphere = 0.1", f"sphere = {radius}")).forces().hinge_torque
-        assert found["hinge_torque_max"][i] == pytest.approx(torque.max(), rel=1e-12)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("design", ["random", "sobol"])
 def test_random_designs_are_spread_as_they_say_and_come_back_with_their_seed(design):
@@ -254,14 +205,6 @@ def test_an_interrupted_sweep_is_taken_up_where_it_was(monkeypatch):
     assert computed == [chunk for chunk in range(3) if f"part-{chunk:07d}.npz" not in {part.name for part in kept}]
     for name, column in undisturbed.items():
         assert_array_equal(found[name], column)
-
-
-@pytest.mark.slow
-def test_chunks_and_stores_hold_the_same_bits_whatever_ran_before():
-    first = Path(swept("grid", "first.parquet")).read_bytes()
-    for _ in range(3):
-        hp.load_scene("arm.toml").evaluate()
-    assert Path(swept("grid", "second.parquet")).read_bytes() == first
 
 
 @pytest.mark.slow(20)

@@ -35,27 +35,6 @@ def test_a_log_in_other_units_is_that_of_the_same_motion(tmp_path: Path, ending:
         )
 
 
-def test_a_log_of_a_robot_too(tmp_path: Path) -> None:
-    scene = hp.load_scene(MODELS / "excavator.toml")
-    scene.evaluate(("q", "qd", "qdd")).save(tmp_path / "log.csv", units="deg")
-    assert "boomd [deg/s]" in (tmp_path / "log.csv").read_text(encoding="utf-8").splitlines()[0]
-    text = (MODELS / "excavator.toml").read_text(encoding="utf-8")
-    start, _, _ = text.partition("[motion]")
-    (tmp_path / "excavator.urdf").write_bytes((MODELS / "excavator.urdf").read_bytes())
-    (tmp_path / "scene.toml").write_text(f'{start}[motion]\nfile = "log.csv"\n', encoding="utf-8")
-    again = hp.load_scene(tmp_path / "scene.toml")
-    np.testing.assert_allclose(again.coordinates().qdd, scene.coordinates().qdd, atol=1e-13)
-
-
-def test_stamps_since_1970_in_milliseconds_keep_their_digits(tmp_path: Path) -> None:
-    rows = "".join(f"{1718000005000 + 10 * i}.25,{0.1 * i},0,0,0\n" for i in range(20))
-    (tmp_path / "log.csv").write_text("t [ms],psi [deg],x,y,phi_z\n" + rows, encoding="utf-8")
-    (tmp_path / "scene.toml").write_text(PAIR.format("log.csv") + "smooth = true\n", encoding="utf-8")
-    result = hp.load_scene(tmp_path / "scene.toml").evaluate(("psi", "psid"))
-    np.testing.assert_allclose(result.t - 1718000005.0, 0.00025 + 0.01 * np.arange(20), atol=3e-7)
-    np.testing.assert_allclose(result.psid, np.radians(10.0), rtol=1e-7)  # of doubles, 1e-5
-
-
 @pytest.mark.parametrize("rates", [0, 1, 2])
 def test_a_log_of_psi_alone_is_that_of_a_body_1_at_rest(tmp_path, rates):
     t = np.arange(30) / 10
