@@ -111,12 +111,6 @@ def test_further_frames_are_links():
     assert np.abs(tree_of(back).links["tool"].R - tree_of(robot).frames["tool"].R).max() == 0
 
 
-def test_rules_and_offsets_are_written():
-    text = ARM.replace('<mimic joint="elbow"/>', '<mimic joint="elbow" multiplier="-2" offset="0.5"/>')
-    robot = hp.Mechanism.from_urdf(text)
-    assert tree_of(hp.Mechanism.from_urdf(hp.to_urdf(robot))).joints[2].mimic == (2, -2.0, 0.5)
-
-
 def test_limits_of_one_side_are_written():
     model = pin.Model()
     limits = [np.array([value]) for value in (math.inf, math.inf, -math.inf, 0.5)]
@@ -124,20 +118,6 @@ def test_limits_of_one_side_are_written():
     robot = hp.Mechanism.from_pinocchio(model)
     assert robot.position_limits.tolist() == [[-math.inf, 0.5]]
     assert hp.Mechanism.from_urdf(hp.to_urdf(robot)).position_limits.tolist() == [[-math.inf, 0.5]]
-
-
-def test_what_urdf_has_of_a_joint_comes_back():
-    text = ARM.replace("</joint>", '<dynamics damping="0.25" friction="3"/></joint>', 1)
-    back = hp.Mechanism.from_urdf(hp.to_urdf(hp.Mechanism.from_urdf(text)))
-    assert tree_of(back).joints[0].load == hp.HingeLoad(damping=0.25, friction=3)
-
-
-@pytest.mark.parametrize("link", ["base", "arm"])
-def test_a_frame_at_a_link_is_written(link):
-    robot = hp.Mechanism([hp.HingePair((0, 0, 1), (0, 0, 0), (1, 0, 0), name="arm")]).with_frame("tool", link)
-    back = hp.Mechanism.from_urdf(hp.to_urdf(robot))
-    found, expected = (one.forward_kinematics([0.3], frames=("tool",)).S for one in (back, robot))
-    assert np.array_equal(found, expected)
 
 
 @pytest.mark.parametrize("base", ["free", "floating", "fixed"])

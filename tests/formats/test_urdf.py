@@ -96,13 +96,6 @@ def test_a_joint_is_read_as_parent_and_child_link():
     assert pair.name == "shoulder"
 
 
-def test_origin_and_axis_have_defaults():
-    pair = from_urdf(ARM, "elbow")
-    assert np.array_equal(pair.n, (1, 0, 0))
-    assert np.array_equal(pair.home, np.eye(3))
-    assert np.array_equal(pair.u1, (1, 2, 3))
-
-
 def test_a_mimic_joint_is_a_hinge_and_any_axis_is_normalised():
     assert np.array_equal(from_urdf(ARM, "follower").n, (0, 1, 0))
 

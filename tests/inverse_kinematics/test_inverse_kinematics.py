@@ -189,17 +189,6 @@ def test_nearest_is_the_nearest_of_all_solutions_and_turns(q0):
     assert np.abs(found.q - nearest).max() <= 1e-7
 
 
-@pytest.mark.parametrize(
-    "q", [np.zeros(6), (0.3, -np.pi / 2, 0, 0.2, 0, 0), (1, -1, 1.5, 0.5, 0, 0.3), (0, -1.2, np.pi, 0, 1, 0)],
-    ids=["stretched", "upright", "wrist", "folded"],
-)  # fmt: skip
-def test_singular_targets_are_reached(q):
-    robot = robot_of("ur5_robot")
-    wanted = robot.forward_kinematics(q, frames="tool0")["tool0"]
-    found = robot.inverse_kinematics(wanted.R, wanted.S, frame="tool0")
-    assert found.ok
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "frame"),
@@ -421,18 +410,6 @@ def test_a_path_starts_with_the_branch_that_lasts():
     assert other.q[0, 1] > 0
     assert other.ok.all()
     assert other.jumps.sum() == 1
-
-
-def test_a_path_out_of_reach_comes_back_without_a_jump():
-    R = np.linspace(0.5, 1.1, 60)[:, None] * np.array([np.cos(0.3), 0, -np.sin(0.3)])
-    R = np.concatenate([R, R[::-1]])
-    R[5] = np.nan
-    found = planar_arm().inverse_kinematics_path(R, frame="tip")
-    length = np.linalg.norm(R, axis=1)
-    assert np.array_equal(found.ok, length <= 0.9)
-    assert np.abs(found.position_error - np.maximum(length - 0.9, 0))[length > 0.9].max() <= 1e-9
-    assert np.isnan(found.q).any(axis=1).tolist() == [k == 5 for k in range(120)]
-    assert not found.jumps.any()
 
 
 def test_only_targets_that_are_not_finite_give_nan():

@@ -18,23 +18,6 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*no rigid body:hingepair.Dynami
 SAMPLES = 4
 SPREAD = (0.0, 0.3, 1e-3, 40.0)  # kg m^2 or kg, by turns; the first joint has none
 
-MJCF = """
-<mujoco>
-  <default><joint damping="2" frictionloss="0.1"/></default>
-  <worldbody>
-    <body name="column">
-      <inertial pos="0 0 0.1" mass="1" diaginertia="1 1 1"/>
-      <joint name="turn" type="hinge" axis="0 0 2" armature="0.5"/>
-      <body name="arm">
-        <inertial pos="0 0.2 0.1" mass="1" diaginertia="1 1 1"/>
-        <joint name="lift" type="slide" axis="0 0 1" armature="0.25"/>
-        <joint name="bend" type="hinge" axis="0 1 0"/>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
-
 
 def geared(seed=1, count=7):
     """A model of hinges and sliders, of which most have rotors."""
@@ -48,51 +31,9 @@ def samples(dof, seed=3):
     return rng.uniform(-1, 1, (4, SAMPLES, dof))
 
 
-def full(matrix):
-    upper = np.triu(matrix)
-    return upper + np.triu(upper, 1).T
-
-
 @pytest.fixture
 def model():
     return geared()
-
-
-@pytest.mark.slow
-def test_rotors_count_in_forces_and_motion_as_in_pinocchio(model):
-    q, qd, qdd, tau = samples(model.nv)
-    robot, data = hp.Mechanism.from_pinocchio(model), model.createData()
-    np.testing.assert_array_equal(robot.armature, model.armature)
-    forces, moves = robot.inverse_dynamics(q, qd, qdd), robot.forward_dynamics(q, qd, tau)
-    matrix, bias, energy = robot.mass_matrix(q), robot.bias_forces(q, qd), robot.energy(q, qd)
-    bounds = robot.error_bounds(q, qd, qdd, outputs=("tau", "mass_matrix"))
-    for k in range(SAMPLES):
-        expected = pin.rnea(model, data, q[k], qd[k], qdd[k])
-        assert np.abs(forces.tau[k] - expected).max() <= 4 * bounds["tau"][k]
-        M = full(pin.crba(model, data, q[k]))
-        assert np.abs(matrix[k] - M).max() <= 4 * bounds["mass_matrix"][k]
-        expected = pin.aba(model, data, q[k], qd[k], tau[k])
-        np.testing.assert_allclose(moves.qdd[k], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
-        np.testing.assert_allclose(bias[k], pin.nonLinearEffects(model, data, q[k], qd[k]), atol=1e-12)
-        np.testing.assert_allclose(energy.kinetic[k], qd[k] @ M @ qd[k] / 2, rtol=1e-13)
-
-
-@pytest.mark.slow
-def test_rotors_count_on_a_free_base(model):
-    q, qd, qdd, _ = samples(model.nv)
-    flying = on_free_base(model)
-    flying.armature = np.concatenate((np.zeros(6), model.armature))
-    robot, data = hp.Mechanism.from_pinocchio(flying), flying.createData()
-    assert robot.base == "free"
-    forces = robot.inverse_dynamics(q, qd, qdd)
-    moves = robot.forward_dynamics(q, qd, forces.tau, force1=forces.force1, torque1=forces.torque1)
-    rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-    for k in range(SAMPLES):
-        M = full(pin.crba(flying, data, np.array([*rest, *q[k]])))
-        np.testing.assert_allclose(robot.mass_matrix(q[k]), M, rtol=0, atol=1e-13 * np.abs(M).max())
-    size = np.abs(qdd).max()
-    np.testing.assert_allclose(moves.qdd, qdd, rtol=0, atol=1e-9 * size)
-    np.testing.assert_allclose(moves.alpha1, 0.0, atol=1e-9 * size)
 
 
 @pytest.mark.slow
@@ -138,20 +79,6 @@ def test_a_joint_without_mass_is_held_by_its_rotor():
         warnings.simplefilter("error")
         found = robot.forward_dynamics((0.1, 0.2), (0.3, 0.4), (0.0, 0.5)).qdd
     assert found[1] == pytest.approx(0.5 / 0.02)
-
-
-@pytest.mark.slow
-def test_rotors_come_from_mjcf_by_pinocchios_reader_and_are_shown(tmp_path):
-    path = tmp_path / "robot.xml"
-    path.write_text(MJCF)
-    robot = hp.Mechanism.from_pinocchio(pin.buildModelFromMJCF(str(path)))
-    assert robot.armature.tolist() == [0.5, 0.25, 0.0]
-    assert not robot.armature.flags.writeable
-    heading, first, *_ = str(robot).splitlines()[1:]
-    column = heading.index("armature")
-    assert first[column : column + len("armature")].strip() == "0.5"
-    report = hp.cross_validate(robot, *samples(3)[:3])
-    assert report.ok, report
 
 
 def test_what_is_made_of_a_robot_keeps_its_rotors(model):

@@ -80,23 +80,6 @@ def test_one_frame_and_an_axis_of_frames(robot, motion):
     assert robot.forward_kinematics(q).outputs == ("R", "S", "d")
 
 
-def test_a_prepared_call_takes_tables_and_values_by_joint(robot, motion):
-    pandas = pytest.importorskip("pandas")
-    q, qd = motion[:2, 0]
-    step = robot.prepare("velocity", backend="numpy")
-    expected = step(q, qd).arrays()
-    table = pandas.DataFrame(q, columns=robot.names)[list(robot.names[::-1])]
-    by_joint = {name: qd[:, k] for k, name in enumerate(robot.names)}
-    check_same(step(table, by_joint).arrays(), expected)
-    check_same(
-        step(dict(zip(robot.names, q[0], strict=True)), qd[0]).arrays(), {k: v[0] for k, v in expected.items()}
-    )
-    with pytest.raises(hp.ArgumentError, match="q: expected the columns panda_joint1"):
-        step(table.iloc[:, 1:], qd)
-    with pytest.raises(hp.ArgumentError, match=r"qd\['panda_joint2'\]: expected a number"):
-        step(q, {"panda_joint1": 0.0})
-
-
 @pytest.mark.slow
 def test_a_free_base_needs_no_acceleration_where_it_is_not_computed_with():
     """Its velocities are enough for accelerations, biases and the bias of the centre of mass."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.errors import ArgumentError, URDFError
+from hingepair.errors import ArgumentError
 
 MJCF = """
 <mujoco model="crane"><compiler angle="radian"/><option timestep="0.002"><flag contact="disable"/></option>
@@ -189,33 +189,10 @@ def test_what_is_no_tree_of_hinges_is_refused(old, new, message):
         hp.Mechanism.from_mjcf(MJCF.replace(old, new, 1))
 
 
-def test_an_equality_of_joints_is_a_mimic_rule():
-    rule = '<equality><joint joint1="reach" joint2="turn" polycoef="0.1 0.5 0 0 0"/></equality>'
-    model = mujoco.MjModel.from_xml_string(MJCF.replace("</mujoco>", f"{rule}</mujoco>"))
-    robot, data = hp.Mechanism.from_mjcf(model), mujoco.MjData(model)
-    assert robot.names == ("turn", "swing", "bend")
-    data.qpos = (0.3, -0.2 + 0.1 + 0.5 * (0.3 - 0.4), 0.2, 0.1)  # about the refs of both joints
-    mujoco.mj_kinematics(model, data)
-    found = robot.forward_kinematics((0.3, 0.2, 0.1), frames=("load", "arm")).R
-    assert np.abs(found - [data.body(name).xpos for name in ("load", "arm")]).max() <= 16 * U
-    assert abs(data.body("arm").xpos - data.body("load").xpos).max() > 0.1
-
-
 def test_what_is_not_read_from_mjcf_is_named():
     text = MJCF.replace("</worldbody>", '</worldbody><actuator><motor joint="bend"/></actuator>')
     with pytest.warns(hp.DynamicsWarning, match="^crane: not read from MJCF are 1 actuators$"):
         hp.Mechanism.from_mjcf(text)
-
-
-def test_a_free_body_of_mjcf_is_a_free_base():
-    text = MJCF.replace('<geom size=".1" mass="1"/>', '<freejoint/><geom size=".1" mass="1"/>', 1)
-    robot = hp.Mechanism.from_mjcf(text)
-    assert (robot.base, robot.links[0], robot.dof) == ("free", "post", 4)
-
-
-def test_a_negative_damping_is_refused():
-    with pytest.raises(URDFError, match=r"joint 'pivot', dynamics damping: expected a number not below 0, got -0\.2"):
-        hp.Mechanism.from_urdf(PENDULUM.replace("0.2", "-0.2"))
 
 
 def test_loads_of_joints_can_be_replaced():
