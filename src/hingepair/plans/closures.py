@@ -13,7 +13,7 @@ in a plane, cost nothing. Coordinates are NaN where the loops do not close, or w
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from hingepair.engine.trace import arc_tangent, square_root, where_less
@@ -384,14 +384,6 @@ class Chains:
             _total(x * qdd[k] for k, x in row.items()) + g for row, g in zip(self.transfer(), bias, strict=True)
         )
 
-    def onto_coordinates(self, efforts: Sequence[Any], product: Callable[[Any, Scalar], Any], zero: Any) -> list[Any]:
-        """Return G^T times numbers, or what `product` multiplies, one for each coordinate of the tree."""
-        sums: list[Any] = [zero] * len(self.closure.columns)
-        for row, effort in zip(self.transfer(), efforts, strict=True):
-            for k, x in row.items():
-                sums[k] = _plus(sums[k], product(effort, x))
-        return sums
-
     def wrenches(self, poses: Sequence[eq.Pose]) -> tuple[Scalar, ...]:
         """Return for each condition of all loops the wrench on the second body by which it acts, world axes, six
         numbers each. `poses` are those of the bodies of the tree.
@@ -532,7 +524,3 @@ def _total(parts: Iterable[Scalar]) -> Scalar:
     for part in parts:
         total = total + part
     return total
-
-
-def _plus(a: Any, b: Any) -> Any:
-    return tuple(x + y for x, y in zip(a, b, strict=True)) if isinstance(a, tuple) else a + b

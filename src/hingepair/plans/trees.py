@@ -7,8 +7,8 @@ them; all others are parameters, so that one program serves every robot of the s
 from __future__ import annotations
 
 import functools
+import itertools
 import math
-import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -213,22 +213,22 @@ class TreeQuantities:
         """List of zeros, one for each joint."""
         return [0.0] * len(self.links)
 
-    def efforts_by_coordinate(self, joint_efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
-        """Return a tuple of efforts by coordinate from the efforts of all joints. The effort of a mimic joint is
-        multiplied by its multiplier and added to the effort of its leader.
+    @lock_free_cached_property
+    def transfer(self) -> list[dict[int, Scalar]]:
+        """For each joint the derivatives of its coordinate by those in q on which it depends, by their places: the
+        multiplier of a mimic joint by its leader, and what loops make of it.
         """
-        return tuple(self._onto_coordinates(list(self._by_tree_coordinate(joint_efforts))))
+        rows = [{k: 1.0} for k in range(self.form.tree_dof)] if self.chains is None else self.chains.transfer()
+        columns = zip(self.form.columns, self.ratios, strict=True)
+        return [{k: x * ratio for k, x in rows[column].items()} for column, (ratio, _) in columns]
 
-    def _by_tree_coordinate(self, joint_efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
-        """Return efforts along the tree's coordinates: those of joints, and of the joints that follow them."""
-        sums: list[Scalar] = [0.0] * self.form.tree_dof
-        for column, (ratio, _), effort in zip(self.form.columns, self.ratios, joint_efforts, strict=True):
-            sums[column] = sums[column] + effort * ratio
+    def efforts_by_coordinate(self, joint_efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
+        """Return a tuple of efforts by coordinate from the efforts of all joints, which those that follow hand on."""
+        sums: list[Scalar] = [0.0] * self.form.dof
+        for row, effort in zip(self.transfer, joint_efforts, strict=True):
+            for k, x in row.items():
+                sums[k] = sums[k] + effort * x
         return tuple(sums)
-
-    def _onto_coordinates(self, sums: list[Scalar]) -> list[Scalar]:
-        """Return efforts along q from those along the tree's coordinates: G^T times them where loops are closed."""
-        return sums if self.chains is None else self.chains.onto_coordinates(sums, operator.mul, 0.0)
 
     @lock_free_cached_property
     def placements(self) -> list[eq.Placement]:
@@ -297,12 +297,8 @@ class TreeQuantities:
         self, joint_columns: Sequence[tuple[Vector, Vector]], base_columns: Sequence[tuple[Vector, Vector]]
     ) -> list[Any]:
         """Return the columns of a Jacobian: those of the base, then one for each coordinate."""
-        sums: list[Any] = [(0.0,) * 6] * self.form.tree_dof
-        for column, (ratio, _), (linear, angular) in zip(self.form.columns, self.ratios, joint_columns, strict=True):
-            moved = (part * ratio for part in (*linear, *angular))
-            sums[column] = tuple(a + b for a, b in zip(sums[column], moved, strict=True))
-        if self.chains is not None:
-            sums = self.chains.onto_coordinates(sums, lambda part, x: tuple(y * x for y in part), (0.0,) * 6)
+        entries = zip(*((*linear, *angular) for linear, angular in joint_columns), strict=True)
+        sums = zip(*(self.efforts_by_coordinate(row) for row in entries), strict=True)
         return [*((*linear, *angular) for linear, angular in base_columns), *sums]
 
     def jacobian(self, in_frame: bool) -> tuple[Scalar, ...]:
@@ -412,7 +408,11 @@ class TreeQuantities:
 
     def tree_efforts(self) -> tuple[Scalar, ...]:
         """Return the efforts along the coordinates of the tree that the given motion takes without loops."""
-        return self._by_tree_coordinate(eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd))
+        sums: list[Scalar] = [0.0] * self.form.tree_dof
+        efforts = eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd)
+        for column, (ratio, _), effort in zip(self.form.columns, self.ratios, efforts, strict=True):
+            sums[column] = sums[column] + effort * ratio
+        return tuple(sums)
 
     # ---- loads of joints
 
@@ -532,34 +532,23 @@ class TreeQuantities:
         """
         rows, on_base = eq.mass_matrix(self.links, self.placements, self.composites)
         shift = 6 * self.request.free
-        sums: list[list[Scalar]] = [[0.0] * (shift + k + 1) for k in range(self.form.tree_dof)]
+        sums: list[list[Scalar]] = [[0.0] * (shift + k + 1) for k in range(self.form.dof)]
         for i, (row, (force, torque)) in enumerate(zip(rows, on_base, strict=True)):
-            column, (ratio, _) = self.form.columns[i], self.ratios[i]
-            if shift:
-                S1 = self.values["S1"]
-                for k, part in enumerate((*rotate(S1, force), *rotate(S1, torque))):
-                    sums[column][k] = sums[column][k] + part * ratio
+            S1 = self.values["S1"] if shift else None
+            base = (*rotate(S1, force), *rotate(S1, torque)) if S1 is not None else ()
+            for high, x in self.transfer[i].items():
+                for k, part in enumerate(base):
+                    sums[high][k] = sums[high][k] + part * x
             for j, entry in enumerate(row):
-                other, (other_ratio, _) = self.form.columns[j], self.ratios[j]
-                value = entry * ratio * other_ratio
-                low, high = sorted((column, other))
-                if j < i and low == high:  # what follows and its leader stand on the diagonal: both halves count
-                    value = value + value
-                sums[high][shift + low] = sums[high][shift + low] + value
-        if self.chains is not None:
-            sums = self._closed_mass_rows(sums, shift)
+                for (k, x), (other, y) in itertools.product(self.transfer[i].items(), self.transfer[j].items()):
+                    if i == j and k < other:  # the matrix is symmetric
+                        continue
+                    value = entry * x * y
+                    low, high = sorted((k, other))
+                    if j < i and low == high:  # entries of two joints that stand on the diagonal: both halves count
+                        value = value + value
+                    sums[high][shift + low] = sums[high][shift + low] + value
         return [*(eq.base_mass_rows(self.values["S1"], self.composites[0]) if shift else ()), *sums]
-
-    def _closed_mass_rows(self, rows: list[list[Scalar]], shift: int) -> list[list[Scalar]]:
-        """Return the rows of G^T M G, each up to its diagonal entry, behind their `shift` entries of the base."""
-        size = range(len(rows))
-        whole = [[*rows[i][:shift], *(rows[max(i, j)][shift + min(i, j)] for j in size)] for i in size]
-        of_base = [self._onto_coordinates([row[k] for row in whole]) for k in range(shift)]
-        by_q = [self._onto_coordinates(row[shift:]) for row in whole]  # M G
-        columns = [self._onto_coordinates(list(column)) for column in zip(*by_q, strict=True)]
-        return [
-            [*(part[i] for part in of_base), *(columns[j][i] for j in range(i + 1))] for i in range(self.form.dof)
-        ]
 
     def mass_matrix(self) -> tuple[Scalar, ...]:
         """Return all entries of the mass matrix M, as a flat tuple row by row."""
@@ -661,11 +650,10 @@ class TreeQuantities:
     @lock_free_cached_property
     def singular_doubt(self) -> Scalar:
         """NaN where a pivot of the mass matrix is not larger than its rounding error, else 0."""
-        limits: list[Scalar] = [0.0] * self.form.tree_dof
-        for column, (ratio, _), limit in zip(self.form.columns, self.ratios, self.min_pivots, strict=True):
-            limits[column] = limits[column] + limit * ratio * ratio
-        if self.chains is not None:
-            limits = self.chains.onto_coordinates(limits, lambda limit, x: limit * (x * x), 0.0)
+        limits: list[Scalar] = [0.0] * self.form.dof
+        for row, limit in zip(self.transfer, self.min_pivots, strict=True):
+            for k, x in row.items():
+                limits[k] = limits[k] + limit * x * x
         pivots = self.pivots
         if self.request.free and any(type(limit) is not float or limit for limit in self.base_min_pivots):
             limits, pivots = [*limits, *self.base_min_pivots], (*pivots, *self.base_pivots)
