@@ -181,6 +181,7 @@ def judge_fits(name: str, what: str, runs: int) -> None:
             scores.setdefault(key, []).append((getattr(found.pair, key) - value) / np.maximum(found.std[key], 1e-300))
         true_psi = angle_on_circle(psi) if what == "point" else psi + angle_of_zero()
         turned = np.angle(np.exp(1j * (sign * found.psi - true_psi)))
+        turned[found.gap > 0.05] = np.nan  # angles of outliers are excepted
         scores.setdefault("psi", []).append(turned / found.std["psi"])
         if "late" in made:
             off = (found.clock_offset - made["late"]) / found.std["clock_offset"]

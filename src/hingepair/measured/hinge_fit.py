@@ -254,7 +254,7 @@ def fit(
     good = ~fitted.is_outlier() & (fitted.seen.weights >= _INLIER)
     psi = _unwrap_angles(fitted.psi, good)
     instants = np.flatnonzero(used) if samples.t is None else samples.t[used]
-    findings += _recording_findings(samples, used, clocked, fitted, is_reliable(findings), loss)
+    findings += _recording_findings(samples, used, clocked, fitted, findings, loss)
     findings += _turn_findings(psi, instants, good)
     std = fitted.std | fitted.model.noise_std(poses, LOSSES[loss])
     if samples.t is not None:
@@ -376,14 +376,19 @@ def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | No
 
 
 def _recording_findings(
-    samples: Samples, used: NDArray[np.bool_], clocked: ClockedPoses | None, fitted: Fitted, is_hinge: bool, loss: str
+    samples: Samples,
+    used: NDArray[np.bool_],
+    clocked: ClockedPoses | None,
+    fitted: Fitted,
+    of_hinge: list[Finding],
+    loss: str,
 ) -> list[Finding]:
     """Return findings on the recordings beside those on the hinge: mistakes, missing samples, units."""
     findings = []
-    if not is_hinge and not samples.is_point:
+    if not is_reliable(of_hinge) and not samples.is_point:
         recorded = (samples.R1, samples.S1, samples.R2, samples.S2)
         findings += notes("mistake", probable_mistakes(BodyPoses(*(array[used] for array in recorded))))
-        if loss == "linear":
+        if loss == "linear" and not any(finding.name == "outliers" for finding in of_hinge):
             findings += notes("outliers", ['Where some samples may be outliers, loss="cauchy" tells.'])
     if not used.all():
         ends = "" if clocked is None else ", or have no sample of body 2 at the same time"

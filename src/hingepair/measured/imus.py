@@ -13,6 +13,7 @@ smooth but with a bias. The most likely angle is that of a fixed-interval smooth
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -323,10 +324,8 @@ class _Problem(NamedTuple):
         z, none = np.array((0.0, 0.0, 1.0)), np.zeros(3)
         nowhere = np.zeros((4, 2, 0, 3))
         problem = cls(sensors, prior, Hinge.along(z, z, none, none), (0.0, 0.0), (), (nowhere, nowhere))  # type: ignore[arg-type]
-        problem, n, m = _with_start_axes(problem.at_clock(0.0, 0.0))
-        omega1, omega2 = (each[0, 0] for each in problem.gathered)
-        flipped = [_sign_correlation(problem.instants, omega1, omega2, n, sign * m) for sign in (1, -1)]
-        m = -m if flipped[1] > flipped[0] else m
+        problem, n, m = _with_start_axes(problem)
+        m = m if _sign_correlation(problem, n, m) > _sign_correlation(problem, n, -m) else -m
         tried = []
         for levers in (np.zeros((2, 3)), *np.random.default_rng(0).normal(scale=0.3, size=(3, 2, 3))):
             start = Hinge.along(sign_of(n) * n, sign_of(n) * m, *levers).in_gauge("closest_to_R1")
@@ -486,38 +485,24 @@ def _matched(
 
 def _with_start_axes(problem: _Problem) -> tuple[_Problem, Float64Array, Float64Array]:
     """Return the problem at the clock offset at which one axis fits both gyroscopes best, which is 0 unless rates
-    differ there and not at random; and the axis in either body, but for its signs.
+    differ there; and the axis in either body, but for its signs.
     """
 
-    def axes_at(problem: _Problem, starts: int) -> tuple[float, Float64Array, Float64Array]:
-        few = problem.thinned(_FEW)
-        omegas = [each[0, 0] for each in few.gathered]
-        if not max(np.abs(omega).max() for omega in omegas) > 0:
-            raise FitError("imu1, imu2", "bodies that turn", "none that does")
-        return _start_axes(omegas[0], omegas[1], starts)
+    def axes_at(offset: float, starts: int) -> tuple[float, Float64Array, Float64Array, _Problem]:
+        there = problem.at_clock(offset, 0.0)
+        omega1, omega2 = (each[0, 0] for each in there.thinned(_FEW).gathered)
+        return *_start_axes(omega1, omega2, starts), there
 
+    found = [axes_at(0.0, 12)]
     first, second = problem.sensors
-    _, n, m = axes_at(problem, 12)
-    left = np.subtract(
-        *(
-            np.linalg.norm(np.cross(each[0, 0], axis), axis=1)
-            for each, axis in zip(problem.gathered, (n, m), strict=True)
-        )
-    )
-    size = np.sqrt(np.mean([np.mean((each[0, 0] ** 2).sum(axis=1)) for each in problem.gathered]))
-    if np.sqrt(np.mean(left**2)) < 0.05 * size or neighbour_correlation(left) < RANDOM_CORRELATION:
-        return problem, n, m
-    speed, pace = (float(np.sqrt(np.nanmedian((rate**2).sum(axis=1)))) for rate in second.smooth[0, :2])
-    apart = max(first.step, second.step, 0.3 * speed / max(pace, 1e-300))
-    far = min(float(np.ptp(first.t)) / 4, 40 * apart)
-    offsets = np.arange(1, max(far / apart, 1)) * apart
-    found = []
-    for offset in (0.0, *offsets, *-offsets):
-        try:
-            there = problem.at_clock(float(offset), 0.0)
-        except FitError:  # the records hardly overlap there
-            continue
-        found.append((*axes_at(there, 2), there))
+    rates = np.sqrt(np.mean([np.mean((each[0, 0] ** 2).sum(axis=1)) for each in found[0][3].gathered]))
+    if np.sqrt(found[0][0]) > 0.05 * rates:
+        speed, pace = (float(np.sqrt(np.nanmedian((rate**2).sum(axis=1)))) for rate in second.smooth[0, :2])
+        apart = max(first.step, second.step, 0.3 * speed / max(pace, 1e-300))
+        offsets = np.arange(1, max(min(float(np.ptp(first.t)) / 4, 40 * apart) / apart, 1)) * apart
+        for offset in (*offsets, *-offsets):
+            with contextlib.suppress(FitError):  # the records hardly overlap there
+                found.append(axes_at(float(offset), 2))
     _, n, m, problem = min(found, key=lambda each: each[0])
     return problem, n, m
 
@@ -528,6 +513,8 @@ def _start_axes(omega1: Float64Array, omega2: Float64Array, starts: int) -> tupl
     """
     from scipy.optimize import least_squares
 
+    if not (omega1.any() or omega2.any()):
+        raise FitError("imu1, imu2", "bodies that turn", "none that does")
     # The squares of the rates tell n n^T and m m^T by linear least squares.
     rows = [np.einsum("ni,nj->nij", omega, omega).reshape(-1, 9) for omega in (omega1, omega2)]
     squares = (omega1**2).sum(axis=1) - (omega2**2).sum(axis=1)
@@ -552,25 +539,18 @@ def _start_axes(omega1: Float64Array, omega2: Float64Array, starts: int) -> tupl
     return min(found, key=lambda each: float(each[0]))
 
 
-def _sign_correlation(
-    t: Float64Array, omega1: Float64Array, omega2: Float64Array, n: Float64Array, m: Float64Array
-) -> float:
-    """Return the correlation between changes of the hinge angle from the angular velocities (M, 3) across the axis,
-    and from those about it: positive if n and m point in the same direction along the axis.
+def _sign_correlation(problem: _Problem, n: Float64Array, m: Float64Array) -> float:
+    """Return the correlation between the rates of the hinge angle from the directions of the angular velocities
+    across the axis, and from the velocities about it: positive if n and m point in the same direction along the axis.
     """
-    a, b = omega1 @ frame(n), omega2 @ frame(m)
-    across = (a[:, 0] + 1j * a[:, 1]) * (b[:, 0] - 1j * b[:, 1])
-    turned = np.concatenate(([0.0], np.cumsum((b[1:, 2] - a[1:, 2]) * np.diff(t))))
-    # The largest counts: over few steps noise exceeds the change, over many the angle turns around.
-    best, lag, usual = -1.0, 1, float(np.median(np.diff(t)))
-    while lag <= min(256, t.size // 4):
-        known = t[lag:] - t[:-lag] < 1.5 * lag * usual  # no gap in between
-        step, middle = (across[lag:] * np.conj(across[:-lag]))[known], (turned[lag:] - turned[:-lag])[known]
-        weight, turn = np.abs(step), np.angle(step)
-        power = (weight @ (turn * turn)) * (weight @ (middle * middle))
-        best = max(best, float(weight @ (turn * middle) / np.sqrt(power)) if power > 0 else 0.0)
-        lag *= 4
-    return best
+    turned = []  # of each body: smooth angular velocity across the axis and its rate, and that about the axis
+    for gathered, axis in zip(problem.gathered, (n, m), strict=True):
+        values, slopes = gathered[1, 0] @ frame(axis), gathered[2, 0] @ frame(axis)
+        turned.append((values[:, 0] + 1j * values[:, 1], slopes[:, 0] + 1j * slopes[:, 1], values[:, 2]))
+    (a, da, along1), (b, db, along2) = turned
+    by_direction = (np.conj(a) * da).imag * np.abs(b) ** 2 - (np.conj(b) * db).imag * np.abs(a) ** 2
+    by_rate = (along2 - along1) * np.abs(a * b) ** 2
+    return float(by_direction @ by_rate / max(np.linalg.norm(by_direction) * np.linalg.norm(by_rate), 1e-300))
 
 
 class _Angle(NamedTuple):

@@ -44,7 +44,7 @@ _CORRELATIONS = np.concatenate((np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97
 _MAX_STEP = 1.5  # usual time steps: over longer ones noise is not correlated
 _FIRST_FREQUENCY = 4  # index in a tapered spectrum: slower ones are of the taper itself
 _LEAST_WEIGHT = 1e-6  # of an outlier; above 0, so that a curve through few samples stays determined
-_STRETCH, _STRETCHES = 4096, 8  # samples of a stretch; of longer records, so many stretches choose the bandwidth
+_STRETCH, _STRETCHES = 1024, 5  # samples of a stretch; of longer records, so many stretches choose the bandwidth
 
 
 class SmoothedColumns(NamedTuple):
