@@ -129,7 +129,7 @@ class HingeLoad(Frozen):
         Returns:
             The torque on body 2 about the hinge axis [N m]; shape (...,).
         """
-        return sum(self._terms(side, t, psi, psid).values())
+        return sum(self.parts(t, psi, psid, side).values())
 
     def parts(self, t: Any, psi: Any, psid: Any, side: tuple[Any, Any] | None = None) -> dict[str, Any]:
         """Return the terms of the torque [N m] by name: those of motor, spring, damper, friction and stops.
@@ -151,33 +151,20 @@ class HingeLoad(Frozen):
         >>> hp.HingeLoad(stiffness=10, damping=0.5, motor=3).parts(0.0, psi=0.2, psid=1.0)
         {'motor': 3.0, 'spring': -2.0, 'damper': -0.5}
         """
-        side = (psi, psid) if side is None else side
-        terms = self._terms(side, t, psi, psid)
-        motor_torques = (
-            self.motor.parts(t, psi, psid, side) if is_plain_hinge_load(self.motor) else {"motor": terms["motor"]}
-        )
-        acting = {"spring": self.stiffness, "damper": self.damping, "friction": self.friction, "stop": self.stops}
-        own_torques = {name: terms[name] for name, coefficient in acting.items() if coefficient}
-        return {
-            name: sum(terms[name] for terms in (own_torques, motor_torques) if name in terms)
-            for name in TORQUE_PARTS
-            if name in own_torques or name in motor_torques
-        }
-
-    def _terms(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> dict[str, Any]:
-        """Return the terms of the torque [N m] by name. `side` selects the stop and the direction of dry friction."""
-        terms = {"spring": -self.stiffness * (psi - self.rest), "damper": -self.damping * psid}
-        angle, rate = side
-        if is_plain_hinge_load(self.motor):
-            terms["motor"] = self.motor.smooth(side, t, psi, psid)
-        elif callable(self.motor):
-            terms["motor"] = call_with_arrays("motor", self.motor, t, psi, psid)
+        angle, rate = side = (psi, psid) if side is None else side
+        motor = self.motor
+        if is_plain_hinge_load(motor):
+            found = motor.parts(t, psi, psid, side)
         else:
-            terms["motor"] = self.motor
-        if self.friction and self.friction_rate is None:
-            terms["friction"] = -self.friction * np.sign(rate)
-        elif self.friction:
-            terms["friction"] = -self.friction * np.tanh(psid / self.friction_rate)
+            found = {"motor": call_with_arrays("motor", motor, t, psi, psid) if callable(motor) else motor}
+        own = {}
+        if self.stiffness:
+            own["spring"] = -self.stiffness * (psi - self.rest)
+        if self.damping:
+            own["damper"] = -self.damping * psid
+        if self.friction:
+            smooth = self.friction_rate is not None
+            own["friction"] = -self.friction * (np.tanh(psid / self.friction_rate) if smooth else np.sign(rate))
         if self.stops is not None:
             stop_angle = np.clip(angle, *self.stops)  # the angle itself between the stops
             beyond = np.sign(angle - stop_angle)
@@ -185,8 +172,9 @@ class HingeLoad(Frozen):
             is_pushing = (beyond != 0) & (self.stop_restitution is None)
             if self.stop_damping:
                 is_pushing &= beyond * rate > -1 / self.stop_damping
-            terms["stop"] = np.where(is_pushing, stop_torque, 0.0)
-        return terms
+            own["stop"] = np.where(is_pushing, stop_torque, 0.0)
+        found |= {name: found[name] + torque if name in found else torque for name, torque in own.items()}
+        return {name: found[name] for name in TORQUE_PARTS if name in found}
 
 
 def nested_loads(load: HingeLoad) -> tuple[HingeLoad, ...]:
@@ -230,7 +218,7 @@ def is_plain_hinge_load(torque: object) -> TypeGuard[HingeLoad]:
     if not isinstance(torque, HingeLoad):
         return False
     kind = type(torque)
-    if any(getattr(kind, name) is not getattr(HingeLoad, name) for name in ("__call__", "smooth", "parts", "_terms")):
+    if any(getattr(kind, name) is not getattr(HingeLoad, name) for name in ("__call__", "smooth", "parts")):
         expected = "a HingeLoad as it is: its motor= takes a callable of (t, psi, psid)"
         raise ArgumentError("hinge_torque", expected, f"a {kind.__name__}, which computes another torque")
     return True
