@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
-from typing import Any, Final, Unpack, overload
+from typing import Any, Final, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -282,31 +282,9 @@ class HingePair(AskedPair, Frozen, Shown):
         """
         return requests.ask_pair(self, "from_body1", requests.body1_inputs(body1, psi, psid, psidd), options)
 
-    @overload
     def error_bounds(
         self,
-        q: Coordinates,
-        qd: Coordinates | None = None,
-        qdd: Coordinates | None = None,
-        *,
-        outputs: Outputs = None,
-        sequence: str = "XYZ",
-    ) -> dict[str, NDArray[np.float64]]: ...
-
-    @overload
-    def error_bounds(
-        self,
-        q: BodyMotion,
-        qd: ArrayLike,
-        qdd: ArrayLike | None = None,
-        psidd: ArrayLike | None = None,
-        *,
-        outputs: Outputs = None,
-    ) -> dict[str, NDArray[np.float64]]: ...
-
-    def error_bounds(
-        self,
-        q: Any,
+        q: Coordinates | BodyMotion,
         qd: Any = None,
         qdd: Any = None,
         psidd: ArrayLike | None = None,
