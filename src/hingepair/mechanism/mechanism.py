@@ -80,8 +80,9 @@ class Mechanism(MechanismMethods):
       is on disk); or "auto", which compiles, but for coordinates given joint by joint only where NumPy would take
       milliseconds longer.
 
-    Results are float32 if all arrays given are float32, else float64. The first computation that uses masses issues a
-    DynamicsWarning if a mass or an inertia was not given or is physically impossible.
+    Results are float32 if all arrays given are float32, else float64, which rollouts and inverse kinematics always
+    are. The first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given or is
+    physically impossible.
 
     Args:
         pairs: HingePairs, Sliders and Screws, one for each joint, in the order of q. The name of a pair is that of

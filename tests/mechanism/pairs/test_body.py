@@ -106,6 +106,11 @@ def test_copies_of_a_body_assume_the_same(copied):
     again = copied(body)
     assert (repr(again), again.assumed) == (repr(body), body.assumed)
     assert dataclasses.replace(again, mass=3).assumed == body.assumed
+    unknown = hp.Body(shapes=[hp.Sphere(radius=0.1)])
+    moved = [
+        dataclasses.replace(one, centre_of_mass=(0, 0, 1)) for one in (unknown, pickle.loads(pickle.dumps(unknown)))
+    ]
+    assert moved[0].assumed == moved[1].assumed != ()
     np.testing.assert_array_equal(dataclasses.replace(again, mass=3).inertia, 0.03 * np.eye(3))
 
 

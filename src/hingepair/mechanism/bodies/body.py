@@ -225,6 +225,10 @@ class Body(Frozen):
         computed = {name: value for name, value in values.items() if arguments[name] is None}
         set_frozen(self, **values, shapes=shape_tuple, _computed=computed)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = {name: getattr(self, name) for name in ("mass", "centre_of_mass", "inertia", "shapes")}
+        return _body_again, (values, tuple(self._computed))
+
     @property
     def center_of_mass(self) -> NDArray[np.float64]:
         """The same as `centre_of_mass`, in American spelling."""
@@ -253,6 +257,15 @@ class Body(Frozen):
 
     def __repr__(self) -> str:
         return call_text(self, "mass", "centre_of_mass", "inertia", "shapes")
+
+
+def _body_again(values: dict[str, Any], computed: tuple[str, ...]) -> Body:
+    """Return a copied or unpickled body, of which the values that were not given are these very objects."""
+    body: Body = object.__new__(Body)
+    for array in (values["centre_of_mass"], values["inertia"]):
+        array.flags.writeable = False
+    set_frozen(body, **values, _computed={name: values[name] for name in computed})
+    return body
 
 
 def inertial_parameters(
