@@ -11,7 +11,6 @@ components of h1 x h2 along them.
 from __future__ import annotations
 
 from hingepair.equations import spatial as eq
-from hingepair.equations.derivatives import WORLD_UNIT_VECTORS, Entries
 from hingepair.equations.spatial import Scalar, Vector
 
 Two = tuple[Scalar, Scalar]
@@ -85,29 +84,6 @@ def gap_acceleration(a1: Vector, r1_acceleration: Vector, a2: Vector, r2_acceler
     reference point of body 1 and of body 2 to the hinge point of that body, world axes.
     """
     return eq.subtract(eq.add(a1, r1_acceleration), eq.add(a2, r2_acceleration))
-
-
-def gap_bias(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return the second time derivative of `hinge_gap`, R1 + r1 - (R2 + r2), for zero linear and angular
-    accelerations of both bodies (E1). r1 and r2 lead from the reference point of body 1 and of body 2 to the hinge
-    point of that body, world axes.
-    """
-    return eq.subtract(eq.cross(omega1, eq.cross(omega1, r1)), eq.cross(omega2, eq.cross(omega2, r2)))
-
-
-def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]) -> Entries:
-    """Return the Jacobian of the time derivatives of the gap R1 + r1 - (R2 + r2) (three rows) and of the tilt (two
-    rows) with respect to (v1, omega1, v2, omega2): 5 x 12, as a flat tuple row by row. tilt_axes is the result of
-    `tilt_axes`; r1 and r2 lead from the reference points to the hinge points, world axes.
-    """
-    lever1, lever2 = eq.skew((-r1[0], -r1[1], -r1[2])), eq.skew(r2)
-    gap_rows = [
-        (*unit, *lever1[3 * i : 3 * i + 3], *eq.scale(unit, -1.0), *lever2[3 * i : 3 * i + 3])
-        for i, unit in enumerate(WORLD_UNIT_VECTORS)
-    ]
-    zero = (0.0, 0.0, 0.0)
-    tilt_rows = [(*zero, -c[0], -c[1], -c[2], *zero, *c) for c in tilt_axes]
-    return tuple(entry for row in (*gap_rows, *tilt_rows) for entry in row)
 
 
 def hinge_angle_terms(f_axes: tuple[Vector, Vector], g1: Vector, g2: Vector) -> Two:

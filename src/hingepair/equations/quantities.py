@@ -82,8 +82,6 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "tilt_rate": Quantity("Time derivative of tilt", "rad/s", (2,), VELOCITY),
     "tilt_acceleration": Quantity("Second time derivative of tilt", "rad/s^2", (2,), ACCELERATION),
     "slip": Quantity("omega2 - omega1 - S2 n psi'", "rad/s", _V, VELOCITY),
-    "constraint_jacobian": Quantity("Jacobian of gap and tilt by (v1, omega1, v2, omega2)", "1", (5, 12)),
-    "constraint_bias": Quantity("Part of gap'' and tilt'' that velocities cause", "1", (5,), VELOCITY),
     # ---- forces of a pair
     "hinge_torque": Quantity("Torque of body 1 on body 2 about the hinge axis", "N m", (), ACCELERATION),
     "hinge_force": Quantity("Force of body 1 on body 2 at the hinge point", "N", _V, ACCELERATION),

@@ -151,8 +151,6 @@ PAIR_TASKS: Final[Mapping[PairKind, Mapping[str, Task]]] = {
         "from_body1": Task((), (), PairState, OutputOptions),
         "jacobian": Task(("S1", "psi"), ("jacobian",)),
         "acceleration_bias": Task(_OF_BODY1, ("acceleration_bias",)),
-        "constraint_jacobian": Task(("S1", "S2"), ("constraint_jacobian",)),
-        "constraint_bias": Task(("S1", "omega1", "S2", "omega2"), ("constraint_bias",)),
         "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), None, OutOptions, "", BODIES),
     },
     PLANE: {

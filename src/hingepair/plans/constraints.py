@@ -8,7 +8,6 @@ from typing import Any, Final
 from hingepair.engine.trace import arc_tangent, hypotenuse
 from hingepair.equations import constraints as ce
 from hingepair.equations import spatial as eq
-from hingepair.equations.derivatives import Entries
 from hingepair.equations.spatial import Scalar, Vector
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.attitudes import rotation_defect
@@ -103,19 +102,10 @@ class ConstraintQuantities:
         numerator, denominator = ce.hinge_rate(*self.h, self.relative_omega)
         return numerator / denominator
 
-    def constraint_jacobian(self) -> Entries:
-        """Return the Jacobian of gap and tilt."""
-        return ce.constraint_jacobian(*self.arms, self.tilt_axes)
-
     @lock_free_cached_property
     def tilt_bias(self) -> Two:
         """Second derivative of the tilt without accelerations."""
         return ce.tilt_bias(self.f, self.h[1], *self._motion("omega"), self.relative_omega)
-
-    def constraint_bias(self) -> Entries:
-        """Return the second derivatives of gap and tilt without accelerations."""
-        (omega1, omega2), (r1, r2) = self._motion("omega"), self.arms
-        return (*ce.gap_bias(omega1, r1, omega2, r2), *self.tilt_bias)
 
     # ---- accelerations
 
@@ -159,8 +149,6 @@ CONSTRAINTS: Final[Mapping[str, tuple[tuple[str, ...], Callable[[ConstraintQuant
     "gap_acceleration": ((*_ARMS, "omega1", "omega2", "a1", "a2", "alpha1", "alpha2"), _C.gap_acceleration),
     "tilt_acceleration": ((*_SPINS, "alpha1", "alpha2"), _C.tilt_acceleration),
     "psidd": (("S1", "S2", "n", "n_in_2", "omega1", "omega2", "alpha1", "alpha2"), _C.psidd),
-    "constraint_jacobian": ((*_AXES, "u1", "u2"), _C.constraint_jacobian),
-    "constraint_bias": ((*_SPINS, "u1", "u2"), _C.constraint_bias),
     "S2_check": (("S2",), lambda c: rotation_defect(c.values["S2"])),
 }
 """All that can be computed of two motions: the names of the values that it depends on, and how."""

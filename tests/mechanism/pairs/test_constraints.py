@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import mpmath
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, Series, exactly, nearest_rotation, skew, unit
-from hingepair.validation.pinocchio_twin import to_pinocchio
 from support.hinged import pair_of
 from support.sparse import sparse
 from support.states import body1 as random_body
@@ -109,100 +107,3 @@ def test_residuals_and_derivatives_are_exact_on_the_hinge_and_off_it(size, home)
         for name, expected in zip(NAMES[kind], values, strict=True):
             error = abs(getattr(found, name) - expected.astype(float)).reshape(COUNT, -1).max(axis=-1)
             assert np.all(error <= 32 * U * A * lever(pair) * worth**2), name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [0.0, 0.5])
-def test_constraint_jacobian_and_bias_give_the_derivatives(size):
-    """G @ velocities = (gap', tilt'), G @ accelerations + bias = (gap'', tilt'')."""
-    rng = generator(81)
-    constants = random_pair(rng)
-    pair = pair_of(constants)
-    body1, body2 = near(pair, rng, size)
-    exact = truth(constants, body1, body2)
-    G, bias = pair.constraint_jacobian(body1, body2), pair.constraint_bias(body1, body2)
-    assert (G.shape, bias.shape) == ((COUNT, 5, 12), (COUNT, 5))
-    rates = np.concatenate([body1.v, body1.omega, body2.v, body2.omega], axis=-1)
-    changes = np.concatenate([body1.a, body1.alpha, body2.a, body2.alpha], axis=-1)
-    W = np.linalg.norm(rates, axis=-1)
-    for order, found, scale in (
-        (1, G @ rates[..., None], W),
-        (2, G @ changes[..., None] + bias[..., None], W * W + np.linalg.norm(changes, axis=-1)),
-    ):
-        expected = np.concatenate([exact["gap"][order], exact["tilt"][order]], axis=-1).astype(float)
-        assert np.all(abs(found[..., 0] - expected).max(axis=-1) <= 32 * U * scale * lever(pair))
-
-
-AXES = [(1, 0, 0), (0, 1, 0), (0, 0, -1), (1, 1, 1), (1, 1e-12, -1e-170), (1, -1, 0), (0.57735,) * 3, (1e-300,) * 3]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n", AXES, ids=str)
-def test_the_constraints_allow_what_the_pair_does_and_nothing_else(n):
-    """G (I; Jac) = 0, and G has rank 5 with turns of unit length: nothing of it depends on where n points."""
-    rng = generator(82)
-    pair = hp.HingePair(u1=rng.normal(size=3), u2=rng.normal(size=3), n=n, home=random_pair(rng)[3])
-    body1, psi = motion(rng), rng.normal(size=COUNT)
-    state = pair.forward_kinematics_from_body1(body1, psi)
-    G = pair.constraint_jacobian(body1, hp.BodyMotion(R=state.R2, S=state.S2))
-    allowed = np.concatenate([np.broadcast_to(np.eye(6, 7), (COUNT, 6, 7)), pair.jacobian(body1, psi)], axis=-2)
-    assert abs(G @ allowed).max() <= 16 * U * lever(pair)
-    turns = G[:, 3:, 9:]
-    assert abs(turns @ np.swapaxes(turns, -1, -2) - np.eye(2)).max() <= 16 * U
-    assert np.all(np.linalg.svd(G, compute_uv=False)[:, -1] >= 0.5)
-
-
-@pytest.mark.slow
-def test_forces_of_constraint_give_the_dynamics_of_pinocchio():
-    """Two free bodies under gravity and the forces G^T lambda of G a + bias = 0 move as the articulated body does."""
-    rng = generator(84)
-    pair = pair_of(random_pair(rng))
-    body1, (psi, psid) = motion(rng), rng.normal(size=(2, COUNT))
-    s = pair.forward_kinematics_from_body1(body1, psi, psid)
-    body2 = hp.BodyMotion(R=s.R2, S=s.S2, v=s.v2, omega=s.omega2)
-    G, bias = pair.constraint_jacobian(body1, body2), pair.constraint_bias(body1, body2)
-    masses, inertias = (2.0, 3.0), (np.diag((0.5, 0.75, 1.0)), np.diag((1.5, 1.25, 0.5)))
-    twin = to_pinocchio(pair)
-    model = twin.model
-    model.appendBodyToJoint(1, pin.Inertia(masses[0], np.zeros(3), inertias[0]), pin.SE3.Identity())
-    place = pin.SE3(np.array(pair.home), -(pair.home @ pair.u2))
-    model.appendBodyToJoint(2, pin.Inertia(masses[1], np.zeros(3), inertias[1]), place)
-    data, gravity = model.createData(), np.array((0, 0, -9.81))
-    model.gravity.linear = gravity
-    q, v = twin.configuration(body1, psi), twin.velocity(body1, psi, psid)
-    for i in range(COUNT):
-        M, force = np.zeros((12, 12)), np.zeros(12)
-        for k, (body, m, inertia) in enumerate(zip((body1, body2), masses, inertias, strict=True)):
-            turned = body.S[i] @ inertia @ body.S[i].T
-            M[6 * k : 6 * k + 3, 6 * k : 6 * k + 3] = m * np.eye(3)
-            M[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6] = turned
-            force[6 * k : 6 * k + 6] = *(m * gravity), *-np.cross(body.omega[i], turned @ body.omega[i])
-        system = np.block([[M, -G[i].T], [G[i], np.zeros((5, 5))]])
-        found = np.linalg.solve(system, np.concatenate([force, -bias[i]]))[:6]
-        other, *_ = twin.motion(q[i], v[i], pin.aba(model, data, q[i], v[i], np.zeros(7)))
-        expected = np.concatenate([other.a, other.alpha])
-        assert abs(found - expected).max() <= 8 * U * np.linalg.cond(system) * abs(expected).max()
-
-
-@pytest.mark.slow
-def test_pairs_of_their_own_and_other_dtypes():
-    rng = generator(83)
-    u1, n = rng.normal(size=(2, COUNT, 3))
-    home = np.stack([random_pair(rng)[3] for _ in range(COUNT)])
-    many = hp.HingePair(u1=u1, u2=(0.1, 0.2, 0.3), n=n, home=home)
-    body1, body2 = near(many, rng, 0.3)
-    G, bias, found = (f(body1, body2) for f in (many.constraint_jacobian, many.constraint_bias, many.residuals))
-    for i in (0, COUNT - 1):
-        one = hp.HingePair(u1=u1[i], u2=(0.1, 0.2, 0.3), n=n[i], home=home[i])
-        own = [
-            hp.BodyMotion(**{k: getattr(b, k)[i] for k in ("R", "S", "v", "omega", "a", "alpha")})
-            for b in (body1, body2)
-        ]
-        assert abs(one.constraint_jacobian(*own) - G[i]).max() <= 8 * U * lever(one)
-        assert abs(one.constraint_bias(*own) - bias[i]).max() <= 64 * U * lever(one) * 10
-        assert abs(one.residuals(*own).psidd - found.psidd[i]) <= 64 * U * 100
-    homes = hp.HingePair(u1=u1[0], u2=(0.1, 0.2, 0.3), n=n[0], home=home)
-    assert np.array_equal(homes.constraint_jacobian(body1, body2)[0], G[0])
-    single = hp.BodyMotion(R=np.zeros(3, np.float32), S=np.eye(3, dtype=np.float32), omega=np.ones(3, np.float32))
-    assert many.constraint_jacobian(single, single).dtype == np.float32
-    assert many.constraint_bias(single, single).shape == (COUNT, 5)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import hingepair as hp
 from support.hinged import bodies, made, only
 from support.states import coordinates, generator
 from support.states import pair as random_pair
@@ -40,23 +39,3 @@ def test_rates_and_accelerations_of_psi_come_back():
     A = abs(motion[2][:, 3:]).sum(axis=-1) + W * W
     assert np.all(abs(found.psid - motion[1][:, 6]) <= 12 * U * W)
     assert np.all(abs(found.psidd - motion[2][:, 6]) <= 12 * U * A)
-
-
-def test_psi_unwraps_along_time():
-    pair, t = made(), np.linspace(0, 10, 400)
-    q = coordinates(generator(99), 400)[0]
-    q[:, 6] = 10 * t - 3
-    poses = [only(b, "R", "S") for b in bodies(pair, (q, q, q))]
-    found = pair.residuals(*poses)
-    assert abs(found.unwrapped_psi() - q[:, 6]).max() <= 64 * U * 100
-    S = np.array(poses[1].S)
-    S[40] = np.nan
-    holed = pair.residuals(poses[0], hp.BodyMotion(R=poses[1].R, S=S)).unwrapped_psi()
-    assert np.flatnonzero(np.isnan(holed)).tolist() == [40]
-    assert np.nanmax(abs(holed - q[:, 6])) <= 64 * U * 100
-    both = hp.BodyMotion(R=0 * S[:, None, 0], S=np.stack([poses[1].S] * 2, axis=1))
-    pairs = pair.residuals(hp.BodyMotion(R=0 * S[:, None, 0], S=poses[0].S[:, None]), both)
-    assert np.array_equal(pairs.unwrapped_psi(axis=0)[:, 1], found.unwrapped_psi())
-    for axis in (1, -2, True, "t"):
-        with pytest.raises(hp.ArgumentError, match="axis: expected an axis of samples"):
-            found.unwrapped_psi(axis)

@@ -83,14 +83,13 @@ def test_two_bodies(backend):
     s = one.forward_kinematics(q, qd, qdd, outputs=("R2", "S2", "v2", "omega2", "S1", "omega1"))
     letters = ("R1", "S1", "v1", "omega1", "R2", "S2", "v2", "omega2")
     arrays = (q[:, :3], s.S1, qd[:, :3], s.omega1, s.R2, s.S2, s.v2, s.omega2)
-    outputs = ("gap", "tilt", "tilt_angle", "psi", "gap_rate", "psid", "constraint_jacobian")
+    outputs = ("gap", "tilt", "tilt_angle", "psi", "gap_rate", "psid")
     found = one.prepare(letters, outputs=outputs, backend=backend)(*arrays)
     b1 = hp.BodyMotion(R=q[:, :3], S=s.S1, v=qd[:, :3], omega=s.omega1)
     b2 = hp.BodyMotion(R=s.R2, S=s.S2, v=s.v2, omega=s.omega2)
     residuals = one.residuals(b1, b2)
-    for name in outputs[:-1]:
+    for name in outputs:
         close(found[name], getattr(residuals, name), 600)
-    close(found["constraint_jacobian"], one.constraint_jacobian(b1, b2))
     close(np.sin(found["psi"] - q[:, 6]), np.zeros(11), 64)
 
 

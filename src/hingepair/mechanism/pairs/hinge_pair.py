@@ -233,7 +233,7 @@ class HingePair(AskedPair, Frozen, Shown):
 
                 - those of `forward_kinematics`, jacobian, acceleration_bias and mass_matrix; without q, R2 needs R1,
                   v2 needs v1, and a2 needs a1;
-                - with S2 the arrays of `Residuals`, constraint_jacobian and constraint_bias;
+                - with S2 the arrays of `Residuals`;
                 - force1, torque1, hinge_torque, hinge_force, hinge_moment, bearing_torque, kinetic, potential, linear
                   and angular; with a load a1, alpha1 and psidd.
 
@@ -575,45 +575,6 @@ class HingePair(AskedPair, Frozen, Shown):
         array([0.1, 0.1, 0.1])
         """
         return propagate_covariance(self._constants, body1, psi, options)
-
-    @with_options()
-    def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion, **options: Unpack[OutOptions]) -> FloatArray:
-        """Compute the Jacobian G of the hinge constraints, (gap', tilt') = G @ (v1, omega1, v2, omega2): three rows
-        of gap', two of tilt'; shape (..., 5, 12) (E1, E2).
-
-        Solvers of differential-algebraic equations need G; it is exact even if a motion violates the constraints. gap
-        is R1 + S1 u1 - R2 - S2 u2, world axes [m]. tilt has two components, (h1 x h2) . (S1 e1) and (h1 x h2) . (S1
-        e2), with the hinge axis as it is fixed in body 1 and in body 2, h1 = S1 n and h2 = S2 C^-1 n, where C is
-        `home`. e1 is the coordinate axis of body 1 along which n has its smallest component, made perpendicular to n
-        and of unit length; e2 is n x e1. Arguments: see `HingePair`; of body1 and body2, S is used.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> body = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
-        >>> (pair.constraint_jacobian(body, body) @ (0, 0, 0, 0, 0, 1, 0, 4, 0, 0, 0, 3)).tolist()
-        [0.0, 0.0, 0.0, 0.0, 0.0]
-        """
-        given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        return requests.ask_pair(self, "constraint_jacobian", given, options)
-
-    @with_options()
-    def constraint_bias(self, body1: BodyMotion, body2: BodyMotion, **options: Unpack[OutOptions]) -> FloatArray:
-        """Compute the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, with G of `constraint_jacobian`:
-        three components of gap'' [m/s^2], two of tilt'' [1/s^2]; shape (..., 5) (E1, E2).
-
-        Arguments: see `HingePair`; of body1 and body2, S and omega are used.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> body1 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
-        >>> body2 = hp.BodyMotion(R=(2, 0, 0), S=np.eye(3), omega=(0, 0, 2))
-        >>> pair.constraint_bias(body1, body2).tolist()
-        [-4.0, 0.0, 0.0, 0.0, 0.0]
-        """
-        given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        return requests.ask_pair(self, "constraint_bias", given, options)
 
 
 def rename_out(options: GravityOptions) -> None:

@@ -28,7 +28,7 @@ _HEADINGS = (
 
 
 # Attributes of a report beside those of all results.
-_OF_REPORTS = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi", "name", "t", "u")
+_OF_REPORTS = ("rows", "ok", "verdict", "skipped", "to_json", "name", "t", "u")
 
 
 class ResidualCheck(NamedTuple):
@@ -80,8 +80,10 @@ class Residuals(Results):
 
     The arrays are float64 and read-only, None where they need what the motions do not have. Rates and accelerations
     are exact time derivatives of gap, tilt and psi, even if the motions violate the constraints. tilt has two
-    components, as `constraint_jacobian` defines them; psi is in [-pi, pi], where the axes differ after the smallest
-    rotation of body 2 that aligns them.
+    components, (h1 x h2) . (S1 e1) and (h1 x h2) . (S1 e2), with the hinge axis as it is fixed in body 1 and in body
+    2, h1 = S1 n and h2 = S2 C^-1 n; e1 is the coordinate axis of body 1 along which n has its smallest component,
+    made perpendicular to n and of unit length; e2 is n x e1. psi is in [-pi, pi], where the axes differ after the
+    smallest rotation of body 2 that aligns them.
     """
 
     __slots__ = {
@@ -153,25 +155,6 @@ class Residuals(Results):
             return f"NOTHING COMPARED: no finite sample of {', '.join(nothing)}{beside}"
         count = f"{samples} sample{'s' if samples != 1 else ''}"
         return f"PASSED: {len(self.rows)} residuals of {count} within tolerance{beside}"
-
-    def unwrapped_psi(self, axis: int = -1) -> Float64Array:
-        """Return the hinge angle without jumps by 2 pi along the time axis [rad]; right if psi changes by less than
-        pi between finite samples.
-
-        Args:
-            axis: index of the time axis among the axes of the samples.
-
-        Raises:
-            ArgumentError: the samples have no such axis.
-        """
-        if isinstance(axis, bool) or not isinstance(axis, int) or not -len(self.shape) <= axis < len(self.shape):
-            raise ArgumentError("axis", f"an axis of samples of shape {self.shape}", quoted(axis))
-        psi = np.array(self.psi)
-        rows = np.moveaxis(psi, axis, -1)
-        for index in np.ndindex(rows.shape[:-1]):
-            finite = np.isfinite(rows[index])
-            rows[index][finite] = np.unwrap(rows[index][finite])
-        return psi
 
     def __str__(self) -> str:
         table = align_columns([_HEADINGS, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10})
