@@ -187,9 +187,9 @@ class Mechanism(MechanismMethods):
         the loops of the robot are open.
 
         Args:
-            model: a Pinocchio model with revolute, continuous, prismatic, helical, mimic, composite, universal and
-                SphericalZYX joints in depth-first order. The joint at its root may be a free-flyer; links that are
-                fixed to the world are then left out. The robot's q is Pinocchio's, without the seven numbers of a
+            model: a Pinocchio model with revolute, continuous, prismatic, helical and mimic joints, and composites of
+                these, in depth-first order. The joint at its root may be a free-flyer; links that are fixed to the
+                world are then left out. The robot's q is Pinocchio's, without the seven numbers of a
                 free-flyer (`base_motion` gives the pose of the base), and with the angle of a continuous joint in
                 place of its cosine and sine.
             base: "fixed" or "free". By default, the base is free if the model has a free-flyer, and otherwise fixed.

@@ -7,20 +7,12 @@ are read here. Joints that the robot holds keep their coordinate there, at a con
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.validation.pinocchio_twin import Twin, import_pinocchio, robot_twin
-
-
-class _Rule(NamedTuple):
-    """The rule of a joint that follows another: q = ratio * (q of the leader) + offset."""
-
-    leader: str
-    ratio: float
-    offset: float
 
 
 def urdf_twin(robot: Mechanism) -> tuple[Twin, str, tuple[str, ...]]:
@@ -48,17 +40,17 @@ def urdf_twin(robot: Mechanism) -> tuple[Twin, str, tuple[str, ...]]:
     rules, columns = _mimic_rules(root, {*model.names}), list(robot.names)
     ratios, offsets, unknown = np.zeros((len(names), robot.dof)), np.zeros(len(names)), {*columns}
     for row, name in enumerate(names):
-        rule = (
-            _Rule(name, 0.0, source.locked[name]) if name in source.locked else rules.get(name, _Rule(name, 1.0, 0.0))
-        )
-        if rule.leader in source.locked and name not in source.locked:
-            rule = _Rule(name, 0.0, rule.ratio * source.locked[rule.leader] + rule.offset)
-        offsets[row] = rule.offset
-        if rule.ratio and rule.leader not in columns:
-            unknown.add(rule.leader)
-        elif rule.ratio:
-            ratios[row, columns.index(rule.leader)] = rule.ratio
-            unknown.discard(rule.leader)
+        leader, ratio, offset = rules.get(name, (name, 1.0, 0.0))
+        if name in source.locked:
+            ratio, offset = 0.0, source.locked[name]
+        elif leader in source.locked:
+            ratio, offset = 0.0, ratio * source.locked[leader] + offset
+        offsets[row] = offset
+        if ratio and leader not in columns:
+            unknown.add(leader)
+        elif ratio:
+            ratios[row, columns.index(leader)] = ratio
+            unknown.discard(leader)
     if robot.base != "free":
         moving = {2 + int(row) for row in np.flatnonzero(ratios.any(axis=1))}
         for number in range(1, model.njoints):
@@ -67,8 +59,8 @@ def urdf_twin(robot: Mechanism) -> tuple[Twin, str, tuple[str, ...]]:
     return Twin(model, model.createData(), True, ratios, offsets), "Pinocchio's reading of the URDF", (*unknown,)
 
 
-def _mimic_rules(root: ET.Element, names: set[str]) -> dict[str, _Rule]:
-    """Return the rules of the joints that follow others, by name, each with its last leader."""
+def _mimic_rules(root: ET.Element, names: set[str]) -> dict[str, tuple[str, float, float]]:
+    """Return (leader, ratio, offset) of the joints that follow others, by name, each with its last leader."""
     mimics = {}
     for joint in root.findall("joint"):
         mimic = joint.find("mimic")
@@ -82,7 +74,7 @@ def _mimic_rules(root: ET.Element, names: set[str]) -> dict[str, _Rule]:
             offset += ratio * float(mimic.get("offset", 0))
             ratio *= float(mimic.get("multiplier", 1))
             leader = mimic.get("joint", "")
-        rules[name] = _Rule(leader, ratio, offset)
+        rules[name] = leader, ratio, offset
     return rules
 
 

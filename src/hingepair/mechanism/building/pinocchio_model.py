@@ -27,6 +27,7 @@ from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, MassProperties, exact_quarter_turns
 
+_COMPOSITE = "JointModelComposite"
 # Names of the joint types that are hinges.
 _HINGES = {
     *(f"JointModelR{axis}" for axis in "XYZ"),
@@ -92,7 +93,7 @@ def _parts_of_joint(
     pose = _convert_placement(model.jointPlacements[number])
     idx_q, idx_v = joint.idx_q, joint.idx_v
     chain = [*_chain(joint, pose)]
-    if joint.shortname() not in _CHAINS:
+    if joint.shortname() != _COMPOSITE:
         return [_part_of_joint(model, joint, name, number, parent_part, pose, idx_q, idx_v, content)]
     content = content | {"frames": {**content["frames"], name: IDENTITY_POSE}}
     parts: list[JointPart] = []
@@ -104,27 +105,14 @@ def _parts_of_joint(
     return parts
 
 
-_CHAINS = {"JointModelComposite", "JointModelUniversal", "JointModelSphericalZYX"}
-
-
 def _chain(joint: Any, seat: FramePose) -> Iterator[tuple[Any, FramePose]]:
     """Yield the joints of which a joint is a chain, each with its place in the one before; `seat` is the first's."""
-    import pinocchio as pin
-
-    kind = joint.shortname()
-    own = joint.extract() if hasattr(joint, "extract") else joint
-    if kind == "JointModelComposite":
-        for single, inner in zip(own.joints, own.jointPlacements, strict=True):
-            yield from _chain(single, seat.placed(_convert_placement(inner)))
-            seat = IDENTITY_POSE
+    if joint.shortname() != _COMPOSITE:
+        yield joint, seat
         return
-    links = [joint]
-    if kind == "JointModelUniversal":
-        links = [pin.JointModelRevoluteUnaligned(axis) for axis in (own.axis1, own.axis2)]
-    elif kind == "JointModelSphericalZYX":
-        links = [pin.JointModelRZ(), pin.JointModelRY(), pin.JointModelRX()]
-    for link in links:
-        yield link, seat
+    own = joint.extract() if hasattr(joint, "extract") else joint
+    for single, inner in zip(own.joints, own.jointPlacements, strict=True):
+        yield from _chain(single, seat.placed(_convert_placement(inner)))
         seat = IDENTITY_POSE
 
 

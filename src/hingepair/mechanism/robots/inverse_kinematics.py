@@ -19,6 +19,7 @@ from hingepair.inverse_kinematics.goals import (
     Displacement,
     Goal,
     Position,
+    target_slices,
 )
 from hingepair.inverse_kinematics.one_target import solve_one
 from hingepair.inverse_kinematics.paths import follow
@@ -180,23 +181,25 @@ class PreparedInverseKinematics:
         """
         query, several = self._query(R is not None, S is not None), len(self.frames) > 1
         solver, lead = query.solver, (len(self.frames),) if several else ()
-        parts = []
+        given: list[Float64Array] = []  # by frame
         if R is not None:
-            parts.append(_checked_target("R", R, (*lead, 3)).reshape(len(self.frames), 3))
+            given.append(_checked_target("R", R, (*lead, 3)).reshape(len(self.frames), 3))
         if S is not None:
             turns = _checked_target("S", S, (*lead, 3, 3))
             check_rotation("S", turns)
-            parts.append(turns.reshape(len(self.frames), 9))
+            given.append(turns.reshape(len(self.frames), 9))
+        pose = np.concatenate(given, axis=1).ravel()
         if base_motion is not None:
-            parts = [_seen_from_base(part, base_motion) for part in parts]
-        pose = np.concatenate(parts, axis=1).ravel()
+            parts = zip(solver.goals, target_slices(solver.goals), strict=True)
+            targets = [_Target(goal, "", pose[part].reshape(goal.shape)) for goal, part in parts]
+            pose = np.concatenate([_in_base_axes(one, _checked_base(base_motion), ())[0] for one in targets])
         near, count = solver.middle, len(self._constants.names)
         if q0 is not None:
             near = np.zeros(solver.dof)
             near[solver.dof - count :] = _checked_target("q0", q0, (count,))
-        targets = query.targets
-        posture = None if targets.posture is None else targets.posture[0]
-        tolerances = targets.position_tolerance, targets.angle_tolerance
+        rows = query.targets
+        posture = None if rows.posture is None else rows.posture[0]
+        tolerances = rows.position_tolerance, rows.angle_tolerance
         found, steps, starts = solve_one(solver, pose, near, posture, tolerances, query.seed)
         start = None if query.base is None else base_motion or query.base
         arrays = query._replace(by_frame=several, base=start).result_arrays(found, ())
@@ -213,14 +216,10 @@ def _checked_target(name: str, value: Any, shape: tuple[int, ...]) -> Float64Arr
     return array
 
 
-def _seen_from_base(rows: Float64Array, base: BodyMotion) -> Float64Array:
-    """Return positions (frames, 3) or attitudes (frames, 9) in axes of the base, positions from its origin."""
-    if base.S is None:
+def _checked_base(base: Any) -> BodyMotion:
+    if not isinstance(base, BodyMotion) or base.S is None:
         raise ArgumentError("base_motion", "a BodyMotion with R and S", quoted(base))
-    S1 = np.asarray(base.S, np.float64)
-    if rows.shape[1] == 3:
-        return np.asarray((rows - base.R) @ S1)
-    return np.asarray(S1.T @ rows.reshape(-1, 3, 3)).reshape(rows.shape)
+    return base
 
 
 class _Target(NamedTuple):
@@ -262,9 +261,7 @@ def read_query(
         posture = _read_posture("prefer", prefer, tree, False)
         shapes["prefer"] = posture.shape[:-1]
     if base_motion is not None:
-        if not isinstance(base_motion, BodyMotion) or base_motion.S is None:
-            raise ArgumentError("base_motion", "a BodyMotion with R and S", quoted(base_motion))
-        shapes["base_motion"] = base_motion.shape
+        shapes["base_motion"] = _checked_base(base_motion).shape
     shape = broadcast_shape(shapes)
     if path and not shape:
         raise ShapeError("R", "an axis of samples, shape (..., samples, 3)", "one target")
