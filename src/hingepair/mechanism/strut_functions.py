@@ -23,10 +23,9 @@ def function_force(strut: TreeStrut, length: Any, rate: Any) -> Any:
     return np.broadcast_to(found, np.shape(length))
 
 
-def pushed_links(tree: Tree) -> dict[int, str]:
-    """Return a link of each body on which functions push, by the number of the body."""
-    bodies = {frame.body for strut in tree.struts if strut.function is not None for frame in strut.frames}
-    return {body: next(name for name, link in tree.links.items() if link.body == body) for body in sorted(bodies)}
+def pushed_frames(tree: Tree) -> tuple[str, ...]:
+    """Return the names of the frames on which functions push."""
+    return tuple(dict.fromkeys(end for strut in tree.struts if strut.function is not None for end in strut.ends))
 
 
 def with_function_wrenches(
@@ -37,7 +36,7 @@ def with_function_wrenches(
     base_motion: BodyMotion | None,
     wrenches: Mapping[str, tuple[Any, Any]] | None,
 ) -> dict[str, tuple[Any, Any]]:
-    """Return wrenches on links with those of struts whose force is a function.
+    """Return wrenches on frames with those of struts whose force is a function.
 
     Args:
         compute: what the robot's methods do, by the name of a task, arguments and options.
@@ -45,22 +44,18 @@ def with_function_wrenches(
         q: coordinates.
         qd: their rates; None: 0.
         base_motion: of which the pose counts.
-        wrenches: further ones, (force, torque) by link.
+        wrenches: further ones, (force, torque) by frame.
     """
-    links = pushed_links(tree)
-    struts = [strut for strut in tree.struts if strut.function is not None]
-    frames = dict.fromkeys((*(end for strut in struts for end in strut.ends), *links.values()))
     pose = None if base_motion is None else BodyMotion(R=base_motion.R, S=base_motion.S)
-    at = compute("pose", (q,), {"frames": tuple(frames), "base_motion": pose})
+    at = compute("pose", (q,), {"frames": pushed_frames(tree), "base_motion": pose})
     states = compute("struts", (q, (0.0,) * len(tree.coordinates) if qd is None else qd), {})
-    total = {link: [np.asarray(part) for part in pair] for link, pair in (wrenches or {}).items()}
-    for strut in struts:
-        place = tree.struts.index(strut)
-        length, rate = states["strut_length"][..., place], states["strut_rate"][..., place]
-        first, second = (at[end].R for end in strut.ends)
-        force = (function_force(strut, length, rate) / length)[..., None] * (second - first)
-        for end, frame, push in zip((first, second), strut.frames, (-force, force), strict=True):
-            link = links[frame.body]
-            sums = total.setdefault(link, [np.zeros(3), np.zeros(3)])
-            sums[0], sums[1] = sums[0] + push, sums[1] + np.cross(end - at[link].R, push)
-    return {link: (force, torque) for link, (force, torque) in total.items()}
+    total = dict(wrenches or {})
+    for place, strut in enumerate(tree.struts):
+        if strut.function is not None:
+            length, rate = states["strut_length"][..., place], states["strut_rate"][..., place]
+            first, second = (at[end].R for end in strut.ends)
+            push = (function_force(strut, length, rate) / length)[..., None] * (second - first)
+            for end, force in zip(strut.ends, (-push, push), strict=True):
+                before, torque = total.get(end, (0.0, 0.0))
+                total[end] = np.asarray(before) + force, torque
+    return total

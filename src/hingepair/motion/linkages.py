@@ -15,7 +15,7 @@ from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.requests import ask
 from hingepair.mechanism.robots.methods import requests_of
-from hingepair.mechanism.strut_functions import pushed_links, with_function_wrenches
+from hingepair.mechanism.strut_functions import pushed_frames, with_function_wrenches
 from hingepair.motion.loads import MotionAtInstants
 from hingepair.numeric.arrays import Float64Array as Array
 
@@ -83,19 +83,17 @@ def strut_powers_of(robot: Mechanism) -> Callable[[Array, Array], Array] | None:
 def with_strut_loads(robot: Mechanism, wrenches: Mapping[str, tuple[Any, Any]] | None) -> Any:
     """Return wrenches on links, constants or callables of (t, now), with those of functions as forces of struts."""
     tree = tree_of(robot)
-    links = pushed_links(tree)
-    if not links:
-        return wrenches
     given = dict(wrenches or {})
 
-    def push(link: str, place: int, t: Array, now: MotionAtInstants) -> Array:
+    def push(frame: str, t: Array, now: MotionAtInstants) -> Array:
         compute = functools.partial(ask, requests_of(robot))
-        found = with_function_wrenches(compute, tree, now.q, now.qd, now.base_motion, None)[link][place]
-        own = given[link][place] if link in given else 0.0
+        found = with_function_wrenches(compute, tree, now.q, now.qd, now.base_motion, None)[frame][0]
+        own = given[frame][0] if frame in given else 0.0
         return np.asarray(found + (own(t, now) if callable(own) else np.asarray(own)))
 
-    found = {link: tuple(functools.partial(push, link, place) for place in range(2)) for link in links.values()}
-    return {**given, **found}
+    frames = pushed_frames(tree)
+    found = {frame: (functools.partial(push, frame), given.get(frame, (0, 0))[1]) for frame in frames}
+    return {**given, **found} if frames else wrenches
 
 
 def efforts_of_followers(robot: Mechanism, loads: Mapping[str, Any]) -> Any:
