@@ -121,7 +121,7 @@ def test_what_is_traced_has_a_limit():
     robot, panda = chain(100), hp.load_robot("panda")
     for own, outputs, traced in ((robot, "mass_matrix", False), (robot, "tau", True), (panda, "mass_matrix", True)):
         request = trees.Request((outputs,), free=False)
-        assert trees.request_loop(own._constants.form, request).traced is traced
+        assert trees.request_loop(own._robot.constants.form, request).traced is traced
 
 
 @pytest.mark.slow
