@@ -11,10 +11,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from hingepair.numeric.bounded import Bounded, BoundedDouble, BoundedSingle, bounded_class, in_last_places
+from hingepair.numeric.bounded import Bounded, BoundedSingle, bounded_class, in_last_places
 
 COUNT = 300
-KINDS = pytest.mark.parametrize("kind", [BoundedDouble, BoundedSingle])
+KINDS = pytest.mark.parametrize("kind", [Bounded, BoundedSingle])
 
 
 def operands(kind: type[Bounded], seed: int) -> tuple[list[Bounded], list[Fraction]]:
@@ -100,7 +100,7 @@ def test_numbers_that_overflow_or_vanish(kind: type[Bounded]) -> None:
     assert np.isinf((largest + largest).error)
     assert np.isinf((largest * kind(2.0)).error)
     assert np.isinf((kind(math.inf) - kind(math.inf)).error)
-    small = kind(2.0**-600 if kind is BoundedDouble else 2.0**-80)
+    small = kind(2.0**-600 if kind is Bounded else 2.0**-80)
     assert 0 < float((small * small).error) <= 8 * kind.smallest
 
 
@@ -141,7 +141,7 @@ def test_the_bound_of_a_sine_covers_what_its_angle_is_off(function: str) -> None
     known = {"sine": math.sin, "cosine": math.cos, "versine": lambda x: 2 * math.sin(x / 2) ** 2}
     for angle in (0.0, 1e-7, 0.4, 1.2, 3.0):
         for off in (0.0, 1e-12, 1e-4):
-            bounded = getattr(BoundedDouble(angle, off), function)()
+            bounded = getattr(Bounded(angle, off), function)()
             for other in (angle - off, angle + off):
                 exact = known[function](other)
                 assert abs(float(bounded.value) - exact) <= float(bounded.error) * (1 + 1e-9) + 1e-17
@@ -149,8 +149,8 @@ def test_the_bound_of_a_sine_covers_what_its_angle_is_off(function: str) -> None
 
 def test_the_kind_follows_the_dtype() -> None:
     assert bounded_class(np.dtype(np.float32)) is BoundedSingle
-    assert bounded_class(np.dtype(np.float64)) is BoundedDouble
-    for kind in (BoundedSingle, BoundedDouble):
+    assert bounded_class(np.dtype(np.float64)) is Bounded
+    for kind in (BoundedSingle, Bounded):
         limits = np.finfo(kind.dtype)
         assert (kind.u, kind.largest, kind.smallest) == (limits.eps / 2, limits.max, limits.smallest_subnormal)
 

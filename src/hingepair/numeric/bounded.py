@@ -31,10 +31,10 @@ class Bounded:
     __array_ufunc__ = None  # NumPy leaves sums and products with its numbers to the methods below
     __slots__ = ("bound", "value")
 
-    dtype: ClassVar[type[np.floating[Any]]]
-    u: ClassVar[float]
-    smallest: ClassVar[float]
-    largest: ClassVar[float]
+    dtype: ClassVar[type[np.floating[Any]]] = np.float64  # whose rounding errors count
+    u: ClassVar[float] = UNIT_ROUNDOFF
+    smallest: ClassVar[float] = 2.0**-1074
+    largest: ClassVar[float] = float(np.finfo(np.float64).max)
 
     def __init__(self, value: Component, bound: Component = 0.0) -> None:
         self.value = value  # of one evaluation; that of any other differs by at most twice the bound
@@ -145,14 +145,6 @@ class Bounded:
         return in_last_places(SINE_ULPS, largest_size, cls.u)
 
 
-class BoundedDouble(Bounded):
-    """Bounded numbers whose rounding errors are those of float64."""
-
-    __slots__ = ()
-    dtype = np.float64
-    u, smallest, largest = UNIT_ROUNDOFF, 2.0**-1074, float(np.finfo(np.float64).max)
-
-
 class BoundedSingle(Bounded):
     """Bounded numbers whose rounding errors are those of float32; value and bound are float64."""
 
@@ -163,7 +155,7 @@ class BoundedSingle(Bounded):
 
 def bounded_class(dtype: np.dtype[Any]) -> type[Bounded]:
     """Return the class for a dtype."""
-    return BoundedSingle if dtype == np.float32 else BoundedDouble
+    return BoundedSingle if dtype == np.float32 else Bounded
 
 
 def conversion_error(number: Any) -> Component:

@@ -13,7 +13,7 @@ from hingepair.bench import truth as reference
 from hingepair.bench.truth import DIGITS, exactly
 from hingepair.mechanism.pairs.accuracy import PROMISED_BOUND_BY_OUTPUT
 from hingepair.numeric import bounded
-from hingepair.numeric.bounded import BoundedDouble, BoundedSingle
+from hingepair.numeric.bounded import Bounded, BoundedSingle
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support import states, truths
 from support.hinged import pair_of
@@ -240,7 +240,7 @@ def test_no_bound_passes_the_promise(form, output, dtype):
 # ---- the arithmetic
 
 
-@pytest.mark.parametrize("kind", [BoundedDouble, BoundedSingle])
+@pytest.mark.parametrize("kind", [Bounded, BoundedSingle])
 def test_what_is_exact_has_no_bound(kind):
     """Sums with 0, products with 0, 1 and -1, negation."""
     x = kind(np.array([0.3, -1e-320, 5.0]), np.array([0.0, 0.0, 1e-9]))
@@ -249,7 +249,7 @@ def test_what_is_exact_has_no_bound(kind):
     assert np.array_equal((x * 0.0).bound, np.zeros(3))
 
 
-@pytest.mark.parametrize("kind", [BoundedDouble, BoundedSingle])
+@pytest.mark.parametrize("kind", [Bounded, BoundedSingle])
 def test_nothing_is_known_of_what_is_divided_by_a_number_that_may_be_0(kind):
     x = kind(np.array([3.0, -3.0, 1.0, np.nan]), np.array([1.0, 1.0, 1.0, 0.0]))
     with np.errstate(all="ignore"):

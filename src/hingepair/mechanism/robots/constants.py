@@ -20,7 +20,7 @@ from hingepair.mechanism.pairs.geometry import PIVOT_ROUNDING
 from hingepair.mechanism.robots.samples import JointSamples, Payload, turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, Tree
 from hingepair.numeric.arrays import read_only
-from hingepair.numeric.bounded import UNIT_ROUNDOFF, BoundedDouble
+from hingepair.numeric.bounded import UNIT_ROUNDOFF, Bounded
 from hingepair.plans.closures import PRECISION
 from hingepair.plans.computation import Cache
 from hingepair.plans.struts import StrutForm
@@ -28,7 +28,7 @@ from hingepair.plans.trees import Form, constant_place
 from hingepair.urdf.rigid import MassProperties
 
 Exact: TypeAlias = list[Any]
-"""Fractions; or for bounds `BoundedDouble`s."""
+"""Fractions; or for bounds `Bounded`s."""
 
 _ROTATION_ROUNDING: Final = 4 * UNIT_ROUNDOFF  # of an entry made of products of three sines, or of a quaternion
 _AXIS_ROUNDING: Final = (
@@ -206,11 +206,11 @@ def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[fl
         poses = [
             (
                 _matrix_times_matrix(_matrix_times_matrix(backs[joint.parent], _rotation_with_bounds(joint.S)), P),
-                _matrix_times_vector(backs[joint.parent], [*map(BoundedDouble, joint.u.tolist())]),
+                _matrix_times_vector(backs[joint.parent], [*map(Bounded, joint.u.tolist())]),
             )
             for joint, P in zip(tree.joints, axes[1:], strict=True)
         ]
-        masses = _mass_moments(tree, constants.free, axes, poses, constants.whole, BoundedDouble)
+        masses = _mass_moments(tree, constants.free, axes, poses, constants.whole, Bounded)
         stored, exact = program_numbers(constants), _ten_numbers(masses[0])
         for (S, u), moments in zip(poses, masses[1:], strict=True):
             given = stored[len(exact) + 22 : len(exact) + 26]  # armature, multiplier, offset, threshold
@@ -219,10 +219,10 @@ def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[fl
         for frame in frames:
             stored += frame_numbers(constants, frame)
             back = backs[frame.body]
-            exact += _matrix_times_vector(back, [*map(BoundedDouble, frame.R.tolist())])
+            exact += _matrix_times_vector(back, [*map(Bounded, frame.R.tolist())])
             exact += _matrix_times_matrix(back, _rotation_with_bounds(frame.S))
         bounds = [
-            abs(number - one.value) + one.error if isinstance(one, BoundedDouble) else 0.0
+            abs(number - one.value) + one.error if isinstance(one, Bounded) else 0.0
             for number, one in zip(stored, exact, strict=True)
         ]
     return [math.inf if math.isnan(bound) else float(bound) * (1 + UNIT_ROUNDOFF) for bound in bounds]
@@ -236,7 +236,7 @@ def _rotation_with_bounds(S: NDArray[np.float64]) -> Exact:
     unit &= (np.count_nonzero(S, axis=0) == 1) & (np.count_nonzero(S, axis=1) == 1)[:, None]
     exact = unit.any(axis=0) | unit.any(axis=1)[:, None]
     errors = np.where(exact, 0.0, _distance_from_rotation(S, 0.5) + _ROTATION_ROUNDING)
-    return [*map(BoundedDouble, S.ravel().tolist(), errors.ravel().tolist())]
+    return [*map(Bounded, S.ravel().tolist(), errors.ravel().tolist())]
 
 
 def _axes_with_bounds(P: NDArray[np.float64]) -> Exact:
@@ -245,7 +245,7 @@ def _axes_with_bounds(P: NDArray[np.float64]) -> Exact:
     """
     exact = np.isin(P, (-1.0, 0.0, 1.0)).all()
     errors = np.zeros((3, 3)) if exact else _distance_from_rotation(P, 1.0) + _AXIS_ROUNDING
-    return [*map(BoundedDouble, P.ravel().tolist(), errors.ravel().tolist())]
+    return [*map(Bounded, P.ravel().tolist(), errors.ravel().tolist())]
 
 
 def _distance_from_rotation(S: NDArray[np.float64], share: float) -> NDArray[np.float64]:
@@ -365,7 +365,7 @@ class _MassMoments:
 
 def _shortened(number: Any) -> Any:
     """Return a fraction rounded to 512 bits if its denominator has more than 2,000; a bounded number as it is."""
-    if isinstance(number, BoundedDouble):
+    if isinstance(number, Bounded):
         return number
     if number.denominator.bit_length() <= 2000:
         return number
@@ -479,7 +479,7 @@ def _sum_of_products(pairs: Iterable[tuple[Any, Any]]) -> Any:
 
 def _is_zero(x: Any) -> bool:
     """Return whether a number is exactly 0."""
-    return bool(x.value == 0 and x.bound == 0) if isinstance(x, BoundedDouble) else not x
+    return bool(x.value == 0 and x.bound == 0) if isinstance(x, Bounded) else not x
 
 
 def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[list[float], tuple[float, float]]:
