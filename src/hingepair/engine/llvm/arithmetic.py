@@ -9,6 +9,7 @@ from typing import Final
 from hingepair.engine.llvm.builder import LANES, NUMBER_BYTES, FunctionBuilder, hexadecimal
 from hingepair.engine.llvm.schedule import Node, Operation, Schedule, Step
 from hingepair.engine.llvm.sines import DOUBLES
+from hingepair.engine.trace import Operand
 
 STEP_PARAMETERS: Final = "ptr noalias %frame, ptr noalias %places, ptr noalias %constants"
 """Of the functions: `places` holds the addresses where narrow outputs go."""
@@ -18,7 +19,7 @@ _INSTRUCTIONS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "neg
 
 
 class Arithmetic:
-    """The functions of a kernel's steps.
+    """Where the vectors of a kernel are, and the functions of its steps.
 
     Args:
         schedule: the steps and the frame.
@@ -30,10 +31,7 @@ class Arithmetic:
         self.float_type = float_type
         self.vector = f"<{LANES} x {float_type}>"
         self.number_bytes = NUMBER_BYTES[float_type]
-        self._declared: set[str] = set()
-        self._lanewise: set[str] = set()
-
-    # ---- the frame
+        self.lanewise_functions: set[str] = set()  # of the C library, which `step_functions` calls for each lane
 
     def slot_address(self, f: FunctionBuilder, slot_index: int) -> str:
         """Return the address of a slot of the frame."""
@@ -58,38 +56,6 @@ class Arithmetic:
             offsets += [~places[0], *places[1:]] if constant else places
         return offsets
 
-    # ---- the functions of the steps
-
-    def step_functions(self) -> list[str]:
-        """Return the declarations of intrinsics, then one function for each step of arithmetic."""
-        steps = (*self.schedule.uniform_steps, *self.schedule.varying_steps)
-        functions = [self._step_function(step) for step in steps if not step.angles]
-        return [*sorted(self._declared), *functions]
-
-    @property
-    def lanewise_functions(self) -> list[str]:
-        """Functions of the C library that `step_functions` calls for each lane."""
-        return sorted(self._lanewise)
-
-    def _step_function(self, step: Step) -> str:
-        """Return the LLVM function of a step of arithmetic."""
-        self._f = f = FunctionBuilder(f"internal void @{step.name}({STEP_PARAMETERS})")
-        self._names: dict[Node, tuple[str, int]] = {}  # of vectors, and the position at which they were last used
-        self._comparisons: dict[int, str] = {}  # names by the identity of the comparison
-        self._position = 0
-        for self._position, node in enumerate(step.lines):
-            name = self._write_operation(node)
-            self._names[node] = name, self._position
-            if node.slot >= 0:
-                self.store_slot(f, node.slot, name)
-            for g in node.stores:
-                self._store_sample_rows(g)
-        if step is self.schedule.varying_steps[-1]:
-            for g in self.schedule.stored_last:
-                self._store_sample_rows(g)
-        f.do("ret void")
-        return f.text()
-
     def constant(self, f: FunctionBuilder, value: Operation) -> str:
         """Return the vector of a known number or of a constant."""
         if not isinstance(value, Node):
@@ -99,87 +65,107 @@ class Arithmetic:
         number = f.put(f"load {self.float_type}, ptr {place}, align {self.number_bytes}")
         return f.splat(self.vector, f"{self.float_type} {number}")
 
+    def step_functions(self) -> list[str]:
+        """Return the declarations of intrinsics, then one function for each step of arithmetic."""
+        vectors = {"sqrt": self.vector, "fma": ", ".join(3 * [self.vector])}
+        declared = [f"declare {self.vector} {self.intrinsic(name)}({taken})" for name, taken in vectors.items()]
+        steps = (*self.schedule.uniform_steps, *self.schedule.varying_steps)
+        return [*declared, *(_StepWriter(self, step).text() for step in steps if not step.angles)]
+
+    def intrinsic(self, name: str) -> str:
+        """Return the symbol of an intrinsic function of LLVM for the vectors of this kernel."""
+        return f"@llvm.{name}.v{LANES}f{8 * self.number_bytes}"
+
+
+class _StepWriter:
+    """Builder of the function of a step of arithmetic."""
+
+    def __init__(self, arithmetic: Arithmetic, step: Step) -> None:
+        self.arithmetic, self.step = arithmetic, step
+        self.vector, self.number_bytes = arithmetic.vector, arithmetic.number_bytes
+        self.f = FunctionBuilder(f"internal void @{step.name}({STEP_PARAMETERS})")
+        self.names: dict[Node, tuple[str, int]] = {}  # of vectors, and the position at which they were last used
+        self.comparisons: dict[Operand, str] = {}  # names of their results
+        self.position = 0  # of the operation that is being written
+
+    def text(self) -> str:
+        """Return the LLVM function."""
+        schedule = self.arithmetic.schedule
+        for position, node in enumerate(self.step.lines):
+            self.position = position
+            name = self.operation(node)
+            self.names[node] = name, self.position
+            if node.slot >= 0:
+                self.arithmetic.store_slot(self.f, node.slot, name)
+            for g in node.stores:
+                self.store_rows(g)
+        if self.step is schedule.varying_steps[-1]:
+            for g in schedule.stored_last:
+                self.store_rows(g)
+        self.f.do("ret void")
+        return self.f.text()
+
     def operand(self, value: Operation) -> str:
         """Return an operand's vector: a number in all lanes, a register, or a load from the frame."""
         if not isinstance(value, Node):
-            return self.constant(self._f, value)
-        name, position = self._names.get(value, ("", 0))
-        if not name or self._position - position > _MAX_AGE:
+            return self.arithmetic.constant(self.f, value)
+        name, position = self.names.get(value, ("", 0))
+        if not name or self.position - position > _MAX_AGE:
             if value.number >= 0:
-                name = self.constant(self._f, value)
+                name = self.arithmetic.constant(self.f, value)
             elif value.slot >= 0:
-                place = self.slot_address(self._f, value.slot)
-                name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.number_bytes}")
-        self._names[value] = name, self._position
+                place = self.arithmetic.slot_address(self.f, value.slot)
+                name = self.f.put(f"load {self.vector}, ptr {place}, align {LANES * self.number_bytes}")
+        self.names[value] = name, self.position
         return name
 
-    def _write_operation(self, node: Node) -> str:
+    def operation(self, node: Node) -> str:
         """Append the operation of a value, and return the name of its vector."""
-        put, kind, operation = self._f.put, self.vector, node.value.operation
+        operation, parts = node.value.operation, [self.operand(one) for one in node.operands]
         if operation == "where":
-            a, b, *both = node.operands
-            chosen = ", ".join(f"{kind} {self.operand(one)}" for one in both)
-            condition = self._write_comparison(id(node.value.operands[0]), a, b)
-            return put(f"select <{LANES} x i1> {condition}, {chosen}")
-        if node.product is not None:
-            return self._write_fma(node)
-        parts = [self.operand(one) for one in node.operands]
+            less, a, b, *both = node.value.operands[0], *parts
+            if less not in self.comparisons:
+                self.comparisons[less] = self.f.put(f"fcmp olt {self.vector} {a}, {b}")
+            chosen = ", ".join(f"{self.vector} {one}" for one in both)
+            return self.f.put(f"select <{LANES} x i1> {self.comparisons[less]}, {chosen}")
+        if node.product is not None:  # x y + rest, x y - rest, or rest - x y
+            rest, x, y = parts
+            if operation == "-" and node.value.operands[1] is node.product.value:
+                x = self.f.put(f"fneg {self.vector} {x}")
+            elif operation == "-":
+                rest = self.f.put(f"fneg {self.vector} {rest}")
+            return self.call(self.arithmetic.intrinsic("fma"), [x, y, rest], self.vector)
         if operation in _INSTRUCTIONS:
-            return put(f"{_INSTRUCTIONS[operation]} {kind} {', '.join(parts)}")
+            return self.f.put(f"{_INSTRUCTIONS[operation]} {self.vector} {', '.join(parts)}")
         if operation == "sqrt":
-            return self._call_intrinsic("sqrt", parts)
-        return self._call_lanewise(operation.replace("arctan2", "atan2"), parts)
+            return self.call(self.arithmetic.intrinsic("sqrt"), parts, self.vector)
+        return self.call_lanewise(operation.replace("arctan2", "atan2"), parts)
 
-    def _write_comparison(self, key: int, a: Operation, b: Operation) -> str:
-        """Append a comparison a < b unless this function has it already, and return the name of its result."""
-        if key not in self._comparisons:
-            both = f"{self.operand(a)}, {self.operand(b)}"
-            self._comparisons[key] = self._f.put(f"fcmp olt {self.vector} {both}")
-        return self._comparisons[key]
+    def call(self, function: str, operands: Sequence[str], kind: str) -> str:
+        """Append the call of a function of vectors of a type."""
+        return self.f.put(f"call {kind} {function}({', '.join(f'{kind} {one}' for one in operands)})")
 
-    def _write_fma(self, node: Node) -> str:
-        """Append a sum or difference that is fused with its product, and return the name of its vector."""
-        other, *factors = node.operands
-        x, y = (self.operand(one) for one in factors)
-        subtracts = node.value.operation == "-"
-        if node.product is not None and node.value.operands[1] is node.product.value:
-            if subtracts:
-                x = self._f.put(f"fneg {self.vector} {x}")
-            return self._call_intrinsic("fma", [x, y, self.operand(other)])
-        rest = self.operand(other)
-        if subtracts:
-            rest = self._f.put(f"fneg {self.vector} {rest}")
-        return self._call_intrinsic("fma", [x, y, rest])
-
-    def _call_intrinsic(self, name: str, operands: Sequence[str]) -> str:
-        kind, full = self.vector, f"@llvm.{name}.v{LANES}f{8 * self.number_bytes}"
-        self._declared.add(f"declare {kind} {full}({', '.join([kind] * len(operands))})")
-        return self._f.put(f"call {kind} {full}({', '.join(f'{kind} {operand}' for operand in operands)})")
-
-    def _call_lanewise(self, name: str, operands: Sequence[str]) -> str:
+    def call_lanewise(self, name: str, operands: Sequence[str]) -> str:
         """Append the call, for each lane, of a function of the C library, which computes in double precision."""
-        self._lanewise.add(name)
-        if self.number_bytes == 4:
-            operands = [self._f.put(f"fpext {self.vector} {operand} to {DOUBLES}") for operand in operands]
-        typed_operands = ", ".join(f"{DOUBLES} {operand}" for operand in operands)
-        value = self._f.put(f"call {DOUBLES} @lanes.{name}({typed_operands})")
-        return value if self.number_bytes == 8 else self._f.put(f"fptrunc {DOUBLES} {value} to {self.vector}")
+        self.arithmetic.lanewise_functions.add(name)
+        if self.number_bytes == 8:
+            return self.call(f"@lanes.{name}", operands, DOUBLES)
+        wide = [self.f.put(f"fpext {self.vector} {one} to {DOUBLES}") for one in operands]
+        return self.f.put(f"fptrunc {DOUBLES} {self.call(f'@lanes.{name}', wide, DOUBLES)} to {self.vector}")
 
-    # ---- narrow outputs
-
-    def _store_sample_rows(self, output_index: int) -> None:
+    def store_rows(self, output_index: int) -> None:
         """Store eight samples of a narrow output as rows, from an address that the kernel has set."""
-        f = self._f
-        parts = [self.operand(value) for value in self.schedule.output_nodes[output_index]]
+        f = self.f
+        parts = [self.operand(value) for value in self.arithmetic.schedule.output_nodes[output_index]]
         to = f.load_word("%places", 8 * output_index, "ptr")
         blocked_count = len(parts) // LANES * LANES
         blocks = [f.transpose(self.vector, parts[k : k + LANES]) for k in range(0, blocked_count, LANES)]
         samples = [list(sample) for sample in zip(*blocks, strict=True)]
         for first in range(0, LANES * len(parts), LANES):
-            piece = self._pack_numbers(samples, parts[blocked_count:], len(parts), first)
+            piece = self.pack(samples, parts[blocked_count:], len(parts), first)
             f.do(f"store {self.vector} {piece}, ptr {f.pointer_at(to, self.number_bytes * first)}, align 1")
 
-    def _pack_numbers(self, samples: list[list[str]], rest: list[str], count: int, first: int) -> str:
+    def pack(self, samples: list[list[str]], rest: list[str], count: int, first: int) -> str:
         """Return a vector of eight consecutive numbers of a block of rows.
 
         Args:
@@ -196,6 +182,6 @@ class Arithmetic:
         lanes = [lane if name == vector else -1 for name, lane in picked]
         for other in others or ["poison"]:
             lanes = [LANES + lane if name == other else k for (name, lane), k in zip(picked, lanes, strict=True)]
-            vector = self._f.shuffle(self.vector, vector, other, lanes)
+            vector = self.f.shuffle(self.vector, vector, other, lanes)
             lanes = [m if k >= 0 else -1 for m, k in enumerate(lanes)]
         return vector

@@ -77,7 +77,7 @@ class KernelBuilder:
         vector, load = self.arithmetic.vector, f"@llvm.masked.load.v{LANES}f{8 * self.number_bytes}.p0"
         declared.append("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
         declared.append(f"declare {vector} {load}(ptr, i32, <{LANES} x i1>, {vector})")
-        lanewise = [lanewise_function(name) for name in self.arithmetic.lanewise_functions]
+        lanewise = [lanewise_function(name) for name in sorted(self.arithmetic.lanewise_functions)]
         return "\n\n".join([*self.tables, *declared, *lanewise, *self.functions, *steps, self.f.text()]) + "\n"
 
     def add_table(self, numbers: Sequence[int]) -> str:

@@ -17,7 +17,7 @@ from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder
 from hingepair.engine.llvm.ir import KernelBuilder
 from hingepair.engine.llvm.reading import InputReader
 from hingepair.engine.llvm.schedule import ComponentGroup, Schedule
-from hingepair.engine.trace import Operand
+from hingepair.engine.trace import Operand, TracedValue
 from hingepair.engine.ufunc import default_float_environment
 
 SCAN_WORDS: Final = 6  # integers in a row of the table
@@ -25,7 +25,7 @@ COUNTS: Final = ("%records", "%every", "%stages")  # numbers of records, of step
 
 
 def scan_ir(
-    constants: Sequence[Operand],
+    constants: Sequence[TracedValue],
     inputs: Mapping[str, Sequence[Operand]],
     outputs: Mapping[str, Sequence[Operand]],
     *,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from hingepair.engine.llvm.sines import SINES
 from hingepair.engine.trace import Operand, TracedValue, needed_values
@@ -23,7 +23,7 @@ _SPLIT: Final = 300  # operations of each function of a longer program: LLVM spi
 class ComponentGroup(NamedTuple):
     """The components of one array, which lie at one common stride in memory."""
 
-    values: tuple[Operand, ...]  # traced inputs, or results
+    values: tuple[Any, ...]  # traced inputs; results, numbers among them
     in_frame: bool = False  # whether all of it has slots of the frame
 
     @property
@@ -89,20 +89,19 @@ class Schedule:
 
     def __init__(
         self,
-        constants: Sequence[Operand],
+        constants: Sequence[TracedValue],
         inputs: Sequence[ComponentGroup],
         outputs: Sequence[ComponentGroup],
         fuse: bool,
     ) -> None:
         self.inputs, self.outputs, self.has_constants = inputs, outputs, bool(constants)
         lines = _nodes(needed_values(value for group in outputs for value in group.values), fuse)
-        nodes = {id(node.value): node for node in lines}
+        nodes = {node.value: node for node in lines}
         for k, value in enumerate(constants):
-            if id(value) in nodes:
-                nodes[id(value)].number = k
+            if value in nodes:
+                nodes[value].number = k
         self.output_nodes: list[list[Operation]] = [
-            [nodes[id(value)] if isinstance(value, TracedValue) else value for value in group.values]
-            for group in outputs
+            [nodes[value] if isinstance(value, TracedValue) else value for value in group.values] for group in outputs
         ]
         for node in itertools.chain(*self.output_nodes, *(node.operands for node in lines)):
             if isinstance(node, Node):
@@ -145,7 +144,7 @@ class Schedule:
 
     # ---- the frame
 
-    def _assign_slots(self, nodes: Mapping[int, Node]) -> None:
+    def _assign_slots(self, nodes: Mapping[TracedValue, Node]) -> None:
         """Assign a slot to each value that passes from one function to another; a slot is used again when its value
         is not needed any more.
         """
@@ -153,7 +152,7 @@ class Schedule:
         self.frame_size = 0
         self.input_slots: list[tuple[list[int], int]] = []
         for group in self.inputs:
-            parts = [nodes.get(id(value)) for value in group.values]
+            parts = [nodes.get(value) for value in group.values]
             used = [c for c, node in enumerate(parts) if group.in_frame or node is not None]
             self.input_slots.append((used, self.frame_size))
             for k, c in enumerate(used, self.frame_size):
@@ -210,7 +209,7 @@ class Schedule:
 
 def _nodes(values: Sequence[TracedValue], fuse: bool) -> list[Node]:
     """Return the nodes of traced values, in the same order, with the operands of their code."""
-    nodes = {id(value): Node(value) for value in values}
+    nodes = {value: Node(value) for value in values}
     for node in nodes.values():
         value = node.value
         operands: list[Operand] = [*value.operands]
@@ -224,9 +223,9 @@ def _nodes(values: Sequence[TracedValue], fuse: bool) -> list[Node]:
                     operands.reverse()
                     operands.remove(one)
                     operands += one.operands
-                    node.product = nodes[id(one)]
+                    node.product = nodes[one]
                     break
-        node.operands = [nodes[id(one)] if isinstance(one, TracedValue) else one for one in operands]
+        node.operands = [nodes[one] if isinstance(one, TracedValue) else one for one in operands]
     return [*nodes.values()]
 
 
