@@ -19,7 +19,7 @@ from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind, bind_constant
 from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop, Program
-from hingepair.engine.results import Results, writable_arrays
+from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, CompilationError
 from hingepair.numeric.blocks import sine
 
@@ -105,26 +105,6 @@ def test_casts_of_large_batches_take_little_memory():
     tracemalloc.stop()
     assert peak < 6e6
     assert (y[-1] == (3.25, 3.25, 3.25)).all()
-
-
-class Counted(tuple):
-    """A tuple that counts how often it is gone through."""
-
-    count = 0
-
-    def __iter__(self):
-        Counted.count += 1
-        return super().__iter__()
-
-
-@pytest.mark.parametrize("backend", ["numpy", "compiled"])
-def test_constants_are_sorted_once_for_all_calls(backend):
-    one, lead = Call(LOOP, GIVEN, {"k": Counted((2.0, 0.0, 0.25))}, Product, backend=backend), (2, 3)
-    given = arrays([lead] * 3)
-    Counted.count = 0
-    state = one.run(dict(zip(GIVEN, given, strict=True)), dict.fromkeys(GIVEN, lead))
-    assert Counted.count == 0
-    np.testing.assert_allclose(state.y, expected(*given)[0], atol=1e-14)
 
 
 def test_known_numbers_fold_and_those_in_arrays_are_parameters():
@@ -451,39 +431,6 @@ def test_a_kernel_that_llvm_refuses_leaves_the_others_alone(monkeypatch):
         one.compile()  # warns once
         np.testing.assert_allclose(one.run(values, shapes).y, expected(*given)[0], rtol=1e-14, atol=1e-14)
     assert Call(other, GIVEN, CONSTANTS, Product, backend="compiled").rows(*given) is not None
-
-
-@pytest.mark.parametrize("backend", ["numpy", "compiled"])
-@pytest.mark.parametrize("lead", [(), (4,), (2, 2), (100_000,)], ids=str)
-def test_results_that_nobody_holds_can_be_written_to(lead, backend):
-    one, values = call(backend), dict(zip(GIVEN, arrays([lead] * 3), strict=True))
-    for array in writable_arrays(one.run(values, dict.fromkeys(GIVEN, lead))).values():
-        array[...] = 3.0
-        assert (array == 3).all()
-
-
-@pytest.mark.parametrize("lead", [(), (5,)], ids=str)
-def test_matrices_of_any_strides_are_read_as_they_are(lead):
-    one, (unused, m, x) = call(), arrays([lead] * 3)
-    wide = np.empty((*lead, 6, 6))
-    wide[..., ::2, ::2] = m
-    for matrix in (np.ascontiguousarray(m.swapaxes(-1, -2)).swapaxes(-1, -2), wide[..., ::2, ::2]):
-        state = one.rows(unused, matrix, x)
-        y, trace = expected(unused, m, x)
-        np.testing.assert_allclose(state.y, y, rtol=1e-14, atol=1e-14)
-        np.testing.assert_allclose(state["trace"], trace, rtol=1e-14, atol=1e-14)
-
-
-@pytest.mark.parametrize("lead", [(), (9,), (30_000,)], ids=str)
-def test_a_number_of_each_sample_is_not_written_over(lead):
-    one, (unused, m, x) = call(), arrays([lead] * 3)
-    x, before = np.array(x), np.array(x)
-    out = {"y": np.zeros((*lead, 3)), "trace": np.zeros(lead)}
-    one.rows(unused, m, x, out=out)
-    for _ in range(2):
-        with pytest.raises(ArgumentError, match="overlaps x"):
-            one.rows(unused, m, x, out={**out, "trace": x})
-    np.testing.assert_array_equal(x, before)
 
 
 @pytest.mark.parametrize("count", [9, 3_000, 60_000])

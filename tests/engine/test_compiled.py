@@ -14,7 +14,7 @@ import pytest
 import hingepair as hp
 from hingepair.engine.backend import Execution
 from hingepair.engine.loops import Loop
-from hingepair.plans.pairs import SPACE, PairRequest, pair_loop
+from hingepair.plans.pairs import SPACE
 from support.sparse import sparse
 from support.states import coordinates, generator, pair
 from support.work import HANG
@@ -123,47 +123,6 @@ except (hp.errors.MissingDependencyError, hp.errors.CompilationError) as error:
     print(error)
 """
     assert "llvmlite" in run(code)
-
-
-@pytest.mark.slow
-def test_a_fork_while_a_kernel_is_compiled_can_compile():
-    code = """
-import os, threading, time
-import numpy as np, hingepair as hp
-pair = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
-q = np.ones((9, 7))
-def work():
-    for names in ("R2",), ("S2",), ("d",), ("R2", "S2"), ("R2", "d"), ("S2", "d"):
-        pair.forward_kinematics(q, outputs=names, backend="compiled")
-thread = threading.Thread(target=work)
-thread.start()
-for k in range(5):
-    time.sleep(0.05)
-    child = os.fork()
-    if not child:
-        pair.forward_kinematics(q, outputs=("S1",), backend="compiled")
-        os._exit(0)
-    print(os.waitpid(child, 0)[1])
-thread.join()
-"""
-    assert run(code).split() == ["0"] * 5
-
-
-@pytest.mark.slow
-def test_a_kernel_serves_all_pairs_of_the_same_build():
-    """Its constants come with each call, whatever they are; what is 0 or 1 is another build."""
-    rng = generator(72)
-    motion = coordinates(rng, 30)
-    one, other = pair_of(rng), pair_of(rng)
-    other = hp.HingePair(u1=other.u1, u2=other.u2, n=one.n, home=other.home)
-    loop = pair_loop(PairRequest(SPACE.default_outputs(2), ("q", "qd", "qdd"), sequence="XYZ"))
-    loop.program.cache_clear()
-    both(one, *motion)
-    programs = loop.program.cache_info().currsize
-    both(other, *motion)
-    assert loop.program.cache_info().currsize == programs
-    both(hp.HingePair(u1=other.u1, u2=(0, 0, 0), n=other.n, home=other.home), *motion)
-    assert loop.program.cache_info().currsize == programs + 1
 
 
 @pytest.mark.slow

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from hingepair.engine import slices
-from hingepair.engine.backend import Execution, kernel_pays
+from hingepair.engine.backend import Execution
 from hingepair.engine.llvm import native
 from hingepair.engine.llvm.ir import LANES
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
 from hingepair.equations import spatial as eq
 from hingepair.errors import ShapeError
-from hingepair.plans.pairs import PairRequest, pair_loop
 from support.sparse import sparse
 
 F8, F4 = np.dtype(np.float64), np.dtype(np.float32)
@@ -69,12 +68,6 @@ def test_every_count(count, dtype):
     assert all((array[[0, -1]] == 7.0).all() for array in room.values())
 
 
-def test_pairs_share_the_program_of_equal_requests():
-    """Else what was compiled for one pair would be compiled again for another."""
-    request = PairRequest(("R2",), ("q",), sequence="XYZ")
-    assert pair_loop(PairRequest(("R2",), ("q",), False, "XYZ")) is pair_loop(request)
-
-
 def test_lanes_do_not_know_of_each_other():
     values = given(40)
     whole = run(MAP, values, (40,))
@@ -83,25 +76,6 @@ def test_lanes_do_not_know_of_each_other():
             part = {"u": values["u"][start:stop], "angle": values["angle"][start:stop], "more": 0.5}
             for name, array in run(MAP, part, (stop - start,)).items():
                 np.testing.assert_array_equal(array, whole[name][start:stop])
-
-
-def test_outputs_of_any_stride():
-    values = given(21)
-    room = np.zeros((21, 2, 4))
-    square = np.zeros((21, 5, 5))
-    out = {"r": room[:, 1, 3:0:-1], "length": room[:, 0, 0], "m": square[:, ::4, 1::3]}
-    agree(run(MAP, values, (21,), execution=NUMPY), run(MAP, values, (21,), out=out))
-
-
-@pytest.mark.slow
-def test_large_outputs_go_past_the_caches_and_workers_share():
-    count = 150_001
-    values = given(count)
-    alone = run(MAP, values, (count,))
-    agree(run(MAP, values, (count,), execution=NUMPY), alone)
-    shared = run(MAP, values, (count,), execution=Execution("compiled", 3))
-    for name, array in shared.items():
-        np.testing.assert_array_equal(array, alone[name])
 
 
 def test_exact_arithmetic_is_not_fused():
@@ -160,12 +134,6 @@ def test_processors_with_an_instruction_for_it_fuse(features, machine, fuses, mo
     monkeypatch.setattr(native, "host_processor", lambda: ("any", features))
     monkeypatch.setattr(platform, "machine", lambda: machine)
     assert native.can_fuse.__wrapped__() is fuses
-
-
-@pytest.mark.parametrize("operations", [50, 200, 10_000])
-def test_a_kernel_pays_from_some_number_of_samples_on(operations):
-    pays = [kernel_pays(operations, samples) for samples in (1, 10**7)]
-    assert pays == [operations == 10_000, True]
 
 
 def test_the_choice_of_auto_does_not_depend_on_earlier_calls():

@@ -80,7 +80,7 @@ def test_code_of_one_process_serves_another(folder, loader):
     first, made_first = printed(start(before, PYTHONHASHSEED="1")), objects(folder)
     second = printed(start(before, PYTHONHASHSEED="2"))
     assert first[0] == second[0]
-    assert first[1] == "True"
+    assert (first[1], second[1]) == ("True", str(bool(before) or not images.CAN_LINK))
     assert objects(folder) == made_first
     assert printed(start(PYTHONHASHSEED="2", HINGEPAIR_CACHE="off")) == first
 
@@ -169,30 +169,6 @@ def test_code_is_kept_under_the_sources_that_made_it(tmp_path):
     old, new = run("upgrade"), run("-")
     assert new == run("-", HINGEPAIR_CACHE="off")
     assert abs(new - old) > 1
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not images.CAN_LINK, reason="llvmlite loads objects of other systems")
-@pytest.mark.usefixtures("folder")
-def test_code_on_disk_is_loaded_without_llvmlite():
-    code = f"""
-import sys
-from hingepair.engine.llvm import native
-native.Kernel("one", lambda: {IR.format(factor=7)!r})
-print("llvmlite" in sys.modules)
-"""
-    found = [
-        subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=HANG).stdout.strip()
-        for _ in range(2)
-    ]
-    assert found == [b"True", b"False"]
-
-
-@pytest.mark.slow(3)
-def test_processes_that_start_at_once_share_the_folder(folder):
-    results = [printed(process) for process in [start() for _ in range(8)]]
-    assert len({state for state, _ in results}) == 1
-    assert {path.suffix for path in folder.iterdir()} == {".object"}
 
 
 @pytest.mark.slow(3)
@@ -342,17 +318,6 @@ def test_a_relative_folder_is_refused_with_a_warning(tmp_path, monkeypatch, valu
     assert [*tmp_path.iterdir()] == []
 
 
-@pytest.mark.usefixtures("folder")
-@pytest.mark.skipif(os.name != "posix", reason="owners of files")
-def test_files_of_root_serve_others(monkeypatch):
-    """As in an image of a container whose code root has compiled."""
-    if os.geteuid():
-        pytest.skip("only root writes files of root")
-    object_cache.write_object("0a", b"code")
-    monkeypatch.setattr(os, "geteuid", lambda: 12345)
-    assert object_cache.read_object("0a") == b"code"
-
-
 @pytest.mark.parametrize("limit", ["MAX_BYTES", "MAX_FILES"])
 def test_what_was_not_used_for_the_longest_time_goes_when_the_folder_is_full(folder, limit, monkeypatch):
     for k, name in enumerate(("used", "old", "new")):
@@ -402,15 +367,3 @@ def test_the_folder_is_the_users_unless_one_is_named(monkeypatch, tmp_path):
     assert sys.platform != "linux" or folder == tmp_path / "hingepair"
     monkeypatch.setenv("HINGEPAIR_CACHE", "~/one")
     assert object_cache.cache_folder() == Path.home() / "one"
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="users without a home, as containers have them")
-def test_a_user_without_a_home_has_no_folder(monkeypatch):
-    for name in ("HOME", "XDG_CACHE_HOME", "HINGEPAIR_CACHE"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(os, "getuid", lambda: 4_000_000)
-    object_cache._user_folder.cache_clear()
-    found = object_cache.cache_folder()
-    monkeypatch.undo()
-    object_cache._user_folder.cache_clear()
-    assert found is None

@@ -12,8 +12,6 @@ from hingepair.engine.trace import (
     Trace,
     arc_tangent,
     hypotenuse,
-    needed_values,
-    operation_count,
     square_root,
     where_less,
 )
@@ -65,21 +63,6 @@ def test_the_same_line_is_written_once(xy):
     assert (-x).versine() is x.versine()
 
 
-def test_only_what_is_needed_is_left(xy):
-    x, y = xy
-    wanted, _ = x * y + 1.0, x.sine() * 3.0
-    assert operation_count(needed_values([wanted])) == 2
-
-
-def test_a_line_of_constants_does_not_move():
-    trace = Trace()
-    constant, moving = trace.input(varies=False), trace.input()
-    assert not (2.0 * constant + 1.0).varies
-    assert (constant * moving).varies
-    lines = needed_values([2.0 * constant * moving])
-    assert (operation_count(lines, varying=False), operation_count(lines, varying=True)) == (1, 1)
-
-
 def test_a_traced_value_decides_nothing(xy):
     with pytest.raises(TypeError, match="where"):
         bool(xy[0])
@@ -111,15 +94,6 @@ def interpreted(function, count):
 @pytest.mark.parametrize("state", STATES)
 def test_an_interpreter_computes_the_function_to_the_bit(state):
     assert tuple(interpreted(function, 3).run(*map(np.float64, state))) == plain(*state)
-
-
-def test_an_interpreter_takes_arrays_and_leaves_them_as_they_are():
-    run, given = interpreted(function, 3).run, np.array(STATES).T
-    expected = np.array([plain(*state) for state in STATES]).T
-    for _ in range(2):
-        for one, other in zip(run(*given), expected, strict=True):
-            np.testing.assert_allclose(np.broadcast_to(one, other.shape), other, rtol=4e-16)
-    np.testing.assert_array_equal(given, np.array(STATES).T)
 
 
 def test_a_register_serves_again_once_its_value_is_not_needed():

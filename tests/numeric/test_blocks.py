@@ -7,18 +7,12 @@ import math
 import numpy as np
 import pytest
 
-import hingepair as hp
 from hingepair.numeric.arrays import load, result_dtype, split_into_blocks
 from hingepair.numeric.blocks import (
     BLOCK,
-    angle_terms,
     components_of,
-    cosine,
     hinge_terms,
-    numbers,
-    sine,
     tabulate,
-    tabulate_one,
     versine,
     versines,
 )
@@ -37,21 +31,6 @@ def test_blocks_cover_every_sample_once(size: int) -> None:
             largest = max(largest, count[block].size)
         assert (count == 1).all(), shape
         assert largest <= size, shape
-
-
-def test_blocks_are_as_large_as_they_may_be() -> None:
-    assert [tuple((s.start, s.stop) for s in block) for block in split_into_blocks((10,), 4)] == [
-        ((0, 4),),
-        ((4, 8),),
-        ((8, 10),),
-    ]
-    assert [tuple((s.start, s.stop) for s in block) for block in split_into_blocks((4, 3), 7)] == [
-        ((0, 2), (0, 3)),
-        ((2, 4), (0, 3)),
-    ]
-    assert [tuple((s.start, s.stop) for s in block) for block in split_into_blocks((2, 2, 3), 4)] == [
-        ((i, i + 1), (j, j + 1), (0, 3)) for i in range(2) for j in range(2)
-    ]
 
 
 def test_a_component_that_broadcasts_is_loaded_where_it_differs() -> None:
@@ -78,19 +57,6 @@ def test_the_dtype_follows_the_arrays() -> None:
     )
 
 
-def test_components_of_vectors_and_matrices() -> None:
-    array = np.arange(24.0).reshape(2, 3, 4)
-    assert [c.tolist() for c in components_of(array[0])] == array[0].T.tolist()
-    assert [c.tolist() for c in components_of(array, 2)] == [
-        [array[0, i, j], array[1, i, j]] for i in range(3) for j in range(4)
-    ]
-    assert all(c.base is not None for c in components_of(array, 2))  # views
-    assert numbers(array[0, 0]) == (0.0, 1.0, 2.0, 3.0)
-    assert numbers(array[0], 2) == tuple(map(float, range(12)))
-    assert [c.tolist() for c in numbers(array[0])] == array[0].T.tolist()
-    assert all(type(x) is float for x in numbers(array[0], 2))
-
-
 @pytest.mark.parametrize("shape", [(), (5,), (3, 2 * BLOCK + 7), (0,)], ids=str)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_a_function_of_components_is_tabulated(shape: tuple[int, ...], dtype: type) -> None:
@@ -115,39 +81,9 @@ def test_a_function_of_components_is_tabulated(shape: tuple[int, ...], dtype: ty
         assert np.array_equal(found[name], array.astype(dtype))
 
 
-def test_what_has_one_element_reaches_the_function_as_a_number() -> None:
-    kinds = {}
-
-    def function(values):
-        kinds.update({name: type(value) for name, value in values.items()})
-        return values["a"] + values["b"] + values["c"]
-
-    inputs = {"a": np.array([2.0]), "b": np.arange(4.0), "c": np.float64(1.0)}
-    assert tabulate_one(function, inputs, (), np.dtype(np.float64)).tolist() == [3.0, 4.0, 5.0, 6.0]
-    assert kinds == {"a": float, "b": np.ndarray, "c": float}
-    tabulate_one(function, inputs, (), np.dtype(np.float32))
-    assert kinds == {"a": np.float32, "b": np.ndarray, "c": np.float32}
-
-
-def test_inputs_that_do_not_broadcast_are_refused() -> None:
-    with pytest.raises(hp.ShapeError, match="b"):
-        tabulate_one(lambda values: values["a"], {"a": np.zeros(3), "b": np.zeros(4)}, (), np.dtype(np.float64))
-
-
 ANGLES = np.concatenate(
     ([0.0, 1e-160, 1e-9, 0.7953988301841436, 0.79, 0.8, math.pi / 2, math.pi], np.linspace(-7, 7, 57))
 )
-
-
-def test_sines_and_cosines_of_numbers_and_arrays() -> None:
-    for angle in ANGLES.tolist():
-        assert (sine(angle), cosine(angle)) == (math.sin(angle), math.cos(angle))
-    assert np.array_equal(sine(ANGLES), np.sin(ANGLES))
-    assert np.array_equal(cosine(ANGLES), np.cos(ANGLES))
-    assert angle_terms((0.3, 0.5)) == (math.sin(0.3), math.cos(0.3), math.sin(0.5), math.cos(0.5))
-    for value in (math.inf, -math.inf, math.nan):
-        assert math.isnan(sine(value))
-        assert math.isnan(cosine(value))
 
 
 def test_one_minus_a_cosine_keeps_its_digits() -> None:

@@ -11,7 +11,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from hingepair.numeric.bounded import Bounded, BoundedSingle, bounded_class, in_last_places
+from hingepair.numeric.bounded import Bounded, BoundedSingle
 
 COUNT = 300
 KINDS = pytest.mark.parametrize("kind", [Bounded, BoundedSingle])
@@ -145,17 +145,3 @@ def test_the_bound_of_a_sine_covers_what_its_angle_is_off(function: str) -> None
             for other in (angle - off, angle + off):
                 exact = known[function](other)
                 assert abs(float(bounded.value) - exact) <= float(bounded.error) * (1 + 1e-9) + 1e-17
-
-
-def test_the_kind_follows_the_dtype() -> None:
-    assert bounded_class(np.dtype(np.float32)) is BoundedSingle
-    assert bounded_class(np.dtype(np.float64)) is Bounded
-    for kind in (BoundedSingle, Bounded):
-        limits = np.finfo(kind.dtype)
-        assert (kind.u, kind.largest, kind.smallest) == (limits.eps / 2, limits.max, limits.smallest_subnormal)
-
-
-def test_units_in_the_last_place() -> None:
-    sizes = np.array([1.0, 1.5, 1.999, 2.0, 0.75, 0.0])
-    assert in_last_places(1.0, sizes, 2.0**-53).tolist() == [2.0**-52] * 3 + [2.0**-51, 2.0**-53, 0.0]
-    assert in_last_places(0.5, sizes, 2.0**-24).tolist() == [2.0**-24] * 3 + [2.0**-23, 2.0**-25, 0.0]

@@ -13,7 +13,6 @@ from hingepair.numeric.unit_vectors import (
     direction,
     polar,
     scaled_by_power_of_two,
-    times_power_of_two,
     unit_axis,
 )
 
@@ -82,10 +81,3 @@ def test_moderate_vectors_are_not_scaled_and_others_are_exactly() -> None:
             assert math.ldexp(y, exponent) == x or abs(y) < 2.0**-1000
         arrays, exponents = scaled_by_power_of_two(tuple(np.array([x]) for x in v))
         assert ([x[0] for x in arrays], exponents[0]) == (list(w), exponent)
-
-
-def test_products_with_powers_of_two_overflow_to_infinity() -> None:
-    assert times_power_of_two(-1.5, 2000) == -math.inf
-    assert times_power_of_two(1.5, 3) == 12.0
-    assert times_power_of_two(1.5, 0) == 1.5
-    assert times_power_of_two(np.array([1.5, -1.0]), np.array([1, 2])).tolist() == [3.0, -4.0]
