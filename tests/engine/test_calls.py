@@ -326,7 +326,7 @@ UNFIT = {
 def test_direct_calls_take_what_fits_and_leave_the_rest_alone(kind, place):
     """Arguments and arrays to write into: whatever else they are, nothing is written."""
     code, lead = call().machine_code("d"), (9,)
-    make, fill = direct.direct_calls(code.kernel, "d", code.constants, 50, freeze=True)
+    make, fill = direct.direct_calls(code, "d", 50, freeze=True)
     given, out = arrays([lead] * 3), [np.full((*lead, 3), 7.0), np.full(lead, 7.0)]
     made = make(*given)
     for found, wanted in zip(made, expected(*given), strict=True):
@@ -345,7 +345,7 @@ def test_direct_calls_take_what_fits_and_leave_the_rest_alone(kind, place):
 
 def test_direct_calls_broadcast_single_samples_and_refuse_shared_memory():
     code = call().machine_code("d")
-    make, fill = direct.direct_calls(code.kernel, "d", code.constants, 50, freeze=False)
+    make, fill = direct.direct_calls(code, "d", 50, freeze=False)
     given = [np.ones((4, 2)), np.eye(3), np.arange(4.0)]
     y, trace = make(*given)
     np.testing.assert_allclose(y, expected(*given)[0])
@@ -457,15 +457,11 @@ def test_python_numbers_beside_arrays_take_their_dtype(x, backend):
     assert found.y.dtype == np.float32
 
 
-def test_without_numpys_table_of_functions_numpy_computes(monkeypatch):
-    def gone():
-        raise AttributeError("_UFUNC_API")
-
-    monkeypatch.setattr(ufunc, "_create_ufunc", gone)
+def test_without_numpys_tables_of_functions_kernels_compute_and_there_is_no_ufunc(monkeypatch):
+    for module in (direct, ufunc):
+        monkeypatch.setattr(module, "numpy_function", lambda *_: 0)
     loop, given = Loop("fresh", product, dict(LOOP.inputs), OUTPUTS), arrays([(4,)] * 3)
-    one = Call(loop, GIVEN, CONSTANTS, Product)
-    with pytest.warns(RuntimeWarning, match="computing with NumPy"):
-        state = one.run(dict(zip(GIVEN, given, strict=True)), dict.fromkeys(GIVEN, (4,)))
-    np.testing.assert_allclose(state.y, expected(*given)[0], rtol=1e-14)
+    one = Call(loop, GIVEN, CONSTANTS, Product, backend="compiled")
+    np.testing.assert_allclose(one.rows(*given).y, expected(*given)[0], rtol=1e-14)
     with pytest.raises(CompilationError, match="NumPy"):
-        Call(loop, GIVEN, CONSTANTS, Product, backend="compiled")
+        _ = one.ufunc

@@ -16,15 +16,16 @@ components. A `Loop` runs the function over arrays; a `Call` is a loop with know
 array([-1., -1.])
 
 The function is traced once for each pattern of inputs: numbers that are known to be 0, 1 or -1 fold away, and
-operations that no output needs are left out. The others run as machine code for eight samples at a time, which NumPy
-calls as a ufunc, or where nothing is compiled as NumPy in blocks of samples; `backend` chooses. The modules:
+operations that no output needs are left out. The others run as machine code for eight samples at a time, or where
+nothing is compiled as NumPy in blocks of samples; `backend` chooses. The modules:
 
     trace, derivatives              values that record operations, or fold them; derivatives in the same trace
     binding, loops                  which inputs are known, constant or arrays; a traced program for each pattern
     interpreter                     its operations one after the other, by NumPy
     llvm                            its LLVM code, and the machine code, which is kept on disk
-    ufunc, slices, threads          a kernel as a ufunc; its calls in slices, by threads
-    direct                          calls of a kernel by Python itself, for few samples
+    layout, direct                  a kernel's arrays; its call by Python itself, for plain arrays
+    slices, threads                 its call for any arrays, in blocks, by threads
+    ufunc                           a kernel as a ufunc of NumPy
     scans                           a program that is repeated in steps, and passes a state from step to step
     calls, outputs, results         a loop with its constants; arrays to write into; results
     jax_torch, xla, casadi_function a call as a function of JAX, PyTorch and CasADi; kernels in JAX

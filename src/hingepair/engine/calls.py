@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape, ComponentSource, Constant, NamedShapes, bind_constant
 from hingepair.engine.direct import Direct, direct_calls
+from hingepair.engine.layout import Layout
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, output_arrays
 from hingepair.engine.results import Results
 from hingepair.engine.slices import run_slices
-from hingepair.engine.ufunc import MAX_OPERANDS, Layout, Ufunc
+from hingepair.engine.ufunc import MAX_OPERANDS, Code, make_ufunc
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
 from hingepair.numeric.caching import lock_free_cached_property
@@ -38,22 +39,15 @@ _SEQUENCES, _NUMBERS = {list, tuple}, {float, int, np.float64}
 _WEAK = {float, int}  # numbers that take the dtype of the arrays beside them
 # Samples below which calls share one kernel, in which no constant is folded, and components are joined for it.
 _FEW_SAMPLES: Final = 20_000
-_DIRECT_SAMPLES: Final = 2_000  # computed at most without letting other threads of Python go on, in some 0.1 ms
-
-
-class _Code(NamedTuple):
-    """A kernel, its arrays and its constants."""
-
-    kernel: Any  # a `Kernel`; None if LLVM cannot compile it, where the backend may do without
-    layout: Layout
-    constants: NDArray[Any]
+_DIRECT_SAMPLES: Final = 2_000  # that are copied at most, so that they need no conversion
 
 
 class _Compiled(NamedTuple):
     """What calls a kernel, for one dtype."""
 
-    ufunc: Ufunc
-    direct: Rows  # for few samples; returns None for what it does not take
+    code: Code
+    direct: Direct
+    few: Rows  # the quick way; returns None for what it does not take
 
 
 class Call:
@@ -120,7 +114,6 @@ class Call:
             and not any(0 in tail for tail in tails)
             and all(isinstance(one, Constant) for one in self._bound_constants.values())
         )
-        self._calls_kernels = self.has_kernels and len(tails) <= MAX_OPERANDS
         self._shared = shared and backend == "auto"
         self._compiled: dict[tuple[str, bool], _Compiled] = {}  # by dtype, and whether other calls share the kernel
         self.rows: Rows = self._any_rows
@@ -165,10 +158,10 @@ class Call:
             CompilationError: LLVM fails, and the backend is "compiled".
         """
         self._shared = False
-        if self._calls_kernels:
+        if self.has_kernels:
             self._kernel("d", False)
 
-    def machine_code(self, char: str) -> _Code:
+    def machine_code(self, char: str) -> Code:
         """Return the kernel for a dtype, its arrays and its constants.
 
         Raises:
@@ -176,12 +169,12 @@ class Call:
         """
         return self._code(char, False, Program.kernel)
 
-    def _code(self, char: str, shared: bool, compiled: Callable[[Program, Layout, str], Any]) -> _Code:
+    def _code(self, char: str, shared: bool, compiled: Callable[[Program, Layout, str], Any]) -> Code:
         program, numbers = self.program_with_numbers(shared)
         inputs = [(tail, name in self._used) for name, tail in self.argument_shapes.items()]
         layout = program.layout(inputs, bool(numbers))
         with np.errstate(over="ignore"):
-            return _Code(compiled(program, layout, char), layout, np.array(numbers, char))
+            return Code(compiled(program, layout, char), layout, np.array(numbers, char))
 
     def _check_constants(self, char: str) -> None:
         """Refuse constants that are infinite in float32 if that is the dtype to compute in."""
@@ -202,15 +195,14 @@ class Call:
             return compiled
         self._check_constants(char)
         compiles = Program.kernel if self._backend == "compiled" else Program.kernel_or_none
-        kernel, layout, constants = self._code(char, shared, compiles)
-        if kernel is None:
+        code = self._code(char, shared, compiles)
+        if code.kernel is None:
             return None
-        ufunc = Ufunc(self.loop.name, layout, [(char, kernel, constants)])
-        width = max(math.prod(tail) for _, tail in self.loop.outputs) * constants.itemsize
-        most = min(_DIRECT_SAMPLES, MIN_REUSED_BYTES // width)  # of larger results the memory is used again
-        direct = direct_calls(kernel, char, constants, most, self.result is not None)
+        width = max(math.prod(tail) for _, tail in self.loop.outputs) * code.constants.itemsize
+        most = max(1, MIN_REUSED_BYTES // width)  # of larger results the memory is used again
+        direct = direct_calls(code, char, most, self.result is not None)
         few = self._direct_rows(direct, char, lambda *_, **__: None)
-        compiled = self._compiled[char, shared] = _Compiled(ufunc, few)
+        compiled = self._compiled[char, shared] = _Compiled(code, direct, few)
         if char == "d" and shared == self._shared:
             self.rows = self._direct_rows(direct, char, self._any_rows)
         return compiled
@@ -223,12 +215,10 @@ class Call:
             ArgumentError: an argument or output has no components, or they are too many for a ufunc.
             CompilationError: LLVM fails.
         """
-        if not self._calls_kernels:
+        if not self.has_kernels or len(self.argument_shapes) + len(self.loop.outputs) > MAX_OPERANDS:
             raise ArgumentError("ufunc", "a call of single arrays of at least one number each", quoted(self.outputs))
-        codes = {char: self.machine_code(char) for char in "df"}
-        loops = [(char, one.kernel, one.constants) for char, one in codes.items()]
         doc = f"{', '.join(self.argument_shapes)} -> {', '.join(self.outputs)}"
-        return Ufunc(self.loop.name, codes["d"].layout, loops, doc).publish()
+        return make_ufunc(self.loop.name, {char: self.machine_code(char) for char in "df"}, doc)
 
     # ---- arguments that are one array each
 
@@ -249,7 +239,7 @@ class Call:
                 if found is None and list in map(type, given):
                     arrays = [_row(x) if type(x) is list else x for x in arrays]
                     found = make(*arrays)
-            elif type(out) is dict and known.issuperset(out) and type(first := arrays[0]) is ndarray:
+            elif workers == 1 and type(out) is dict and known.issuperset(out) and type(first := arrays[0]) is ndarray:
                 lead = first.shape[: first.ndim - rank]
                 written = [out[name] if name in out else empty(lead + tail, char) for name, tail in outputs]
                 found = fill(*arrays, *written)
@@ -327,24 +317,22 @@ class Call:
         self._check_constants(dtype.char)
         kernel, samples = None, math.prod(shape)
         few = samples < _FEW_SAMPLES
-        if self._calls_kernels and samples and (few or not any(type(one) is tuple for one in values.values())):
+        if self.has_kernels and samples and (few or not any(type(one) is tuple for one in values.values())):
             kernel = self._kernel(dtype.char, self._shared and few)
-        given = [values[name] for name in self.argument_shapes]
+        given, tails = [values[name] for name in self.argument_shapes], [*self.argument_shapes.values()]
         if kernel is not None:
-            arrays = [
-                _joined(one, tail, dtype) for one, tail in zip(given, self.argument_shapes.values(), strict=True)
-            ]
+            arrays = [_joined(one, tail, dtype) for one, tail in zip(given, tails, strict=True)]
             if out is None and samples < _DIRECT_SAMPLES:
-                plain = (x if x.dtype is dtype and x.flags.c_contiguous else _copied(x, dtype) for x in arrays)
-                result = kernel.direct(*plain)
+                plain = [_plain(x, shape + tail, tail, dtype) for x, tail in zip(arrays, tails, strict=True)]
+                result = kernel.few(*plain)
                 if result is not None:
                     return result
         outputs = output_arrays(self.loop.outputs, shape, dtype, out, named, self.result is None)
         found = tuple(outputs.values())
-        if kernel is not None:
+        if kernel is not None and (workers > 1 or kernel.direct.fill(*arrays, *found) is None):
             operations = self.program.weighted_operations if workers > 1 else 1
-            run_slices(kernel.ufunc, arrays, found, shape, operations=operations, workers=workers)
-        else:
+            run_slices(kernel.code, arrays, found, shape, operations=operations, workers=workers)
+        elif kernel is None:
             inputs = {**self._bound_constants, **values}
             self.loop.run(inputs, outputs, shape, dtype, Execution(self._backend, workers))
         self._check_limits(found, given, out is not None)
@@ -393,9 +381,13 @@ def _result_maker(
     return lambda found, *rest: make(tuple([found[k] for k in shown]), *rest)
 
 
-def _copied(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return a contiguous copy of this very dtype; np.array keeps one that is equal, as arrays from pickles have."""
-    copied = np.empty(array.shape, dtype)
+def _plain(array: NDArray[Any], whole: ArrayShape, tail: ArrayShape, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return an array as contiguous samples of the dtype, all or one of them; np.array would keep a dtype that is
+    equal, as arrays from pickles have it.
+    """
+    if array.dtype is dtype and array.flags.c_contiguous and array.shape in {whole, tail}:
+        return array
+    copied = np.empty(whole, dtype)
     copied[...] = array
     return copied
 

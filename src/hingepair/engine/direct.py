@@ -1,7 +1,7 @@
 """Calls of a kernel without NumPy's ufunc, which takes longer for one state than the kernel.
 
 Python calls two functions of machine code that stand beside the kernel, and look at arrays of NumPy as these lie in
-memory. They compute few samples in contiguous arrays that need no conversion, of which some may be single samples:
+memory. They compute samples in contiguous arrays that need no conversion, of which some may be single samples:
 
     make(q, qd)       returns a tuple of new arrays
     fill(q, qd, tau)  writes the outputs into arrays that share no memory with others
@@ -19,21 +19,14 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hingepair.engine.layout import Layout, begin_table, store_row
 from hingepair.engine.llvm.builder import NUMBER_BYTES, FunctionBuilder
-from hingepair.engine.ufunc import (
-    TYPE_NUMBERS,
-    Layout,
-    begin_table,
-    default_float_environment,
-    numpy_function,
-    store_row,
-)
+from hingepair.engine.ufunc import TYPE_NUMBERS, Code, numpy_function
 from hingepair.numeric.arrays import MAX_AXES
 
 if TYPE_CHECKING:
-    from hingepair.engine.llvm.native import Kernel
+    pass
 
 # Offsets [bytes] in an object of Python and in an array of NumPy; `_offsets_are_known` checks them.
 _TYPE, _DATA, _AXES, _SIZES, _DTYPE, _FLAGS = 8, 16, 24, 32, 56, 64
@@ -41,8 +34,10 @@ _READABLE, _WRITABLE = 0x101, 0x501  # flags: contiguous, aligned and, for outpu
 _WRITEABLE: Final = 0x400
 # Words that the functions find in the array which is their `self`.
 _WORDS: Final = ("PyArray_New", "PyTuple_New", "PyTuple_SetItem", "Py_IncRef", "Py_DecRef", "PyErr_Clear",
+                 "PyEval_SaveThread", "PyEval_RestoreThread",
                  "none", "dtype", "number", "constants", "most", "flags")  # fmt: skip
 _NEW_ARRAY: Final = 93  # entry of NumPy's table of functions, frozen in its ABI: PyArray_New
+_LONG: Final = 1_000  # samples from which on other threads of Python go on meanwhile
 _POSITIONAL: Final = 0x80  # METH_FASTCALL
 
 
@@ -64,31 +59,31 @@ class _Method(ctypes.Structure):
     )
 
 
-def direct_calls(kernel: Kernel, char: str, constants: NDArray[Any], most: int, freeze: bool) -> Direct:
+def direct_calls(code: Code, char: str, most: int, freeze: bool) -> Direct:
     """Return the functions of a kernel; where this interpreter or NumPy lays out arrays in another way, functions
     that compute nothing.
 
     Args:
-        kernel: the compiled kernel.
+        code: the kernel.
         char: character of its dtype.
-        constants: the constants of the kernel, none or more.
-        most: samples that a call computes, at most.
+        most: samples for which `make` makes arrays, at most.
         freeze: whether new arrays are read-only.
     """
-    if not _offsets_are_known():
+    new_array = numpy_function("_ARRAY_API", _NEW_ARRAY)
+    if not new_array or not _offsets_are_known():
         return Direct(lambda *_: None, lambda *_: None)
     values = {
-        "PyArray_New": numpy_function("_ARRAY_API", _NEW_ARRAY), "none": id(None), "dtype": id(np.dtype(char)),
-        "number": TYPE_NUMBERS[char], "constants": constants.ctypes.data,
-        "most": most, "flags": ~_WRITEABLE if freeze else -1,
+        "PyArray_New": new_array, "none": id(None), "dtype": id(np.dtype(char)), "number": TYPE_NUMBERS[char],
+        "constants": code.constants.ctypes.data, "flags": ~_WRITEABLE if freeze else -1,
     }  # fmt: skip
-    words = np.array([values[one] if one in values else _python_function(one) for one in _WORDS], np.int64)
     create = ctypes.pythonapi.PyCFunction_NewEx
     create.restype, create.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.py_object)
     made = []
-    for name in Direct._fields:
-        method = _Method(name.encode(), kernel.address(name), _POSITIONAL, None)
-        made.append(create(ctypes.addressof(method), words, (kernel, method, constants)))
+    for name, limit in (("make", most), ("fill", 2**62)):
+        values["most"] = limit
+        words = np.array([values[one] if one in values else _python_function(one) for one in _WORDS], np.int64)
+        method = _Method(name.encode(), code.kernel.address(name), _POSITIONAL, None)
+        made.append(create(ctypes.addressof(method), words, (code, method)))
     return Direct(*made)
 
 
@@ -256,9 +251,13 @@ class _Entry:
                 if k < inputs:
                     step = f.put(f"select i1 {self.single[k]}, i64 0, i64 {step}")
                 store_row(f, self.table, row, f.load_word(arrays[k], _DATA), step, str(self.number_bytes))
-            _, restore = default_float_environment(f)
-            f.do(f"call void @kernel(ptr {self.table}, i64 {self.count})")
-            restore()
+            call = f"call void @kernel(ptr {self.table}, i64 {self.count})"
+            with f.when_else(f.put(f"icmp ugt i64 {self.count}, {_LONG}")) as otherwise_short:
+                state = f.put(f"call ptr {self.pointers['PyEval_SaveThread']}()")
+                f.do(call)
+                f.do(f"call void {self.pointers['PyEval_RestoreThread']}(ptr {state})")
+                otherwise_short()
+                f.do(call)
             f.do(f"store ptr {found}, ptr {self.result}, align 8")
             otherwise()
             f.do(f"call void {self.pointers['Py_DecRef']}(ptr {found})")

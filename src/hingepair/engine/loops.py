@@ -23,6 +23,7 @@ from hingepair.engine.backend import Execution, compiler_lock, kernel_pays
 from hingepair.engine.binding import ArrayShape, Bound, InputPattern, NamedShapes, bind
 from hingepair.engine.direct import direct_ir
 from hingepair.engine.interpreter import Interpreter, interpreter
+from hingepair.engine.layout import FLOAT_TYPES, Layout, Operand
 from hingepair.engine.llvm import object_cache
 from hingepair.engine.llvm.ir import kernel_ir
 from hingepair.engine.llvm.scan import scan_ir
@@ -31,9 +32,9 @@ from hingepair.engine.slices import run_slices
 from hingepair.engine.threads import run_in_threads
 from hingepair.engine.trace import FUNCTIONS, Trace, TracedValue, needed_values, operation_count
 from hingepair.engine.trace import Operand as TracedOperand
-from hingepair.engine.ufunc import FLOAT_TYPES, MAX_OPERANDS, Layout, Operand, Ufunc, check_numpy, loop_ir
+from hingepair.engine.ufunc import Code
 from hingepair.errors import CompilationError, ShapeError
-from hingepair.numeric.arrays import Block, load, split_into_blocks
+from hingepair.numeric.arrays import Block, split_into_blocks
 from hingepair.numeric.blocks import components, fill_blocks
 from hingepair.numeric.caching import lock_free_cached_property
 
@@ -44,7 +45,6 @@ Buffers: TypeAlias = Mapping[str, NDArray[Any]]
 
 _BLOCK: Final = 2048  # samples that NumPy computes at a time: 16 kB for each component
 _HELD_NUMBERS: Final = 30_000_000  # of values that NumPy holds at a time, 240 MB
-_JOINED_BYTES: Final = 4_000_000  # copied into one array at a time, where arrays are too many for a ufunc
 
 
 class OperationCounts(NamedTuple):
@@ -155,18 +155,6 @@ class Loop:
         results = self.function(values)
         return [one for name, _ in self.outputs for one in components(results[name])]
 
-    @lock_free_cached_property
-    def joined(self) -> Loop:
-        """The same function with all outputs one behind the other in one vector, for where they are too many."""
-        size = sum(math.prod(tail) for _, tail in self.outputs)
-
-        def function(values: dict[str, Any]) -> dict[str, Any]:
-            found = self.function(values)
-            return {"joined": tuple(itertools.chain(*(components(found[name]) for name, _ in self.outputs)))}
-
-        form = None if self.form is None else ("joined", self.outputs, self.form)
-        return Loop(self.name, function, dict(self.inputs), {"joined": (size,)}, exact=self.exact, form=form)
-
     def count_operations(self, values: Mapping[str, Any]) -> OperationCounts:
         """Count the operations for these inputs, of which arrays vary and numbers are known."""
         nothing_known = {name: np.empty((2, *tail)) for name, tail in self.inputs}
@@ -210,45 +198,13 @@ class Program:
             return False
         if backend == "auto" and not kernel_pays(self.weighted_operations, math.prod(shape)):
             return False
-        if len(bound.arrays) + len(outputs) > MAX_OPERANDS:
-            return self._run_joined(bound, out, shape, dtype, execution)
         layout = self.layout([(tail, True) for tail in bound.tails], bool(bound.numbers))
         kernel = (self.kernel if backend == "compiled" else self.kernel_or_none)(layout, dtype.char)
         if kernel is None:
             return False
-        ufunc = Ufunc(self.loop.name, layout, [(dtype.char, kernel, np.array(bound.numbers, dtype))])
-        run_slices(
-            ufunc, bound.arrays, [out[name] for name, _ in outputs], shape,
-            operations=self.weighted_operations, workers=execution.workers,
-        )  # fmt: skip
-        return True
-
-    def _run_joined(
-        self, bound: Bound, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
-    ) -> bool:
-        """Compute what has more arrays than a ufunc takes: block by block, from one array of all components of the
-        inputs to one of all outputs.
-        """
-        widths = [math.prod(tail) for tail in bound.tails]
-        starts = [0, *itertools.accumulate(widths)]
-        pattern = tuple((0, starts[one[0]] + one[1]) if isinstance(one, tuple) else one for one in self.pattern)
-        program = self.loop.joined.program(pattern)
-        ((_, (total,)),) = self.loop.joined.outputs
-        for block in split_into_blocks(shape, max(1, _JOINED_BYTES // (dtype.itemsize * (starts[-1] + total)))):
-            block_shape = tuple(axis.stop - axis.start for axis in block)
-            whole = np.empty((*block_shape, starts[-1]), dtype)
-            for array, tail, width, start in zip(bound.arrays, bound.tails, widths, starts, strict=False):
-                part = load(array, (*block, *map(slice, tail)), dtype)
-                lead = part.shape[: part.ndim - len(tail)]
-                whole[..., start : start + width] = part.reshape(*lead, width)
-            found = np.empty((*block_shape, total), dtype)
-            joined = Bound(pattern, bound.numbers, [whole], [(starts[-1],)])
-            if not program.run_kernel(joined, {"joined": found}, block_shape, dtype, execution):
-                return False
-            end = 0
-            for name, tail in self.loop.outputs:
-                start, end = end, end + math.prod(tail)
-                out[name][block] = found[..., start:end].reshape(*block_shape, *tail)
+        code, targets = Code(kernel, layout, np.array(bound.numbers, dtype)), [out[name] for name, _ in outputs]
+        operations = self.weighted_operations if execution.workers > 1 else 1
+        run_slices(code, bound.arrays, targets, shape, operations=operations, workers=execution.workers)
         return True
 
     # ---- kernels
@@ -275,7 +231,6 @@ class Program:
         """
         kernel = self._kernels.get((layout, char))
         if kernel is None:
-            check_numpy()
             with compiler_lock:  # a second thread waits, and takes the kernel of the first
                 from hingepair.engine.llvm.native import Kernel
 
@@ -322,13 +277,12 @@ class Program:
         return can_fuse() and not self.loop.exact
 
     def llvm_ir(self, layout: Layout, char: str) -> str:
-        """Return the LLVM module, as text, of a kernel and of the loops by which ufuncs call it."""
+        """Return the LLVM module, as text, of a kernel and of the functions by which Python calls it."""
         traced = self.traced
         outputs = [*map(ComponentGroup, traced.outputs.values())]
         schedule = Schedule(traced.constants, [*map(ComponentGroup, traced.arrays)], outputs, self.fuses)
         kernel = kernel_ir(schedule, FLOAT_TYPES[char])
-        calls = loop_ir(layout, FLOAT_TYPES[char]), direct_ir(layout, FLOAT_TYPES[char])
-        return "\n".join([kernel, *calls])
+        return f"{kernel}\n{direct_ir(layout, FLOAT_TYPES[char])}"
 
     # ---- operations
 

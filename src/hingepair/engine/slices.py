@@ -1,7 +1,8 @@
-"""The call of a ufunc in slices of the samples: for threads, short axes and casts."""
+"""The call of a kernel for all samples of arrays: in blocks, by threads."""
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Sequence
 from typing import Any, Final
@@ -10,78 +11,85 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.threads import run_in_threads
-from hingepair.engine.ufunc import Ufunc
+from hingepair.engine.ufunc import Code
 from hingepair.numeric.arrays import Block, split_into_blocks
 
-Arrays = Sequence[NDArray[Any]]
-
 _MIN_WORK: Final = 1_000_000  # least operations of a thread: about 0.1 ms, as handing it work takes
-_MAX_CAST_BYTES: Final = 4_000_000  # most that are cast to another dtype at a time
-_SHORT_AXIS: Final = 16  # samples that are too few for one run of the inner loop, along the innermost axis
-_COPIED_SAMPLES: Final = 2_000  # copied at a time, so that samples along short axes follow each other
+_COPIED_SAMPLES: Final = 2_000  # of a block that is copied, in which samples follow each other in the dtype
+_PROTOTYPE: Final = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)  # of a kernel
 
 
 def run_slices(
-    ufunc: Ufunc,
-    inputs: Arrays,
-    outputs: Arrays,
+    code: Code,
+    inputs: Sequence[NDArray[Any]],
+    outputs: Sequence[NDArray[Any]],
     shape: tuple[int, ...],
     *,
     operations: int,
     workers: int,
 ) -> None:
-    """Call a ufunc for all samples, and write its results into `outputs`.
+    """Call a kernel for all samples; it writes its results into `outputs`.
 
     Args:
-        ufunc: takes the inputs; threads keep it, since NumPy's ufunc alone does not own its machine code.
+        code: the kernel.
         inputs: arrays whose leading axes broadcast to the samples.
-        outputs: arrays of the dtype in which the ufunc computes.
+        outputs: arrays of the dtype in which the kernel computes.
         shape: shape of the samples.
         operations: of one sample.
         workers: threads at most.
     """
-    size, dtype = math.prod(shape), outputs[0].dtype
-    ranks = [len(one.sample_shape) for one in ufunc.layout.operands]
-    # Samples of a slice: as many as there are threads for, and as a cast may hold.
-    most, workers = size, max(1, min(workers, size * operations // _MIN_WORK))
-    if workers > 1:
-        most = -(-size // workers)
-    cast = sum(dtype.itemsize * one.size for one in inputs if one.dtype != dtype)
-    if cast > _MAX_CAST_BYTES:
-        most = min(most, max(1, size * _MAX_CAST_BYTES // cast))
-    # NumPy takes the samples along one axis at a time, unless one stride leads through several axes of all arrays.
-    short = len(shape) > 1 and shape[-1] < min(_SHORT_AXIS, size) and not _merges((*inputs, *outputs), ranks, shape)
-    short = short and all(one.flags.c_contiguous for one in outputs)
-    if short:
-        most = min(most, _COPIED_SAMPLES)
+    size, dtype, layout = math.prod(shape), outputs[0].dtype, code.layout
+    workers = max(1, min(workers, size * operations // _MIN_WORK))
+    tails = [one.sample_shape for one in layout.operands]
+    wide = [
+        one if one.shape == shape + tail else np.broadcast_to(one, shape + tail)
+        for one, tail in zip(inputs, tails, strict=False)
+    ]
+    arrays = [((*wide, *outputs)[k], tails[k]) for k in layout.rows]
+    function, first = _PROTOTYPE(code.kernel.address("kernel")), len(arrays) - len(outputs)
+    constants = [[code.constants.ctypes.data, 0, 0]] if layout.constants else []
 
-    def run(block: Block) -> None:
-        """Call the ufunc for a block."""
-        parts = [_part(one, rank, block) for one, rank in zip((*inputs, *outputs), ranks, strict=True)]
-        if short:
-            lead = tuple(axis.stop - axis.start for axis in block)
-            for k, one in enumerate(ufunc.layout.operands):
-                whole = np.broadcast_to(parts[k], lead + one.sample_shape) if k < len(inputs) else parts[k]
-                parts[k] = whole.reshape(-1, *one.sample_shape)
-        ufunc.call(*parts[: len(inputs)], out=tuple(parts[len(inputs) :]), dtype=dtype)
+    def call(rows: Sequence[NDArray[Any]], _kept: object = code) -> None:
+        """Compute samples that follow each other; keeps the machine code."""
+        table = np.array(constants + [_table_row(one) for one in rows], np.int64)
+        function(table.ctypes.data, len(rows[-1]))
 
-    run_in_threads(run, [*split_into_blocks(shape, most)], workers)
+    def copy(block: Block) -> None:
+        """Compute a block, with copies of what does not lie as the kernel reads and writes it."""
+        index: tuple[Any, ...] = block
+        parts = [(one[(*index, Ellipsis)], tail) for one, tail in arrays]  # without axes too, an array and no copy
+        views = [_rows(one, tail, dtype) for one, tail in parts]
+        rows = [
+            np.empty((one.size // math.prod(tail), math.prod(tail)), dtype) if view is None else view
+            for view, (one, tail) in zip(views, parts, strict=True)
+        ]
+        for k, (one, _) in enumerate(parts[:first]):
+            if views[k] is None:
+                rows[k].reshape(one.shape)[...] = one
+        call(rows)
+        for k, (one, _) in enumerate(parts[first:], first):
+            if views[k] is None:
+                one[...] = rows[k].reshape(one.shape)
+
+    step = -(-size // workers)
+    whole = [view for one, tail in arrays if (view := _rows(one, tail, dtype)) is not None]
+    if len(whole) == len(arrays):
+        run_in_threads(call, [[one[k : k + step] for one in whole] for k in range(0, size, step)], workers)
+        return
+    along = all(_rows(one[(0,) * (len(shape) - 1)], tail, dtype) is not None for one, tail in arrays)  # the last axis
+    most = min(step, max(_COPIED_SAMPLES, shape[-1] if along else 0))
+    run_in_threads(copy, [*split_into_blocks(shape, most)], workers)
 
 
-def _part(array: NDArray[Any], rank: int, block: Block) -> NDArray[Any]:
-    """Return the samples of an array that a block selects; axes of length 1 and missing ones broadcast."""
-    axes = array.ndim - rank
-    own = zip(block[len(block) - axes :], array.shape[:axes], strict=True)
-    index: tuple[Any, ...] = tuple(piece if n != 1 else slice(None) for piece, n in own)
-    return array[(*index, Ellipsis)]  # without axes too, an array and no copy
+def _rows(array: NDArray[Any], tail: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any] | None:
+    """Return an array as a row of components for each sample; None if that would be a copy."""
+    try:
+        return np.reshape(array, (-1, math.prod(tail)), copy=False) if array.dtype == dtype else None
+    except ValueError:
+        return None
 
 
-def _merges(arrays: Arrays, ranks: Sequence[int], shape: tuple[int, ...]) -> bool:
-    """Return whether one stride leads through the last axis of the samples and the one before it, of each array."""
-    for array, rank in zip(arrays, ranks, strict=True):
-        axes = array.ndim - rank
-        steps = [0 if n == 1 else step for n, step in zip(array.shape[:axes], array.strides[:axes], strict=True)]
-        *_, outer, inner = 0, 0, *steps
-        if outer != inner * shape[-1]:
-            return False
-    return True
+def _table_row(array: NDArray[Any]) -> list[int]:
+    """Return address and strides of rows of components."""
+    sample, component = array.strides
+    return [array.__array_interface__["data"][0], sample, component if array.shape[1] > 1 else array.itemsize]

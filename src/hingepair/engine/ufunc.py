@@ -1,7 +1,7 @@
 """Kernels as generalised ufuncs of NumPy, which then reads the arrays: broadcasting, strides, dtypes, `out`.
 
-NumPy's C interface makes a ufunc of the address of an inner loop. The loop, a function of machine code beside the
-kernel, gets addresses and strides of arrays, and fills the kernel's table with them.
+NumPy's C interface makes a ufunc of the address of an inner loop. The loop, a function of machine code, gets
+addresses and strides of arrays, and fills the kernel's table with them.
 """
 
 from __future__ import annotations
@@ -11,98 +11,112 @@ import ctypes
 import functools
 import itertools
 import math
-import platform
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from hingepair.engine.layout import FLOAT_TYPES, Layout, begin_table, store_row
 from hingepair.engine.llvm.builder import NUMBER_BYTES, FunctionBuilder
 from hingepair.engine.llvm.ir import ROW_WORDS
+from hingepair.engine.llvm.native import Kernel
 from hingepair.errors import CompilationError
 
-if TYPE_CHECKING:
-    from hingepair.engine.llvm.native import Kernel
-
 MAX_OPERANDS: Final = 64  # that a ufunc takes and returns (NPY_MAXARGS)
-FLOAT_TYPES: Final = {"d": "double", "f": "float"}  # LLVM's name of a type, by the character of the dtype
+TYPE_NUMBERS: Final = {"f": 11, "d": 12}  # NPY_FLOAT, NPY_DOUBLE
 
 _LOOP = "(ptr %args, ptr %dims, ptr %steps, ptr %data)"  # parameters of NumPy's inner loops
 _CREATE_UFUNC = 31  # entry of NumPy's table of functions, frozen in its ABI: PyUFunc_FromFuncAndDataAndSignature
-TYPE_NUMBERS: Final = {"f": 11, "d": 12}  # NPY_FLOAT, NPY_DOUBLE
-_DEFAULT_MXCSR = 0x1F80  # round to nearest, no traps, no flags
 
 
-class Operand(NamedTuple):
-    """An array that a ufunc takes or returns."""
+class Code(NamedTuple):
+    """A kernel, its arrays and its constants."""
 
-    sample_shape: tuple[int, ...]  # of one sample: the core dimensions
-    used: bool = True  # whether the kernel has a row for it; NumPy broadcasts the others, but nothing reads them
-
-
-class Layout(NamedTuple):
-    """The arrays that a ufunc takes and returns, in order."""
-
-    inputs: tuple[Operand, ...]
-    outputs: tuple[Operand, ...]
-    constants: bool  # whether the kernel takes constants, from the ufunc's data, before all others
-
-    @property
-    def operands(self) -> tuple[Operand, ...]:
-        """Inputs, then outputs."""
-        return (*self.inputs, *self.outputs)
-
-    @property
-    def signature(self) -> str:
-        """Signature of the ufunc; sizes are fixed, so that NumPy refuses arrays that are shorter.
-
-        >>> Layout((Operand((7,)), Operand(())), (Operand((3, 3)),), False).signature
-        '(7),()->(3,3)'
-        """
-        groups = ([f"({','.join(map(str, one.sample_shape))})" for one in g] for g in (self.inputs, self.outputs))
-        return "->".join(map(",".join, groups))
-
-    @property
-    def rows(self) -> dict[int, int]:
-        """Rows of the kernel's table, by the place of an operand that the kernel reads or writes."""
-        used = (k for k, one in enumerate(self.operands) if one.used)
-        return {k: row for row, k in enumerate(used, int(self.constants))}
+    kernel: Any  # a `Kernel`; None if LLVM cannot compile it, where the backend may do without
+    layout: Layout
+    constants: NDArray[Any]
 
 
-def loop_ir(layout: Layout, float_type: str) -> str:
-    """Return the LLVM code of `loop`, the inner loop of a ufunc with this layout, which calls the function `kernel`
-    of the same module.
+def make_ufunc(name: str, codes: Mapping[str, Code], doc: str) -> np.ufunc:
+    """Return a ufunc of NumPy; what it borrows is kept for the life of the process.
 
-    It computes with the default floating-point environment and restores that of the caller, flags included: a NaN
-    stays in its sample in silence.
+    Args:
+        name: name of the ufunc.
+        codes: what computes, by the character of a dtype, "d" first.
+        doc: documentation of the ufunc.
+
+    Raises:
+        CompilationError: NumPy keeps the table of its functions, which is private, in another place.
+    """
+    layout, count = codes["d"].layout, len(codes)
+    address = numpy_function("_UFUNC_API", _CREATE_UFUNC)
+    if not address:
+        raise CompilationError(name, f"NumPy {np.__version__} has no table of functions where ufuncs are made")
+    loops = [_loop(char, code) for char, code in codes.items()]
+    functions = (ctypes.c_void_p * count)(*(one.address("loop") for one in loops))
+    data = (ctypes.c_void_p * count)(
+        *(one.constants.ctypes.data if one.constants.size else None for one in codes.values())
+    )
+    numbers = bytes(TYPE_NUMBERS[char] for char in codes for _ in layout.operands)
+    types = ctypes.create_string_buffer(numbers, len(numbers))
+    texts = [text.encode() for text in (name, doc, layout.signature)]
+    _borrowed.append((functions, data, types, texts, codes, loops))
+    pointer, integer, text = ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p
+    create = ctypes.PYFUNCTYPE(
+        ctypes.py_object, pointer, pointer, pointer, integer, integer, integer, integer, text, text, integer, text
+    )(address)
+    made: np.ufunc = create(
+        ctypes.addressof(functions), ctypes.addressof(data), ctypes.addressof(types), count,
+        len(layout.inputs), len(layout.outputs), -1, texts[0], texts[1], 0, texts[2],
+    )  # fmt: skip
+    return made
+
+
+_borrowed: list[Any] = []  # by ufuncs, which users may hold when all else is gone
+
+
+def _loop(char: str, code: Code) -> Kernel:
+    """Return the machine code of the inner loop of a kernel."""
+    name = f"hingepair.{code.kernel.key}"
+    ir = functools.partial(_loop_ir, code.layout, FLOAT_TYPES[char], name)
+    return Kernel("ufunc", ir, imports={name: code.kernel.address("kernel")})
+
+
+def numpy_function(table: str, entry: int) -> int:
+    """Return the address of a function out of one of NumPy's tables, which are private; 0 if it is not there."""
+    try:
+        import numpy._core._multiarray_umath as umath  # type: ignore[import-not-found,unused-ignore]
+
+        get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+        get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_char_p)
+        functions = ctypes.cast(get_pointer(getattr(umath, table), None), ctypes.POINTER(ctypes.c_void_p))
+    except (ImportError, AttributeError, ValueError):
+        return 0
+    return functions[entry] or 0
+
+
+def _loop_ir(layout: Layout, float_type: str, name: str) -> str:
+    """Return the LLVM module of `loop`, the inner loop of a ufunc with this layout, which calls a kernel of this
+    name.
     """
     f = FunctionBuilder(f"void @loop{_LOOP}")
-    declarations, restore = default_float_environment(f)
     count = f.load_word("%dims", 0)
     number_bytes = NUMBER_BYTES[float_type]
     table = begin_table(f, layout, "%data", number_bytes)
     dense = [one for k, row in layout.rows.items() for one in _store_operand(f, layout, table, k, row, number_bytes)]
-    call = f"call void @kernel(ptr {table}, i64 {count})"
+    call = f'call void @"{name}"(ptr {table}, i64 {count})'
     copied = []
     if dense:
         with f.when_else(functools.reduce(lambda x, y: f.put(f"and i1 {x}, {y}"), dense)) as otherwise:
             f.do(call)
             otherwise()
             f.do(f"call void @copied(ptr {table}, ptr %args, ptr %steps, i64 {count})")
-        copied = ["declare i64 @llvm.umin.i64(i64, i64)", _copied_ir(layout, float_type)]
+        copied = ["declare i64 @llvm.umin.i64(i64, i64)", _copied_ir(layout, float_type, name)]
     else:
         f.do(call)
-    restore()
     f.do("ret void")
-    return "\n\n".join([*declarations, *copied, f.text()]) + "\n"
-
-
-def begin_table(f: FunctionBuilder, layout: Layout, constants: str, number_bytes: int) -> str:
-    """Return the address of the kernel's table, in which the row of the constants is filled."""
-    table = f.buffer(8 * ROW_WORDS * (len(layout.rows) + layout.constants))
-    if layout.constants:
-        store_row(f, table, 0, f.put(f"ptrtoint ptr {constants} to i64"), "0", str(number_bytes))
-    return table
+    return "\n\n".join([f'declare void @"{name}"(ptr, i64)', *copied, f.text()]) + "\n"
 
 
 def _store_operand(f: FunctionBuilder, layout: Layout, table: str, k: int, row: int, number_bytes: int) -> list[str]:
@@ -116,7 +130,7 @@ def _store_operand(f: FunctionBuilder, layout: Layout, table: str, k: int, row: 
     ]
 
 
-def _copied_ir(layout: Layout, float_type: str) -> str:
+def _copied_ir(layout: Layout, float_type: str, name: str) -> str:
     """Return the function `copied`, which calls the kernel where the strides of a matrix are more than a row of the
     table can say, such as those of a transposed one: it copies matrices, some samples at a time.
     """
@@ -156,7 +170,7 @@ def _copied_ir(layout: Layout, float_type: str) -> str:
         for k in sizes:
             if k < len(layout.inputs):
                 copy(k)
-        f.do(f"call void @kernel(ptr %table, i64 {left})")
+        f.do(f'call void @"{name}"(ptr %table, i64 {left})')
         for k in sizes:
             if k >= len(layout.inputs):
                 copy(k)
@@ -169,102 +183,3 @@ def _core_steps(f: FunctionBuilder, layout: Layout, k: int) -> list[str]:
     ranks = [len(one.sample_shape) for one in layout.operands]
     first = len(ranks) + sum(ranks[:k])
     return [f.load_word("%steps", 8 * place) for place in range(first, first + ranks[k])]
-
-
-def store_row(f: FunctionBuilder, table: str, row: int, *values: str) -> None:
-    """Store the integers of a row of the kernel's table."""
-    for k, value in enumerate(values):
-        f.store_word(value, table, 8 * (ROW_WORDS * row + k))
-
-
-def default_float_environment(f: FunctionBuilder) -> tuple[list[str], Callable[[], None]]:
-    """Append that the function computes with the default floating-point environment. Return the declarations of what
-    it calls for that, and a function that appends the return to the caller's.
-    """
-    machine = platform.machine().lower()
-    if machine in {"x86_64", "amd64"}:
-        f.do("%caller = alloca i32, align 4")
-        f.do("%default = alloca i32, align 4")
-        f.do(f"store i32 {_DEFAULT_MXCSR}, ptr %default, align 4")
-        f.do("call void @llvm.x86.sse.stmxcsr(ptr %caller)")
-        f.do("call void @llvm.x86.sse.ldmxcsr(ptr %default)")
-        declared = [f"declare void @llvm.x86.sse.{name}mxcsr(ptr)" for name in ("st", "ld")]
-        return declared, lambda: f.do("call void @llvm.x86.sse.ldmxcsr(ptr %caller)")
-    if machine in {"arm64", "aarch64"}:
-        control, status = (f.put(f"call i64 @llvm.aarch64.get.fp{name}()") for name in ("cr", "sr"))
-        f.do("call void @llvm.aarch64.set.fpcr(i64 0)")
-
-        def restore() -> None:
-            f.do(f"call void @llvm.aarch64.set.fpcr(i64 {control})")
-            f.do(f"call void @llvm.aarch64.set.fpsr(i64 {status})")
-
-        gets = [f"declare i64 @llvm.aarch64.get.fp{name}()" for name in ("cr", "sr")]
-        return [*gets, *(f"declare void @llvm.aarch64.set.fp{name}(i64)" for name in ("cr", "sr"))], restore
-    return [], lambda: None
-
-
-class Ufunc:
-    """A ufunc of NumPy (`call`) with all that it borrows: code, constants, names.
-
-    Args:
-        name: name of the ufunc.
-        layout: its arrays.
-        loops: for each dtype, "d" first: its character, the kernel, and the constants, none or more.
-        doc: documentation of the ufunc.
-    """
-
-    def __init__(
-        self, name: str, layout: Layout, loops: Sequence[tuple[str, Kernel, np.ndarray[Any, Any]]], doc: str = ""
-    ) -> None:
-        self.layout = layout
-        count = len(loops)
-        functions = (ctypes.c_void_p * count)(*(kernel.address("loop") for _, kernel, _ in loops))
-        data = (ctypes.c_void_p * count)(*(one.ctypes.data if one.size else None for _, _, one in loops))
-        numbers = bytes(TYPE_NUMBERS[char] for char, _, _ in loops for _ in layout.operands)
-        types = ctypes.create_string_buffer(numbers, len(numbers))
-        texts = [text.encode() for text in (name, doc, layout.signature)]
-        self._borrowed = functions, data, types, texts, loops
-        self.call: np.ufunc = _create_ufunc()(
-            ctypes.addressof(functions), ctypes.addressof(data), ctypes.addressof(types), count,
-            len(layout.inputs), len(layout.outputs), -1, texts[0], texts[1], 0, texts[2],
-        )  # fmt: skip
-
-    def publish(self) -> np.ufunc:
-        """Return the ufunc, and keep what it borrows for the life of the process."""
-        _published.append(self)
-        return self.call
-
-
-_published: list[Ufunc] = []  # whose ufuncs users may hold when all else is gone
-
-
-def check_numpy() -> None:
-    """Check that ufuncs can be made of machine code: NumPy keeps the table of its functions in a private place.
-
-    Raises:
-        CompilationError: the table is not there.
-    """
-    try:
-        _create_ufunc()
-    except (ImportError, AttributeError, ValueError) as error:
-        raise CompilationError("any program", f"NumPy {np.__version__} makes no ufunc of it: {error}") from error
-
-
-@functools.cache
-def _create_ufunc() -> Any:
-    """Return NumPy's function PyUFunc_FromFuncAndDataAndSignature."""
-    pointer, integer, text = ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p
-    prototype = ctypes.PYFUNCTYPE(
-        ctypes.py_object, pointer, pointer, pointer, integer, integer, integer, integer, text, text, integer, text
-    )
-    return prototype(numpy_function("_UFUNC_API", _CREATE_UFUNC))
-
-
-def numpy_function(table: str, entry: int) -> int:
-    """Return the address of a function out of one of NumPy's tables."""
-    import numpy._core._multiarray_umath as umath  # type: ignore[import-not-found,unused-ignore]
-
-    get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
-    get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_char_p)
-    functions = ctypes.cast(get_pointer(getattr(umath, table), None), ctypes.POINTER(ctypes.c_void_p))
-    return functions[entry] or 0

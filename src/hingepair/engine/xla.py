@@ -18,9 +18,9 @@ import numpy as np
 
 from hingepair.engine.backend import compiler_lock
 from hingepair.engine.calls import Call
+from hingepair.engine.layout import Layout, begin_table, store_row
 from hingepair.engine.llvm.builder import FunctionBuilder
 from hingepair.engine.llvm.native import Kernel
-from hingepair.engine.ufunc import Layout, begin_table, default_float_environment, store_row
 
 # Offsets [bytes] in XLA's structures, which only grow at their ends while the major version of the interface is 0.
 _EXTENSION, _KIND = 8, 8  # in a call frame; in an extension
@@ -75,17 +75,17 @@ def _handler_ir(name: str, layout: Layout, number_bytes: int, minor: int) -> str
     none = f.put(f"icmp eq ptr {extension}, null")
     holder = f.put(f"select i1 {none}, ptr %frame, ptr {extension}")  # the frame itself has the null there
     with f.when_else(f.put(f"icmp ne i32 {f.load_half(holder, _KIND)}, {_ASKS_FOR_METADATA}")) as otherwise:
-        declared = _call_kernel(f, name, layout, number_bytes)
+        _call_kernel(f, name, layout, number_bytes)
         otherwise()
         metadata = f.load_word(extension, _METADATA, "ptr")
         for offset, value in ((_MAJOR, 0), (_MINOR, minor), (_TRAITS, 0)):
             f.do(f"store i32 {value}, ptr {f.pointer_at(metadata, offset)}, align 4")
     f.do("ret ptr null")
-    return "\n\n".join([f'declare void @"{name}"(ptr, i64)', *declared, f.text()]) + "\n"
+    return "\n\n".join([f'declare void @"{name}"(ptr, i64)', f.text()]) + "\n"
 
 
-def _call_kernel(f: FunctionBuilder, name: str, layout: Layout, number_bytes: int) -> list[str]:
-    """Append the call of the kernel with the arrays of the call frame, which are contiguous; return declarations."""
+def _call_kernel(f: FunctionBuilder, name: str, layout: Layout, number_bytes: int) -> None:
+    """Append the call of the kernel with the arrays of the call frame, which are contiguous."""
     tables = {True: f.load_word("%frame", _ARGUMENTS, "ptr"), False: f.load_word("%frame", _RESULTS, "ptr")}
     places = [(True, k) for k in range(len(layout.inputs))] + [(False, k) for k in range(len(layout.outputs))]
     buffers = [f.load_word(tables[is_input], 8 * k, "ptr") for is_input, k in places]
@@ -104,7 +104,4 @@ def _call_kernel(f: FunctionBuilder, name: str, layout: Layout, number_bytes: in
     with f.loop(axes) as axis:
         length = f.load_word(f.pointer_at(dimensions, f.multiply(axis, 8)), 0)
         f.store_word(f.multiply(length, f.load_word(count, 0)), count)
-    declared, restore = default_float_environment(f)
     f.do(f'call void @"{name}"(ptr {table}, i64 {f.load_word(count, 0)})')
-    restore()
-    return declared

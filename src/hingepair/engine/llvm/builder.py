@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ from typing import Final
 LANES: Final = 8  # samples in one vector
 CACHE_LINE: Final = 64  # bytes
 MAX_STACK: Final = 2**14  # bytes of buffers on the stack of a function
+_DEFAULT_MXCSR: Final = 0x1F80  # round to nearest, no traps, no flags
 NUMBER_BYTES: Final = {"float": 4, "double": 8}  # by LLVM's name of the type of numbers
 
 
@@ -189,3 +191,29 @@ class FunctionBuilder:
                 for i in range(LANES)
             ]
         return vectors
+
+
+def default_float_environment(f: FunctionBuilder) -> tuple[list[str], Callable[[], None]]:
+    """Append that the function computes with the default floating-point environment. Return the declarations of what
+    it calls for that, and a function that appends the return to the caller's.
+    """
+    machine = platform.machine().lower()
+    if machine in {"x86_64", "amd64"}:
+        f.do("%caller = alloca i32, align 4")
+        f.do("%default = alloca i32, align 4")
+        f.do(f"store i32 {_DEFAULT_MXCSR}, ptr %default, align 4")
+        f.do("call void @llvm.x86.sse.stmxcsr(ptr %caller)")
+        f.do("call void @llvm.x86.sse.ldmxcsr(ptr %default)")
+        declared = [f"declare void @llvm.x86.sse.{name}mxcsr(ptr)" for name in ("st", "ld")]
+        return declared, lambda: f.do("call void @llvm.x86.sse.ldmxcsr(ptr %caller)")
+    if machine in {"arm64", "aarch64"}:
+        control, status = (f.put(f"call i64 @llvm.aarch64.get.fp{name}()") for name in ("cr", "sr"))
+        f.do("call void @llvm.aarch64.set.fpcr(i64 0)")
+
+        def restore() -> None:
+            f.do(f"call void @llvm.aarch64.set.fpcr(i64 {control})")
+            f.do(f"call void @llvm.aarch64.set.fpsr(i64 {status})")
+
+        gets = [f"declare i64 @llvm.aarch64.get.fp{name}()" for name in ("cr", "sr")]
+        return [*gets, *(f"declare void @llvm.aarch64.set.fp{name}(i64)" for name in ("cr", "sr"))], restore
+    return [], lambda: None

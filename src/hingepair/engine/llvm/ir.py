@@ -9,17 +9,19 @@ address, bytes between samples, and bytes between components. Results are stored
 are contiguous, and past the caches (non-temporal stores) where in addition they have many components and too many
 samples for the caches.
 
-Where the machine has the instruction (FMA), every sum with a product is fused here rather than at LLVM's choice, so
-that the bits of a result do not depend on what else is computed. Nothing is reordered, and NaN stays NaN.
+It computes with the default floating-point environment and restores that of the caller, flags included: a NaN stays
+in its sample in silence. Where the machine has the instruction (FMA), every sum with a product is fused here rather
+than at LLVM's choice, so that the bits of a result do not depend on what else is computed. Nothing is reordered.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Final
 
 from hingepair.engine.llvm.arithmetic import Arithmetic
-from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder, shared_name
+from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder, default_float_environment, shared_name
 from hingepair.engine.llvm.memory import MAX_STREAMED, MEMORY_FUNCTIONS, PANEL, memory_functions
 from hingepair.engine.llvm.reading import InputReader
 from hingepair.engine.llvm.schedule import Schedule, Step
@@ -94,27 +96,44 @@ class KernelBuilder:
     def write_kernel(self) -> None:
         """Write the kernel: the loops over samples, and the memory fence after streaming stores."""
         f = self.f
+        environment, restore = default_float_environment(f)
+        self.functions += environment
         rows = self.begin_kernel(ROW_WORDS)
         readers = [InputReader(self, g, row) for g, row in enumerate(rows[: len(self.inputs)])]
         writers = [_OutputWriter(self, g, row) for g, row in enumerate(rows[len(self.inputs) :])]
         self.call_steps(self.schedule.uniform_steps)
-        with f.loop("%samples", step=str(LANES)) as i:
-            left = f.put(f"sub i64 %samples, {i}")
-            for writer in writers:
-                writer.begin_samples(i, left)
-            for reader in readers:
-                reader.prefetch(i)
-                reader.read(reader.address(i), left)
-            self.call_steps(self.schedule.varying_steps)
-            for writer in writers:
-                writer.write_samples()
+        # Complete blocks, whose rows go directly into all outputs if these take them, and the others.
+        direct = functools.reduce(lambda x, y: f.put(f"and i1 {x}, {y}"), [one.takes_rows for one in writers], "true")
+        whole = f.put(f"select i1 {direct}, i64 {f.put(f'and i64 %samples, -{LANES}')}, i64 0")
+        self.write_blocks(readers, writers, "0", whole, direct=True)
+        self.write_blocks(readers, writers, whole, "%samples", direct=False)
         for writer in writers:
             writer.end()
         for writer in writers:
             if writer.streamed != "false":
                 with f.when(writer.streamed):  # makes the non-temporal stores visible to other threads
                     f.do("fence seq_cst")
+        restore()
         f.do("ret void")
+
+    def write_blocks(
+        self, readers: Sequence[InputReader], writers: Sequence[_OutputWriter], start: str, stop: str, *, direct: bool
+    ) -> None:
+        """Write the loop over the blocks from one sample to another."""
+        f = self.f
+        with f.loop(stop, start=start, step=str(LANES)) as i:
+            left = str(LANES) if direct else f.put(f"sub i64 %samples, {i}")
+            for writer in writers:
+                writer.begin_samples(i, left, direct)
+            for reader in readers:
+                reader.prefetch(i)
+                reader.read(reader.address(i), left)
+            self.call_steps(self.schedule.varying_steps)
+            for writer in writers:
+                if not direct:
+                    writer.write_samples()
+                elif not writer.group.narrow:
+                    writer.write_rows(writer.to, "false")
 
     def begin_kernel(self, row_words: int) -> list[list[str]]:
         """Load the address of the constants; make the frame, and store the constants that have slots there. Return
@@ -155,6 +174,7 @@ class _OutputWriter:
 
     Attributes:
         dense: the condition that the output's samples are contiguous.
+        takes_rows: the condition that rows of samples can be written directly into it.
         streamed: the condition that it is written past the caches; "false" if it never is.
     """
 
@@ -175,20 +195,22 @@ class _OutputWriter:
                 large = f.put(f"icmp sge i64 {f.multiply('%samples', self.row_bytes)}, {MIN_STREAMED_BYTES}")
                 aligned = f.put(f"icmp eq i64 {f.put(f'and i64 {self.start}, {number_bytes - 1}')}, 0")
                 self.streamed = f.put(f"and i1 {self.dense}, {f.put(f'and i1 {large}, {aligned}')}")
+        self.takes_rows = self.dense
+        if self.streamed != "false":
+            self.takes_rows = f.put(f"and i1 {self.dense}, {f.put(f'xor i1 {self.streamed}, true')}")
         staged = self.count if self.count <= MAX_STREAMED else 2 * PANEL
         buffer = f.buffer(CACHE_LINE + LANES * staged * number_bytes)
         self.stage = f.pointer_at(buffer, CACHE_LINE)  # behind the rest of a line that is not full yet
 
-    def begin_samples(self, i: str, samples_left: str) -> None:
+    def begin_samples(self, i: str, samples_left: str, direct: bool) -> None:
         """Choose where the rows of the block at i are written: into the output, or first into the stage."""
         f = self.f
         self.i, self.to, self.rest = i, f.pointer_at(self.base, f.multiply(i, self.stride)), samples_left
-        full = f.put(f"icmp sge i64 {samples_left}, {LANES}")
-        self.direct = f.put(f"and i1 {self.dense}, {full}")
-        if self.streamed != "false":
-            self.direct = f.put(f"and i1 {self.direct}, {f.put(f'xor i1 {self.streamed}, true')}")
-        address = f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}")
-        f.do(f"store ptr {address}, ptr {f.pointer_at('%places', 8 * self.index)}, align 8")  # for the steps
+        place = self.to
+        if not direct:
+            self.direct = f.put(f"and i1 {self.takes_rows}, {f.put(f'icmp sge i64 {samples_left}, {LANES}')}")
+            place = f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}")
+        f.do(f"store ptr {place}, ptr {f.pointer_at('%places', 8 * self.index)}, align 8")  # for the steps
 
     def flush(self, i: str, count: str, is_last: str) -> None:
         """Stream `count` samples from the stage to the output, from sample i on."""

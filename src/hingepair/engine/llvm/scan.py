@@ -13,12 +13,11 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from hingepair.engine.llvm.arithmetic import Arithmetic
-from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder
+from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder, default_float_environment
 from hingepair.engine.llvm.ir import KernelBuilder
 from hingepair.engine.llvm.reading import InputReader
 from hingepair.engine.llvm.schedule import ComponentGroup, Schedule
 from hingepair.engine.trace import Operand, TracedValue
-from hingepair.engine.ufunc import default_float_environment
 
 SCAN_WORDS: Final = 6  # integers in a row of the table
 COUNTS: Final = ("%records", "%every", "%stages")  # numbers of records, of steps of each, of stages of each step
