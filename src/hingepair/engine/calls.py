@@ -236,8 +236,8 @@ class Call:
             found = None
             if out is None:
                 found = make(*arrays)
-                if found is None and list in map(type, given):
-                    arrays = [_row(x) if type(x) is list else x for x in arrays]
+                if found is None and not _SEQUENCES.isdisjoint(map(type, given)):
+                    arrays = [_row(x) if type(x) in _SEQUENCES else x for x in arrays]
                     found = make(*arrays)
             elif workers == 1 and type(out) is dict and known.issuperset(out) and type(first := arrays[0]) is ndarray:
                 lead = first.shape[: first.ndim - rank]
@@ -392,8 +392,8 @@ def _plain(array: NDArray[Any], whole: ArrayShape, tail: ArrayShape, dtype: np.d
     return copied
 
 
-def _row(numbers: list[Any]) -> Any:
-    """Return a list of numbers as a row of float64, and any other list as it is."""
+def _row(numbers: Any) -> Any:
+    """Return a list or tuple of numbers as a row of float64, and any other as it is."""
     try:
         return np.array(numbers, np.float64) if _NUMBERS.issuperset(map(type, numbers)) else numbers
     except OverflowError:
