@@ -16,7 +16,7 @@ from hingepair.formats.robot_writer import is_here
 from hingepair.formats.shape_writers import unread_sentences
 from hingepair.formats.xml_text import add_element, check_xml_text, document, first_few
 from hingepair.mechanism.bodies.body import warn_of_dynamics
-from hingepair.mechanism.tree import Frame, Joint, Tree
+from hingepair.mechanism.tree import Joint, Tree
 from hingepair.numeric.arrays import one_constant
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, MassProperties
@@ -158,10 +158,10 @@ def _add_body(
     drawn.add_geoms(body, number)
     for name, frame in links.items():
         if name != seat:
-            add_element(body, "body", name=_body_name(name), **_pose_of(frame))
+            add_element(body, "body", name=_body_name(name), **_pose(frame.R, frame.S))
     for name, frame in tree.frames.items():
         if frame.body == number and name not in tree.links:
-            add_element(body, "site", name=name, **_pose_of(frame))
+            add_element(body, "site", name=name, **_pose(frame.R, frame.S))
     return body
 
 
@@ -198,10 +198,6 @@ def insert_mjcf_joint(body: ET.Element, joint: Joint, label: str, seat: FramePos
     element = add_element(body, "joint", name=joint.name, **attributes)
     body.remove(element)
     body.insert(0, element)
-
-
-def _pose_of(frame: Frame) -> dict[str, Any]:
-    return _pose(frame.R, frame.S)
 
 
 def _pose(origin: Any, S: Any) -> dict[str, Any]:

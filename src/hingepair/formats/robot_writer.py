@@ -22,8 +22,7 @@ from hingepair.formats.xml_text import (
     axis_for_urdf,
     check_xml_text,
     document,
-    limits_sentences,
-    urdf_limits,
+    first_few,
 )
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.shapes import Mesh
@@ -54,7 +53,12 @@ def robot_to_urdf(
             warnings.warn(message, DynamicsWarning, stacklevel=3)
     writer = _UrdfWriter(tree, meshes)
     root = writer.build(base, pose)
-    return document(root, [*sentences, *limits_sentences(writer.made_up_limits), *unread_sentences(tree)])
+    made_up = "; ".join(f"{phrase} of {first_few(names)}" for phrase, names in writer.made_up_limits.items())
+    limits = [f"limits that URDF demands and that are not given are made up: {made_up}"] if made_up else []
+    return document(root, [*sentences, *limits, *unread_sentences(tree)])
+
+
+_DEFAULT_LIMITS = {"effort": 1000.0, "velocity": 100.0}  # [N m or N] and [rad/s or m/s]; they stop nothing
 
 
 class _UrdfWriter:
@@ -66,7 +70,7 @@ class _UrdfWriter:
         # Names that are made up differ from all that are there.
         self._links = {*tree.links, *tree.frames}
         self._joints = {*tree.frames, *(joint.name for joint in tree.joints)}
-        self.made_up_limits: list[tuple[str, str]] = []  # names of joints, and what URDF demands of them
+        self.made_up_limits: dict[str, list[str]] = {}  # names of joints by what URDF demands of them
 
     def build(self, base: str, pose: FramePose | None) -> ET.Element:
         """Return the element <robot>; a joint of the type `base`, unless "free", holds the root to a link `world`."""
@@ -131,39 +135,30 @@ class _UrdfWriter:
         return link
 
     def _add_moving_joint(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
-        """Add a joint with its mimic rule, and keep what is made up of its limits."""
-        element, made_up = add_moving_joint(root, joint, parent, child)
-        self.made_up_limits.append((joint.name, made_up))
+        """Add a joint; refuse one that URDF does not have."""
+        kind = KINDS[joint.kind].urdf
+        if kind is None:
+            raise URDFError("robot", "joints that URDF has", f"{joint.name!r}, a {joint.kind}")
+        bounded = bool(np.isfinite(joint.position_limits).any())
+        if kind == "revolute" and not bounded:
+            kind = "continuous"
+        element = add_urdf_joint(root, joint.name, kind, parent, child)
+        add_element(element, "origin", xyz=joint.u, rpy=matrix_to_euler(joint.S, "xyz"))
+        add_element(element, "axis", xyz=axis_for_urdf(joint.n))
+        given = {"effort": joint.effort_limit, "velocity": joint.rate_limit}
+        if kind != "continuous" or np.isfinite([*given.values()]).any():
+            limit = {key: _DEFAULT_LIMITS[key] if np.isinf(value) else value for key, value in given.items()}
+            if phrase := " and ".join(f"{key} {value:g}" for key, value in limit.items() if value != given[key]):
+                self.made_up_limits.setdefault(phrase, []).append(joint.name)
+            if bounded or kind == "prismatic":  # without numbers, readers hold a slider at 0; infinity is the largest
+                limits = np.nan_to_num(joint.position_limits).tolist()
+                limit = dict(zip(("lower", "upper"), limits, strict=True)) | limit
+            add_element(element, "limit", **limit)
+        if joint.load.damping or joint.load.friction:
+            add_element(element, "dynamics", damping=joint.load.damping, friction=joint.load.friction)
         if joint.mimic is not None:
             leader = self._tree.joints[joint.mimic.leader - 1].name
             add_element(element, "mimic", joint=leader, multiplier=joint.mimic.multiplier, offset=joint.mimic.offset)
-
-
-def add_moving_joint(root: ET.Element, joint: Joint, parent: str, child: str) -> tuple[ET.Element, str]:
-    """Add a joint without its mimic rule. Return its element, and a phrase on limits that are made up (see
-    `urdf_limits`).
-
-    Raises:
-        URDFError: URDF has no such joint.
-    """
-    kind, made_up = KINDS[joint.kind].urdf, ""
-    if kind is None:
-        raise URDFError("robot", "joints that URDF has", f"{joint.name!r}, a {joint.kind}")
-    bounded = bool(np.isfinite(joint.position_limits).any())
-    if kind == "revolute" and not bounded:
-        kind = "continuous"
-    element = add_urdf_joint(root, joint.name, kind, parent, child)
-    add_element(element, "origin", xyz=joint.u, rpy=matrix_to_euler(joint.S, "xyz"))
-    add_element(element, "axis", xyz=axis_for_urdf(joint.n))
-    if kind != "continuous" or np.isfinite((joint.effort_limit, joint.rate_limit)).any():
-        limit = {}
-        if bounded or kind == "prismatic":  # without numbers, readers hold a slider at 0; infinity is the largest
-            limit = dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))
-        upper, made_up = urdf_limits(joint.effort_limit, joint.rate_limit)
-        add_element(element, "limit", **limit, **upper)
-    if joint.load.damping or joint.load.friction:
-        add_element(element, "dynamics", damping=joint.load.damping, friction=joint.load.friction)
-    return element, made_up
 
 
 def is_here(frame: Frame) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.numeric.arrays import Float64Array
 
 NO_TURN = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
-_DEFAULT_LIMITS = {"effort": 1000.0, "velocity": 100.0}  # [N m or N] and [rad/s or m/s]; they stop nothing
 
 # Characters that XML cannot hold; compiled when used, which takes milliseconds.
 _INVALID = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
@@ -40,31 +39,9 @@ def add_element(parent: ET.Element, tag: str, /, **attributes: Any) -> ET.Elemen
     return ET.SubElement(parent, tag, attributes | texts)
 
 
-def urdf_limits(effort: float | None, velocity: float | None) -> tuple[dict[str, float], str]:
-    """Return the attributes effort and velocity of URDF's element `limit`, which demands both, and a phrase on those
-    that are made up because the limit is None or infinite; "" if none is.
-    """
-    given = {"effort": effort, "velocity": velocity}
-    attributes = {
-        key: _DEFAULT_LIMITS[key] if value is None or np.isinf(value) else value for key, value in given.items()
-    }
-    made_up = [f"{key} {value:g}" for key, value in attributes.items() if value != given[key]]
-    return attributes, " and ".join(made_up)
-
-
 def first_few(names: Sequence[str]) -> str:
     """Return at most three names, and how many more there are."""
     return f"{', '.join(names[:3])}{f' and {len(names) - 3} more' * (len(names) > 3)}"
-
-
-def limits_sentences(made_up: Iterable[tuple[str, str]]) -> list[str]:
-    """Return a sentence, if any, on pairs of the name of a joint and a phrase of `urdf_limits`."""
-    joints: dict[str, list[str]] = {}
-    for joint, phrase in made_up:
-        if phrase:
-            joints.setdefault(phrase, []).append(joint)
-    texts = [f"{phrase} of {first_few(names)}" for phrase, names in joints.items()]
-    return [f"limits that URDF demands and that are not given are made up: {'; '.join(texts)}"] if texts else []
 
 
 def document(root: ET.Element, sentences: Sequence[str] = ()) -> str:
