@@ -17,7 +17,7 @@ import pytest
 import hingepair as hp
 from hingepair import errors
 from support.asked import COUNT, ROWS, inputs_of, subject_of
-from support.recorded import N1, recording
+from support.recorded import recording
 
 A, S, D, X, R = errors.ArgumentError, errors.ShapeError, errors.DtypeError, errors.AxisError, errors.RotationError
 NAN, INF = math.nan, math.inf
@@ -495,7 +495,6 @@ CALLS = {
         ("loss", A, "tukey"), ("gauge", A, "middle"), ("weights", S, [1.0, 2.0]), ("weights", A, -np.ones(50)),
         ("t", S, np.arange(3.0)),
         ("body2", S, hp.BodyMotion(R=THREE, S=EYE)), ("body2", A, 3), ("body1", A, C(body1={"x1": [1.0]})),
-        ("n_along", A, np.cross(N1, (1, 0, 0))), ("n_along", X, (0, 0, 0)), ("n_along", S, (0, 1)),
         ("noise2", A, C(noise1=(1e-3, 1e-3)), C(noise1=(1e-3, 1e-3), noise2=1e-3)),
     ]),
     "smooth": (lambda **k: hp.smooth(**{"t": T, "body": np.sin(T), **k}), [

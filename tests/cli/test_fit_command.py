@@ -47,11 +47,6 @@ def test_the_hinge_of_a_file_is_told_written_and_drawn(tmp_path):
     told = json.loads(fit(file, "--json", "--loss", "cauchy"))
     assert told["ok"] is True
     assert told["loss"] == "cauchy"
-    turned = json.loads(fit(file, "--json", "--loss", "cauchy", "--n-along", "-1,0,0"))
-    assert np.allclose(turned["n"], np.negative(told["n"]), rtol=0, atol=1e-12)
-    assert np.allclose(turned["psi"], np.negative(told["psi"][::-1]), rtol=0, atol=1e-9)
-    assert "--n-along: expected three numbers" in refused(file, "--n-along", "down")
-    assert "--n-along: expected shape" in refused(file, "--n-along", "0,1")
 
 
 @pytest.mark.slow

@@ -145,18 +145,6 @@ def test_a_known_offset_of_too_few_samples_is_refused(attitudes: bool) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_left_of_samples_is_that_of_the_moved_ones() -> None:
-    t, body1, body2 = recorded(10e-3)
-    found = hp.fit(body1, body2, t=t)
-    assert found.residuals.ok
-    gap, _ = found.residuals.rows
-    assert gap.rms == pytest.approx(found.rms_position, rel=1e-9)
-    R2 = poses(t)[2]
-    inside = np.isfinite(found.psi)
-    assert np.sqrt(np.mean((found.body2.R - R2)[inside] ** 2)) < 1.2e-3
-
-
-@pytest.mark.slow
 def test_gaps_take_no_other_samples_from_the_fit() -> None:
     """The hinge is the most likely one of all samples at the clock that is found."""
     t, body1, body2 = recorded(0.0, count=200)

@@ -85,20 +85,6 @@ def test_the_first_large_component_of_n_is_positive() -> None:
         assert abs(found.pair.n @ unit) == pytest.approx(1, abs=4 * U)
 
 
-@pytest.mark.parametrize("direction", [N1, -N1, (0, 0, 1), (0, 0, -3)], ids=str)
-def test_the_sign_of_n_may_be_chosen(direction) -> None:
-    made = recording(200, 1e-3, 2e-3)
-    usual = hp.fit(*bodies(made))
-    found = hp.fit(*bodies(made), n_along=direction)
-    assert found.pair.n @ direction > 0
-    sign = np.sign(found.pair.n @ usual.pair.n)
-    assert np.abs(found.psi - sign * usual.psi).max() < 1e-12
-    assert np.abs(found.pair.home - usual.pair.home).max() < 1e-12
-    assert "as asked" in str(found)
-    point = hp.fit(bodies(made)[0], hp.BodyMotion(R=made.R2), n_along=direction)
-    assert point.pair.n @ direction > 0
-
-
 @pytest.mark.slow
 def test_an_angle_of_few_samples_is_as_uncertain_as_the_axis_that_they_tell() -> None:
     """Axes 150 degrees apart in both bodies, where psi = 0 moves 4 times as much as they do."""
@@ -108,8 +94,8 @@ def test_an_angle_of_few_samples_is_as_uncertain_as_the_axis_that_they_tell() ->
     for seed in range(30):
         psi = recording(24).psi
         made = recording(24, 1e-3, 5e-3, seed, Q=turns(psi[:, None] * N1) @ over)
-        found = hp.fit(*bodies(made), n_along=N1)
-        off = np.angle(np.exp(1j * (found.psi - psi)))
+        found = hp.fit(*bodies(made))
+        off = np.angle(np.exp(1j * (np.sign(found.pair.n @ N1) * found.psi - psi)))
         scores.append(np.mean(off / found.std["psi"]))
     # All angles of a fit are off together; with the noise of samples alone, std["psi"] would be half as large.
     assert np.std(scores) == pytest.approx(1, abs=0.35)
@@ -201,16 +187,6 @@ def test_missing_samples_are_left_out_and_said() -> None:
     assert (weighted.pair.n == found.pair.n).all()
 
 
-def test_a_weight_of_two_is_a_sample_twice() -> None:
-    made = recording(300, 1e-3, 2e-3)
-    twice = np.where(np.arange(300) < 100, 2, 1)
-    weighted = hp.fit(*bodies(made), weights=twice)
-    rows = np.repeat(np.arange(300), twice)
-    doubled = hp.fit(hp.BodyMotion(R=made.R1[rows], S=made.S1[rows]), hp.BodyMotion(R=made.R2[rows], S=made.S2[rows]))
-    assert np.abs(weighted.pair.n - doubled.pair.n).max() < 0.02 * weighted.std["n"].max()
-    assert np.abs(weighted.pair.u1 - doubled.pair.u1).max() < 0.02 * weighted.std["u1"].max()
-
-
 @pytest.mark.parametrize("loss", ["linear", "cauchy"])
 def test_a_factor_common_to_all_weights_has_no_effect(loss: str) -> None:
     made = recording(300, 1e-3, 2e-3, outliers=0.0 if loss == "linear" else 0.1)
@@ -248,13 +224,6 @@ def test_noise_of_attitudes_belongs_to_the_body_that_has_it(fixed: bool) -> None
         )
     assert np.abs(np.mean(scores, axis=0)).max() < 4 / np.sqrt(12)
     assert np.mean(np.square(scores)) < 2
-
-
-def test_a_body_1_that_stands_still_is_one_pose() -> None:
-    psi = recording(100).psi
-    S2 = turns(psi[:, None] * N1) @ HOME
-    found = hp.fit(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), hp.BodyMotion(R=U1 - S2 @ U2, S=S2))
-    assert np.abs(errors(found)).max() < 1e-14
 
 
 @pytest.mark.slow
@@ -491,3 +460,22 @@ def test_turns_that_samples_do_not_show_are_not_relied_on() -> None:
         found = hp.fit(hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=R2, S=made.S2), t=t, clock_offset=0)
         assert not found.ok
         assert next(finding.name for finding in found.findings if finding.severity == "serious").startswith("turns")
+
+
+@pytest.mark.slow
+def test_the_variances_are_told_apart_where_attitudes_are_rough() -> None:
+    """Noise of attitudes times levers is twelve times as large as that of positions."""
+    ratios = []
+    for seed in range(10):
+        found = hp.fit(*bodies(recording(1000, 1e-3, 3e-2, seed)))
+        ratios.append((found.noise_position / (np.sqrt(2) * 1e-3), found.noise_angle / (np.sqrt(2) * 3e-2)))
+    rms = np.sqrt(np.mean((np.array(ratios) - 1) ** 2, axis=0))
+    assert rms[0] < 0.12
+    assert rms[1] < 0.02
+
+
+def test_noise_that_is_known_wrongly_is_said() -> None:
+    made = recording(600, 1e-3, 2e-3)
+    found = hp.fit(*bodies(made), noise1=(1e-4, 2e-3), noise2=(1e-4, 2e-3))
+    assert re.search(r"Positions scatter (9\.\d|10) times as much as noise1 and noise2 say", found.findings[0])
+    assert "Attitudes" not in " ".join(found.findings)

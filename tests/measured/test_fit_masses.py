@@ -299,7 +299,6 @@ def test_recordings_come_in_every_form_and_with_gaps():
     assert report["parameters"]["panda_link2 hy"]["value"] == plain.values[plain.names.index("panda_link2 hy")]
     assert report["joints"]["panda_joint7"]["noise"] == plain.noise[6]
     assert "panda_joint7 coulomb" in str(plain)
-    assert len(plain.plot(q, qd, qdd, tau, np.arange(300) / 100).axes) == 7
 
 
 @functools.cache

@@ -142,15 +142,6 @@ def test_clocks_that_drift_do_not_turn_the_angle() -> None:
 
 
 @pytest.mark.slow
-def test_dropped_samples_are_no_clock_offset() -> None:
-    kept = np.random.default_rng(0).random(T.size) > 0.2
-    t2 = T[kept] + 0.005
-    columns = [*felt(noise=1e-2)[:2], *felt(noise=1e-2, seed=1, t=t2)[2:]]
-    found = fitted(columns, T, t2)
-    assert abs(found.clock_offset) < 4.5 * found.std["clock_offset"] < 2e-3
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [0.7, 3.3])
 def test_a_gap_is_left_out_and_adds_no_whole_turns(seconds: float) -> None:
     columns, hidden = felt(noise=1e-2), np.abs(T - 3 - seconds / 2) <= seconds / 2

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hingepair.measured.circle_model import PointModel
-from hingepair.measured.covariance import neighbour_correlation, neighbours_to_sum, sandwich
+from hingepair.measured.covariance import neighbours_to_sum, sandwich
 from hingepair.measured.hinge import GAUGES, Hinge, frame, home_of, result_derivatives, sign_of
-from hingepair.measured.hinge_model import BodyModel, Noise, constraints
+from hingepair.measured.hinge_model import BodyModel, Noise
 from hingepair.measured.most_likely import Model, evaluate, most_likely
 from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
 from hingepair.measured.robust import LOSSES, cauchy, loss_weights, median_variance
@@ -57,20 +57,6 @@ def test_angles_change_as_their_derivatives_say(name: str) -> None:
         high, low = (model.moved(sign * step).psi(poses) for sign in (1, -1))
         change = np.angle(np.exp(1j * (high - low))) / 2e-6
         assert np.abs(found[k] - change).max() < 1e-6 * (1 + np.abs(change).max())
-
-
-def test_sizes_are_those_of_the_covariance_that_the_module_names() -> None:
-    poses = relative(40, 2e-3, 2e-3)
-    found = constraints(TRUE, poses)
-    a, b = NOISE.place, NOISE.attitude / 4
-    sizes = []
-    for p, arm, tilt, gap in zip(
-        found.p.T, found.arms.T, found.tilt.T, found.free_gap(found.tilt, found.gap).T, strict=True
-    ):
-        w = np.cross((0, 0, 1), arm)
-        C = a * np.eye(3) + b * (p @ p * np.eye(3) - np.outer(p, p)) + b * np.outer(w, w)
-        sizes.append(tilt @ tilt / NOISE.attitude + gap @ np.linalg.solve(C, gap))
-    np.testing.assert_allclose(evaluate(BodyModel(TRUE, NOISE), poses, STILL, None).squares, sizes, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -124,15 +110,6 @@ def test_home_takes_one_axis_to_the_other_and_is_a_rotation() -> None:
             assert np.abs(home @ m - n).max() < 4e-15
             assert np.abs(home.T @ home - np.eye(3)).max() < 4e-15
             assert np.linalg.det(home) == pytest.approx(1, abs=4e-15)
-
-
-@pytest.mark.slow
-def test_home_is_the_short_way_unless_the_axes_are_nearly_opposite() -> None:
-    for n in units(40, 1):
-        for m in units(40, 2):
-            if n @ m > -0.9:
-                assert np.trace(home_of(Hinge.along(n, m, U1, U2))) == pytest.approx(1 + 2 * (n @ m), abs=1e-14)
-        assert np.abs(home_of(Hinge.along(n, n, U1, U2)) - np.eye(3)).max() < 1e-15
 
 
 def test_home_of_opposite_axes_hardly_moves_with_them() -> None:
@@ -232,14 +209,6 @@ def test_scores_are_added_up_over_more_than_they_are_correlated(
     assert (lag > 0) is unresolved
 
 
-@pytest.mark.slow
-def test_few_scores_are_not_added_up() -> None:
-    """Chance makes neighbours of a few samples alike; what is more than chance is said."""
-    assert neighbours_to_sum(autoregressive(30, 1e-3, 2)) == (1, 0)
-    assert neighbours_to_sum(autoregressive(100, 30.0, 2)) == (1, 1)
-    assert neighbours_to_sum(np.zeros((2, 500))) == (1, 0)
-
-
 def test_the_covariance_of_a_mean_is_that_of_its_noise() -> None:
     noise = 0.3 * np.random.default_rng(1).standard_normal((1, 20_000))
     inverse = np.array([[1 / noise.size]])
@@ -248,14 +217,6 @@ def test_the_covariance_of_a_mean_is_that_of_its_noise() -> None:
     # A sample tells less of itself than of others.
     few = np.array([[1.0, -1.0]])
     assert sandwich(np.array([[0.5]]), few)[0][0, 0] == pytest.approx(1.0)
-
-
-def test_neighbours_are_compared_row_by_row() -> None:
-    alternating, slow = np.tile((1.0, -1.0), 50), np.repeat((1.0, -1.0), 50)
-    assert neighbour_correlation(alternating) == pytest.approx(-0.99)
-    assert neighbour_correlation(np.stack((alternating, slow))) == pytest.approx(0.97)
-    assert neighbour_correlation(alternating, lag=2) == pytest.approx(0.98)
-    assert neighbour_correlation(np.zeros(5)) == neighbour_correlation(np.ones(1)) == 0
 
 
 @pytest.mark.parametrize("name", [name for name, loss in LOSSES.items() if loss is not None])

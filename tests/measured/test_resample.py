@@ -36,14 +36,6 @@ def test_the_error_for_rotations_falls_with_the_fourth_power_of_the_step() -> No
     assert errors[0] < 1e-5
 
 
-def test_at_a_sample_stands_the_sample() -> None:
-    t = np.linspace(0, 1, 21) ** 1.5 + 1.7e9
-    values = np.random.default_rng(2).normal(size=(21, 2))
-    assert (hp.resample(t, values, t, gaps=1.0) == values).all()
-    body = hp.BodyMotion(R=np.zeros((21, 3)), S=turning(t))
-    assert (hp.resample(t, body, t, gaps=1.0).S == body.S).all()
-
-
 def test_gaps_and_what_lies_outside_are_nan_and_the_rest_is_not() -> None:
     t = np.arange(100) * 0.01
     values = np.sin(t)
@@ -53,21 +45,6 @@ def test_gaps_and_what_lies_outside_are_nan_and_the_rest_is_not() -> None:
     found = hp.resample(t, values, to)
     assert np.isnan(found).tolist() == [True, False, False, True, True, True, False, True]
     assert np.abs(found - np.sin(to))[2] < 1e-8
-
-
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_pieces_of_a_few_samples_are_lines_through_them(count: int) -> None:
-    t = np.arange(count) * 0.5
-    assert hp.resample(t, 1 + 2 * t, t[-1:] * 0.8).tolist() == pytest.approx([1 + 1.6 * t[-1]], rel=1e-15)
-
-
-def test_all_that_a_body_has_is_resampled() -> None:
-    t = np.linspace(0, 1, 30)
-    body = hp.BodyMotion(R=np.outer(t, (1, 2, 3)), S=turning(t), v=np.ones((30, 3)), a=np.outer(t, (1, 0, 0)))
-    found = hp.resample(t, body, [0.51], gaps=1.0)
-    assert found.v[0].tolist() == pytest.approx([1, 1, 1], rel=1e-15)
-    assert found.a[0, 0] == pytest.approx(0.51, rel=1e-15)
-    assert found.omega is None
 
 
 def test_two_clocks_of_nanoseconds_meet() -> None:

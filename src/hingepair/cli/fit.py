@@ -53,13 +53,6 @@ def fit_command(
         str,
         typer.Option(help=f"Point of the hinge axis that u1 and u2 lead to: {', '.join(GAUGES)}."),
     ] = GAUGES[0],
-    n_along: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z",
-            help="Direction in body 1's axes, such as 0,0,-1, along which n is to point, which gives psi its sign.",
-        ),
-    ] = None,
     ignore: Annotated[
         list[str] | None, typer.Option(metavar="COLUMN", help="Column that is not read; * matches any text.")
     ] = None,
@@ -125,13 +118,12 @@ def fit_command(
     Units.of(units)  # refuses unknown ones before anything is computed
     outputs = _Outputs(files, out, plot, scene, units)
     outputs.check()
-    along = None if n_along is None else _parse_direction(n_along)
     columns = parse_columns(column or ())
     fitted: HingeReport
     body1 = None
     try:
         if are_imus(files, columns):
-            of_poses = {"loss": loss != "linear", "gauge": gauge != GAUGES[0], "n_along": along, "sequence": sequence,
+            of_poses = {"loss": loss != "linear", "gauge": gauge != GAUGES[0], "sequence": sequence,
                         "scene": scene, "clock_offset": clock_offset}  # fmt: skip
             for name, value in of_poses.items():
                 if value not in {None, False}:
@@ -145,7 +137,7 @@ def fit_command(
             if recording.body2 is None:
                 raise no_body_error("2", files)
             body1, body2, t = recording.body1, recording.body2, recording.t
-            fitted = fit(body1, body2, loss, gauge, t, clock_offset=clock_offset, n_along=along)
+            fitted = fit(body1, body2, loss, gauge, t, clock_offset=clock_offset)
     except FitError as error:
         print(json.dumps({"ok": False, "findings": [str(error)]}, indent=2) if as_json else f"NO HINGE: {error}")
         raise typer.Exit(1) from None
@@ -158,14 +150,6 @@ def fit_command(
 
 # What messages on columns advise.
 _COLUMN_OPTIONS = ColumnAdvice("--column '{ours}={name}'", "--column '{ours}={name}:{unit}'", "--ignore {name!r}")
-
-
-def _parse_direction(text: str) -> list[float]:
-    """Return the numbers in the value of --n-along; how many is checked later."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise ArgumentError("n_along", "three numbers separated by commas", repr(text)) from None
 
 
 @dataclass

@@ -5,17 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from hingepair.cli.models import GravityOption, parse_gravity
 from hingepair.cli.output import (
-    PICTURE_SUFFIXES,
     JsonOption,
     check_output,
-    check_picture_suffix,
     naming_option,
-    save_figure,
     split_names,
 )
 from hingepair.cli.sources import ColumnOption, Source, parse_columns
@@ -25,8 +21,6 @@ from hingepair.formats.recordings import read_robot_recording
 from hingepair.measured.mass_fit import fit_masses
 from hingepair.measured.torques import JOINT_TERMS
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.tables.instants import increasing_seconds
-from hingepair.tables.units import Units
 from hingepair.tables.whole_file import whole_file
 
 
@@ -56,18 +50,7 @@ def masses_command(
     urdf: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the robot with the fitted masses and friction (.urdf).")
     ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help=f"Draw measured and fitted torques ({', '.join(PICTURE_SUFFIXES)})."),
-    ] = None,
     column: ColumnOption = None,
-    units: Annotated[
-        str | None,
-        typer.Option(
-            metavar="UNITS",
-            help='Units of what is printed and drawn in place of SI units, such as "N mm, mm"; JSON is in SI units.',
-        ),
-    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fit the masses of a robot, and friction, to a recorded motion and its torques.
@@ -78,19 +61,15 @@ def masses_command(
     is left of the torques, and a verdict. The exit code is 1 if the recording does not determine them, or if they do
     not explain the torques.
     """
-    Units.of(units)  # refuses unknown ones before anything is computed
-    if plot is not None:
-        check_picture_suffix("plot", plot)
     if urdf is not None and urdf.suffix.lower() != ".urdf":
         raise ArgumentError("urdf", "a file name that ends in .urdf", quoted(str(urdf)))
-    for option, path in (("urdf", urdf), ("plot", plot)):
-        check_output(option, path, [file])
+    check_output("urdf", urdf, [file])
     named = Source(source)
     robot = named.scene_file.mechanism if named.is_scene else named.robot()
     if robot is None:
         raise ArgumentError("ROBOT", "a URDF file, the name of a robot, or a scene of a robot", quoted(source))
     robot = robot.with_locked(dict(map(_locked, lock))) if lock else robot
-    t, recorded = read_robot_recording(file, robot, bandwidth, parse_columns(column or ()))
+    _, recorded = read_robot_recording(file, robot, bandwidth, parse_columns(column or ()))
     fit = fit_masses(
         robot,
         *(recorded[name] for name in ("q", "qd", "qdd", "tau")),
@@ -99,18 +78,12 @@ def masses_command(
         test=test,
         gravity=DEFAULT_GRAVITY if gravity is None else parse_gravity(gravity, 3),
     )
-    written = []
     if urdf is not None:
         with naming_option("urdf"), whole_file(urdf, [file]) as stream:
             stream.write(to_urdf(fit.robot).encode())
-        written.append(urdf)
-    if plot is not None:
-        instants = np.arange(len(recorded["q"])) if t is None else increasing_seconds("t", t)[0]
-        save_figure("plot", fit.plot(**recorded, t=instants, units=units), plot, [file])
-        written.append(plot)
-    print(fit.to_json() if as_json else fit.text(units))
-    for path in () if as_json else written:
-        print(f"written: {path}")
+    print(fit.to_json() if as_json else fit)
+    if urdf is not None and not as_json:
+        print(f"written: {urdf}")
     raise typer.Exit(0 if fit.ok else 1)
 
 

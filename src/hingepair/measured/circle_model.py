@@ -99,10 +99,10 @@ class PointModel(Model):
         """Return the model after a step of `Circle.moved`."""
         return replace(self, circle=self.circle.moved(step))
 
-    def settled(self, _gauge: str, n_along: Float64Array | None, /) -> PointModel:
+    def settled(self, _gauge: str, /) -> PointModel:
         """Return the model with the sign of n that the rules choose."""
         n = self.circle.n
-        return replace(self, circle=self.circle._replace(axes=frame(sign_of(n, n_along) * n)))
+        return replace(self, circle=self.circle._replace(axes=frame(sign_of(n) * n)))
 
     def with_noise(self, poses: RelativePoses, loss: Loss | None) -> PointModel:
         """Return the model with the noise that the distances show."""
@@ -207,10 +207,6 @@ class PointModel(Model):
     def gap_and_tilt(self, poses: RelativePoses) -> tuple[Float64Array, Float64Array]:
         """Return the distances from the circle [m], (2, N), and NaN for the tilt."""
         return _distances(self.circle, poses), np.full(poses.samples, np.nan)
-
-    def noise_std(self, _poses: RelativePoses, _loss: Loss | None, /) -> dict[str, np.float64]:
-        """Return nothing: how well the noise is known is not computed of a point."""
-        return {}
 
 
 def _distances(circle: Circle, poses: RelativePoses) -> Float64Array:

@@ -10,7 +10,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp, skew
 
@@ -20,7 +19,6 @@ RULE_OF_HOME: Final = (
     "home, the rotation of body 2 relative to body 1 at psi = 0, is the rotation by the smallest angle that aligns "
     "the hinge axis in body 2 with the hinge axis in body 1, unless both axes are nearly opposite."
 )
-_LEAST_ALONG = 0.1  # cosine of the angle from n to the direction that decides its sign; below, noise could decide
 
 
 class Hinge(NamedTuple):
@@ -46,9 +44,9 @@ class Hinge(NamedTuple):
         """Axis in body 2's axes, a unit vector (3,)."""
         return self.second[:, 2]
 
-    def signed(self, n_along: Float64Array | None) -> Hinge:
+    def signed(self) -> Hinge:
         """Return the hinge with the sign of its axis that `sign_of` chooses."""
-        sign = sign_of(self.n, n_along)
+        sign = sign_of(self.n)
         return self.along(sign * self.n, sign * self.m, self.u1, self.u2)
 
     def balanced(self) -> Hinge:
@@ -71,18 +69,8 @@ class Hinge(NamedTuple):
         return Hinge(tilted(self.first, step[:2]), tilted(self.second, step[2:4]), u1, u2)
 
 
-def sign_of(n: Float64Array, n_along: Float64Array | None = None) -> float:
-    """Return the sign of n along a direction, which must not be nearly across n; without one, that of its first
-    component of at least 0.45 times the largest size.
-    """
-    if n_along is not None:
-        cosine = float(n @ n_along) / float(np.linalg.norm(n_along))
-        if abs(cosine) < _LEAST_ALONG:
-            axis = ", ".join(f"{component:.3g}" for component in n)
-            degrees = np.degrees(np.arccos(abs(cosine)))
-            expected = f"a direction along the axis, which is ({axis}) or its opposite"
-            raise ArgumentError("n_along", expected, f"one at {degrees:.3g} deg to it")
-        return float(np.sign(cosine))
+def sign_of(n: Float64Array) -> float:
+    """Return the sign of the first component of n of at least 0.45 times the largest size."""
     # No ratio of two small numbers, so that noise does not decide for an axis such as (-1, 2, 0).
     return 1.0 if n[np.argmax(np.abs(n) >= 0.45 * np.abs(n).max())] > 0 else -1.0
 

@@ -25,8 +25,7 @@ from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.numeric.arrays import Float64Array, check_choice, one_constant, read_only
-from hingepair.numeric.unit_vectors import finite_axis
+from hingepair.numeric.arrays import Float64Array, check_choice, read_only
 from hingepair.tables.instants import gap_sentences
 from hingepair.tables.suspicions import suspicions
 from hingepair.tables.units import Units
@@ -58,8 +57,8 @@ class HingeFit(HingeReport):
             about the axis. Of a point, home is exactly the identity, and the rank is 6.
         std: standard deviations of the estimates: "u1" [m], "u2" [m], "n" and "home" [rad], of shape (3,), are the
             roots of the diagonal of `covariance`. "psi" [rad], of shape (N,), is that of each angle: of the noise of
-            its own sample, and of the hinge; outliers excepted; inf in the plane. "noise_position" [m] and
-            "noise_angle" [rad] are absent of a point, "clock_offset" [s] and "clock_drift" without `t`.
+            its own sample, and of the hinge; outliers excepted; inf in the plane. "clock_offset" [s]
+            and "clock_drift" are absent without `t`.
         rms_position: root mean square of `gap`, weighted with `weights` [m].
         rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN of a point.
         noise_position: standard deviation of the noise in each coordinate of R2 - R1, that of both bodies [m]. It is
@@ -76,7 +75,6 @@ class HingeFit(HingeReport):
             is notable. Each has `name`, `value`, `limit`, and `severity`: "serious" or "note".
         gauge: name of the rule for the position of the hinge point along the axis.
         loss: name of the loss function.
-        n_along: direction that decided the sign of n, body-1 axes; None if the rule of `fit` did.
         weights: weight of each sample, given (1 by default) times that of the loss; shape (N,), 0 at samples that are
             not used.
         t: time since the first instant [s], shape (N,); None without `t`.
@@ -102,7 +100,6 @@ class HingeFit(HingeReport):
     findings: tuple[Finding, ...]
     gauge: str
     loss: str
-    n_along: tuple[float, ...] | None
     weights: Float64Array
     t: Float64Array | None
     gap: Float64Array
@@ -125,14 +122,6 @@ class HingeFit(HingeReport):
         first, second = (BodyMotion(R=body.R, S=body.S) for body in (self._body1, self.body2))
         return self.pair.residuals(first, second, allowed, self.t)
 
-    @property
-    def conventions(self) -> str:
-        """Sentences on the sign of n and on the direction of psi = 0, which motion does not determine."""
-        if self.n_along is None:
-            return f"{RULE_OF_SIGN} {RULE_OF_HOME}"
-        along = ", ".join(f"{component:g}" for component in self.n_along)
-        return f"n points along ({along}), as asked. {RULE_OF_HOME}"
-
     def _title(self) -> str:
         return f"hinge of {self.samples} samples ({self.psi.size - self.samples} missing), loss {self.loss}"
 
@@ -143,7 +132,7 @@ class HingeFit(HingeReport):
 
     def _convention(self) -> str:
         point = f"u1 and u2 lead to the point on the axis {self.gauge.replace('_', ' ')}; along the axis, motion "
-        return f"{point}determines only their difference. {self.conventions}"
+        return f"{point}determines only their difference. {RULE_OF_SIGN} {RULE_OF_HOME}"
 
     def _columns(self) -> dict[str, Float64Array]:
         tilt = {} if np.isnan(self.rms_angle) else {"tilt": self.tilt}
@@ -167,7 +156,6 @@ def fit(
     clock_offset: float | None = None,
     noise1: tuple[ArrayLike, ArrayLike] | None = None,
     noise2: tuple[ArrayLike, ArrayLike] | None = None,
-    n_along: ArrayLike | None = None,
 ) -> HingeFit:
     """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to two recorded motions.
 
@@ -181,8 +169,8 @@ def fit(
     psi. Rules fix these three:
 
     - `gauge` selects the position of the hinge point along the axis.
-    - `n_along` selects the sign of n. Without it, the first component of n whose magnitude is at least 0.45 times the
-      largest magnitude is positive.
+    - The first component of n whose magnitude is at least 0.45 times the largest magnitude is positive. A pair with
+      -n and the angles -psi is the same hinge.
     - `home`, the attitude of body 2 relative to body 1 at psi = 0, is the rotation by the smallest angle that turns
       n2 into n, where n and n2 are the components of the hinge axis in body 1's and in body 2's axes. If these are
       more than 154 degrees apart, a half turn of body 2 comes first, about its x axis if abs(nx) < 0.65, otherwise
@@ -214,8 +202,6 @@ def fit(
             as (smoothed.noise["R"], smoothed.noise["S"]) with `smoothed = smooth(t, body1)`. A common factor is still
             estimated from the data.
         noise2: those of body 2. Give both noise1 and noise2 or neither; give neither if body 2 is a point.
-        n_along: direction in body 1's axes, such as (0, 0, -1), along which n is to have a positive component, so
-            that psi grows in the wanted sense; shape (3,). It only selects the sign.
 
     Returns:
         The HingeFit. Check `.ok` and `.findings` before you use its numbers.
@@ -223,7 +209,7 @@ def fit(
     Raises:
         FitError: fewer than two samples have the poses of both bodies (fewer than four if body 2 is a point), or the
             bodies do not turn relative to each other.
-        ArgumentError: n_along is within 6 degrees of perpendicular to the axis, and does not tell its sign.
+        ArgumentError: an argument cannot be used.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -237,7 +223,6 @@ def fit(
     """
     check_choice("loss", loss, LOSSES)
     check_choice("gauge", gauge, GAUGES)
-    along = None if n_along is None else finite_axis("n_along", one_constant("n_along", n_along, 3))
     samples = checked_samples(body1, body2, t, weights, clock_offset, noise1, noise2)
     if samples.is_point and samples.mean_noise is not None:
         raise ArgumentError("noise1", "None, since body 2 has no attitudes", "values")
@@ -249,14 +234,14 @@ def fit(
         check_turning(poses)
     clocked, estimate, poses = _estimated(samples, poses, LOSSES[loss], clock_offset)
     used = used if clocked is None else clocked.used_at(estimate.clock)
-    fitted = _fitted(estimate, poses, LOSSES[loss], gauge, along, samples.knows_split)
+    fitted = _fitted(estimate, poses, LOSSES[loss], gauge, samples.knows_split)
     findings = judged(fitted)
     good = ~fitted.is_outlier() & (fitted.seen.weights >= _INLIER)
     psi = _unwrap_angles(fitted.psi, good)
     instants = np.flatnonzero(used) if samples.t is None else samples.t[used]
     findings += _recording_findings(samples, used, clocked, fitted, findings, loss)
     findings += _turn_findings(psi, instants, good)
-    std = fitted.std | fitted.model.noise_std(poses, LOSSES[loss])
+    std = fitted.std
     if samples.t is not None:
         clock_std = np.full(2, np.inf if clock_offset is None else 0.0)
         if len(poses.by_clock):
@@ -285,7 +270,6 @@ def fit(
         findings=tuple(dict.fromkeys(findings)),
         gauge=gauge,
         loss=loss,
-        n_along=None if along is None else tuple(along.tolist()),
         weights=_scatter_used(weights, used, 0.0),
         t=samples.t,
         gap=_scatter_used(gap, used),
@@ -301,11 +285,10 @@ def _fitted(
     poses: RelativePoses,
     loss: Loss | None,
     gauge: str,
-    n_along: Float64Array | None,
     knows_split: bool,
 ) -> Fitted:
     """Return the most likely model without its bias, by the rules of the user, with its covariance."""
-    model = estimate.model.moved(-estimate.model.bias(poses)).settled(gauge, n_along)
+    model = estimate.model.moved(-estimate.model.bias(poses)).settled(gauge)
     seen = evaluate(model, poses, estimate.clock, loss)
     random, lag = seen.covariance
     # What is not known of the noise, too.

@@ -32,7 +32,6 @@ _NOISE_SAMPLES = 4096  # samples that the variances of the noise are estimated f
 _ROUNDING = 4 * UNIT_ROUNDOFF  # of attitudes, and of places in parts of their size
 _LEAST_NOISE = 1e-3  # least variance of positions, in parts of the mean squared residual
 _OPPOSITE = -0.999999  # cosine of axes below which they point against each other
-_MEDIAN_EFFICIENCY = 0.37  # of a variance from a median
 
 
 class Noise(NamedTuple):
@@ -108,16 +107,16 @@ class BodyModel(Model):
         """Return the model after a step of `Hinge.moved`."""
         return replace(self, hinge=self.hinge.moved(step).balanced())
 
-    def settled(self, gauge: str, n_along: Float64Array | None, /) -> BodyModel:
+    def settled(self, gauge: str, /) -> BodyModel:
         """Return the model with the sign of n and the hinge point that the rules choose."""
-        return replace(self, hinge=self.hinge.signed(n_along).in_gauge(gauge))
+        return replace(self, hinge=self.hinge.signed().in_gauge(gauge))
 
     def with_noise(self, poses: RelativePoses, loss: Loss | None) -> BodyModel:
         """Return the model with the most likely noise, or with a loss that of medians without samples far off."""
         seen = constraints(self.hinge, poses)
         if loss is None:
             start = _noise_by_medians(seen, poses)
-            return replace(self, noise=_variance_components(poses.thinned(_NOISE_SAMPLES), self.hinge, start)[0])
+            return replace(self, noise=_variance_components(poses.thinned(_NOISE_SAMPLES), self.hinge, start))
         near = (self.rows_near(poses)(self, poses)[-1] ** 2).sum(axis=0) < 100.0
         near = near if 2 * near.sum() > near.size else np.ones_like(near)
         some = poses.part(near)
@@ -215,14 +214,6 @@ class BodyModel(Model):
         seen = constraints(self.hinge, poses)
         return seen.gap, np.arctan2(np.hypot(seen.q[2], seen.q[5]), seen.q[8])
 
-    def noise_std(self, poses: RelativePoses, loss: Loss | None, /) -> dict[str, np.float64]:
-        """Return how well the noise is known: standard deviations of "noise_position" [m] and "noise_angle" [rad]."""
-        thin = poses.thinned(_NOISE_SAMPLES)
-        _, covariance = _variance_components(thin, self.hinge, self.noise, max_steps=0)
-        variances = np.diagonal(covariance) / (1.0 if loss is None else _MEDIAN_EFFICIENCY)
-        std = np.sqrt(variances) / (2 * np.sqrt(np.array(self.noise)))
-        return dict(zip(("noise_position", "noise_angle"), std, strict=True))
-
 
 class _Whitener:
     """Divides residuals of M samples, or their derivatives, by the Cholesky factor of their covariance."""
@@ -263,11 +254,9 @@ def _noise_by_medians(seen: Constraints, poses: RelativePoses) -> Noise:
     return Noise(max(variance, (_ROUNDING * poses.size) ** 2, 1e-300), attitude)
 
 
-def _variance_components(
-    poses: RelativePoses, hinge: Hinge, start: Noise, max_steps: int = 25
-) -> tuple[Noise, Float64Array]:
-    """Return the most likely variances of positions and attitudes, and their covariance (2, 2), by Fisher scoring
-    from `start` (Searle, Casella and McCulloch, Variance Components, 1992, 8.3).
+def _variance_components(poses: RelativePoses, hinge: Hinge, start: Noise) -> Noise:
+    """Return the most likely variances of positions and attitudes by Fisher scoring from `start` (Searle, Casella and
+    McCulloch, Variance Components, 1992, 8.3).
     """
     seen = constraints(hinge, poses)
     place, attitude, share = poses.noise
@@ -284,14 +273,11 @@ def _variance_components(
     square = square * (square.size / max(square.size - BodyModel.parameters, 1))
     across = float((gap**2 / place).mean())
     least = np.array((max(_LEAST_NOISE * across, (_ROUNDING * poses.size) ** 2, 1e-300), _ROUNDING**2))
-    least = least if max_steps else np.zeros(2)
     variances: Any = np.maximum(np.array(start), least)
-    for _ in range(max_steps):
+    for _ in range(25):
         scaled = design * variances[:, None] / (variances @ design)
         change = np.linalg.lstsq(scaled @ scaled.T, scaled @ (square / (variances @ design)))[0]
         before, variances = variances, np.maximum(variances * np.clip(change, 0.1, 10.0), least)
         if (np.abs(variances / before - 1) < 1e-3).all():
             break
-    scaled = design * variances[:, None] / (variances @ design)
-    covariance = 2 * np.linalg.pinv(scaled @ scaled.T) * np.outer(variances, variances)
-    return Noise(*variances.tolist()), covariance
+    return Noise(*variances.tolist())

@@ -394,7 +394,7 @@ class _Problem(NamedTuple):
             normal = np.einsum("aki,bki->ab", J * weights**2, J) + np.diag(self.prior**-2.0)
             gradient = np.einsum("aki,ki->a", J, left * weights**2) + x / self.prior**2
             x = x - solve_semidefinite(normal, gradient)
-        hinge = self.hinge.moved(x[_HINGE]).signed(None).in_gauge("closest_to_R1")
+        hinge = self.hinge.moved(x[_HINGE]).signed().in_gauge("closest_to_R1")
         offset, drift = x[_CLOCK]
         moved = abs(offset) + abs(drift) * float(np.ptp(self.instants)) / 2
         clock, x = (self.clock[0] + float(offset), self.clock[1] + float(drift)), x.copy()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,15 +29,9 @@ from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.robots.inertial_parameters import BaseParameters
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, check_choice, finite_number, read_only
-from hingepair.numeric.optional import new_figure
 from hingepair.plans.arguments import Coordinates, read_arguments
 from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text
 from hingepair.tables.suspicions import suspicions
-from hingepair.tables.units import SI, Units, UnitsLike
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 _NORMAL_95 = 1.959963984540054  # standard deviations: 95 % of a normal distribution are within
 
@@ -108,64 +102,15 @@ class MassFit(Frozen, Shown):
         )
         return -recording.left(self.values).reshape(shape)
 
-    def plot(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        qdd: Coordinates,
-        tau: Coordinates,
-        t: ArrayLike,
-        units: UnitsLike = None,
-    ) -> Figure:
-        """Return a Matplotlib figure of measured and fitted torques over time, a row for each joint.
-
-        Args:
-            q: recorded coordinates, as for `fit_masses`.
-            qd: their first time derivatives.
-            qdd: their second time derivatives.
-            tau: recorded torques and forces.
-            t: instants [s]; shape (N,).
-            units: units in place of SI units, such as "N mm, ms".
-
-        Raises:
-            MissingDependencyError: Matplotlib is not installed.
-        """
-        measured, fitted = _arrays(self.robot, {"tau": tau})["tau"], self.torques(q, qd, qdd)
-        joints, shown = tree_of(self.robot).coordinates, Units.of(units)
-        instants = shown.factor("s") * np.asarray(t, np.float64)
-        figure = new_figure(9, 1 + 1.3 * len(joints))
-        rows = figure.subplots(len(joints), sharex=True, squeeze=False)[:, 0]
-        for k, (axes, joint) in enumerate(zip(rows, joints, strict=True)):
-            factor = shown.factor(joint.effort_unit)
-            axes.plot(instants, factor * measured[:, k], linewidth=0.8, color="0.6", label="measured")
-            axes.plot(instants, factor * fitted[:, k], linewidth=0.8, label="fitted")
-            axes.set_ylabel(joint.name, fontsize=8)
-            axes.grid(alpha=0.3)
-        rows[0].legend(loc="upper right", ncols=2)
-        rows[-1].set_xlabel(f"t [{shown.unit('s')}]")
-        efforts = dict.fromkeys(joint.effort_unit for joint in joints)
-        figure.supylabel(", ".join(f"{'force' if si == 'N' else 'torque'} [{shown.unit(si)}]" for si in efforts))
-        return figure
-
     def __repr__(self) -> str:
         return f"MassFit({len(self.names)} parameters, {self.samples} samples, {'ok' if self.ok else 'not ok'})"
 
     def __str__(self) -> str:
-        return self.text()
-
-    def text(self, units: UnitsLike = None) -> str:
-        """Return the report that `print` shows.
-
-        Args:
-            units: units in place of SI units, such as "mm, N mm"; of the findings they stay.
-        """
-        shown = Units.of(units)
-        title, rows, _ = self._sheet(shown)
+        title, rows, _ = self._sheet()
         joints: list[tuple[str, ...]] = [("joint", "unit", "noise", "left", "left in test", "left as described")]
         for k, joint in enumerate(tree_of(self.robot).coordinates):
             cells = (self.noise[k], self.rms[k], self.rms_test[k], self.rms_described[k])
-            factor = shown.factor(joint.effort_unit)
-            joints.append((joint.name, shown.unit(joint.effort_unit), *(f"{factor * cell:.3g}" for cell in cells)))
+            joints.append((joint.name, joint.effort_unit, *(f"{cell:.3g}" for cell in cells)))
         return "\n".join(
             (
                 title, *align_columns(rows, {2, 3, 4}),
@@ -174,30 +119,22 @@ class MassFit(Frozen, Shown):
             )
         )  # fmt: skip
 
-    def _sheet(self, units: Units = SI) -> Sheet:
+    def _sheet(self) -> Sheet:
         """Return the printed table of the parameters, below which are the findings."""
+        units = [
+            ("kg", "kg m", "kg m^2")[(column > 0) + (column > 3)] for column in (self.base.columns % 10).tolist()
+        ]
+        for term in self.joint_terms:
+            for joint in tree_of(self.robot).coordinates:
+                moment = "kg" if joint.unit == "m" else "kg m^2"
+                rate = f"{joint.effort_unit} s/{joint.unit}"
+                units.append({"armature": moment, "viscous": rate}.get(term, joint.effort_unit))
         rows = [("parameter", "unit", "value", "standard deviation", "as described")]
-        for k, (name, (unit, factor)) in enumerate(zip(self.names, self._units(units), strict=True)):
-            value, std, described = (factor * float(own[k]) for own in (self.values, self.std, self.described))
+        for name, unit, *numbers in zip(self.names, units, self.values, self.std, self.described, strict=True):
+            value, std, described = map(float, numbers)
             rows.append((name, unit, cell_text(value), f"{std:.2g}", cell_text(described)))
         title = f"{self.robot.name}: {len(self.names)} parameters of {self.samples} samples"
         return Sheet(title, rows, self.findings)
-
-    def _units(self, units: Units) -> Iterator[tuple[str, float]]:
-        """Yield the unit of each parameter, and the factor from its SI unit."""
-        metre, length = units.unit("m"), units.factor("m")
-        moments = (("kg", 1.0), (f"kg {metre}", length), (f"kg {metre}^2", length**2))
-        for column in (self.base.columns % 10).tolist():  # mass, first moments, inertias
-            yield moments[(column > 0) + (column > 3)]
-        for term in self.joint_terms:
-            for joint in tree_of(self.robot).coordinates:
-                effort, factor = units.unit(joint.effort_unit), units.factor(joint.effort_unit)
-                if term == "armature":
-                    yield moments[0 if joint.unit == "m" else 2]
-                elif term == "viscous":
-                    yield f"{effort} s/{units.unit(joint.unit)}", factor / units.factor(joint.unit)
-                else:
-                    yield effort, factor
 
     def to_json(self) -> str:
         """Return a report as JSON text, in SI units. Numbers that are not finite become null. `parameters` holds
