@@ -88,7 +88,7 @@ def values_of(lines, known):
 @pytest.mark.parametrize("name", ["reference_2d", "ur5"])
 def test_abbreviations_are_defined_before_they_are_used_and_mean_the_same(name):
     if name == "ur5":
-        forms = hp.derive(hp.load_robot("ur5_robot", snap=SNAP), ("u",), "tool0")
+        forms = hp.derive(hp.load_robot("ur5_robot", snap=SNAP), frame="tool0")
         known = {f"q_{k}": 0.3 * k for k in range(1, 7)}
     else:
         forms, known = hp.derive(hp.load_scene(MODELS / f"{name}.toml")), {"t": 0.7}
@@ -114,7 +114,7 @@ def test_latex_parses(which, short):
         "space": (hp.HingePair((1, 2, 3), (0.1, 0, 0), (1, 1, 0)), ("R2", "omega2")),
         "leg": (hp.load_robot("solo12"), ("R", "jacobian", "v")),
     }[which]
-    forms = hp.derive(value, ("u",), "FL_FOOT") if which == "leg" else hp.derive(value, ("u1", "u2"))
+    forms = hp.derive(value, frame="FL_FOOT") if which == "leg" else hp.derive(value, ("u1", "u2"))
     text = forms.to_latex(outputs, short=short)
     *_, first, body = re.split(r"(\\begin\{align\*\}  % .*\n)", text)
     rows = body.removesuffix("\n\\end{align*}\n").split(" \\\\\n")
@@ -300,18 +300,6 @@ def test_a_leg_has_its_textbook_jacobian_and_says_what_does_not_move_it():
         "Jv_x4 = Jomega_x5 = Jomega_x6 = Jomega_y4 = Jomega_z4 = 0\n",
     ):
         assert expected in text
-
-
-def test_points_stay_letters_where_asked():
-    robot = hp.load_robot("ur5_robot", snap=SNAP)
-    forms = hp.derive(robot, ("u",), "tool0")
-    names = [letter.name for letter in forms.numbers]
-    assert names == ["u_1z", "u_2y", "u_3y", "u_3z", "u_4z", "u_5y", "u_6z", "p_y"]
-    assert "u_1z = 0.089159\n" in forms.to_text(["R"])
-    q, _ = states(robot)
-    longer = robot.with_frame("longer", "tool0", R=(0, 0, 0.1))
-    expected = longer.forward_kinematics(q, frames=("longer",))["longer"]
-    np.testing.assert_allclose(run(forms.to_python(["R"]))["R"](q, p_y=0.1823), expected.R, rtol=0, atol=1e-15)
 
 
 def test_what_rounding_left_is_taken_for_zero_and_said():

@@ -62,7 +62,7 @@ def derive_command(
         typer.Option(
             metavar="NAMES",
             help="Constants that stay symbols in the formulas, separated by commas: u1, u2, n and the constants of "
-            "the scene; of a robot: u, which stands for all of its lengths.",
+            "the scene; not of a robot.",
         ),
     ] = None,
     short: Annotated[
@@ -93,8 +93,10 @@ def derive_command(
     if robot is not None:
         from hingepair.symbolic.closed_forms import FrameForms
 
+        if symbols:
+            raise HingePairError("--symbolic is for a pair or its scene; the formulas of a robot show its numbers")
         mechanism, notes = robot
-        text = _write(FrameForms(mechanism, frame, symbols, notes), output_names, output_format, short)
+        text = _write(FrameForms(mechanism, frame, notes), output_names, output_format, short)
     elif frame is not None or snap is not None:
         raise HingePairError(
             "--frame needs a whole robot or its scene, --snap a robot's name or a URDF file; both without a JOINT"

@@ -52,10 +52,7 @@ def derive(
         symbolic: tuple of names of constants that stay symbols; () by default. For a pair, "u1", "u2" and "n" are
             possible (symbols u1_x, u1_y, u1_z and so on; n is assumed to have length 1). For a scene, the names of
             the scene's constants are possible too; one whose name is also that of a coordinate, a component or an
-            output gets an underscore (``u1_x_``). For a robot, only "u" is possible. With "u", two kinds of
-            positions stay symbols: the positions of the joints (u_3x is the x component for the third joint, in the
-            axes of the body that carries the joint) and the position of the frame (p_x, p_y, p_z), in the axes of the
-            body that carries the frame.
+            output gets an underscore (``u1_x_``). Not for a robot.
         frame: name of a link, a joint or another frame of a robot; by default its only link without children. The
             name is required if several links have no children. Only for a robot.
 
@@ -95,7 +92,9 @@ def derive(
     if isinstance(scene_or_pair, Scene) and scene_or_pair.mechanism is not None:
         scene_or_pair = scene_or_pair.mechanism
     if isinstance(scene_or_pair, Mechanism):
-        return FrameForms(scene_or_pair, frame, symbolic)
+        if symbolic:
+            raise ArgumentError("symbolic", "nothing for a robot, whose numbers the formulas show", quoted(symbolic))
+        return FrameForms(scene_or_pair, frame)
     if frame is not None:
         raise ArgumentError("frame", "a robot, whose frame it is", quoted(scene_or_pair))
     if isinstance(scene_or_pair, Scene):

@@ -14,7 +14,7 @@ from typing import Any, Final
 import sympy
 
 from hingepair.equations import spatial as eq
-from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.errors import ArgumentError, choices
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.geometry import check_single_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -29,8 +29,6 @@ from hingepair.symbolic.writing import ClosedForms, Exprs, latex_name
 
 SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
-POINTS: Final = "u"
-"""Name of the constants of a robot that can stay symbols: the points of its joints and the frame's origin."""
 FRAME_OUTPUTS: Final = {
     "R": "position of the frame's origin, world axes [m]",
     "S": "rotation from the frame's axes to those of the world",
@@ -266,28 +264,19 @@ class FrameForms(ClosedForms):
     Args:
         robot: a robot with a fixed base.
         frame: name of a link, a joint or another frame; None means the last link, if there is only one.
-        symbolic: (), or ("u",) to keep the components of joint points and of the frame's origin as symbols, except
-            zeros; `numbers` has their values.
         notes: sentences on the robot's numbers, which the output shows above the equations.
 
     Raises:
-        ArgumentError: the base is free, there is no such frame, or `symbolic` is neither () nor ("u",).
+        ArgumentError: the base is free, or there is no such frame.
     """
 
     names = tuple(FRAME_OUTPUTS)
 
-    def __init__(
-        self, robot: Mechanism, frame: str | None = None, symbolic: Iterable[str] = (), notes: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, robot: Mechanism, frame: str | None = None, notes: Sequence[str] = ()) -> None:
         super().__init__()
         if robot.base != "fixed":
             expected = "a robot with base='fixed': the motion of its frames relative to its base"
             raise ArgumentError("scene_or_pair", expected, f"base={robot.base!r}")
-        symbols = symbolic if isinstance(symbolic, str) or not isinstance(symbolic, Iterable) else tuple(symbolic)
-        if symbols not in ((), (POINTS,)):
-            raise ArgumentError(
-                "symbolic", f"({POINTS!r},): points of a robot's joints, or nothing", quoted(symbolic)
-            )
         self._tree = tree_of(robot)
         last = self._tree.plain().tips
         if frame is None and len(last) != 1:
@@ -303,8 +292,9 @@ class FrameForms(ClosedForms):
         self._path = self._joints_to(self._frame.body)
         self.moving = {self.q[self._column(joint)] for joint in self._path}
         self.rates = {str(rate): (str(q), 1) for q, rate in zip(self.q, self.qd, strict=True)}
-        self._points_are_symbols, self._rounded = bool(symbols), 0.0
-        self._points = [self._point(*named) for named in self._named_points()]
+        self._rounded = 0.0
+        vectors = (*(joint.u for joint in self._path), self._frame.R)
+        self._points = [self._point(vector.tolist()) for vector in vectors]
         if self._rounded:
             notes = (*notes, f"lengths of at most {self._rounded:.2g} m, which rounding left, are taken for 0")
         self.notes = (self._legend(), *notes)
@@ -347,28 +337,12 @@ class FrameForms(ClosedForms):
         q = self.q[self._column(joint)]
         return q if joint.mimic is None else exact(joint.mimic.multiplier) * q + exact(joint.mimic.offset)
 
-    def _named_points(self) -> list[tuple[str, Sequence[float]]]:
-        """Return the points of the joints, then the frame's origin, with the beginnings of their symbols' names."""
-        marks = [
-            f"u_m{self._tree.joints.index(joint) + 1}" if joint.mimic is not None else f"u_{self._column(joint) + 1}"
-            for joint in self._path
-        ]
-        vectors = [*(joint.u for joint in self._path), self._frame.R]
-        return [(mark, vector.tolist()) for mark, vector in zip((*marks, "p_"), vectors, strict=True)]
-
-    def _point(self, name: str, point: Sequence[float]) -> Exprs:
-        """Return a point [m] as exact numbers, or symbols whose names begin with `name`; what rounding left is 0."""
-        parts: list[Expr] = []
-        for axis, value in zip("xyz", point, strict=True):
-            if abs(value) <= _ZERO_LENGTH * max(map(abs, point)):
-                self._rounded = max(self._rounded, abs(value))
-                parts.append(sympy.S.Zero)
-            elif self._points_are_symbols:
-                parts.append(real_symbol(f"{name}{axis}"))
-                self.numbers = {**self.numbers, parts[-1]: value}
-            else:
-                parts.append(exact(value))
-        return tuple(parts)
+    def _point(self, point: Sequence[float]) -> Exprs:
+        """Return a point [m] as exact numbers; what rounding left is 0."""
+        size = max(map(abs, point))
+        left = [abs(value) for value in point if abs(value) <= _ZERO_LENGTH * size]
+        self._rounded = max([self._rounded, *left])
+        return tuple(sympy.S.Zero if abs(value) <= _ZERO_LENGTH * size else exact(value) for value in point)
 
     def _derive(self, name: str) -> Any:
         what, _, number = name.partition(" ")

@@ -62,8 +62,6 @@ class ClosedForms(ABC):
     names: tuple[str, ...]
     title: str
     notes: Sequence[str] = ()
-    #: values of symbols that stand for numbers
-    numbers: Mapping[Expr, float]
     #: coordinates of a robot and their rates, which are arguments of generated functions
     q: Exprs = ()
     qd: Exprs = ()
@@ -74,7 +72,6 @@ class ClosedForms(ABC):
 
     def __init__(self) -> None:
         self._found: dict[str, Any] = {}
-        self.numbers = {}
 
     @abstractmethod
     def _derive(self, name: str) -> Any:
@@ -154,8 +151,7 @@ class ClosedForms(ABC):
         """Return the source of a Python module that needs only NumPy, with one vectorised function for each output.
 
         The arguments of the functions of a pair are t and the symbols: constants, coordinates such as x, phi_x, psi,
-        their rates xd, phi_xd, psid, and so on. Those of a robot are q, or q and qd; symbols of points have the
-        robot's numbers as defaults.
+        their rates xd, phi_xd, psid, and so on. Those of a robot are q, or q and qd.
 
         Args:
             names: names of outputs, out of `names`; None for all.
@@ -271,9 +267,7 @@ def _sheet(forms: ClosedForms, names: Sequence[str], short: bool) -> _Sheet:
     zeros = labels_by_expr.pop(sympy.S.Zero, None)
     rows = [(labels, expr) for expr, labels in labels_by_expr.items()]
     rows += [(zeros, sympy.S.Zero)] if zeros else []
-    used = set().union(*(expr.free_symbols for _, expr in rows))
-    definitions = [(symbol, sympy.Float(value, 17)) for symbol, value in forms.numbers.items() if symbol in used]
-    return _abbreviated(forms, _Sheet(definitions, rows)) if short else _Sheet(definitions, rows)
+    return _abbreviated(forms, rows) if short else _Sheet([], rows)
 
 
 def _fitting_sheet(forms: ClosedForms, names: Sequence[str], short: bool | None, width: int) -> _Sheet:
@@ -283,14 +277,14 @@ def _fitting_sheet(forms: ClosedForms, names: Sequence[str], short: bool | None,
     return _sheet(forms, names, True) if is_long else sheet
 
 
-def _abbreviated(forms: ClosedForms, sheet: _Sheet) -> _Sheet:
+def _abbreviated(forms: ClosedForms, rows: Sequence[tuple[list[str], Expr]]) -> _Sheet:
     """Return the equations with symbols k_1, k_2 and so on in place of repeated terms, and of a robot with s_1 and
     c_23 in place of sines and cosines.
     """
-    exprs = [expr for _, expr in sheet.rows]
+    exprs = [expr for _, expr in rows]
     waves = _wave_symbols(forms.q, exprs)
     exprs = [expr.xreplace(waves) for expr in exprs]
-    definitions = [*sheet.definitions, *((symbol, wave) for wave, symbol in waves.items())]
+    definitions = [(symbol, wave) for wave, symbol in waves.items()]
     names = Names((symbol.name for expr in exprs for symbol in expr.free_symbols), latex_name)
     letters = (name for name in (f"k_{i}" for i in itertools.count(1)) if names.free(name))
     repeated, results = sympy.cse(exprs, symbols=(sympy.Dummy(real=True) for _ in itertools.count()))
@@ -302,8 +296,8 @@ def _abbreviated(forms: ClosedForms, sheet: _Sheet) -> _Sheet:
             definitions.append((shown[symbol], meaning))
         else:
             shown[symbol] = meaning
-    rows = [(labels, expr.xreplace(shown)) for (labels, _), expr in zip(sheet.rows, results, strict=True)]
-    return _Sheet(definitions, rows)
+    abbreviated = [(labels, expr.xreplace(shown)) for (labels, _), expr in zip(rows, results, strict=True)]
+    return _Sheet(definitions, abbreviated)
 
 
 def _wave_symbols(q: Sequence[Expr], exprs: Iterable[Expr]) -> dict[Expr, Expr]:
@@ -460,7 +454,6 @@ class _Function(NamedTuple):
     results: list[Expr]
     shape: tuple[int, ...]
     vectors: Mapping[str, Sequence[tuple[str, int]]]  # components that are used, by arguments that are vectors
-    numbers: Mapping[str, float]  # values of further arguments
     length: int  # of the vectors
 
 
@@ -480,12 +473,9 @@ def _function(forms: ClosedForms, name: str) -> _Function:
         arguments = ["t"] * (TIME in used or not names) + sorted(names.values())
     letters = sympy.numbered_symbols("w", exclude={*used, *renamed.values()}, real=True)
     steps, results = sympy.cse([e.xreplace(renamed) for e in exprs], symbols=letters, order="none", list=True)
-    numbers = {symbol.name: value for symbol, value in forms.numbers.items() if symbol in used}
     named_steps = [(symbol.name, step) for symbol, step in steps]
     described = forms.description(name)
-    return _Function(
-        name, described, arguments, named_steps, results, forms.shape(name), vectors, numbers, len(forms.q)
-    )
+    return _Function(name, described, arguments, named_steps, results, forms.shape(name), vectors, len(forms.q))
 
 
 def _heading(forms: ClosedForms, title: str) -> Iterator[str]:
@@ -533,10 +523,7 @@ def _python_function(function: _Function) -> str:
         "parts = [numpy.broadcast_to(part, shape) for part in parts]",
         f"return numpy.stack(parts, axis=-1).reshape(shape + {tail})",
     ]
-    defaults = [f"{symbol}={value!r}" for symbol, value in function.numbers.items()]
-    return f"def {function.name}({', '.join((*arguments, *defaults))}):\n" + "".join(
-        f"    {line}\n" for line in lines
-    )
+    return f"def {function.name}({', '.join(arguments)}):\n" + "".join(f"    {line}\n" for line in lines)
 
 
 def _write_c(forms: ClosedForms, names: Sequence[str], title: str) -> str:
@@ -550,8 +537,7 @@ def _c_function(function: _Function) -> str:
         f"const double {argument}[{function.length}]" if function.vectors else f"double {argument}"
         for argument in function.arguments
     ]
-    lines = [f"const double {symbol} = {value!r};" for symbol, value in function.numbers.items()]
-    lines += [f"const double {part} = {v}[{i}];" for v, parts in function.vectors.items() for part, i in parts]
+    lines = [f"const double {part} = {v}[{i}];" for v, parts in function.vectors.items() for part, i in parts]
     lines += [f"const double {symbol} = {_c_expression(step)};" for symbol, step in function.steps]
     lines += [f"out[{i}] = {_c_expression(result)};" for i, result in enumerate(function.results)]
     body = "".join(f"    {line}\n" for line in lines)
