@@ -198,6 +198,10 @@ def test_a_five_bar_has_two_coordinates() -> None:
     assert (np.sin(left - right)[closed] < 0).all()  # as at the assembly
     found = five.inverse_kinematics(state["a"].R, frame="a", q0=q + 0.05)
     assert found.ok.all()
+    qd = np.random.default_rng(2).uniform(-1, 1, (500, 2))
+    kinetic = np.einsum("ni,nij,nj->n", qd, five.mass_matrix(q), qd) / 2
+    assert np.abs(kinetic - five.energy(q, qd).kinetic).max() < 500 * U * kinetic.max()
+    assert np.abs(five.forward_dynamics(q, qd, five.inverse_dynamics(q, qd, qd).tau).qdd - qd).max() < 1e-10
     anywhere = five.inverse_kinematics(state["a"].R[:20], frame="a")  # from random starts, some of which stay open
     assert anywhere.ok.all()
     reached = five.forward_kinematics(found.q, frames="a")["a"].R

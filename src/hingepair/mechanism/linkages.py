@@ -356,6 +356,7 @@ class _Assembly:
         if not places:
             return dict(start)
         chain = self._chain(places)
+        found = []
         for offset in _OFFSETS:
             moved = {column: start[column] + offset * (1 + 0.3 * k) for k, column in enumerate(columns)}
             values, gaps = self._approached(chain, {**start, **moved}, columns)
@@ -363,11 +364,10 @@ class _Assembly:
             apart = [math.hypot(*itertools.islice(left, CONDITIONS[self.closure.loops[one]])) for one in chain.loops]
             if max(apart) < 1e-10 * self.size:
                 return values
-            if not offset:
-                first = apart
-        worst = int(np.argmax(first))
-        expected = f"coordinates near which the loop {self.loops[chain.loops[worst]].name} can be closed"
-        raise ArgumentError("at", expected, f"{first[worst] * 1e3:.3g} mm apart")
+            found.append(max(zip(apart, chain.loops, strict=True)))
+        least, worst = min(found)
+        expected = f"coordinates near which the loop {self.loops[worst].name} can be closed"
+        raise ArgumentError("at", expected, f"{least * 1e3:.3g} mm apart")
 
     def _approached(
         self, chain: Chain, values: Mapping[int, float], columns: Sequence[int]
@@ -385,7 +385,8 @@ class _Assembly:
             x = least_squares(lambda x: at(x)[0], x, lambda x: at(x)[1], x_scale=sizes, max_nfev=200, **exact).x
             for _ in range(2):
                 gaps, A = at(x)
-                x = x - np.linalg.lstsq(A, gaps, rcond=1e-9)[0]
+                if np.linalg.norm(gaps) < 1e-3 * self.size:  # else it cannot be closed here
+                    x = x - np.linalg.lstsq(A, gaps, rcond=1e-9)[0]
         return dict(values) | dict(zip(columns, x.tolist(), strict=True)), at(x)[0]
 
     def followed(self, values: Mapping[int, float], q: Float64Array) -> dict[int, float] | None:
