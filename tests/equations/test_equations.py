@@ -36,7 +36,7 @@ def everything(numbers, sin, cos, kind):
     arm = eq.rotate(home, u2)
     lever_sin = eq.cross(n, arm)
     lever_cos = eq.cross(lever_sin, n)
-    lever_moving = eq.lever_moving(lever_cos, lever_sin, hinge, eq.cosine_of_psi(hinge))
+    lever_moving = eq.lever_moving(lever_cos, lever_sin, hinge, 1 - hinge[1])
     d = eq.offset(S1, eq.lever_fixed(u1, arm, lever_cos), lever_moving)
     lever_by_psi, lever_in_world = (
         eq.lever_by_psi(S1, lever_cos, lever_sin, hinge, cos(psi)),

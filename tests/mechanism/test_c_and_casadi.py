@@ -1,7 +1,4 @@
-"""Prepared calls in C and CasADi: compiled sources and callbacks compute what the calls compute.
-
-CasADi is not among the packages of the tests; what concerns it runs where it is installed. It last did with 3.7.
-"""
+"""Prepared calls in C and CasADi: compiled sources and callbacks compute what the calls compute."""
 
 from __future__ import annotations
 

@@ -97,11 +97,6 @@ def attitude2(S1: Matrix, Sh: Matrix, home: Matrix) -> Matrix:
     return compose(compose(S1, Sh), home)
 
 
-def cosine_of_psi(hinge_trig: HingeTrig) -> Scalar:
-    """Return cos psi from hinge_trig = (sin psi, 1 - cos psi)."""
-    return 1 - hinge_trig[1]
-
-
 def lever_fixed(u1: Vector, arm: Vector, lever_cos: Vector) -> Vector:
     """Return the part of u1 - Sh C u2 that does not depend on psi, in body-1 axes: u1 less the part of `arm` along
     the hinge axis. arm = C u2, and lever_cos is the part of `arm` across the axis.

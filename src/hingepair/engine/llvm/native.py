@@ -71,16 +71,7 @@ def _is_main_interpreter() -> bool:
 
 _OBJECT_KIND = "image 2" if images.CAN_LINK else "object 1"  # in keys of the cache: format and version
 _FAILURES = (RuntimeError, OSError, ValueError)  # of LLVM, of the system and of the linker
-_C_FUNCTIONS = (
-    "sin",
-    "cos",
-    "atan2",
-    "hypot",
-    "fma",
-    "fmaf",
-    "malloc",
-    "free",
-)  # of the C library, that compiled code calls
+_C_FUNCTIONS = ("sin", "cos", "atan2", "hypot", "fma", "fmaf", "malloc", "free")  # that compiled code calls
 
 
 class _Code(Protocol):
