@@ -64,10 +64,10 @@ def test_that_covariance_is_what_noise_leaves() -> None:
     made = recording(1)
     count, rng = 50_000, np.random.default_rng(3)
     shape = (count, 3)
-    R1, R2 = made.R1 + 1e-3 * rng.standard_normal(shape), made.R2 + 1e-3 * rng.standard_normal(shape)
-    S1, S2 = (turns(2e-3 * rng.standard_normal(shape)) @ S for S in (made.S1, made.S2))
+    R1, R2 = made.R1 + 1e-4 * rng.standard_normal(shape), made.R2 + 1e-4 * rng.standard_normal(shape)
+    S1, S2 = (turns(4e-3 * rng.standard_normal(shape)) @ S for S in (made.S1, made.S2))
     poses = compute_relative_poses(R1, S1, R2, S2)
-    sizes = evaluate(BodyModel(TRUE, Noise(2e-6, 8e-6)), poses, STILL, None).squares
+    sizes = evaluate(BodyModel(TRUE, Noise(2e-8, 32e-6)), poses, STILL, None).squares
     assert sizes.mean() == pytest.approx(5, rel=0.01)
     assert sizes.var() == pytest.approx(10, rel=0.03)
 
