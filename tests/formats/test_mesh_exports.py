@@ -42,11 +42,6 @@ def folder(tmp_path: Path) -> Path:
         hull.export(meshes / name)
     (meshes / "text.stl").write_text(trimesh.exchange.stl.export_stl_ascii(hull))
     (meshes / "hull.dae").write_text("<COLLADA/>")
-    for count in (1, 2):
-        trimesh.Trimesh(CORNERS, FACES[:count], process=False).export(meshes / f"of_{count}.stl")
-    for count in (3, 4):
-        corners = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS[:count])
-        (meshes / f"of_{count}.obj").write_text(f"# v\n{corners}f 1 2 3\n")
     return tmp_path / "arm_description"
 
 
@@ -144,13 +139,6 @@ def test_meshes_that_mujoco_cannot_load_are_named(folder: Path, name: str) -> No
     model = mujoco.MjModel.from_xml_string(text)
     assert model.geom_group.tolist() == [1]  # the sphere is shown instead
     assert geometry.split('"')[1] in hp.to_urdf(arm)
-
-
-def test_a_mesh_is_written_at_the_scales_that_mujoco_can_load(folder: Path) -> None:
-    arm = robot(folder, element(STL) + element(STL.replace("0.1 0.2 -0.3", "0 0 0")))
-    with pytest.warns(hp.DynamicsWarning, match=r"their scale has a 0: hull\.stl"):
-        model = mujoco.MjModel.from_xml_string(hp.to_mjcf(arm))
-    assert model.nmesh == model.ngeom == 1
 
 
 def test_meshes_stay_with_locked_joints_and_payloads(folder: Path) -> None:

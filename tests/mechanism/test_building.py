@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 import math
-import pickle
 import warnings
 from dataclasses import replace
 
@@ -16,7 +14,7 @@ import hingepair as hp
 from hingepair.errors import ArgumentError, URDFError
 from hingepair.formats.robots import robot_urdf
 from hingepair.mechanism.building import urdf
-from hingepair.mechanism.building.changes import add_body, add_frame, pair_of
+from hingepair.mechanism.building.changes import add_body, pair_of
 from hingepair.mechanism.building.pairs import tree_of_pairs
 from hingepair.mechanism.building.pinocchio_model import tree_of_pinocchio
 from hingepair.mechanism.joints import Slider
@@ -359,13 +357,6 @@ def test_pairs_in_series_share_their_bodies():
     assert tree.without_mass[3] == "lift"
 
 
-def test_pairs_may_branch():
-    tree = tree_of_pairs([BOOM, LIFT, STICK], [0, 1, 0], "free", None)
-    assert [joint.parent for joint in tree.joints] == [0, 1, 0]
-    assert tree.tips == ("lift", "stick")
-    assert tree.name == "mechanism"
-
-
 def test_the_motion_of_pairs_is_that_of_their_equations():
     """Of the tree's own definition: each pair gives R2 and S2 from the body before."""
     tree = tree_of_pairs([BOOM, STICK], None, "fixed", None)
@@ -441,23 +432,6 @@ def test_a_payload_adds_its_mass_where_it_is():
         add_body(tree, "panda_hand", 3)
 
 
-def test_a_frame_is_added_where_it_is_said():
-    tree = tree_of_file("panda")
-    turn = rodrigues((1, 2, 3), 0.4)
-    one = add_frame(tree, "tool", tree.frame("panda_hand"), (0, 0, 0.1), turn)
-    two = add_frame(one, "tip", one.frame("tool"), (0.5, 0, 0), None)
-    hand, tool, tip = two.frame("panda_hand"), two.frame("tool"), two.frame("tip")
-    assert (tool.body, tip.body) == (hand.body, hand.body) == (7, 7)
-    assert np.abs(tool.R - (hand.R + hand.S @ (0, 0, 0.1))).max() <= 4 * U
-    assert np.abs(tip.R - (tool.R + tool.S @ (0.5, 0, 0))).max() <= 4 * U
-    assert np.abs(tool.S - hand.S @ turn).max() <= 4 * U
-    assert np.array_equal(tip.S, tool.S)
-    assert tree.frame("tool") is None
-    for name in ("tool", "panda_hand", "panda_joint1", "", 3):
-        with pytest.raises(ArgumentError, match="name: expected a"):
-            add_frame(two, name, hand, (0, 0, 0), None)
-
-
 def test_a_link_stands_for_a_joint_of_its_name():
     text = ARM.replace('"lower"', '"elbow"')
     assert tree_of_urdf(text, "fixed", None, None).frame("elbow") is not None
@@ -468,17 +442,6 @@ def test_a_link_stands_for_a_joint_of_its_name():
 
 
 # ---------------------------------------------------------------- what users hold
-
-
-@pytest.mark.parametrize("robot", [hp.Mechanism([BOOM, LIFT], base="free"), hp.load_robot("panda")], ids=repr)
-def test_a_mechanism_is_printed_copied_and_pickled(robot):
-    for again in (pickle.loads(pickle.dumps(robot)), copy.deepcopy(robot), copy.copy(robot)):
-        assert (str(again), repr(again), again.base) == (str(robot), repr(robot), robot.base)
-        assert not tree_of(again).joints[0].u.flags.writeable
-    heading, *rows = str(robot).splitlines()
-    assert heading.startswith(f"{robot.name}: {robot.dof} degrees of freedom")
-    assert [row.split()[0] for row in rows[1 : robot.dof + 1]] == list(robot.names)
-    assert "<table>" in robot._repr_html_()
 
 
 @pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
