@@ -32,21 +32,14 @@ def everything(numbers, sin, cos, kind):
     alpha1 = eq.angular_acceleration1(axes, phid, phidd)
     S2 = eq.attitude2(S1, eq.hinge_rotation(n, (sin(psi), 2 * half * half)), home)
     r1, r2, axis = eq.rotate(S1, u1), eq.rotate(S2, u2), eq.rotate(S1, n)
-    hinge = (sin(psi), 2 * half * half)
-    arm = eq.rotate(home, u2)
-    lever_sin = eq.cross(n, arm)
-    lever_cos = eq.cross(lever_sin, n)
-    lever_moving = eq.lever_moving(lever_cos, lever_sin, hinge, 1 - hinge[1])
-    d = eq.offset(S1, eq.lever_fixed(u1, arm, lever_cos), lever_moving)
-    lever_by_psi, lever_in_world = (
-        eq.lever_by_psi(S1, lever_cos, lever_sin, hinge, cos(psi)),
-        eq.rotate(S1, lever_moving),
-    )
+    d = eq.subtract(r1, r2)
+    lever_by_psi = eq.cross(axis, r2)
+    centripetal = eq.cross(lever_by_psi, axis)
     R2 = eq.position2(R1, d)
     omega2 = eq.angular_velocity2(omega1, axis, psid)
     v2 = eq.velocity2(v1, omega1, d, lever_by_psi, psid)
     alpha2 = eq.angular_acceleration2(alpha1, omega1, axis, psid, psidd)
-    relative = eq.relative_acceleration(lever_by_psi, lever_in_world, psid, psidd)
+    relative = eq.relative_acceleration(lever_by_psi, centripetal, psid, psidd)
     a2 = eq.acceleration2(a1, omega1, alpha1, d, lever_by_psi, psid, relative)
     gap = eq.hinge_gap(R1, r1, R2, r2)
     return [*S1, *S2, *d, *R2, *omega1, *omega2, *v2, *alpha1, *alpha2, *a2, *gap, *eq.transpose(S2), eq.dot(u1, u2)]

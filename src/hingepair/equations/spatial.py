@@ -97,34 +97,6 @@ def attitude2(S1: Matrix, Sh: Matrix, home: Matrix) -> Matrix:
     return compose(compose(S1, Sh), home)
 
 
-def lever_fixed(u1: Vector, arm: Vector, lever_cos: Vector) -> Vector:
-    """Return the part of u1 - Sh C u2 that does not depend on psi, in body-1 axes: u1 less the part of `arm` along
-    the hinge axis. arm = C u2, and lever_cos is the part of `arm` across the axis.
-    """
-    return subtract(u1, subtract(arm, lever_cos))
-
-
-def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, cosine: Scalar) -> Vector:
-    """Return lever_cos cos(psi) + lever_sin sin(psi), the part of Sh C u2 that depends on psi, in body-1 axes (E6).
-    lever_sin = n x C u2, lever_cos = lever_sin x n, hinge_trig = (sin psi, 1 - cos psi), and cosine = cos psi.
-    """
-    return add(scale(lever_cos, cosine), scale(lever_sin, hinge_trig[0]))
-
-
-def offset(S1: Matrix, lever_fixed: Vector, lever_moving: Vector) -> Vector:
-    """Return d = S1 u1 - S2 u2 = S1 (lever_fixed - lever_moving) in world axes (E5, E7), from the results of the
-    functions `lever_fixed` and `lever_moving`.
-    """
-    return rotate(S1, subtract(lever_fixed, lever_moving))
-
-
-def lever_by_psi(S1: Matrix, lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, cosine: Scalar) -> Vector:
-    """Return S1 n x S2 u2, the derivative of S2 u2 with respect to psi, in world axes. lever_sin = n x C u2,
-    lever_cos = lever_sin x n, hinge_trig = (sin psi, 1 - cos psi), and cosine = cos psi.
-    """
-    return rotate(S1, subtract(scale(lever_sin, cosine), scale(lever_cos, hinge_trig[0])))
-
-
 def position2(R1: Vector, d: Vector) -> Vector:
     """Return R2 = R1 + d with d = S1 u1 - S2 u2 (E7, which is E1 solved for R2)."""
     return add(R1, d)
@@ -158,7 +130,7 @@ def relative_acceleration(lever_by_psi: Vector, centripetal: Vector, psid: Scala
     """Return the terms of a2 that depend on psi' or psi'' but not on the velocity and acceleration of body 1:
     centripetal psi'^2 - lever_by_psi psi'', where lever_by_psi = S1 n x S2 u2 and centripetal = lever_by_psi x S1 n.
 
-    The vector `centripetal` = S1 lever_moving points away from the axis.
+    `centripetal` is the part of S2 u2 across the axis.
     """
     return subtract(scale(scale(centripetal, psid), psid), scale(lever_by_psi, psidd))
 

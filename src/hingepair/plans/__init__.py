@@ -1,5 +1,6 @@
-"""Plans: which equations are needed for which outputs.
+"""Plans: what each output of a tree of joints is made of.
 
-`steps` and `dynamics_steps` are the tables of which equation computes what from what, `plan` selects those that the
-requested outputs need and hands them to the engine. Imports equations, engine and rotations.
+`trees` has the quantities of a tree and the table of its outputs; `fronts` and `pairs` make the tree's values of what
+is given of a pair; `computation`, `derivatives`, `bounds` and `prepared` run such a program, differentiate it, and
+bound its rounding errors. Imports equations, engine and rotations.
 """

@@ -54,10 +54,6 @@ class CoordinateNames(NamedTuple):
         more = f", one of {len(self.leaders)} that follow others," if name is None and len(self.leaders) > 1 else ""
         return f" ({follower}{more} follows {self.leaders[follower]} and has no coordinate)"
 
-    def table_columns(self, name: str, table: Any) -> tuple[str, ...]:
-        """Return the names of the columns of a table that hold the argument `name`, in the order of q."""
-        return tuple(self.of_table(name, table))
-
     def of_table(self, name: str, table: Any) -> dict[str, NDArray[Any]]:
         """Return the columns of a table that hold the argument `name`, by column name, in the order of q.
 

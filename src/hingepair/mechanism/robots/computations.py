@@ -231,11 +231,6 @@ class RobotComputation(Computation):
         given, labels = self.given(coordinates, base_motion, loads)
         return read_arguments(given, self.shapes, self.coordinates, labels)
 
-    def complete(self, arguments: Arguments, gravity: tuple[float, ...]) -> dict[str, Any]:
-        """Return the values of all inputs of the program, given or known."""
-        values = {**self.known, "gravity": gravity, **arguments.values}
-        return {name: values[name] for name in self.inputs}
-
 
 def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
     """Check the argument `given` of `prepare`, names or that of a task, and return the names of its arguments."""
