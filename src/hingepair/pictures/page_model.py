@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -276,7 +275,9 @@ def _coloured_shapes(
 
 
 def _joint_chains(tree: Tree) -> list[tuple[str, list[int]]]:
-    """Return the name, and the numbers of the joints from 1 on, of each unbranched chain of a robot's joints."""
+    """Return the names of the first and the last joint, and the numbers of the joints from 1 on, of each unbranched
+    chain of a robot's joints.
+    """
     carried = [0] * (len(tree.joints) + 1)
     for joint in tree.joints:
         carried[joint.parent] += 1
@@ -286,26 +287,8 @@ def _joint_chains(tree: Tree) -> list[tuple[str, list[int]]]:
         start = start_of[joint.parent] if joint.parent and carried[joint.parent] == 1 else number
         start_of.append(start)
         chains.setdefault(start, []).append(number)
-    return [(_chain_name([tree.joints[k - 1].name for k in chain]), chain) for chain in chains.values()]
-
-
-def _chain_name(names: Sequence[str]) -> str:
-    """Return a name for a chain of joints: the only name, the common prefix, or else the first and the last name
-    without their numbers.
-    """
-    if len(names) == 1:
-        return names[0]
-    alike = (len(set(letters)) == 1 for letters in zip(*names, strict=False))
-    shared = names[0][: sum(1 for _ in itertools.takewhile(bool, alike))].rstrip("_-. 0123456789")
-    return shared or f"{_without_number(names[0])} ... {_without_number(names[-1])}"
-
-
-def _without_number(name: str) -> str:
-    """Return the name of a joint without what numbers it: elbow for elbow_1, elbow-1 and elbow_1_joint."""
-    stem = name.removesuffix("joint")
-    stem = stem[:-1] if stem != name and stem.endswith(("_", "-")) else stem
-    stem = stem.rstrip("0123456789")
-    return (stem[:-1] if stem.endswith(("_", "-")) else stem) or name
+    ends = [dict.fromkeys(tree.joints[k - 1].name for k in (chain[0], chain[-1])) for chain in chains.values()]
+    return [(" ... ".join(names), chain) for names, chain in zip(ends, chains.values(), strict=True)]
 
 
 def _tool(tree: Tree) -> str:
