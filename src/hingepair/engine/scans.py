@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hingepair.engine.binding import ComponentSource, bind_constant
+from hingepair.engine.binding import bind, bind_constant
 from hingepair.engine.llvm.builder import LANES
 from hingepair.engine.llvm.scan import SCAN_WORDS
 from hingepair.engine.loops import Loop
@@ -36,23 +36,17 @@ class Scan:
     """
 
     def __init__(self, loop: Loop, known: Mapping[str, Any]) -> None:
-        pattern: list[ComponentSource] = []
-        constants: list[float] = []
-        self._ranks: dict[str, int] = {}  # of one sample, in the order of the table
-        for name, tail in loop.inputs:
-            if name in known:
-                bound = bind_constant(tail, known[name])
-                pattern += bound.sources
-                constants += bound.numbers
-            elif 0 not in tail:  # the coordinates of a robot without joints have no components
-                pattern += [(len(self._ranks), k) for k in range(math.prod(tail))]
-                self._ranks[name] = len(tail)
+        # The coordinates of a robot without joints have no components.
+        taken = tuple((name, tail) for name, tail in loop.inputs if 0 not in tail)
+        values = {name: bind_constant(tail, known[name]) if name in known else np.empty(tail) for name, tail in taken}
+        bound = bind(taken, values)
+        self._ranks = {name: len(tail) for name, tail in taken if name not in known}  # of one sample, as in the table
         self.inputs = tuple(self._ranks)
         outputs = dict(loop.outputs)
         self._read = {name for name in self.inputs if f"next_{name}" not in outputs}  # and not replaced
         self._ranks |= {name: len(tail) for name, tail in loop.outputs if 0 not in tail}
-        self._constants = np.array(constants)
-        self._kernel = loop.program(tuple(pattern)).scan_kernel()
+        self._constants = np.array(bound.numbers)
+        self._kernel = loop.program(bound.pattern).scan_kernel()
         self._function = _PROTOTYPE(self._kernel.address("scan"))
 
     def run(
