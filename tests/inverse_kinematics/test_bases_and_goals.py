@@ -158,7 +158,8 @@ def test_one_target_is_reached_from_coordinates_near_it():
     assert solve(target.R[0], q0=q[1]).angle_error is None
     far = solve((3.0, 0, 0), q0=q[0])
     assert (bool(far.ok), bool(np.isfinite(far.q).all())) == (False, True)
-    assert not solve((np.nan, 0, 0), q0=q[0]).ok
+    nothing = solve((np.nan, 0, 0), q0=q[0])
+    assert (bool(nothing.ok), bool(np.isnan(nothing.q).all())) == (False, True)
 
 
 def test_one_target_approaches_a_posture():
@@ -196,6 +197,7 @@ def test_one_target_of_several_frames_with_a_base(base):
         (lambda: ROBOT.prepare("inverse_kinematics", frames=FEET, frame="left"), "frame"),
         (lambda: ROBOT.prepare("inverse_kinematics", frames=FEET, outputs=("q",)), "outputs"),
         (lambda: ROBOT.prepare("inverse_kinematics", frames=FEET)((0, 0, 0)), "R"),
+        (lambda: ROBOT.prepare("inverse_kinematics", frames="left")((0, 0, 0), q0=np.full(6, np.nan)), "q0"),
     ],
 )
 def test_what_cannot_be_used_is_named(call, argument):

@@ -25,6 +25,8 @@ def solve_one(
     """Return the solution of one target that steps from q0 lead to, or else what `Solver.first` finds; and the counts
     of steps and of starts. Arrays have no axis of targets.
     """
+    if not np.isfinite(pose).all():
+        return Solutions.nothing((1,), solver), 0, 0
     targets = Targets(pose[None], q0[None], None if posture is None else posture[None], *tolerances)
     plain, pulling = targets.options(), targets.options(pull=1.0)
     q, steps = np.minimum(np.maximum(q0, solver.low), solver.high), 0
@@ -41,7 +43,7 @@ def solve_one(
         if unmet == 0:
             break
     ends = solver.measure(q[None], targets)
-    if ends.ok[0] or not np.isfinite(pose).all():
+    if ends.ok[0]:
         return ends, steps, 1
     ends, more, starts = solver.first(targets, seed)
     return ends, steps + int(more[0]), int(starts[0])

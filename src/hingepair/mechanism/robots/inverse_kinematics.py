@@ -135,7 +135,18 @@ def _split_base(q: Float64Array, base: BodyMotion | None, shape: tuple[int, ...]
 
 
 class PreparedInverseKinematics:
-    """Inverse kinematics of one target at a time, from coordinates near it. `robot.prepare` makes it."""
+    """Inverse kinematics of one target at a time, which `robot.prepare("inverse_kinematics", ...)` returns.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> robot = hp.load_robot("ur5_robot")
+    >>> q = np.array([0.1, -1.2, 1.5, 0.3, 1.1, 0.2])
+    >>> hand = robot.forward_kinematics(q, frames="tool0")["tool0"]
+    >>> solve = robot.prepare("inverse_kinematics", frames="tool0")
+    >>> found = solve(hand.R + (0, 0, 0.01), hand.S, q)
+    >>> bool(found.ok), found.q.shape
+    (True, (6,))
+    """
 
     def __init__(
         self,
@@ -171,13 +182,18 @@ class PreparedInverseKinematics:
     def __call__(
         self, R: Any = None, S: Any = None, q0: Any = None, base_motion: BodyMotion | None = None
     ) -> InverseKinematics:
-        """Return coordinates at which the frames have wanted poses, near q0.
+        """Return coordinates at which the frames have wanted poses: steps lead there from q0, or else from other
+        starts.
 
         Args:
             R: wanted positions [m]; shape (3,) of one frame, (frames, 3) of several; or None.
             S: wanted rotation matrices; shape (3, 3), (frames, 3, 3), or None.
             q0: coordinates at which the search begins; shape (dof,). By default those in the middle of the limits.
             base_motion: pose of the base, or the one at which it begins where it is solved for.
+
+        Raises:
+            ArgumentError: q0 is not finite, or no target is given.
+            ShapeError: R, S or q0 is not that of one target.
         """
         query, several = self._query(R is not None, S is not None), len(self.frames) > 1
         solver, lead = query.solver, (len(self.frames),) if several else ()
@@ -197,6 +213,8 @@ class PreparedInverseKinematics:
         if q0 is not None:
             near = np.zeros(solver.dof)
             near[solver.dof - count :] = _checked_target("q0", q0, (count,))
+            if not np.isfinite(near).all():
+                raise ArgumentError("q0", "finite numbers", "NaN or infinity")
         rows = query.targets
         posture = None if rows.posture is None else rows.posture[0]
         tolerances = rows.position_tolerance, rows.angle_tolerance
