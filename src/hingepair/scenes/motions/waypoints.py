@@ -13,10 +13,9 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError
@@ -27,71 +26,50 @@ PROFILES: Final = ("linear", "trapezoid", "cubic", "quintic", "spline")
 MAX_WAY_POINTS: Final = 200
 """Largest number of way points of one coordinate."""
 _UNIT_POLYNOMIALS: Final = {
-    "linear": (0, 1),
-    "cubic": (0, 0, 3, -2),
-    "quintic": (0, 0, 0, 10, -15, 6),
+    "linear": (1, 0),
+    "cubic": (-2, 3, 0, 0),
+    "quintic": (6, -15, 10, 0, 0, 0),
 }
-"""Coefficients, lowest power first, of polynomials from 0 to 1 in the time from 0 to 1."""
+"""Coefficients, highest power first, of polynomials from 0 to 1 in the time from 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WayPoints:
     """Piecewise polynomial of time through way points; constant before the first and after the last break."""
 
-    #: where one polynomial ends and the next begins; shape (m,) s
-    breaks: Float64Array
-    #: of the polynomials, in the time since a polynomial's beginning, lowest power first; shape (m, degree + 1), the
-    #: last one constant
-    coefficients: Float64Array
+    #: a `scipy.interpolate.PPoly`, whose last piece is constant and begins at the last way point
+    path: Any
 
     def derivatives(self, t: ArrayLike, order: int) -> tuple[Float64Array, ...]:
         """Return (value, first derivative, ...) up to `order` at t, a tuple of arrays of t's shape. At a break,
         return the derivatives from the right.
         """
-        times = np.asarray(t, dtype=np.float64)
-        piece = np.searchsorted(self.breaks, times, side="right") - 1
-        index = np.maximum(piece, 0)
-        since = np.maximum(times, self.breaks[0]) - self.breaks[index]
-        derivatives = [_polynomials(_derived(self.coefficients, k)[index], since) for k in range(order + 1)]
-        return derivatives[0], *(np.where(piece >= 0, derivative, 0.0) for derivative in derivatives[1:])
+        times, start = np.asarray(t, dtype=np.float64), self.path.x[0]
+        value, *rates = (self.path(np.maximum(times, start), k) for k in range(order + 1))
+        return value, *(np.where(times < start, 0.0, rate) for rate in rates)
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
         """Return, for each interval between instants t, whether the first or second derivative jumps in it."""
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
-        places = np.searchsorted(t, self.breaks, side="left") - 1
+        places = np.searchsorted(t, self.path.x[:-1], side="left") - 1
         switched[places[(places >= 0) & (places < switched.size) & self._kinked_breaks()]] = True
         return switched
 
     def max_abs_derivative(self, order: int) -> float:
-        """Return the largest absolute value of the derivative of an order (0: the function) at any time."""
-        derived, largest = _derived(self.coefficients, order), 0.0
-        for polynomial_coefficients, length in zip(derived, np.diff(self.breaks), strict=False):
-            slope = np.polynomial.Polynomial(polynomial_coefficients).deriv()
-            roots = slope.roots() if np.any(slope.coef) else np.empty(0)
-            is_real = np.abs(roots.imag) < 1e-9 * length  # smaller imaginary parts are rounding
-            inner = roots.real[is_real & (roots.real > 0) & (roots.real < length)]
-            at = np.concatenate(([0.0, length], inner))
-            largest = max(
-                largest,
-                float(
-                    np.abs(
-                        _polynomials(
-                            np.broadcast_to(polynomial_coefficients, (at.size, polynomial_coefficients.size)), at
-                        )
-                    ).max()
-                ),
-            )
-        return largest
+        """Return the largest absolute value of the derivative of an order at any time, from the right at breaks."""
+        derived = self.path.derivative(order)
+        at = np.concatenate((self.path.x[:-1], derived.derivative().roots(extrapolate=False)))
+        return float(np.nanmax(np.abs(derived(at))))
 
     def _kinked_breaks(self) -> NDArray[np.bool_]:
         """Return whether the first or the second derivative jumps at each break; shape (m,)."""
-        kinked = np.zeros(self.breaks.size, dtype=bool)
-        lengths = np.diff(self.breaks)
+        lengths = np.diff(self.path.x)[:-1]
+        kinked = np.zeros(lengths.size + 1, dtype=bool)
         for k in (1, 2):
-            derived = _derived(self.coefficients, k)
-            after, before = derived[:, 0], np.concatenate(([0.0], _polynomials(derived[:-1], lengths)))
-            most = (np.abs(derived[:-1]) * lengths[:, None] ** np.arange(derived.shape[1])).sum(axis=1).max()
-            kinked |= np.abs(after - before) > 1e-9 * most  # smaller jumps are rounding
+            coefficients = self.path.derivative(k).c
+            terms = coefficients[:, :-1] * lengths ** np.arange(len(coefficients))[::-1, None]
+            jumps = coefficients[-1] - np.concatenate(([0.0], terms.sum(axis=0)))
+            kinked |= np.abs(jumps) > 1e-9 * np.abs(terms).sum(axis=0).max()  # smaller jumps are rounding
         return kinked
 
 
@@ -109,11 +87,7 @@ def interpolate_way_points(
     """
     if profile == "trapezoid":
         return _trapezoid_way_points(t, values, speed, acceleration)
-    pieces = (
-        _spline_coefficients(t, values)
-        if profile == "spline"
-        else _profile_coefficients(t, values, _UNIT_POLYNOMIALS[profile])
-    )
+    pieces = _spline_pieces(t, values) if profile == "spline" else _profile_pieces(t, values, profile)
     way_points = _with_constant_end(t, pieces, values[-1])
     for k, name, limit in ((1, "speed", speed), (2, "acceleration", acceleration)):
         if profile == "linear" and k == 2 and limit < math.inf:
@@ -125,45 +99,26 @@ def interpolate_way_points(
     return way_points
 
 
-def _profile_coefficients(
-    t: Float64Array, values: Float64Array, unit_coefficients: tuple[float, ...]
-) -> Float64Array:
-    """Return the coefficients of the polynomials between neighbouring points (t, values), lowest power first; shape
-    (m - 1, degree + 1).
+def _profile_pieces(t: Float64Array, values: Float64Array, profile: str) -> Float64Array:
+    """Return the coefficients of the polynomials between neighbouring points (t, values), highest power first; shape
+    (degree + 1, m - 1).
     """
-    powers = np.diff(t)[:, None] ** np.arange(len(unit_coefficients))
-    coefficients: Float64Array = np.diff(values)[:, None] * np.array(unit_coefficients) / powers
-    coefficients[:, 0] = values[:-1]
-    return coefficients
+    unit = np.array(_UNIT_POLYNOMIALS[profile])
+    pieces: Float64Array = np.diff(values) * unit[:, None] / np.diff(t) ** np.arange(len(unit))[::-1, None]
+    pieces[-1] = values[:-1]
+    return pieces
 
 
-def _spline_coefficients(t: Float64Array, values: Float64Array) -> Float64Array:
-    """Return the coefficients (m - 1, 6), lowest power first, of the spline of degree 5 through points (t, values);
+def _spline_pieces(t: Float64Array, values: Float64Array) -> Float64Array:
+    """Return the coefficients (6, m - 1), highest power first, of the spline of degree 5 through points (t, values);
     its first and second derivatives are 0 at both ends.
     """
-    h, m, size = np.diff(t), len(t) - 1, 6
-    ends = [_polynomials(_derived(np.eye(size), k), np.array([[0.0], [1.0]])) for k in range(size - 1)]
+    from scipy.interpolate import PPoly, make_interp_spline
 
-    def derivative_row(piece: int, order: int, end: int) -> Float64Array:
-        """Return the row of the linear system for a derivative (order 0: the value) of a piece at its start (`end` 0)
-        or its end (1).
-        """
-        equation = np.zeros((m, size))
-        equation[piece] = ends[order][end]
-        return equation.ravel()
-
-    rows = [derivative_row(i, 0, end) for i in range(m) for end in (0, 1)]
-    rows += [
-        derivative_row(i, k, 1) - (h[i] / h[i + 1]) ** k * derivative_row(i + 1, k, 0)
-        for i in range(m - 1)
-        for k in (1, 2, 3, 4)
-    ]
-    rows += [derivative_row(i, k, end) for i, end in ((0, 0), (m - 1, 1)) for k in (1, 2)]
-    right = np.zeros(m * size)
-    right[: 2 * m] = np.repeat(values, 2)[1:-1]
-    solved = np.linalg.solve(np.array(rows), right).reshape(m, size)
-    solved[:, 0], solved[0, 1:3] = values[:-1], 0.0
-    return solved / h[:, None] ** np.arange(size)
+    rest = [(1, 0.0), (2, 0.0)]
+    pieces = PPoly.from_spline(make_interp_spline(t, values, k=5, bc_type=(rest, rest))).c[:, 5:-5]
+    pieces[-1], pieces[-3:-1, 0] = values[:-1], 0.0
+    return np.asarray(pieces)
 
 
 def _trapezoid_way_points(t: Float64Array, values: Float64Array, speed: float, acceleration: float) -> WayPoints:
@@ -177,19 +132,21 @@ def _trapezoid_way_points(t: Float64Array, values: Float64Array, speed: float, a
         rate = way / (time - ramp)
         bend = rate / ramp / 2
         coefficients += [
-            [values[i], 0.0, bend],
-            [values[i] + rate * ramp / 2, rate, 0.0],
-            [values[i + 1] - rate * ramp / 2, rate, -bend],
+            [bend, 0.0, values[i]],
+            [0.0, rate, values[i] + rate * ramp / 2],
+            [-bend, rate, values[i + 1] - rate * ramp / 2],
         ]
         breaks += [start + ramp, stop - ramp, stop]
-    return _with_constant_end(np.array(breaks), np.array(coefficients), values[-1])
+    return _with_constant_end(np.array(breaks), np.array(coefficients).T, values[-1])
 
 
-def _with_constant_end(breaks: Float64Array, coefficients: Float64Array, last_value: float) -> WayPoints:
-    """Return the WayPoints of breaks and coefficients, constant at `last_value` after the last break."""
-    still = np.zeros((1, coefficients.shape[1]))
-    still[0, 0] = last_value
-    return WayPoints(breaks, np.concatenate((coefficients, still)))
+def _with_constant_end(breaks: Float64Array, pieces: Float64Array, last_value: float) -> WayPoints:
+    """Return the WayPoints of breaks and polynomials, constant at `last_value` after the last break."""
+    from scipy.interpolate import PPoly
+
+    still = np.zeros((len(pieces), 1))
+    still[-1] = last_value
+    return WayPoints(PPoly(np.concatenate((pieces, still), axis=1), np.append(breaks, breaks[-1] + 1.0)))
 
 
 def _ramp_time(interval_text: str, duration: float, distance: float, speed: float, acceleration: float) -> float:
@@ -210,13 +167,3 @@ def _ramp_time(interval_text: str, duration: float, distance: float, speed: floa
         expected = f"at least {needed:.6g}, which the way {interval_text} needs"
         raise ArgumentError("acceleration", expected, acceleration)
     return min(max(duration / 3, shortest), longest)
-
-
-def _derived(coefficients: Float64Array, k: int) -> Float64Array:
-    """Return the coefficients (last axis, lowest power first) of the k-th derivatives of polynomials."""
-    return np.asarray(polynomial.polyder(coefficients, k, axis=-1))
-
-
-def _polynomials(coefficients: Float64Array, x: Float64Array) -> Float64Array:
-    """Return the value of each polynomial at the entry of x that belongs to it, an array of x's shape (...)."""
-    return np.asarray(polynomial.polyval(x, np.moveaxis(coefficients, -1, 0), tensor=False))
