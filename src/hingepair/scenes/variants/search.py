@@ -397,105 +397,47 @@ def _with_results(
 
 
 def _smallest(optimize: Any, variants: _Variants, aim: Any, conditions: Sequence[Condition]) -> Float64Array:
-    """Return the numbers at which `aim` is smallest while the conditions hold: a scan, then a local search with a
-    penalty for what they miss, then, where that ends beyond a condition, a search up to it.
+    """Return the numbers at which `aim` is smallest while the conditions hold, of those that a scan and then a local
+    search find; those with the least misses if the conditions hold nowhere.
     """
+    from scipy.stats import qmc
+
     if not variants.has_ranges:
         raise ArgumentError("vary", 'ranges, as in {"dynamics.psi.damping": (0.1, 10)}, beside minimize', "none")
-    width = variants.high - variants.low
-    count = len(width)
-    if count == 1:
-        shares = np.linspace(0, 1, _SCAN)[:, None]
-    else:
-        from scipy.stats import qmc
-
-        shares = qmc.Sobol(count, seed=0).random(64)
+    width, count = variants.high - variants.low, len(variants.keys)
+    shares = np.linspace(0, 1, _SCAN)[:, None] if count == 1 else qmc.Sobol(count, seed=0).random(64)
     tried = [variants.start, *(variants.low + share * width for share in shares)]
-
-    def misses(x: Float64Array) -> Float64Array:
-        """Return what the conditions miss at x."""
-        return np.array([one.miss(got) for one, got in _with_results(conditions, variants, x)], np.float64)
-
-    # A start without a value has no size; the scan has one.
-    size = next((abs(aim(x)) for x in tried if math.isfinite(aim(x))), 0.0)
-    scales = np.array(
-        [
-            next((abs(y) for y in each if math.isfinite(y) and y), 1.0)
-            for each in zip(*map(misses, tried), strict=True)
-        ]
-    )
-
-    def penalised_aim(x: Float64Array) -> float:
-        """Return the aim at x, moved into the ranges, with the penalty for what the conditions miss."""
-        x = np.clip(x, variants.low, variants.high)
-        missed = float(((misses(x) / scales) ** 2).sum()) if conditions else 0.0
-        total = float(aim(x) + 1e3 * max(size, 1e-9) * missed)  # a miss counts a thousandfold
-        return total if math.isfinite(total) else math.inf
-
-    best = min(tried, key=penalised_aim)
-    simplex = np.clip([best, *(best + 0.05 * np.diag(width))], variants.low, variants.high)
-    for k in range(count):  # a corner at an end would leave the simplex flat
-        if simplex[k + 1, k] == best[k]:
-            simplex[k + 1, k] = best[k] - 0.05 * width[k]
-    found = optimize.minimize(
-        penalised_aim,
-        best,
-        method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-12},
-    )
-    x = np.asarray(np.clip(found.x, variants.low, variants.high), np.float64)
-    if variants.meet(x, conditions, 0.0) or not math.isfinite(penalised_aim(x)):
-        return x
-    return _within(optimize, variants, aim, conditions, x)
-
-
-def _within(
-    optimize: Any, variants: _Variants, aim: Any, conditions: Sequence[Condition], x: Float64Array
-) -> Float64Array:
-    """Return the numbers with the smallest `aim` at which the conditions hold, searched from x, where they do not;
-    those with the least misses if they hold nowhere.
-    """
-    width = variants.high - variants.low
     scales = np.array([_size(one.value) for one in conditions], np.float64)
+    equations = any(one.sign == "=" for one in conditions)
+    tolerance = _TOLERANCE if equations else 0.0  # inequalities alone hold strictly
 
     def excesses(x: Float64Array) -> Float64Array:
         """Return by how much results exceed the values of conditions, or, with >=, fall short of them."""
         signed = [
-            (-1.0 if one.sign == ">=" else 1.0, one, got) for one, got in _with_results(conditions, variants, x)
+            (-1.0 if one.sign == ">=" else 1.0) * (got - one.value)
+            for one, got in _with_results(conditions, variants, x)
         ]
-        return np.array([sign * (got - one.value) for sign, one, got in signed], np.float64) / scales
+        return np.nan_to_num(np.array(signed, np.float64) / scales, nan=1.0)
 
-    if len(width) > 1:  # along the conditions
-        lowest = [0.0 if one.sign == "=" else -math.inf for one in conditions]
-        size = _size(aim(x))
-        found = optimize.minimize(
-            lambda s: aim(variants.low + s * width) / size,
-            (x - variants.low) / width,
-            method="COBYQA",
-            bounds=[(0.0, 1.0)] * len(width),
-            constraints=optimize.NonlinearConstraint(lambda s: excesses(variants.low + s * width), lowest, 0.0),
-            options={"initial_tr_radius": 0.02, "final_tr_radius": 1e-8, "maxfev": 300},
-        )
-        x = np.asarray(np.clip(variants.low + found.x * width, variants.low, variants.high), np.float64)
-    # Equations hold within a tolerance, and so do inequalities beside them; inequalities alone hold strictly.
-    equations = any(one.sign == "=" for one in conditions)
-    tolerance = _TOLERANCE if equations else 0.0
+    def missed(x: Float64Array) -> tuple[float, float]:
+        """Return what orders numbers: by how much they miss the conditions, then the aim."""
+        short = [one.miss(got) for one, got in _with_results(conditions, variants, x)] / scales
+        total = float(np.nan_to_num(np.abs(short), nan=math.inf).sum())
+        return (0.0 if variants.meet(x, conditions, tolerance) else total), float(np.nan_to_num(aim(x), nan=math.inf))
 
-    def inside() -> list[Float64Array]:
-        """Return the numbers so far at which the conditions hold."""
-        seen = [np.frombuffer(key) for key in variants.known]
-        return [y for y in seen if variants.meet(y, conditions, tolerance) and math.isfinite(aim(y))]
-
-    nearest = x
-    if equations or not inside():
-        nearest = _least_misses(optimize, variants, conditions, x)
-        if equations and variants.meet(nearest, conditions):
-            return nearest
-    if not equations and not variants.meet(x, conditions, 0.0) and np.isfinite(excesses(x)).all():
-        # From x straight to numbers inside, the condition that is met last is met where the largest excess is 0.
-        ends = sorted(inside(), key=lambda y: float(np.abs((y - x) / width).max()))
-        sides = {tuple(np.sign(y - x)): y for y in reversed(ends)}  # the nearest one to each side
-        for y in list(sides.values())[:4]:
-            optimize.brentq(lambda s, y=y: excesses(x + s * (y - x)).max(), 0, 1, xtol=1e-13, rtol=1e-13)
-    best: Float64Array = min(inside(), key=aim, default=nearest)
-    return best
+    size = _size(next((value for value in map(aim, tried) if math.isfinite(value)), 0.0))
+    lowest = [0.0 if one.sign == "=" else -math.inf for one in conditions]
+    limits = optimize.NonlinearConstraint(lambda s: excesses(variants.low + s * width), lowest, 0.0)
+    optimize.minimize(
+        lambda s: np.nan_to_num(aim(variants.low + s * width) / size, nan=1e6),
+        (min(tried, key=missed) - variants.low) / width,
+        method="COBYQA",
+        bounds=[(0.0, 1.0)] * count,
+        constraints=[limits] * bool(conditions),
+        options={"initial_tr_radius": 0.02, "final_tr_radius": 1e-9, "maxfev": 300},
+    )
+    best = min((np.frombuffer(key) for key in variants.known), key=missed)
+    if not equations and variants.meet(best, conditions, 0.0):
+        return best
+    nearest = _least_misses(optimize, variants, conditions, best)
+    return min(best, nearest, key=lambda x: missed(x)[0]) if not equations else nearest
