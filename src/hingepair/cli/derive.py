@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _DERIVED = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """Outputs that are derived unless --outputs or the scene names others."""
+_SNAP = 1e-6
+"""Angles of a robot's file that are closer than this [rad] to a multiple of pi/2 are taken for that multiple."""
 
 
 def derive_command(
@@ -35,15 +37,6 @@ def derive_command(
             "--frame",
             metavar="NAME",
             help="Link or joint of a robot; default: its last link, if it has only one.",
-        ),
-    ] = None,
-    snap: Annotated[
-        float | None,
-        typer.Option(
-            "--snap",
-            metavar="ANGLE",
-            help="Replace angles of a robot's file that are closer than this [rad] to a multiple of pi/2 by that "
-            "multiple; default: 1e-6; 0: replace none.",
         ),
     ] = None,
     body1_frame: Body1FrameOption = None,
@@ -89,7 +82,7 @@ def derive_command(
     symbols, output_names = split_names("--symbolic", symbolic) or (), split_names("--outputs", outputs)
     named = Source(source, joint, body1_frame, body2_frame)
     named.print_suspicions()
-    robot = _load_snapped_robot(named, snap) if named.is_whole else None
+    robot = _load_snapped_robot(named) if named.is_whole else None
     if robot is not None:
         from hingepair.symbolic.closed_forms import FrameForms
 
@@ -97,10 +90,8 @@ def derive_command(
             raise HingePairError("--symbolic is for a pair or its scene; the formulas of a robot show its numbers")
         mechanism, notes = robot
         text = _write(FrameForms(mechanism, frame, notes), output_names, output_format, short)
-    elif frame is not None or snap is not None:
-        raise HingePairError(
-            "--frame needs a whole robot or its scene, --snap a robot's name or a URDF file; both without a JOINT"
-        )
+    elif frame is not None:
+        raise HingePairError("--frame needs a whole robot or its scene, without a JOINT")
     else:
         text = _write_pair(_pair_forms(named, symbols), output_names, output_format, short)
     write_text(text, out, named.files)
@@ -158,26 +149,22 @@ def _write(
     return forms.to_text(names, short=short)
 
 
-def _load_snapped_robot(source: Source, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
-    """Return (robot, notes) of a scene of a robot, or of a robot or URDF file with angles within `snap` [rad] of
-    right angles taken for these, with a note if any is changed; None for anything else.
+def _load_snapped_robot(source: Source) -> tuple[Mechanism, tuple[str, ...]] | None:
+    """Return (robot, notes) of a scene of a robot, or of a robot or URDF file with angles within _SNAP of right
+    angles taken for these, with a note if any is changed; None for anything else.
     """
     if source.is_scene:
-        described = source.scene_file.mechanism if snap is None else None
+        described = source.scene_file.mechanism
         return None if described is None else (described, ())
     robot = source.robot()
     if robot is None:
         if not os.path.exists(source.text) and not source.text.lower().endswith(".toml"):
             robot_urdf(source.text)  # raises an error that lists the robots
         return None
-    max_angle = 1e-6 if snap is None else snap
-    read = Mechanism.from_urdf if source.is_urdf else load_robot
-    snapped = read(source.text, snap=max_angle)
-    largest_change = _largest_rotation_change(robot, snapped)
-    note = (
-        f"angles of the robot's file up to {largest_change:.1g} rad from a multiple of pi/2 are taken for it (--snap)"
-    )
-    return snapped, (note,) if largest_change else ()
+    snapped = (Mechanism.from_urdf if source.is_urdf else load_robot)(source.text, snap=_SNAP)
+    change = _largest_rotation_change(robot, snapped)
+    note = f"angles of the robot's file up to {change:.1g} rad from a multiple of pi/2 are taken for it"
+    return snapped, (note,) if change else ()
 
 
 def _largest_rotation_change(robot: Mechanism, other: Mechanism) -> float:

@@ -132,12 +132,12 @@ def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterator[Pie
 
 
 @contextlib.contextmanager
-def report_if_stopped(out: Path) -> Iterator[None]:
-    """Print to standard error that `out` is not written if a signal stops the block."""
+def report_if_stopped(sentence: str) -> Iterator[None]:
+    """Print a sentence to standard error if a signal stops the block."""
     try:
         yield
     except SystemExit:
-        print(f"hingepair: stopped by a signal; {out} is not written", file=sys.stderr)
+        print(f"hingepair: {sentence}", file=sys.stderr)
         raise
 
 

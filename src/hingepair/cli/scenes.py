@@ -72,7 +72,7 @@ def run_command(
     with contextlib.ExitStack() as exit_stack:
         add = None
         if out is not None:
-            exit_stack.enter_context(report_if_stopped(out))
+            exit_stack.enter_context(report_if_stopped(f"stopped by a signal; {out} is not written"))
             add = exit_stack.enter_context(result_file(out, scene.samples, scene.title, scene.files, columns))
         for part in with_progress_bar(scene.blocks(names), scene.samples):
             summary.add(part)

@@ -27,13 +27,6 @@ from hingepair.urdf.records import HINGE_TYPES
 if TYPE_CHECKING:
     from hingepair.scenes.motions.dynamics import Dynamics
 
-SourceArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE",
-        help="Scene file (TOML), which needs no motion; or, with JOINT, a robot's name or a URDF file.",
-    ),
-]
 ColumnOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -19,6 +19,7 @@ from hingepair.cli.output import (
     check_picture_suffix,
     out_option,
     print_title,
+    report_if_stopped,
     save_figure,
     terminal_width,
 )
@@ -147,7 +148,8 @@ def sweep_command(
     """
     loaded = load_sweep(sweep_file, units)
     path = loaded.default_store() if out is None else out
-    with _sweep_progress_bar() as progress, _report_stopped_sweep(path):
+    stopped = f"stopped; the same command goes on where it was ({path}.parts)"
+    with _sweep_progress_bar() as progress, report_if_stopped(stopped):
         run_sweep(loaded, path, scheduler, workers, progress)
     if as_json:
         facts = {
@@ -155,8 +157,9 @@ def sweep_command(
             "variants": loaded.variants,
             "chunks": loaded.chunks,
             "keys": loaded.task.keys,
+            "file": str(path),
         }
-        print(json_text(facts | {"keys": loaded.task.keys, "file": str(path)}))
+        print(json_text(facts))
         return
     print_title(loaded.title)
     print(f"{loaded.variants} variants of {', '.join(loaded.task.keys)} in {loaded.chunks} chunks")
@@ -176,16 +179,6 @@ def _sweep_progress_bar() -> Iterator[Progress | None]:
             bar.update(done - bar.pos)
 
         yield show
-
-
-@contextlib.contextmanager
-def _report_stopped_sweep(path: Path) -> Iterator[None]:
-    """Print to standard error how to go on if a signal stops the block that computes a sweep into `path`."""
-    try:
-        yield
-    except SystemExit:
-        print(f"hingepair: stopped; the same command goes on where it was ({path}.parts)", file=sys.stderr)
-        raise
 
 
 def search_command(

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import ACCELERATION
-from hingepair.errors import ArgumentError
 from hingepair.motion.signals import CallableSignal as Signal
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.sequences import SEQUENCE_NAMES
@@ -236,8 +235,4 @@ def _read_way_points(table: Table) -> WayPoints:
             table.fail(key, "a number above 0")
     profile = table.choice("profile", PROFILES)
     with table.naming():
-        try:
-            return interpolate_way_points(t, values, profile, **limits)
-        except np.linalg.LinAlgError:
-            step = f"a shortest step of {np.diff(t).min():g} s"
-            raise ArgumentError("t", f"steps of like size, long enough for a {profile} profile", step) from None
+        return interpolate_way_points(t, values, profile, **limits)

@@ -116,7 +116,11 @@ def _spline_pieces(t: Float64Array, values: Float64Array) -> Float64Array:
     from scipy.interpolate import PPoly, make_interp_spline
 
     rest = [(1, 0.0), (2, 0.0)]
-    pieces = PPoly.from_spline(make_interp_spline(t, values, k=5, bc_type=(rest, rest))).c[:, 5:-5]
+    try:
+        pieces = PPoly.from_spline(make_interp_spline(t, values, k=5, bc_type=(rest, rest))).c[:, 5:-5]
+    except ValueError:  # LinAlgError is one
+        step = f"a shortest step of {np.diff(t).min():g} s"
+        raise ArgumentError("t", "steps of like size, long enough for a spline profile", step) from None
     pieces[-1], pieces[-3:-1, 0] = values[:-1], 0.0
     return np.asarray(pieces)
 

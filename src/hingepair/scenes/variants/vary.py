@@ -25,6 +25,7 @@ from hingepair.scenes.motions.known import EulerBase, Known
 from hingepair.scenes.numbers import keep_motion, number_path, with_numbers
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.subjects.either import Subject
+from hingepair.scenes.subjects.mechanism import MechanismSubject
 from hingepair.scenes.subjects.pair import PairSubject
 from hingepair.scenes.subjects.subject import Acting, Arrays
 from hingepair.scenes.tables import Table
@@ -305,7 +306,7 @@ class Variants:
         arrays = {name: own.reshape(*shape, *own.shape[1:]) for name, own in arrays.items()}
         return Batch(scene.times(), arrays, [""] * len(numbers), [{}] * len(numbers))
 
-    def _arrays(self, subject: Subject, known: Known, names: tuple[str, ...] | None) -> Arrays:
+    def _arrays(self, subject: Subject, known: Known, names: tuple[str, ...] | None, backend: str = "auto") -> Arrays:
         """Return the outputs, and forces, of a subject along a known motion."""
         scene = self.scene
         moving = None if names is None else tuple(name for name in names if name not in subject.force_names)
@@ -314,7 +315,7 @@ class Variants:
         if moving is None or moving:
             request = scene.request(moving)
             part = known.part(slice(None), subject.order(request, scene.motion.level))
-            arrays |= subject.arrays(request, part, subject.compute(request, part, acting, "auto"))
+            arrays |= subject.arrays(request, part, subject.compute(request, part, acting, backend))
         if names is not None and len(moving or ()) < len(names):
             forces = subject.forces(known, acting)
             arrays |= {name: forces[name] for name in names if name in subject.force_names}
@@ -417,22 +418,8 @@ class Variants:
                 centre_of_mass=np.array([body.centre_of_mass for body in bodies])[:, None],
                 inertia=np.array([body.inertia for body in bodies])[:, None],
             )
-        return self._loaded_arrays(robot)
-
-    def _loaded_arrays(self, robot: Any) -> Arrays:
-        """Return the outputs with the forces of robots that differ in payloads; the motion is that of the scene."""
-        scene = self.scene
-        subject: Any = scene.subject
-        request = scene.request(self.outputs)
-        known = self._known
-        acting = Acting(scene.motion, slice(None), scene.gravity)
-        computed = subject.compute(request, known, acting, "auto")
-        if computed.forces is not None:
-            # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
-            forces = subject.efforts(known, acting, computed.forces.outputs, robot=robot, backend="compiled")
-            computed = replace(computed, forces=forces)
-        arrays: Arrays = subject.arrays(request, known, computed)
-        return arrays
+        # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
+        return self._arrays(MechanismSubject(robot, self.scene.frames), self._known, self.outputs, "compiled")
 
     @lock_free_cached_property
     def _unloaded(self) -> Any:
