@@ -30,10 +30,11 @@ class Start(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """Where a chain is."""
+    """Where a chain is closed."""
 
     s: float  # the coordinate that drives it
     x: Float64Array  # its dependent coordinates
+    slope: Float64Array  # dx/ds
 
 
 class ChainPath:
@@ -63,7 +64,9 @@ class ChainPath:
         self._conditions, self._key, self._dependent, self._turns = conditions, key, dependent, turns
         self._size, self._shifts = size, shifts
         self._unit = size if shifts else 1.0  # what counts as a long step: the size of the mechanism, or a radian
-        self._home = _Point(values[key], np.array([values[column] for column in dependent]))
+        s, x = values[key], np.array([values[column] for column in dependent])
+        _, A, B = self._linear(s, x)
+        self._home = _Point(s, x, np.linalg.lstsq(A, -B, rcond=None)[0])
 
     def reached(self, s: float) -> Float64Array | None:
         """Return the dependent coordinates at s; None where the way ends before."""
@@ -76,50 +79,40 @@ class ChainPath:
         found = None if self._shifts else self._turn(places)
         return self._range(places) if found is None else found
 
-    def _linear(self, point: _Point) -> tuple[Any, Any, Any]:
+    def _linear(self, s: float, x: Float64Array) -> tuple[Any, Any, Any]:
         """Return conditions, and their derivatives by the dependent coordinates and by the one that drives."""
         keys = [*self._dependent, self._key]
-        gaps, A = self._conditions(dict(zip(keys, (*point.x.tolist(), point.s), strict=True)), keys)
+        gaps, A = self._conditions(dict(zip(keys, (*x.tolist(), s), strict=True)), keys)
         return gaps, A[:, :-1], A[:, -1]
 
-    def _corrected(self, point: _Point) -> _Point | None:
-        """Return the closed assembly next to a point; None if Newton steps do not lead to one close by."""
-        x = point.x
-        for _ in range(6):
-            gaps, A, _ = self._linear(_Point(point.s, x))
+    def _closed(self, s: float, x: Float64Array) -> _Point | None:
+        """Return the closed assembly next to coordinates; None if Newton steps do not lead to one close by."""
+        for _ in range(7):
+            gaps, A, B = self._linear(s, x)
             if not np.isfinite(gaps).all():
                 return None
-            step = np.linalg.lstsq(A, gaps, rcond=None)[0]
-            x = x - step
+            step, slope = np.linalg.lstsq(A, np.stack((gaps, -B), axis=1), rcond=None)[0].T
             if np.abs(step).max() < 1e-13 * max(1.0, np.abs(x).max()):
-                gaps, _, _ = self._linear(_Point(point.s, x))
-                return _Point(point.s, x) if np.linalg.norm(gaps) < 1e-11 * self._size else None
+                return _Point(s, x - step, slope) if np.linalg.norm(gaps) < 1e-11 * self._size else None
+            x = x - step
         return None
-
-    def _slope(self, point: _Point) -> Float64Array:
-        """Return dx/ds."""
-        _, A, B = self._linear(point)
-        return np.asarray(-np.linalg.lstsq(A, B, rcond=None)[0])
 
     def _advance(self, point: _Point, target: float) -> tuple[_Point, bool]:
         """Follow the chain to s = target, in steps as short as they must be; False where it ends before."""
-        slope = self._slope(point)
         step = target - point.s
         while abs(target - point.s) > 1e-15 * max(1.0, abs(target)):
             step = math.copysign(min(abs(step), abs(target - point.s)), step)
-            ahead = self._corrected(_Point(point.s + step, point.x + step * slope))
-            accepted = False
+            ahead = self._closed(point.s + step, point.x + step * point.slope)
             if ahead is not None:
-                new_slope = self._slope(ahead)
                 # Along one branch, the mean of both slopes leads to the next point.
-                error = np.abs(ahead.x - point.x - 0.5 * step * (slope + new_slope)).max()
-                accepted = bool(error < 0.05 * max(np.abs(ahead.x - point.x).max(), 0.02 * abs(step)))
-            if accepted and ahead is not None:
-                point, slope, step = ahead, new_slope, 2 * step
-            else:
-                step /= 2
-                if abs(step) < 1e-13 * self._unit:
-                    return point, False
+                moved = ahead.x - point.x
+                error = np.abs(moved - 0.5 * step * (point.slope + ahead.slope)).max()
+                if error < 0.05 * max(np.abs(moved).max(), 0.02 * abs(step)):
+                    point, step = ahead, 2 * step
+                    continue
+            step /= 2
+            if abs(step) < 1e-13 * self._unit:
+                return point, False
         return point, True
 
     def _turn(self, places: Sequence[int]) -> Start | None:
@@ -152,13 +145,13 @@ class ChainPath:
     def _closes(self, series: Sequence[Turn], grid: Float64Array) -> bool:
         """Return whether series close the loops up to rounding."""
         values = np.array([turn.value(grid) + np.zeros_like(grid) for turn in series]).T
-        gaps = [self._linear(_Point(s, x))[0] for s, x in zip(grid.tolist(), values, strict=True)]
+        gaps = [self._linear(s, x)[0] for s, x in zip(grid.tolist(), values, strict=True)]
         return bool(np.abs(gaps).max() < _EXACT * self._size)
 
     def _end(self, direction: float) -> float:
         """Return how far the chain can be followed in a direction: to a dead point, a turn, or many lengths."""
         point, reached = self._home, True
-        limit = self._home.s + direction * (2 * np.pi if self._unit == 1.0 else _MAX_REACH * self._unit)
+        limit = self._home.s + direction * (_MAX_REACH * self._size if self._shifts else 2 * np.pi)
         while reached and (limit - point.s) * direction > 0:
             point, reached = self._advance(point, point.s + direction * 0.05 * self._unit)
         return point.s
