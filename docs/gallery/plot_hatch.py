@@ -32,12 +32,12 @@ for side in ("left", "right"):
     with_springs = with_springs.with_strut(*ends, side, force=gas, free_length=0.61, damping=250)
 
 # %%
-# The hand pushes at the handle across its lever. On extension the friction of the springs acts against the opening,
-# on compression against the closing: the hatch rests between both.
+# The hand pushes at the handle across its lever, slowly (0.01 rad/s). On extension the friction of the springs acts
+# against the opening, on compression against the closing: the hatch rests between both.
 opening = np.radians(np.linspace(0, 90, 181))[:, None]
 lever = 1.05
 force = {}
-for name, rate in (("opening", 1e-6), ("closing", -1e-6)):
+for name, rate in (("opening", 0.01), ("closing", -0.01)):
     moment = with_springs.bias_forces(opening, np.full_like(opening, rate))[:, 0]
     force[name] = moment / lever
     print(f"{name}: hand force {force[name].min():4.0f} to {force[name].max():3.0f} N")
