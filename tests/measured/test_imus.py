@@ -79,7 +79,7 @@ def test_exact_readings_give_the_hinge() -> None:
 @pytest.mark.parametrize("moving", [1.0, 0.3])
 def test_noisy_readings_with_biases_give_it_within_what_is_told(moving: float) -> None:
     all_scores: dict[str, list[np.ndarray]] = {"point": [], "n": [], "psi": []}
-    for seed in range(4):
+    for seed in range(2):
         biases = np.random.default_rng(1000 + seed).normal(size=(4, 3)) * np.array([[0.02], [0.1], [0.02], [0.1]])
         found = fitted([own + bias for own, bias in zip(felt(moving, noise=1e-2, seed=seed), biases, strict=True)])
         for name, values in scores(found).items():
@@ -91,11 +91,10 @@ def test_noisy_readings_with_biases_give_it_within_what_is_told(moving: float) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("noise", [0.0, 1e-2], ids=["exact", "noisy"])
 @pytest.mark.parametrize("still", ["moving", "hinge"])
-def test_what_the_motion_does_not_show_is_not_told(still: str, noise: float) -> None:
+def test_what_the_motion_does_not_show_is_not_told(still: str) -> None:
     """Body 1 at rest shows its axis by its accelerometer alone; bodies that turn as one show none."""
-    found = fitted(felt(**{still: 0.0}, noise=noise))
+    found = fitted(felt(**{still: 0.0}, noise=1e-2))
     assert not found.ok
     assert {"axis", "point"} & {finding.name for finding in found.findings}
     wrong = np.abs(np.concatenate((found.pair.u1, found.pair.u2)) - POINT)

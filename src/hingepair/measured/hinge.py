@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
-from hingepair.rotations.matrices import rotation_exp, skew
+from hingepair.rotations.matrices import skew
 
 GAUGES: Final = ("closest_to_R1", "closest_to_R2")  # rules that place the hinge point along the axis
 RULE_OF_SIGN: Final = "The first component of n that is at least 0.45 times as large as the largest one is positive."
@@ -93,7 +93,12 @@ def tilted(axes: Float64Array, step: Float64Array) -> Float64Array:
     """Return a frame (3, 3) turned by the least angle so that its last column tilts towards the first and the second
     by `step` [rad].
     """
-    return axes @ np.asarray(rotation_exp(np.array((-step[1], step[0], 0.0))))
+    a, b = step.tolist()  # Rodrigues' formula of the rotation vector (-b, a, 0)
+    angle = math.hypot(a, b)
+    s = math.sin(angle) / angle if angle else 1.0
+    k = 0.5 * (math.sin(angle / 2) / (angle / 2)) ** 2 if angle else 0.5
+    turn = ((1 - k * a * a, -k * a * b, s * a), (-k * a * b, 1 - k * b * b, s * b), (-s * a, -s * b, math.cos(angle)))
+    return np.asarray(axes @ np.array(turn))
 
 
 def first_axis_across(n: Float64Array) -> int:
