@@ -58,21 +58,6 @@ def test_omega1_of_the_reference_example_is_its_source_s(reference):
     )
 
 
-@pytest.mark.slow
-def test_a_turn_about_one_axis_has_the_rate_of_its_angle(tmp_path):
-    """The second worked case: S = Sx(phi) gives omega = (phi', 0, 0)."""
-    found = scene(tmp_path, phi_x='"sin(t)**2 + exp(-t/3)"', phi_y=0, phi_z=0)
-    rate = found.expressions["phi_x"].diff(T)
-    assert [sympy.simplify(part) for part in hp.derive(found).omega1 - sympy.Matrix([rate, 0, 0])] == [0, 0, 0]
-    letters = hp.derive(hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)))
-    still = {f: 0 for f in letters.omega1.atoms(sympy.core.function.AppliedUndef) if f.func.__name__ != "phi_x"}
-    assert tuple(letters.omega1.subs(still).doit()) == (letters.S1[0, 0].subs(still) * rate_of("phi_x"), 0, 0)
-
-
-def rate_of(name):
-    return sympy.Function(name, real=True)(T).diff(T)
-
-
 def test_a_planar_pair_gives_e11():
     pair = hp.PlanarPair(u1=(0.5, 0.25), u2=(-0.25, 0.1))
     forms = hp.derive(pair, ("u1", "u2"))
@@ -196,14 +181,6 @@ def test_turns_of_a_file_are_rotations_by_the_same_numbers(text, expected, tmp_p
     home = scene(tmp_path, home=text).pair.home
     np.testing.assert_allclose(home, expected(), rtol=4 * 2.0**-53, atol=2 * 2.0**-53)
     assert (home - np.eye(3)).any()
-
-
-def test_a_right_angle_costs_no_more_than_its_matrix(tmp_path):
-    """What is exactly 0 or 1 folds: no operation is left for it."""
-    quarter = scene(tmp_path, home="{ axis = [0, 0, 1], deg = 90 }")
-    assert quarter.pair.home.tolist() == [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    matrix = scene(tmp_path, home="[[0, -1, 0], [1, 0, 0], [0, 0, 1]]")
-    assert quarter.plan().operations == matrix.plan().operations
 
 
 def test_constants_stay_letters_in_the_pair_too(tmp_path):
