@@ -22,7 +22,7 @@ from hingepair.engine.binding import ArrayShape, ComponentSource, Constant, Name
 from hingepair.engine.direct import Direct, direct_calls
 from hingepair.engine.layout import Layout
 from hingepair.engine.loops import Loop, Program
-from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, output_arrays
+from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, empty, output_arrays
 from hingepair.engine.results import Results
 from hingepair.engine.slices import run_slices
 from hingepair.engine.ufunc import MAX_OPERANDS, Code, make_ufunc
@@ -226,7 +226,7 @@ class Call:
         """Return a function of the arguments in order, `out` and `workers`, which calls a kernel directly, and leaves
         to `general` what that does not take.
         """
-        (make, fill), array, empty, ndarray = direct, np.array, np.empty, np.ndarray
+        (make, fill), array, dtype, ndarray = direct, np.array, np.dtype(char), np.ndarray
         tails, outputs = [*self.argument_shapes.values()], self.loop.outputs
         rank, takes_numbers = len(tails[0]) if tails else 0, () in tails
         known, checks, result_of = {*self.outputs}, bool(self._limits), self._result_of
@@ -241,7 +241,7 @@ class Call:
                     found = make(*arrays)
             elif workers == 1 and type(out) is dict and known.issuperset(out) and type(first := arrays[0]) is ndarray:
                 lead = first.shape[: first.ndim - rank]
-                written = [out[name] if name in out else empty(lead + tail, char) for name, tail in outputs]
+                written = [out[name] if name in out else empty(lead + tail, dtype) for name, tail in outputs]
                 found = fill(*arrays, *written)
             if found is None:
                 return general(*given, out=out, workers=workers)
