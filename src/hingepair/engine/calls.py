@@ -226,7 +226,7 @@ class Call:
         """Return a function of the arguments in order, `out` and `workers`, which calls a kernel directly, and leaves
         to `general` what that does not take.
         """
-        (make, fill), array, dtype, ndarray = direct, np.array, np.dtype(char), np.ndarray
+        (make, fill), array, dtype, ndarray, one_empty = direct, np.array, np.dtype(char), np.ndarray, np.empty
         tails, outputs = [*self.argument_shapes.values()], self.loop.outputs
         rank, takes_numbers = len(tails[0]) if tails else 0, () in tails
         known, checks, result_of = {*self.outputs}, bool(self._limits), self._result_of
@@ -241,7 +241,8 @@ class Call:
                     found = make(*arrays)
             elif workers == 1 and type(out) is dict and known.issuperset(out) and type(first := arrays[0]) is ndarray:
                 lead = first.shape[: first.ndim - rank]
-                written = [out[name] if name in out else empty(lead + tail, dtype) for name, tail in outputs]
+                new = empty if lead else one_empty
+                written = [out[name] if name in out else new(lead + tail, dtype) for name, tail in outputs]
                 found = fill(*arrays, *written)
             if found is None:
                 return general(*given, out=out, workers=workers)
