@@ -5,11 +5,13 @@ The errors are those against arithmetic of 60 digits, relative to the largest co
 
 from __future__ import annotations
 
+import sys
 import tempfile
 import warnings
 from collections.abc import Iterator, Sequence
 from functools import cache, partial
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,10 +36,12 @@ from engines import (
     mujoco_job,
     pinocchio_job,
 )
-from hingepair.bench.truth import ExactRobot
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.mechanism.tree import Frame
 from timing import HINGEPAIR, Case, Job, Method, able, batch_case, parser, run
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))  # for the truth of 60 digits
+from support.exact_robot import ExactRobot
 
 PREPARED, FRAX = "hingepair, prepared", "frax (JAX, one batch)"
 SLOPES = (TORQUE_SLOPES, ACCELERATION_SLOPES)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.bench.truth import ExactRobot
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.mechanism.tree import Frame
+from support.exact_robot import ExactRobot
 
 FOLLOWERS = """<robot name="r"><link name="a"/>
 <link name="b"><inertial><origin xyz="0.1 0 0.2"/><mass value="2"/>

@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 from hingepair import ArgumentError
-from hingepair.bench.truth import ExactRobot
 from hingepair.mechanism.mechanism import tree_of
+from support.exact_robot import ExactRobot
 from support.trees import Robot, random_model, record_of, urdf_model
 
 EPS = 2.0**-53

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.bench.truth import ExactRobot
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.mechanism.robots import constants
 from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.urdf.rigid import MassProperties
 from support import states
+from support.exact_robot import ExactRobot
 from support.trees import Robot
 from support.truths import largest_errors
 

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.bench.truth import DIGITS, LETTERS, ExactRobot
+from hingepair.bench.truth import DIGITS
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.validation.scales import Scales
 from support import states
+from support.exact_robot import LETTERS, ExactRobot
 from support.trees import Robot, random_model, record_of
 from support.truths import largest_errors
 

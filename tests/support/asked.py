@@ -15,9 +15,10 @@ import numpy as np
 import pinocchio as pin
 
 import hingepair as hp
-from hingepair.bench.truth import DIGITS, LETTERS, exactly, from_euler
+from hingepair.bench.truth import DIGITS, exactly, from_euler
 from hingepair.formats.robots import robot_urdf
 from support.exact import Exact, tree_of_model, tree_of_pair
+from support.exact_robot import LETTERS
 from support.states import generator, rotations
 from support.truths import BOUNDS
 

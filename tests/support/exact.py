@@ -12,7 +12,8 @@ import mpmath
 import numpy as np
 import pinocchio as pin
 
-from hingepair.bench.truth import DIGITS, LETTERS, ExactRobot, exact_slopes, exactly, nearest_rotation
+from hingepair.bench.truth import DIGITS, exactly, nearest_rotation
+from support.exact_robot import LETTERS, ExactRobot, exact_slopes
 
 NOTHING = SimpleNamespace(mass=0.0, centre_of_mass=np.zeros(3), inertia=np.zeros((3, 3)))
 

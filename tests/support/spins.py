@@ -8,7 +8,8 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 
-from hingepair.bench.truth import DIGITS, attitude_of_quaternion
+from hingepair.bench.truth import DIGITS
+from support.exact_robot import attitude_of_quaternion
 
 U = 2.0**-53
 

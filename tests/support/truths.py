@@ -8,7 +8,8 @@ import mpmath
 import numpy as np
 
 from hingepair.bench import truth
-from hingepair.bench.truth import DIGITS, exactly, given_motion, required, rotation, unit
+from hingepair.bench.truth import DIGITS, exactly, given_motion, rotation, unit
+from support.exact_robot import required
 
 BOUNDS = {
     "S1": 6, "S2": 13, "d": 10, "R2": 10, "omega1": 4, "omega2": 6, "v2": 10, "alpha1": 4, "alpha2": 8, "a2": 12,

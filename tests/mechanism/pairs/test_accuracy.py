@@ -9,6 +9,7 @@ import hingepair as hp
 from hingepair.bench import truth as reference
 from hingepair.bench.truth import OUTPUTS
 from support import states, truths
+from support.exact_robot import attitude_of_quaternion, attitude_of_rotvec
 from support.hinged import pair_of
 from support.sparse import sparse
 from support.truths import ORDINARY
@@ -96,7 +97,7 @@ def test_given_attitude(kind, ledger):
         body1 = hp.BodyMotion(R=pieces[0], S=pieces[1], **motion)
     else:
         quat = rng.normal(size=(20, 4)) * 10 ** rng.uniform(-3, 3, (20, 1))
-        pieces[1] = reference.attitude_of_quaternion(quat)
+        pieces[1] = attitude_of_quaternion(quat)
         body1 = hp.BodyMotion.from_quaternion_xyzw(R=pieces[0], quat_xyzw=quat, **motion)
     truth = reference.from_attitude(constants, pieces, psi, psid, psidd)
     state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd, outputs=OUTPUTS)
@@ -150,9 +151,9 @@ def test_no_square_of_a_rate_is_formed_alone(name, dtype, ledger):
 
 GIVEN = states.hard_attitudes()
 _TRUTH_OF = {
-    "quat_xyzw": reference.attitude_of_quaternion,
-    "quat_wxyz": lambda quat: reference.attitude_of_quaternion(np.roll(quat, -1, axis=-1)),
-    "rotvec": reference.attitude_of_rotvec,
+    "quat_xyzw": attitude_of_quaternion,
+    "quat_wxyz": lambda quat: attitude_of_quaternion(np.roll(quat, -1, axis=-1)),
+    "rotvec": attitude_of_rotvec,
     "S": reference.exactly,
 }
 _MAKERS = {
