@@ -32,7 +32,6 @@ def work(*_: object, **__: object) -> None:
         ("plot a.toml --out", ".png", "--out"),
         ("view a.toml --out", ".html", "--out"),
         ("derive a.toml --out", ".txt", "--out"),
-        ("tolerance a.toml --plot", ".png", "--plot"),
         ("fit a.toml --out", ".csv", "--out"),
         ("fit a.toml --out psi.csv --plot", ".png", "--plot"),
     ],

@@ -12,15 +12,11 @@ from typing import Annotated, Any
 import typer
 
 from hingepair.cli.output import (
-    PICTURE_SUFFIXES,
     JsonOption,
     UnitsOption,
-    check_output,
-    check_picture_suffix,
     out_option,
     print_title,
     report_if_stopped,
-    save_figure,
     terminal_width,
 )
 from hingepair.cli.scenes import SceneArgument
@@ -45,13 +41,6 @@ def tolerance_command(
             "three components, separated by commas. May be repeated.",
         ),
     ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help=f"Draw the deviations over time and their causes ({', '.join(PICTURE_SUFFIXES)}).",
-        ),
-    ] = None,
     units: UnitsOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -62,9 +51,6 @@ def tolerance_command(
     of each component, to first order, where it is largest of 101 instants at most, and which dimensions cause it, as
     a mean over the motion.
     """
-    if plot is not None:
-        check_picture_suffix("--plot", plot)
-    check_output("--plot", plot, [scene_file])
     scene = load_named_scene(scene_file)
     scene.in_units(units)  # refuses unknown ones before anything is computed
     given: dict[str, Any] = {}
@@ -74,8 +60,6 @@ def tolerance_command(
         else:
             given.setdefault("points", {})[name] = value
     study = study_tolerances(scene, **given)
-    if plot is not None:
-        save_figure("--plot", study.plot(units), plot, scene.files, dpi=110)
     if as_json:
         print(study.to_json(units))
         return
@@ -94,7 +78,6 @@ def tolerance_command(
     print("", *ruled_table(study.table(units), 2, terminal_width()), "", sep="\n")
     for note in study.notes:
         print(f"note: {note}")
-    print(f"written: {plot}" if plot else "nothing drawn (--plot FILE draws the deviations over time)")
 
 
 def _parse(text: str) -> tuple[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,14 +15,10 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.tolerances import DEVIATIONS, LIMITS, point_scatter, read_limits
 from hingepair.numeric.arrays import Float64Array, Frozen
-from hingepair.numeric.optional import new_figure
 from hingepair.scenes.scene import Scene
 from hingepair.tables.sheets import Sheet, Shown, instant_text, json_text
 from hingepair.tables.suspicions import DEGREES_IN_SCENES, suspicions
 from hingepair.tables.units import SI, Units
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 POSE_COMPONENTS: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
 """First columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""
@@ -52,7 +48,7 @@ class ToleranceStudy(Frozen, Shown):
     tolerances: Mapping[str, Any]
     #: sentences on what limits mean, on standard deviations in doubtful units, and on instants that are left out
     notes: tuple[str, ...] = ()
-    #: units of tables and plots unless others are asked for
+    #: units of tables unless others are asked for
     units: Units = SI
     #: names of the points
     points: tuple[str, ...] = ()
@@ -117,42 +113,6 @@ class ToleranceStudy(Frozen, Shown):
                 (own["component"], own["unit"], f"{own['std']:.4g}", instant_text(own["t"]), ", ".join(causes))
             )
         return rows
-
-    def plot(self, units: str | None = None) -> Figure:
-        """Return a Matplotlib figure with the standard deviations of all components over time, and what causes them.
-
-        Args:
-            units: units such as "deg, um"; by default those of the scene, or else mm and mrad.
-        """
-        shown = (self.units if units is None else Units.of(units)).over(Units("mm, mrad"))
-        t, count = shown.factor("s") * self.t, len(self.components) // 3
-        figure = new_figure(5 * count, 7)
-        grid = figure.add_gridspec(2, count)
-        shares = self.shares()
-        named = [
-            name for name in self.contributions if any(own.get(name, 0) >= _LEAST_SHARE for own in shares.values())
-        ]
-        for group in range(count):
-            axes = figure.add_subplot(grid[0, group])
-            names = [*self.components][3 * group : 3 * group + 3]
-            si = self.components[names[0]]
-            for k, name in enumerate(names):
-                axes.plot(t, shown.factor(si) * self.std[:, 3 * group + k], label=name)
-            axes.set_ylabel(f"standard deviation [{shown.unit(si)}]")
-            axes.set_xlabel(f"t [{shown.unit('s')}]")
-            axes.set_ylim(bottom=0)
-            axes.grid(alpha=0.3)
-            axes.legend(fontsize="small")
-            bars, below = figure.add_subplot(grid[1, group]), np.zeros(len(names))
-            for name in named:
-                heights = np.array([100 * shares[component].get(name, 0.0) for component in names])
-                bars.bar(names, heights, bottom=below, label=name)
-                below += heights
-            bars.set_ylabel("part of the variance [%]")
-            if group == count - 1:
-                bars.legend(fontsize="small", loc="center left", bbox_to_anchor=(1, 0.5))
-        figure.suptitle(self.title)
-        return figure
 
     def _sheet(self) -> Sheet:
         return Sheet(f"tolerances of {self.title}", self.table(), self.notes)
