@@ -160,7 +160,7 @@ class PreparedInverseKinematics:
             raise ArgumentError("outputs", "None, since q and errors are returned", quoted(outputs))
         check_options('prepare("inverse_kinematics")', options, SearchOptions)
         for name in _OF_CALLS & options.keys():
-            expected = "nothing: frames are prepared, and targets given to the call"
+            expected = "nothing: prepare takes frames=..., and its call the targets"
             raise ArgumentError(name, expected, quoted(options[name]))
         if not isinstance(prefer := options.get("prefer"), str | None) and np.ndim(prefer) != 1:
             raise ArgumentError("prefer", "one posture", quoted(prefer))
