@@ -7,11 +7,13 @@ import re
 import shutil
 import subprocess
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hingepair as hp
+from support.linkages import four_bar
 
 NODE = shutil.which("node")
 by_node = pytest.mark.skipif(NODE is None, reason="node is not installed: the script of the page is NOT tested")
@@ -19,6 +21,11 @@ U = 2.0**-53
 LOG = "t,a,ad,add\n0,0.6,1,0\n0.1,0.7,1,0\n0.2,0.8,,0\n0.3,0.9,1,0\n0.4,1,1,0\n0.5,,,\n0.6,2.5,1,0\n"
 TURN = '[[joint]]\nname = "a"\nu1 = [0, 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\nlimits = [0.5, 2]\n'
 MASS = "body2 = { mass = 1, inertia = [1, 1, 1] }\n"
+SECOND = "[time]\nstart = 0\nstop = 1\nsamples = 6\n"
+CYLINDER = (
+    '[mechanism]\ncoordinates = ["cylinder"]\nat = { a = 0.9 }\nframes = { foot = { link = "base", R = [1, 0, 0] }, '
+    'eye = { link = "a", R = [0.8, 0, 0] } }\n[[strut]]\nname = "cylinder"\nframe1 = "foot"\nframe2 = "eye"\n'
+)
 
 
 def content_of(page):
@@ -76,6 +83,38 @@ def test_the_page_computes_the_poses_that_the_mechanism_has(name):
             scale = max(1.0, np.abs(state.R).max())
             np.testing.assert_allclose(pose["R"] + origin, state[frame].R[k], rtol=0, atol=400 * U * scale)
             np.testing.assert_allclose(np.reshape(pose["S"], (3, 3)), state[frame].S[k], rtol=0, atol=400 * U)
+
+
+def four_bar_of_the_documentation():
+    page = (Path(__file__).parents[2] / "docs" / "scenes.md").read_text(encoding="utf-8")
+    (scene,) = (text for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL) if "[[loop]]" in text)
+    return scene
+
+
+@by_node
+@pytest.mark.parametrize("kind", ["given", "simulated", "with a cylinder", "of a free base"])
+def test_the_page_moves_what_loops_close(kind, tmp_path):
+    if kind == "of a free base":
+        source = found = hp.simulate(four_bar(base="free"), np.linspace(0, 1, 6), [0.3], [2.0])
+        robot, q, qd, base = found.robot, found.q, found.qd, found.base_motion
+    else:
+        given = four_bar_of_the_documentation()
+        simulated = given.replace('[motion]\ncrank = "2*pi*t"', "[dynamics.crank]\nq_0 = 0.3\nqd_0 = 2")
+        cylinder = CYLINDER + TURN + '[motion]\ncylinder = "0.8 + 0.2*t"\n' + SECOND
+        texts = {"given": given, "simulated": simulated, "with a cylinder": cylinder}
+        (tmp_path / "s.toml").write_text(texts[kind])
+        source = hp.load_scene(tmp_path / "s.toml")
+        robot, (q, qd, _), base = source.mechanism, source.coordinates(), None
+    page = hp.view(source)
+    content = content_of(page)
+    assert all(len(row) == len(content["coordinates"]) == robot.opened().dof for row in content["q"])
+    names = ["eye"] if kind == "with a cylinder" else ["a", "b"]
+    frames = [next(one for one in content["frames"] if one["name"] == name) for name in names]
+    code = "content.t.map((t, k) => { const poses = bodyPoses(baseAt(k), content.q[k]), rates = bodyRates(poses, k);"
+    code += f" return {json.dumps(frames)}.map((one) => [framePose(poses, one).R, rates[one.body].omega]); }})"
+    state = robot.forward_kinematics(q, qd, frames=names, base_motion=base, outputs=("R", "omega"))
+    wanted = [[state[name].R - np.array(content["origin"]), state[name].omega] for name in names]
+    np.testing.assert_allclose(computed(page, code), np.moveaxis(wanted, 2, 0), rtol=0, atol=1e-13)
 
 
 @by_node

@@ -55,3 +55,4 @@ def test_examples_run(number, tmp_path):
     assert known[: -2 if "delay" in example else None].all()  # what a delayed column says last is not known
     assert scene.notes() == () or not is_of_a_mechanism(example)
     assert scene.cross_validate(20).ok
+    assert hp.view(scene, meshes=0).samples == scene.samples

@@ -19,6 +19,7 @@ from hingepair.mechanism.tree import Joint
 from hingepair.motion.simulated import SimulatedPlanarMotion
 from hingepair.motion.trajectory import Trajectory
 from hingepair.numeric.arrays import is_table, real_array
+from hingepair.scenes.motions.known import Known
 from hingepair.scenes.scene import Scene, SceneResult
 
 Array: TypeAlias = NDArray[Any]
@@ -137,7 +138,7 @@ def page_motion(source: Scene | MotionSource | ShownMotion, joints: Sequence[Joi
 
     Args:
         source: a motion that is given, a scene, a trajectory or a pair.
-        joints: the joints that have a coordinate.
+        joints: the joints that have a coordinate, those that loops close among them.
     """
     if isinstance(source, Scene):
         return _scene_motion(source, joints)
@@ -151,22 +152,34 @@ def _scene_motion(scene: Scene, joints: Sequence[Joint]) -> ShownMotion:
     level = scene.motion.level
     whole = scene.samples <= MAX_HELD_INSTANTS
     looked_at = np.arange(scene.samples) if whole else np.asarray(scene.spread(MAX_SHOWN))
-    tau = _efforts(scene) if whole and scene.mechanism is not None and has_efforts(scene) else None
+    is_tree = scene.mechanism is not None and not scene.mechanism.loops
+    tau = _efforts(scene) if whole and is_tree and has_efforts(scene) else None
     instants = np.asarray(scene.instants[looked_at])
-    rows, events = _shown_rows(instants, scene.known(looked_at, 0).array(0), tau, joints)
+    rows, events = _shown_rows(instants, _joint_motion(scene, scene.known(looked_at, 0))[0], tau, joints)
     known, t = scene.known(looked_at[rows], level), instants[rows]
-    base = known.base_motion
-    motion = ShownMotion(t, known.array(0), *_base_poses(base, len(t)), scene.samples, events=events)
+    base, (q, *rates_of_q) = known.base_motion, _joint_motion(scene, known)
+    motion = ShownMotion(t, q, *_base_poses(base, len(t)), scene.samples, events=events)
     if level < VELOCITY:
         return motion._replace(readings={} if scene.pair is None else {"psi": motion.q})
     if scene.pair is None:
         rates = {
             name: np.zeros((1, 3)) if base is None else np.asarray(getattr(base, name)) for name in ("v", "omega")
         }
-        return motion._replace(qd=known.array(1), base_rates=rates, tau=None if tau is None else tau[rows])
+        return motion._replace(qd=rates_of_q[0], base_rates=rates, tau=None if tau is None else tau[rows])
     outputs = ("v2", "omega2")
     state = scene.space.forward_kinematics_from_body1(known.body1, *known.hinge[:2], outputs=outputs).arrays()
     return motion._replace(readings={"psi": motion.q, **state})
+
+
+def _joint_motion(scene: Scene, known: Known) -> tuple[Array, ...]:
+    """Return the coordinates of all joints of a scene, those that loops close among them, and their first derivatives
+    if they are known; shape (N, joints) each.
+    """
+    own = tuple(known.array(order) for order in range(min(known.level, VELOCITY) + 1))
+    if scene.mechanism is None or not scene.mechanism.loops:
+        return own
+    found = scene.mechanism.all_coordinates(*own)
+    return found if isinstance(found, tuple) else (found,)
 
 
 def has_efforts(scene: Scene) -> bool:

@@ -24,7 +24,6 @@ from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.tree import Frame
 from hingepair.motion.simulated import SimulatedRobotMotion
 from hingepair.numeric.arrays import number_not_below_0
 from hingepair.pictures.curves import check_drawable
@@ -95,20 +94,10 @@ def view(
     Page(panda, joints=8)
     """
     megabytes = number_not_below_0("meshes", meshes)
-    if isinstance(source, SimulatedRobotMotion) and source.robot.loops:
-        q, t = source.q, source.t
-        source = source.robot
-    loops: dict[str, Frame] = {}
-    if isinstance(source, Mechanism) and source.loops:
-        closure = tree_of(source).closure
-        if closure is not None:
-            pairs = zip(closure.loops, closure.frames, strict=True)
-            loops = {str(loop.name): first for loop, (first, _) in pairs if loop.name not in source.names}
-        source, q, tau = _opened(source, q, tau)
     if isinstance(source, Mechanism):
-        joints = tree_of(source).coordinates
-        motion = page_motion(given_motion(source, q, t, base_motion, tau=tau), joints)
-        model = robot_model(source, source.name, megabytes=megabytes, loops=loops)
+        given = given_motion(source, q, t, base_motion, tau=tau)
+        motion = page_motion(_motion_of_all_joints(source, given), tree_of(source).own_coordinates)
+        model = robot_model(source, source.name, megabytes=megabytes)
     else:
         for name, value in (("q", q), ("t", t), ("base_motion", base_motion), ("tau", tau)):
             if value is not None:
@@ -118,7 +107,7 @@ def view(
         if isinstance(source, Scene) and source.mechanism is not None:
             robot = source.mechanism
             frame = None if source.frames == robot.tips else next(iter(source.frames), None)
-            motion = page_motion(source, tree_of(robot).coordinates)
+            motion = page_motion(source, tree_of(robot).own_coordinates)
             model = robot_model(robot, source.title, frame, megabytes)
         else:
             scene = source if isinstance(source, Scene) else None
@@ -134,14 +123,17 @@ def view(
     return page
 
 
-def _opened(robot: Mechanism, q: Any, tau: Any) -> tuple[Mechanism, Any, None]:
-    """Return the tree of a closed mechanism with the motion of all its joints."""
-    if q is None:
+def _motion_of_all_joints(robot: Mechanism, given: ShownMotion) -> ShownMotion:
+    """Return the motion of a robot that is given with the coordinates of the joints that loops close, too."""
+    if not robot.loops:
+        return given
+    if not given.samples:
         expected = "coordinates at instants, since the joints of a closed mechanism do not move one by one"
         raise ArgumentError("q", expected, None)
-    if tau is not None:
-        raise ArgumentError("tau", "None for a closed mechanism, whose other joints have no motors", quoted(tau))
-    return robot.opened(), robot.all_coordinates(q), None
+    if given.tau is not None:
+        expected = "None for a closed mechanism, whose other joints have no motors"
+        raise ArgumentError("tau", expected, quoted(given.tau))
+    return given._replace(q=robot.all_coordinates(given.q))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

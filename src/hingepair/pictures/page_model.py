@@ -127,15 +127,10 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
     )
 
 
-def robot_model(
-    robot: Mechanism,
-    title: str,
-    frame: str | None = None,
-    megabytes: float = 0.0,
-    loops: Mapping[str, Frame] | None = None,
-) -> PageModel:
+def robot_model(robot: Mechanism, title: str, frame: str | None = None, megabytes: float = 0.0) -> PageModel:
     """Return the page model of a robot. Its bodies have the meshes and shapes of the URDF or of the pairs, and simple
-    shapes are added to a body that these do not draw completely. Struts are drawn as rods.
+    shapes are added to a body that these do not draw completely. Struts are drawn as rods, and the frames where loops
+    are closed are marked with the names of the loops.
 
     Args:
         robot: the robot.
@@ -143,7 +138,6 @@ def robot_model(
         frame: link or frame whose motion is shown first; by default the tool, or else the last link of the longest
             chain.
         megabytes: size of the meshes on the page; 0: none are read.
-        loops: by the names of loops, frames where they are closed, which are marked.
     """
     tree, size = tree_of(robot), robot_size(tree_of(robot))
     meshes = [visual for drawing in tree.drawings for visual in drawing.visuals if isinstance(visual, Mesh)]
@@ -154,6 +148,10 @@ def robot_model(
         for along, number in enumerate(joints):
             colours[number] = _lighten(_CHAIN_COLOURS[place % len(_CHAIN_COLOURS)], 0.4 * (along % 2))
     names = ["base", *(joint.name for joint in tree.joints)]
+    loops: dict[str, Frame] = {}
+    if tree.closure is not None:
+        ends = zip(tree.closure.loops, tree.closure.frames, strict=True)
+        loops = {str(loop.name): first for loop, (first, _) in ends if loop.name not in robot.names}
     bodies = [
         DrawnBody(name, colour, _coloured_shapes(colour, drawing, simple, pieces))
         for name, colour, drawing, simple in zip(
@@ -165,7 +163,7 @@ def robot_model(
         bodies=bodies,
         joints=tree.joints,
         chains=chains,
-        frames={**tree.frames, **tree.links, **(loops or {})},
+        frames={**tree.frames, **tree.links, **loops},
         frame=_tool(tree) if frame is None else frame,
         path_colours={},
         axes_shown=(),
@@ -175,7 +173,7 @@ def robot_model(
         axes_length=0.12 * size,
         opacity=1.0,
         notes=notes,
-        marks=tuple(loops or ()),
+        marks=tuple(loops),
         struts=tuple(strut.frames for strut in tree.struts),
     )
 
@@ -185,7 +183,8 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
 
     Args:
         model: the page model.
-        positions: coordinates of a motion, which the sliders can reach; shape (N, dof), N may be 0.
+        positions: coordinates of all joints that follow no other by a rule, which the sliders can reach; shape
+            (N, joints), N may be 0.
     """
     leaders = [number for number, joint in enumerate(model.joints, 1) if joint.mimic is None]
     places = {number: place for place, number in enumerate(leaders)}
