@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 import hingepair as hp
 from hingepair.mechanism.results import Record
+from support.commands import run_command
 
 PAIR = """
 [pair]
@@ -70,6 +73,19 @@ def test_what_does_not_go_with_smoothing_is_refused(tmp_path, text, more, words)
     path, _ = written(tmp_path, text, **dict.fromkeys(more))
     with pytest.raises(hp.SceneError, match=words):
         hp.load_scene(path)
+
+
+def test_the_ends_of_smoothing_are_extremes_of_poses_but_not_of_rates(tmp_path):
+    path, _ = written(tmp_path)
+    scene = hp.load_scene(path)
+    outputs = ("R2", "psi", "v2", "a2")
+    found, inside = scene.evaluate(outputs).to_dataframe(), scene.motion.sure
+    assert found["R2_z"].idxmin() == 0
+    assert any(found[name].max() > found[name][inside].max() for name in ("a2_x", "a2_y", "a2_z"))
+    printed = json.loads(run_command("run", path, "--outputs", ",".join(outputs), "--json").stdout)["outputs"]
+    for name, own in printed.items():
+        kept = found[name] if name == "psi" or name.startswith("R2") else found[name][inside]
+        assert (own["smallest"], own["largest"]) == (kept.min(), kept.max()), name
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from hingepair.scenes.scene import NoteCollector, Scene, SceneResult
 from hingepair.tables.data_frames import column_names, plain_magnitudes, split_columns, with_magnitudes
 from hingepair.tables.sheets import instant_text, number_texts, offset_text, round_offset
 from hingepair.tables.units import UnitsLike
+
+_UNITS_OF_POSES: Final = frozenset({"m", "rad", "1"})  # of what is known without rates
 
 
 class RunSummary:
@@ -59,8 +62,10 @@ class RunSummary:
         lost = ~np.isfinite(values)
         self.lost += int(lost.any(axis=1).sum())
         values[lost] = np.nan
-        if sure is not None:  # what smoothing finds at ends is no extreme
-            values = values[sure[part.first : part.first + len(values)]]
+        if sure is not None:  # rates that smoothing finds at ends are no extremes
+            own = [len(names) for names in self._components.values()]
+            is_rate = np.repeat([self._scene.unit(name) not in _UNITS_OF_POSES for name in self._components], own)
+            values[np.ix_(~sure[part.first : part.first + len(values)], is_rate)] = np.nan
         self._smallest = np.fmin(self._smallest, np.fmin.reduce(values))
         self._largest = np.fmax(self._largest, np.fmax.reduce(values))
         self._notes.add(part)

@@ -529,7 +529,7 @@ def _sure_instants(log: Log, found: list[Any]) -> NDArray[np.bool_]:
     if sure.any() and lost.any():
         inside = np.flatnonzero(sure)
         log.notes.append(
-            "rates at the ends of what is smoothed are inaccurate: smallest and largest are those from "
+            "rates at the ends of what is smoothed are inaccurate: their smallest and largest are from "
             f"t = {log.t[inside[0]]:.6g} to {log.t[inside[-1]]:.6g} s"
         )
     return sure
