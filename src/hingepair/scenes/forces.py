@@ -29,7 +29,7 @@ from hingepair.tables.units import Columns, Units, UnitsLike
 
 # Headings of the table of joints: the effort against its limit, then position and rate.
 _HEADINGS = (
-    *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of limit"),
+    *("joint", "unit", "rms", "min tau", "max tau", "max |tau| at t", "limit", "of limit"),
     *("min q", "limit", "max q", "limit", "max |q'|", "limit"),
 )
 
@@ -46,8 +46,8 @@ class JointLoad:
     kind: JointKind
     #: root mean square of the effort; NaN if no value is finite
     rms: float
-    #: largest absolute value of the effort
-    largest: float
+    #: least and greatest effort; NaN if no value is finite
+    effort: tuple[float, float]
     #: instant of the largest effort [s]
     t_of_largest: float
     #: largest absolute value of the effort that the joint allows
@@ -69,6 +69,11 @@ class JointLoad:
     def unit(self) -> str:
         """Unit of the joint's effort: N m for a hinge, N for a slider."""
         return KINDS[self.kind].effort
+
+    @property
+    def largest(self) -> float:
+        """Largest absolute value of the effort."""
+        return max(-self.effort[0], self.effort[1]) + 0.0
 
     @property
     def use(self) -> float:
@@ -173,7 +178,8 @@ class SceneForces(Record):
             units: units in place of SI units; by default those of the scene.
         """
         shown = self.in_units(units)
-        loads = {load.joint: asdict(_converted_load(load, shown.units)) for load in self.loads}
+        converted = [_converted_load(load, shown.units) for load in self.loads]
+        loads = {load.joint: {**asdict(load), "largest": load.largest} for load in converted}
         for own in loads.values():
             del own["joint"]
         joints = {} if self.tau is None else {"joints": loads}
@@ -274,7 +280,8 @@ def _converted_load(load: JointLoad, units: Units) -> JointLoad:
     effort, position, rate, second = (units.factor(si) for si in (kind.effort, kind.unit, f"{kind.unit}/s", "s"))
     return replace(
         load,
-        **{name: effort * getattr(load, name) for name in ("rms", "largest", "effort_limit")},
+        **{name: effort * getattr(load, name) for name in ("rms", "effort_limit")},
+        effort=(effort * load.effort[0], effort * load.effort[1]),
         **{name: second * getattr(load, name) for name in ("t_of_largest", "t_of_first")},
         **{name: rate * getattr(load, name) for name in ("rate", "rate_limit")},
         position=(position * load.position[0], position * load.position[1]),
@@ -286,13 +293,13 @@ def _load_rows(loads: tuple[JointLoad, ...], t: Float64Array, units: Units) -> l
     """Return the table of joints in units, headings first; an infinite limit is an empty cell."""
     offset, name = units.offset_of_instants(t[0], t[-1])
     at = name or _time_name(units)
-    headings = tuple(f"at {at}" if text == "at t" else text for text in _HEADINGS)
+    headings = tuple(f"max |tau| at {at}" if text.endswith("at t") else text for text in _HEADINGS)
     rows: list[tuple[str, ...]] = [headings]
     for load in (_converted_load(load, units) for load in loads):
         use = "" if math.isnan(load.use) else f"{load.use:.0%}"
         sizes = (
             cell_text(load.rms),
-            cell_text(load.largest),
+            *map(cell_text, load.effort),
             instant_text(load.t_of_largest - offset),
             _limit_text(load.effort_limit),
             use,
@@ -320,10 +327,10 @@ def _summarize_joint(
 ) -> JointLoad:
     """Return the JointLoad of a joint from its effort `tau` (N,) and its motion at the instants t."""
     finite = np.isfinite(tau)
-    largest, when = (math.nan, math.nan)
+    extremes, when = (math.nan, math.nan), math.nan
     if finite.any():
-        largest_index = int(np.where(finite, np.abs(tau), -1.0).argmax())
-        largest, when = float(abs(tau[largest_index])), float(t[largest_index])
+        when = float(t[np.where(finite, np.abs(tau), -1.0).argmax()])
+        extremes = float(tau[finite].min()), float(tau[finite].max())
     least, most = joint.effort_bounds
     beyond = np.flatnonzero((tau < least) | (tau > most))
     q, qd = known_motion.column(0, joint_index), np.abs(known_motion.column(1, joint_index))
@@ -331,7 +338,7 @@ def _summarize_joint(
         joint.name,
         joint.kind,
         float(np.sqrt(np.mean(tau[finite] ** 2))) if finite.any() else math.nan,
-        largest,
+        extremes,
         when,
         joint.effort_limit,
         int(beyond.size),

@@ -334,9 +334,11 @@ def read_simulated_motion(tables: Table, subject: Subject, dynamics: Dynamics) -
             )  # fmt: skip
     except SimulationError as error:
         table.refuse("", "a motion that can be followed", f"none past t = {error.t:.6g}: {error.why}")
-    moves = held != "fixed" or any(np.any(x) for x in (found.base_motion.R, found.base_motion.S - np.eye(3)))
+    moves: bool = held != "fixed" or any(np.any(x) for x in (found.base_motion.R, found.base_motion.S - np.eye(3)))
     phi_0 = table.number("phi_0", 0.0) if subject.planar and base is None else 0.0
-    return simulated_motion(subject, found, loads, moves=moves or subject.pair is not None, phi_0=phi_0)
+    return simulated_motion(
+        subject, found, loads, moves=moves or subject.pair is not None, phi_0=phi_0, until="until" in options
+    )
 
 
 def link_wrenches(subject: Subject, dynamics: Dynamics) -> dict[str, tuple[Any, Any]]:
@@ -361,9 +363,11 @@ def simulated_motion(
     *,
     moves: bool = True,
     phi_0: float = 0.0,
+    until: bool = True,
 ) -> Motion:
     """Return a simulated motion as that of a scene, with the loads at joints. `moves` says whether the base is not at
-    rest at the origin, `phi_0` which of the angles of a body 1 in the plane the first is, to whole turns.
+    rest at the origin, `phi_0` which of the angles of a body 1 in the plane the first is, to whole turns, `until`
+    whether only an event can have ended the motion.
     """
     is_pair, units = subject.pair is not None, {joint.name: joint.unit for joint in subject.joints}
     errors: dict[str, LazyValue] = {}
@@ -393,16 +397,17 @@ def simulated_motion(
         moving=subject.names,
         errors=errors,
         doubt=DOUBT,
-        notes=(*impact_sentences(found.impacts, units), *_end_notes(found)),
+        notes=(*impact_sentences(found.impacts, units), *_end_notes(found, until)),
         simulated=found,
         loads=loads,
     )
 
 
-def _end_notes(found: SimulatedRobotMotion) -> Iterator[str]:
+def _end_notes(found: SimulatedRobotMotion, until: bool) -> Iterator[str]:
     """Yield a sentence if `until` ended the motion, and one if its instants are too far apart to show it."""
     if found.ended_by_event:
-        yield f"until ends the motion at t = {instant_text(found.t[-1])} s"
+        cause = "until ends the motion" if until else "the mechanism ends the motion, which a warning explains,"
+        yield f"{cause} at t = {instant_text(found.t[-1])} s"
     if len(found.t) > 20 and np.ptp(found.q) > 0 and not np.ptp(found.q[2:], axis=0).any():
         yield f"all rests after the first instants, steps of {found.t[1] - found.t[0]:.3g} s: is [time] in seconds?"
 

@@ -63,6 +63,7 @@ LOG_ARRAYS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Names of the columns of each array that a log may have."""
 _WRITING: Final = "run --outputs q,qd,qdd --out FILE writes what is read here"
+_TIMES: Final = frozenset({"time", "timestamp", "stamp", "seconds", "zeit"})  # what others call t
 HINGE_NAMES: Final = ("psi", "psid", "psidd")
 """Names of the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
 
@@ -298,7 +299,8 @@ class Log(NamedSource):
             if quantity == "angle":
                 angles[name] = values[:, 0]
             else:
-                others += suspicions(quantity, name, values if len(names) > 1 else values[:, 0])
+                rows = values if len(names) > 1 else values[:, 0]
+                others += suspicions(quantity, name, rows, radians=_DEGREES.replace("deg", "deg/s"))
         with self.naming():
             headings = headings_among(self.layout.arrays.get("phi", ()), self._sequence)
             self.angle_doubts = doubts_about_angles(
@@ -356,7 +358,8 @@ class Log(NamedSource):
         read_names = [name for name in column_names if name not in self._ignored]
         for name in read_names:
             if name not in known_names:
-                got = f"an unknown column{nearest(name, known_names)}"
+                near = " (nearest: t)" if name.strip().lower() in _TIMES else nearest(name, known_names)
+                got = f"an unknown column{near}"
                 if name.partition("_")[0] in self.layout.result_prefixes:
                     got = f"a column of results, which are no motion ({_WRITING})"
                 expected = (
@@ -559,7 +562,8 @@ def smoothed(table: Table, log: Log, samples: Mapping[str, BodyMotion | Float64A
                     raise
                 doubt = log.angle_doubts[0]
                 raise SceneError(error.name, "angles in radians", f"probably degrees: {doubt}") from None
-        texts += [re.sub(r"\bbody\b|^angle(?=:)", name, str(warning.message)) for warning in caught]
+        said = [re.sub(r"\bbody\b|^angle(?=:)", name, str(warning.message)) for warning in caught]
+        texts += [text for text in said if not (log.angle_doubts and "numpy.radians" in text)]  # said already
         if isinstance(own, BodyMotion):
             noise += [f"{result.noise['R']:.2g} m of position", f"{result.noise['S']:.2g} rad of attitude"]
             quantities |= {"position": (own.R, result.R), "attitude": (own.S, result.S)}

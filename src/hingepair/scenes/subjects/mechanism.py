@@ -313,18 +313,21 @@ class MechanismSubject(SubjectBase):
         )
         if motion.simulated is None:
             return report
+        notes, rates = motion.error_notes(report.u), compared_rates(motion, self.names)
+        if tree_of(self.mechanism).closure is not None or tree_of(self.mechanism).struts:
+            left_out = "what acts beside loops and struts is not compared; hingepair run --energy shows its balance"
+            return replace(report, forces=(*report.forces, *rates), notes=(*report.notes, *notes, left_out))
         q, qd, qdd = (known.array(order) for order in range(3))
         forces = validation.compare_loads(
             self.mechanism, q, qd, qdd, base, acting.gravity, acting.loads(), motion.simulated.base
         )
-        rates = compared_rates(motion, self.names)
-        return replace(report, forces=(*forces, *rates), notes=motion.error_notes(report.u))
+        return replace(report, forces=(*forces, *rates), notes=notes)
 
     def describe(self, moving: tuple[str, ...]) -> str:
         """Return a line on the joints that move."""
         robot = self.mechanism
         rest = f", {robot.dof - len(moving)} rest" if len(moving) < robot.dof else ""
-        return f"{robot.name}: {robot.dof} joints, {robot.base} base; moving: {', '.join(moving) or 'none'}{rest}"
+        return f"{robot.name}: {_size(robot)}, {robot.base} base; moving: {', '.join(moving) or 'none'}{rest}"
 
     def facts(self, motion: Motion) -> dict[str, Any]:
         """Return names of the mechanism, its joints and frames."""
@@ -336,11 +339,20 @@ class MechanismSubject(SubjectBase):
         """Return rows of a table on the mechanism, on the motion, and on the outputs."""
         robot = self.mechanism
         return [
-            ("mechanism", f"{robot.name}, {robot.dof} joints, {robot.base} base"),
+            ("mechanism", f"{robot.name}, {_size(robot)}, {robot.base} base"),
             ("motion", f"{motion.description}, of {', '.join(motion.moving) or 'no joint'}"),
             ("frames", ", ".join(self.frames)),
             ("outputs", ", ".join(outputs or ("the motion of frames and joints",))),
         ]
+
+
+def _size(robot: Mechanism) -> str:
+    """Return how many joints, or coordinates, joints and loops, a robot has, in words."""
+    own = len(tree_of(robot).own_coordinates)
+    counts = (
+        {"coordinate": robot.dof, "joint": own, "loop": len(robot.loops)} if robot.loops else {"joint": robot.dof}
+    )
+    return ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items())
 
 
 def _frame_arrays(state: Any, quantity: str, frame: str) -> Arrays:

@@ -61,7 +61,7 @@ class Search:
     units: dict[str, str]
     #: the conditions, as text
     conditions: tuple[str, ...]
-    #: whether all conditions hold, and a smallest or largest result is not at the end of a range
+    #: whether all conditions hold, and results change with the numbers
     ok: bool
     #: sentences on why a condition does not hold, or a smallest or largest result is not one
     notes: tuple[str, ...]
@@ -71,7 +71,7 @@ class Search:
     scene: Scene
 
     def __str__(self) -> str:
-        rows = [("number", "in the scene", "found")]
+        rows = [("number", "in the scene", "found" if self.ok else "closest")]
         rows += [(key, cell_text(self.start[key]), cell_text(value)) for key, value in self.values.items()]
         results = [("result", "value", "unit")]
         results += [(name, cell_text(value), self.units[name]) for name, value in self.results.items()]
@@ -137,7 +137,8 @@ def search(
     results = dict(zip(names, variants.results(x), strict=True))
     held = variants.meet(x, conditions) and all(map(math.isfinite, results.values()))
     ends = [] if aim is None else variants.at_ends(x)
-    if len({tuple(own) for own in variants.known.values()}) == 1 and len(variants.known) > 1:
+    changes = len({tuple(own) for own in variants.known.values()}) > 1 or len(variants.known) == 1
+    if not changes:
         ends.append(f"{', '.join(names)} does not change with {', '.join(variants.keys)}")
     return Search(
         values=dict(zip(variants.keys, x.tolist(), strict=True)),
@@ -146,7 +147,7 @@ def search(
         units=variants.units(),
         conditions=tuple(map(str, conditions)),
         notes=(*(() if held else variants.doubts(x, conditions)), *ends),
-        ok=held and not ends,
+        ok=held and changes,
         evaluations=len(variants.known),
         scene=variants.variants.scene_of(x.tolist()),
     )
