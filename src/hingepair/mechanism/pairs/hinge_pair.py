@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
-from typing import Any, Final, Unpack
+from typing import TYPE_CHECKING, Any, Final, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,6 +46,9 @@ from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
+
+if TYPE_CHECKING:
+    from hingepair.mechanism.mechanism import Mechanism
 
 _MOVED: Final = ("S", "omega", "a", "alpha")  # arrays of body 1 on which forces depend
 _PLACED: Final = ("R", "S", "v", "omega")  # arrays of body 1 on which energy and momentum depend
@@ -324,6 +327,27 @@ class HingePair(AskedPair, Frozen, Shown):
         given = dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False))
         find_sequence(sequence)
         return accuracy.error_bounds(self._constants, given, len(given) - 1, outputs, sequence)
+
+    def with_strut(self, point1: str, point2: str, name: str, **strut: Any) -> Mechanism:
+        """Return the robot of this joint alone, on a fixed base, with a strut between two of its points: a spring, a
+        damper, a gas spring. The joint has the name of the pair.
+
+        Args:
+            point1: name of the point, out of points1 and points2, at which the strut begins.
+            point2: where it ends, on the other body.
+            name: name of the strut.
+            strut: its force, free_length, limits and so on, as for `Mechanism.with_strut`.
+
+        >>> import hingepair as hp
+        >>> points = {"points1": {"foot": (0.3, 0, -0.2)}, "points2": {"eye": (0.5, 0, 0)}}
+        >>> lid = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), name="lid", **points)
+        >>> hatch = lid.with_strut("foot", "eye", "gas", force=hp.GasSpring(300, 400, 0.2), free_length=0.48)
+        >>> round(float(hatch.struts({"lid": -0.2})["gas"].length), 4)
+        0.3546
+        """
+        from hingepair.mechanism.mechanism import Mechanism
+
+        return Mechanism([self]).with_strut(point1, point2, name, **strut)
 
     @with_options()
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike, **options: Unpack[OutOptions]) -> FloatArray:
