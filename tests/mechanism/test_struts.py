@@ -1,5 +1,7 @@
 """Struts: their lengths and rates, what they do at the joints, and their energy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,23 +12,23 @@ LID = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), name="lid", body2=hp.Body(12
 HATCH = hp.Mechanism([LID]).with_frame("a", "base", R=(0.3, 0, -0.2)).with_frame("b", "lid", R=(0.5, 0, 0))
 Q = np.linspace(-1.2, 0.3, 31)[:, None]
 FORCES = {
-    "gas": {"force": hp.GasSpring(300, 400, 0.2, friction=20), "free_length": 0.6},
-    "nitrogen": {"force": hp.GasSpring(300, 400, 0.2, exponent=1.3), "free_length": 0.6},
+    "gas": {"force": hp.GasSpring(300, 400, 0.6, friction=20), "free_length": 0.7},
+    "nitrogen": {"force": hp.GasSpring(300, 400, 0.6, exponent=1.3), "free_length": 0.7},
     "stops": {"limits": (0.3, 0.6), "stop_stiffness": 9e3},
     "spring": {"stiffness": 900.0, "free_length": 0.5, "damping": 30.0},
     "table": {"force": ([0.1, 0.2, 0.4, 0.7], [500, 300, 320, 100])},
 }
 
 
-FREE = {"gas": 0.6, "nitrogen": 0.6, "stops": 0.45, "spring": 0.5}  # m
+FREE = {"gas": 0.7, "nitrogen": 0.7, "stops": 0.45, "spring": 0.5}  # m
 
 
 def by_hand(kind: str, length: np.ndarray, rate: np.ndarray) -> np.ndarray:
     if kind == "gas":  # the data sheet's line on extension; friction adds to it on compression
-        return 300 + 100 * (0.6 - length) / 0.2 + np.where(rate < 0, 20, 0)
+        return 300 + 100 * (0.7 - length) / 0.6 + np.where(rate < 0, 20, 0)
     if kind == "nitrogen":  # p V^1.3 is constant; the cylinder takes the volume V1 (1 - share) when compressed
         share = 1 - (300 / 400) ** (1 / 1.3)
-        return 300 * (1 - share * np.clip((0.6 - length) / 0.2, 0, 1)) ** -1.3
+        return 300 * (1 - share * (0.7 - length) / 0.6) ** -1.3
     if kind == "stops":
         return 9e3 * (np.maximum(0.3 - length, 0) - np.maximum(length - 0.6, 0))
     if kind == "spring":
@@ -71,8 +73,10 @@ def test_energy_is_what_the_force_along_the_length_leaves(kind: str) -> None:
         work = ((by_hand(kind, middle, np.zeros_like(middle)) + still) * np.diff(steps)).sum()
         assert abs(stored[k] - stored[k + 1] - work) < 1e-6 * abs(work) + 1e-9
     if kind in FREE:
-        free = np.interp(FREE[kind], lengths[::-1], stored[::-1])
-        assert abs(free) < 0.1  # the energy is counted from there; samples are 0.015 m apart
+        q = np.linspace(-1.4, 0.3, 20_001)
+        near = q[np.abs(arm(q)[0] - (FREE[kind] - 1e-4)).argmin(), None]
+        stored = robot.energy(near, 0 * near).potential - HATCH.energy(near, 0 * near).potential
+        assert abs(stored) < 0.1  # the energy is counted from there
 
 
 def test_a_spring_keeps_the_energy_of_a_motion() -> None:
@@ -144,8 +148,55 @@ def test_the_stroke_of_a_gas_spring_is_its_limits() -> None:
         robot = HATCH.with_strut("a", "b", "strut", **strut).closed(coordinates="strut", at={"lid": -0.6})
         return robot.position_limits[0].tolist()
 
-    assert np.allclose(limits(**FORCES["gas"]), (0.4, 0.6))
+    assert np.allclose(limits(**FORCES["gas"]), (0.1, 0.7))
     assert limits(limits=(0.2, 0.7), **FORCES["gas"]) == [0.2, 0.7]
+
+
+BEYOND = {
+    "gas": {"force": hp.GasSpring(300, 400, 0.2), "free_length": 0.6},
+    "nitrogen": {"force": hp.GasSpring(300, 400, 0.2, exponent=1.3), "free_length": 0.6},
+    "function": {"force": springy, "limits": (0.4, 0.6)},
+}
+ASKED = {
+    "struts": lambda robot, q: robot.struts(q)["strut"].force,
+    "inverse_dynamics": lambda robot, q: robot.inverse_dynamics(q, 0 * q, 0 * q).tau[..., 0],
+    "forward_dynamics": lambda robot, q: robot.forward_dynamics(q, 0 * q, 0 * q).qdd[..., 0],
+    "gravity_forces": lambda robot, q: robot.gravity_forces(q)[..., 0],
+    "energy": lambda robot, q: robot.energy(q, 0 * q).potential,
+    "derivatives": lambda robot, q: robot.inverse_dynamics_derivatives(q, 0 * q, 0 * q).tau_q[..., 0, 0],
+}
+
+
+OF_NO_FUNCTION = ("energy", "derivatives")
+
+
+@pytest.mark.parametrize(
+    ("kind", "method"), [(k, m) for k in BEYOND for m in ASKED if k != "function" or m not in OF_NO_FUNCTION]
+)
+def test_no_force_is_known_beyond_a_stroke(kind: str, method: str) -> None:
+    robot = HATCH.with_strut("a", "b", "strut", **BEYOND[kind])
+    length = arm(Q[:, 0])[0]
+    beyond = (length < 0.4) | (length > 0.6)
+    counted = rf"'strut': {length.min():.4g} m is beyond its stroke, 0.4 to 0.6 m, .*{beyond.sum()} of 31 samples"
+    for _ in range(2):
+        with pytest.warns(hp.DynamicsWarning, match=counted):
+            found = ASKED[method](robot, Q)
+        np.testing.assert_array_equal(np.isnan(found), beyond)
+    assert np.isfinite(ASKED[method](robot, Q[~beyond])).all()  # and no warning
+    stops = HATCH.with_strut("a", "b", "strut", **BEYOND[kind], stop_stiffness=1e5)
+    assert np.isfinite(ASKED[method](stops, Q)).all()
+
+
+def test_a_pair_has_struts_between_its_points() -> None:
+    lid = replace(LID, points1={"foot": (0.3, 0, -0.2)}, points2={"eye": (0.5, 0, 0)})
+    found = lid.with_strut("foot", "eye", name="strut", **FORCES["gas"])
+    wanted = HATCH.with_strut("a", "b", "strut", **FORCES["gas"])
+    assert (found.names, found.base) == (("lid",), "fixed")
+    assert (found.gravity_forces(Q) == wanted.gravity_forces(Q)).all()
+    cylinder = lid.with_strut("foot", "eye", name="cylinder").closed(coordinates=("cylinder",), at={"lid": -0.6})
+    assert cylinder.all_coordinates([float(arm(-0.6)[0])])[0] == pytest.approx(-0.6, abs=1e-14)
+    with pytest.raises(hp.ArgumentError, match="nearest: eye"):
+        lid.with_strut("foot", "eyes", name="strut")
 
 
 FUNCTION = HATCH.with_strut("a", "b", "strut", force=springy)

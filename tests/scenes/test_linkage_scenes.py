@@ -12,10 +12,10 @@ HATCH = """
 title = "A hatch with a gas spring, held by hand"
 [mechanism.frames.foot]
 link = "base"
-R = [0.3, 0, -0.2]
+R = [0.1, 0, -0.25]
 [mechanism.frames.eye]
 link = "lid"
-R = [0.5, 0, 0]
+R = [0.3, 0, 0]
 [[joint]]
 name = "lid"
 u1 = [0, 0, 0]
@@ -26,8 +26,8 @@ body2 = { mass = 12, centre_of_mass = [0.4, 0, 0], inertia = [0.1, 0.8, 0.9] }
 name = "gas"
 frame1 = "foot"
 frame2 = "eye"
-gas = { F1 = 150, F2 = 200, stroke = 0.2 }
-free_length = 0.5
+gas = { F1 = 150, F2 = 200, stroke = 0.25 }
+free_length = 0.55
 [motion]
 lid = "-1.2*t"
 [time]
@@ -70,8 +70,8 @@ def scene_of(folder, text):
 def test_a_hatch_with_a_strut_is_that_of_the_library(tmp_path):
     scene = scene_of(tmp_path, HATCH)
     lid = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), name="lid", body2=hp.Body(12, (0.4, 0, 0), (0.1, 0.8, 0.9)))
-    robot = hp.Mechanism([lid]).with_frame("foot", "base", R=(0.3, 0, -0.2)).with_frame("eye", "lid", R=(0.5, 0, 0))
-    robot = robot.with_strut("foot", "eye", "gas", force=hp.GasSpring(F1=150, F2=200, stroke=0.2), free_length=0.5)
+    robot = hp.Mechanism([lid]).with_frame("foot", "base", R=(0.1, 0, -0.25)).with_frame("eye", "lid", R=(0.3, 0, 0))
+    robot = robot.with_strut("foot", "eye", "gas", force=hp.GasSpring(F1=150, F2=200, stroke=0.25), free_length=0.55)
     expected = robot.inverse_dynamics(*scene.coordinates()).tau
     np.testing.assert_allclose(scene.forces().tau, expected, rtol=0, atol=1e-12)
     assert "lid" in run_command("forces", scene.path).stdout
@@ -79,11 +79,29 @@ def test_a_hatch_with_a_strut_is_that_of_the_library(tmp_path):
 
 def test_a_search_finds_where_a_strut_is_mounted(tmp_path):
     scene = scene_of(tmp_path, HATCH)
-    found = hp.search(scene, {"mechanism.frames.foot.R[0]": (0.1, 0.45)}, minimize="tau_lid_absmax")
+    found = hp.search(scene, {"mechanism.frames.foot.R[2]": (-0.3, -0.15)}, minimize="tau_lid_absmax")
     assert found.ok
-    around = (scene.with_values({"mechanism.frames.foot.R[0]": found.values["mechanism.frames.foot.R[0]"] + d})
+    around = (scene.with_values({"mechanism.frames.foot.R[2]": found.values["mechanism.frames.foot.R[2]"] + d})
               for d in (-1e-3, 1e-3))  # fmt: skip
     assert all(np.abs(other.forces().tau).max() > found.results["tau_lid_absmax"] for other in around)
+
+
+def test_a_search_stays_within_the_stroke(tmp_path):
+    """Further out the eye, a weaker spring would do; but it is drawn apart there."""
+    scene = scene_of(tmp_path, HATCH)
+    ranges = {"strut[0].gas.F1": (100, 200), "mechanism.frames.eye.R[0]": (0.2, 0.5)}
+    found = hp.search(scene, ranges, minimize="tau_lid_absmax")
+    best = scene.with_values(found.values)
+    length = best.mechanism.struts(best.coordinates().q)["gas"].length
+    assert found.ok
+    assert length.min() >= 0.3
+    assert length.max() <= 0.55
+    far = scene.with_values({"mechanism.frames.eye.R[0]": 0.45})
+    with pytest.warns(hp.DynamicsWarning, match=r"0.6724 m is beyond its stroke, .* at 6 of 11 samples"):
+        assert np.isnan(far.forces().tau).sum() == 6
+    with pytest.warns(hp.DynamicsWarning, match="beyond its stroke"):
+        lost = hp.search(far, {"strut[0].gas.F1": (100, 200)}, minimize="tau_lid_absmax")
+    assert not lost.ok
 
 
 @pytest.mark.slow

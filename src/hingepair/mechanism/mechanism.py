@@ -516,7 +516,8 @@ class Mechanism(MechanismMethods):
             free_length: length [m] at which the spring exerts nothing, or the gas spring is extended.
             damping: of a damper [N s/m].
             limits: least and greatest length [m]; shape (2,). Those of a gas spring are by default those of its
-                stroke. `simulate` ends where a strut reaches them, unless elastic stops stand there.
+                stroke. Beyond them a strut that pushes does so by NaN, and a DynamicsWarning counts the samples;
+                `simulate` ends there. Not so where elastic stops stand.
             stop_stiffness: of elastic stops at the limits [N/m], which act everywhere; 0: none.
 
         >>> import hingepair as hp

@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike
 from hingepair.equations.series import chebyshev_integral, chebyshev_sum
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.tree import Tree, TreeStrut
-from hingepair.numeric.arrays import finite_number, number_not_below_0, one_constant, vectors
+from hingepair.numeric.arrays import FloatArray, finite_number, number_not_below_0, one_constant, vectors
 from hingepair.plans.struts import Law
 
 _MAX_TERMS: Final = 60  # of the series of a gas law
 _SERIES_ERROR: Final = 1e-15  # of F2
+_SLACK: Final = 1e-6  # of the stroke: so far beyond its ends a motion may be that ends there
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +27,7 @@ class GasSpring:
     The force on extension falls from F2, compressed by the stroke, to F1, extended; on compression it is larger by
     `friction`, and at rest by half of it, which changes over rates below 0.1 mm/s. Between F1 and F2 it is linear in
     the length, as data sheets draw it, or with an exponent that of the enclosed gas, F1 (V1 / V)^exponent, whose
-    volume V1 is such that F2 is met. A linear force goes on beyond the stroke; that of the gas stays.
+    volume V1 is such that F2 is met. Beyond the stroke it is NaN, unless elastic stops stand there.
 
     Args:
         F1: force [N] extended, that is, at the `free_length` of the strut.
@@ -85,9 +86,36 @@ def add_strut(
     function = force if callable(force) else None
     law = _law(None if callable(force) else force, stiffness, free_length, damping)
     ends_of_stroke = _limits(limits, force, free_length)
-    law = with_stops(law, ends_of_stroke, number_not_below_0("stop_stiffness", stop_stiffness))
+    stops = number_not_below_0("stop_stiffness", stop_stiffness)
+    law = with_stops(law, ends_of_stroke, stops)
+    if not stops and math.isfinite(ends_of_stroke[1]) and (force is not None or stiffness or damping):
+        low, high = ends_of_stroke
+        slack = _SLACK * (high - low)
+        law = law._replace(limits=(low - slack, high + slack))
     strut = TreeStrut(name, ends, (frames[0], frames[1]), law, ends_of_stroke, function)
     return replace(tree, struts=(*tree.struts, strut), source=None)
+
+
+def beyond_stroke(strut: TreeStrut, lengths: FloatArray) -> str | None:
+    """Return at how many of the samples a strut is beyond its stroke, where its force is NaN, and how far; None where
+    it is nowhere.
+
+    Args:
+        strut: the strut.
+        lengths: its lengths [m]; shape (...).
+    """
+    low, high = strut.law.limits or (-math.inf, math.inf)
+    beyond = np.maximum(low - lengths, lengths - high)
+    bad = beyond > 0
+    if not bad.any():
+        return None
+    furthest = float(np.ravel(lengths)[np.argmax(np.where(bad, beyond, 0.0))])
+    count = f", at {int(bad.sum())} of {bad.size} samples" if bad.shape else ""
+    low, high = strut.limits
+    return (
+        f"strut {strut.name!r}: {furthest:.4g} m is beyond its stroke, {low:.6g} to {high:.6g} m, where its "
+        f"force is unknown{count}"
+    )
 
 
 def _limits(limits: ArrayLike | None, force: Any, free_length: float | None) -> tuple[float, float]:

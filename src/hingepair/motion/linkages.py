@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.mechanism import Mechanism, robot_of, tree_of
 from hingepair.mechanism.requests import ask
 from hingepair.mechanism.robots.methods import requests_of
 from hingepair.mechanism.strut_functions import pushed_frames, with_function_wrenches
@@ -64,6 +65,15 @@ def marks_of(robot: Mechanism) -> tuple[Mark, ...]:
 
             marks.append(Mark(from_kink, ""))
     return tuple(marks)
+
+
+def beyond_strokes(robot: Mechanism) -> Mechanism:
+    """Return a robot whose struts push beyond their strokes as their laws go on: the last step ends beyond."""
+    tree = tree_of(robot)
+    if not any(strut.law.limits for strut in tree.struts):
+        return robot
+    struts = tuple(replace(strut, law=strut.law._replace(limits=())) for strut in tree.struts)
+    return robot_of(replace(tree, struts=struts), robot.base)
 
 
 def strut_powers_of(robot: Mechanism) -> Callable[[Array, Array], Array] | None:

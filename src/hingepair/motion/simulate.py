@@ -31,6 +31,7 @@ from hingepair.motion.given import (
     given_joint,
     robot_loads,
 )
+from hingepair.motion.linkages import beyond_strokes
 from hingepair.motion.loads import Loads, check_start
 from hingepair.motion.pairs import BaseArgument, doubts_of_pair, in_words_of_pairs, pair_as_robot, words_of_pairs
 from hingepair.motion.run import Impact, joint_impacts, joint_range, read_options
@@ -284,7 +285,8 @@ def simulate_robot(
     instants = instants_of("t", t)
     options = read_options(tol, breaks, until, max_steps)
     on_base = {"force1": force1, "torque1": torque1}
-    acting = robot_loads(robot, tau, loads, wrenches, on_base, gravity)
+    laws = beyond_strokes(robot)
+    acting = robot_loads(laws, tau, loads, wrenches, on_base, gravity)
     for name, load in on_base.items():
         if robot.base != "free" and acting.vectors[name].acts:
             raise ArgumentError(name, f"0: a base that is {kind} is not moved by forces", quoted(load))
@@ -297,8 +299,8 @@ def simulate_robot(
     if isinstance(start, GivenMotion):
         start.check(instants)
     robot.energy(q, qd)  # refuses missing masses, and warns of those that are assumed
-    programs = RobotPrograms(robot, kind, tuple(acting.wrenches), acting.gravity, backend)
-    make_motion = functools.partial(RobotMotion, robot, kind, start, q, qd, acting, programs, moves)
+    programs = RobotPrograms(laws, kind, tuple(acting.wrenches), acting.gravity, backend)
+    make_motion = functools.partial(RobotMotion, laws, kind, start, q, qd, acting, programs, moves)
     found = Simulation(make_motion, instants, options)
     samples, q_range, impacts, passed = found.run.samples, list[Any](), list[Impact](), list[str]()
     in_degrees = _unit_doubts(robot, acting, q, qd, start, samples)

@@ -6,11 +6,13 @@ The force of a strut of the length l pushes its points apart where it is positiv
 
 which is a spring, a gas spring, a table of forces by length, stops, and what opposes the motion. s is the sign of the
 rate, but below 0.1 mm/s in proportion to it, so that a motion in time can come to rest there. T_j are Chebyshev
-polynomials of x, which is the length between -1 and 1 over the stroke, and stays there beyond.
+polynomials of x, which is the length between -1 and 1 over the stroke, and stays there beyond. Beyond the limits
+of the law the force is NaN.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -25,11 +27,12 @@ class StrutForm(NamedTuple):
     bodies: tuple[int, int]  # numbers of the bodies of its points
     knots: int  # lengths at which the slope of the force changes
     terms: int  # polynomials
+    limited: bool  # whether its force is unknown beyond limits
 
     @property
     def size(self) -> int:
         """How many numbers it has: both points, those of a `Law`."""
-        return 6 + 7 + 2 * self.knots + self.terms
+        return 6 + 7 + 2 * self.knots + self.terms + 2 * self.limited
 
 
 _CREEP = 1e-4  # m/s: below this rate of a strut, its friction is in proportion to the rate
@@ -47,10 +50,11 @@ class Law(NamedTuple):
     scale: Scalar = 0.0  # of x [1/m]
     knots: tuple[tuple[Scalar, Scalar], ...] = ()  # l_k [m] and d_k [N/m]
     terms: tuple[Scalar, ...] = ()  # b_j [N]
+    limits: tuple[Scalar, ...] = ()  # lengths [m] between which the force is known; (): everywhere
 
     def flat(self) -> list[Scalar]:
         """Return all numbers in a row."""
-        return [*self[:7], *(number for knot in self.knots for number in knot), *self.terms]
+        return [*self[:7], *(number for knot in self.knots for number in knot), *self.terms, *self.limits]
 
 
 class Strut(NamedTuple):
@@ -65,9 +69,10 @@ class Strut(NamedTuple):
     def of_numbers(cls, form: StrutForm, numbers: Sequence[Scalar]) -> Strut:
         """Return a strut from its numbers in order."""
         x1, y1, z1, x2, y2, z2, *law = numbers
-        plain, knots, terms = law[:7], law[7 : 7 + 2 * form.knots], law[7 + 2 * form.knots :]
+        plain, knots, rest = law[:7], law[7 : 7 + 2 * form.knots], law[7 + 2 * form.knots :]
         pairs = tuple(zip(knots[::2], knots[1::2], strict=True))
-        return cls(form, (x1, y1, z1), (x2, y2, z2), Law._make([*plain, pairs, tuple(terms)]))
+        terms, limits = tuple(rest[: form.terms]), tuple(rest[form.terms :])
+        return cls(form, (x1, y1, z1), (x2, y2, z2), Law._make([*plain, pairs, terms, limits]))
 
     def points(self) -> tuple[tuple[int, Vector], tuple[int, Vector]]:
         """Return the bodies of both points, and the points in their axes."""
@@ -76,7 +81,7 @@ class Strut(NamedTuple):
     def force(self, length: Scalar, rate: Scalar) -> Scalar:
         """Return the force [N] at a length and its rate."""
         law = self.law
-        force = law.at_zero + law.slope * length - law.damping * rate
+        force = law.at_zero + law.slope * length - law.damping * rate + self._doubt(length)
         for knot, change in law.knots:
             force = force + change * _above(length, knot)
         if law.terms:
@@ -99,7 +104,14 @@ class Strut(NamedTuple):
             beyond = (length - law.middle) - x / law.scale
             work = work + chebyshev_sum(chebyshev_integral(law.terms), x) / law.scale
             work = work + chebyshev_sum(law.terms, x) * beyond
-        return law.energy - work
+        return law.energy - work + self._doubt(length)
+
+    def _doubt(self, length: Scalar) -> Scalar:
+        """Return NaN beyond the limits of the law, else 0."""
+        if not self.law.limits:
+            return 0.0
+        low, high = self.law.limits
+        return where_less(length, low, math.nan, where_less(high, length, math.nan, 0.0))
 
     def _place(self, length: Scalar) -> Scalar:
         """Return x of a length, between -1 and 1."""

@@ -109,7 +109,12 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
         folded,
         None if closure is None else closure.form,
         tuple(
-            StrutForm((one.frames[0].body, one.frames[1].body), len(one.law.knots), len(one.law.terms))
+            StrutForm(
+                (one.frames[0].body, one.frames[1].body),
+                len(one.law.knots),
+                len(one.law.terms),
+                bool(one.law.limits),
+            )
             for one in tree.struts
         ),
     )

@@ -47,6 +47,7 @@ from hingepair.mechanism.states import (
     MechanismState,
 )
 from hingepair.mechanism.strut_functions import with_function_wrenches
+from hingepair.mechanism.struts import beyond_stroke
 from hingepair.mechanism.tree import Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, is_zero
 from hingepair.numeric.caching import lock_free_cached_property
@@ -196,9 +197,19 @@ class RobotRequests:
 
     def watch(self, outputs: Iterable[str], plain: bool = False) -> Watch | None:
         """Return what looks at the results of a call; None where nothing can be wrong with them."""
+        watches = list[Watch]()
         if self.constants.may_be_singular and not {*outputs}.isdisjoint(SOLVED):
-            return self._warn_where_singular
-        return self._warn_where_open if plain and self.tree.closure is not None else None
+            watches.append(self._warn_where_singular)
+        elif plain and self.tree.closure is not None:
+            watches.append(self._warn_where_open)
+        if plain and any(strut.law.limits for strut in self.tree.struts):
+            watches.append(self._warn_beyond_strokes)
+
+        def all_of_them(result: Any, arguments: Mapping[str, Any]) -> None:
+            for one in watches:
+                one(result, arguments)
+
+        return all_of_them if len(watches) > 1 else next(iter(watches), None)
 
     def _wanted(
         self, task: Task, outputs: Iterable[str] | None, out: Any = None
@@ -226,13 +237,21 @@ class RobotRequests:
     def _warn_where_open(self, result: Any, arguments: Mapping[str, Any]) -> None:
         """Issue a DynamicsWarning that counts the samples at which the loops cannot be closed."""
         closure = self.tree.closure
-        arrays = [result] if isinstance(result, np.ndarray) else [*result.arrays().values()]
-        if closure is None or not any(np.isnan(array).any() for array in arrays):
+        if closure is None or not _has_nan(result):
             return
         rows = self.tree.rows("q", arguments["q"])
         all_q, gaps = (self._computed((name,), q=rows) for name in ("q_all", "loop_gaps"))
         if (message := open_samples(closure, rows, all_q, gaps)) is not None:
             warn_of_dynamics(f"{self.tree.name}: {message}")
+
+    def _warn_beyond_strokes(self, result: Any, arguments: Mapping[str, Any]) -> None:
+        """Issue a DynamicsWarning for each strut that counts the samples at which it is beyond its stroke."""
+        if not _has_nan(result):
+            return
+        lengths = self._computed(("strut_length",), q=self.tree.rows("q", arguments["q"]))
+        for k, strut in enumerate(self.tree.struts):
+            if (message := beyond_stroke(strut, lengths[..., k])) is not None:
+                warn_of_dynamics(f"{self.tree.name}: {message}")
 
     def computation(
         self, outputs: tuple[str, ...], frames: tuple[str, ...] = (), loaded: int = 0, joint_loads: bool = False
@@ -382,6 +401,12 @@ class RobotRequests:
             of_joints = np.flatnonzero(first[: len(constants.names)])
             which = labels[int(of_joints[-1]) if of_joints.size else -1]
             warn_of_dynamics(f"{self.tree.name}: no mass resists {which} {where}; accelerations are NaN there")
+
+
+def _has_nan(result: Any) -> bool:
+    """Return whether a number of a result is NaN."""
+    arrays = [result] if isinstance(result, np.ndarray) else result.arrays().values()
+    return any(np.isnan(array).any() for array in arrays)
 
 
 def count_operations(

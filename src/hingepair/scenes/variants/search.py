@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.load import load_scene
 from hingepair.scenes.numbers import number_at
@@ -225,7 +227,10 @@ class _Variants:
     def _computed(self, x: Float64Array) -> list[float]:
         """Compute the results at numbers x; NaN where that fails, but an error with the first numbers."""
         try:
-            batch = self.variants.compute(x.tolist())
+            with warnings.catch_warnings():
+                if self.known:  # a result that is NaN is not found
+                    warnings.filterwarnings("ignore", ".* is beyond its stroke", DynamicsWarning)
+                batch = self.variants.compute(x.tolist())
         except ArgumentError:
             if not self.known:
                 raise
