@@ -14,7 +14,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 
 from hingepair.numeric.arrays import Float64Array as Array
 
-if TYPE_CHECKING:
-    from hingepair.motion.events import JointEvents
 
 StateRates: TypeAlias = Callable[[Array, Array], Array]
 """Derivatives (m, k) of the state at times (m,) and states (m, k), smooth until the next event."""
@@ -106,7 +104,7 @@ class Stepper:
     """Makes steps that are as long as the tolerance allows and end at events."""
 
     rates: StateRates  # derivatives of the state
-    events: JointEvents | None  # events, at which steps end; None where there are none
+    events: Any  # the JointEvents of `motion.events`, at which steps end; None where there are none
     t: float  # present instant [s]
     state: Array  # present state; (k,)
     sizes: Array  # scales of errors; those of velocities are divided by the length of recent steps; (k,)
