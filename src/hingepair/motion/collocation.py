@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from hingepair.numeric.arrays import Float64Array as Array
 
-
 StateRates: TypeAlias = Callable[[Array, Array], Array]
 """Derivatives (m, k) of the state at times (m,) and states (m, k), smooth until the next event."""
 
@@ -215,9 +214,10 @@ class Stepper:
             return None
 
         def distances(times: Array) -> tuple[Array, Array]:
-            return self.events.distances(  # type: ignore[union-attr]
+            found: tuple[Array, Array] = self.events.distances(
                 self.t + length * times, self.state + length * (integration_matrix(times) @ node_rates)
             )
+            return found
 
         times = np.unique(np.hstack([_EVENT_TIMES, extra_times]))
         values, sizes = distances(times)

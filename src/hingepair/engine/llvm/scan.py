@@ -14,8 +14,7 @@ from typing import Final
 
 from hingepair.engine.llvm.arithmetic import Arithmetic
 from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder, default_float_environment
-from hingepair.engine.llvm.ir import KernelBuilder
-from hingepair.engine.llvm.reading import InputReader
+from hingepair.engine.llvm.ir import InputReader, KernelBuilder
 from hingepair.engine.llvm.schedule import ComponentGroup, Schedule
 from hingepair.engine.trace import Operand, TracedValue
 
