@@ -66,6 +66,36 @@ def four_bar(axes):
     axes.axis("off")
 
 
+SPEED = {
+    "pose": (7.4, 205),
+    "Jacobian": (14, 338),
+    "inverse dynamics": (15, 691),
+    "forward dynamics": (31, 1530),
+    "derivatives of torques": (108, 2440),
+    "derivatives of accelerations": (177, 3530),
+}
+"""ns a state: `python benchmarks/robots.py --names panda --cpp --sizes 100000`, hingepair and Pinocchio in C++."""
+
+
+def speed(axes):
+    """Draw run times of a Panda arm."""
+    place = np.arange(len(SPEED))
+    ours, theirs = np.transpose([*SPEED.values()])
+    axes.barh(place - 0.2, ours, 0.38, color="C1", label="hingepair")
+    axes.barh(place + 0.2, theirs, 0.38, color="lightsteelblue", label="loop over Pinocchio in C++")
+    for k, (own, other) in enumerate(SPEED.values()):
+        axes.text(own * 1.1, k - 0.2, f"{own:g} ns", va="center", fontsize=8)
+        axes.text(other * 1.1, k + 0.2, f"{other:,} ns", va="center", fontsize=8)
+    axes.set(
+        xscale="log", xlim=(2, 1e5), yticks=place, yticklabels=[*SPEED], title="Panda, a state in a call of 100,000"
+    )
+    axes.invert_yaxis()
+    axes.set_xticks([])
+    axes.set_xticks([], minor=True)
+    axes.spines[["top", "right", "bottom"]].set_visible(False)
+    axes.legend(loc="upper right", frameon=False)
+
+
 def main():
     """Write all pictures."""
     plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
@@ -73,6 +103,9 @@ def main():
     for draw, axes in zip((trailer, knee, robot, four_bar), panels, strict=True):
         draw(axes)
     figure.savefig(DOCS / "_static" / "examples.png", dpi=100, pil_kwargs={"optimize": True})
+    figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
+    speed(axes)
+    figure.savefig(DOCS / "_static" / "speed.png", dpi=100, pil_kwargs={"optimize": True})
 
 
 if __name__ == "__main__":
