@@ -48,7 +48,7 @@ from hingepair.rotations.sequences import find_sequence
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
 
 if TYPE_CHECKING:
-    from hingepair.mechanism.mechanism import Mechanism
+    from hingepair import Mechanism
 
 _MOVED: Final = ("S", "omega", "a", "alpha")  # arrays of body 1 on which forces depend
 _PLACED: Final = ("R", "S", "v", "omega")  # arrays of body 1 on which energy and momentum depend
@@ -345,7 +345,7 @@ class HingePair(AskedPair, Frozen, Shown):
         >>> round(float(hatch.struts({"lid": -0.2})["gas"].length), 4)
         0.3546
         """
-        from hingepair.mechanism.mechanism import Mechanism
+        from hingepair import Mechanism  # made of pairs: only a caller of this method needs what lies above
 
         return Mechanism([self]).with_strut(point1, point2, name, **strut)
 
