@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gc
+import io
 import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -191,3 +194,17 @@ def test_the_separator_is_that_on_which_names_and_numbers_agree(tmp_path, text, 
     path = tmp_path / "a.csv"
     path.write_text(text)
     assert list(read(path)) == names
+
+
+@pytest.mark.parametrize("kind", ["no archive", "numbers beyond any file"])
+def test_an_npz_that_is_none_is_refused_and_closed(tmp_path: Path, kind: str) -> None:
+    """Where warnings are errors, so are files that stay open."""
+    path, head = tmp_path / "log.npz", io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": (10**13,)})
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("t.npy", head.getvalue())
+    if kind == "no archive":
+        path.write_bytes(b"PK\x03\x04 and nothing more")
+    with pytest.raises(hp.ArgumentError, match=r"expected a \.npz file that can be read"):
+        read(path)
+    gc.collect()

@@ -296,11 +296,14 @@ def _date(cell: str) -> np.datetime64:
 
 def _npz_table(path: Path) -> ColumnTable:
     arrays: dict[str, Any] = {}
-    with np.load(path, allow_pickle=False, max_header_size=_MAX_HEADING) as file:
+    # NumPy leaves a file open that it opened itself and cannot read.
+    with path.open("rb") as opened, np.load(opened, allow_pickle=False, max_header_size=_MAX_HEADING) as file:
         for name in file.files:
             try:
                 arrays[name] = file[name]
-            except (ValueError, MemoryError, EOFError) as error:  # objects, or more numbers than the file can hold
+            except MemoryError as error:  # more numbers than any file can hold
+                raise ValueError(f"{name}: {error}") from None
+            except (ValueError, EOFError) as error:  # objects, or more numbers than the file holds
                 arrays[name] = np.array(str(error))
             _check_rows(arrays[name].shape[0] if arrays[name].ndim else 0)
     return column_table("source", arrays)
