@@ -96,6 +96,8 @@ def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
     assert np.sqrt(np.mean((result.v2 - slopes)[inside] ** 2)) < 0.05
     checked = json.loads(run_command("check", scene, "--json").stdout)
     assert any("smoothed: noise of" in note for note in checked["notes"])
+    fit(tmp_path / "a.npz", "--scene", tmp_path / "robust.toml", "--clock-offset", 0, "--loss", "cauchy")
+    assert 'smooth = true\nloss = "cauchy"\n' in (tmp_path / "robust.toml").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ from hingepair.errors import ArgumentError, FitError, quoted
 from hingepair.formats.imu_recordings import are_imus, read_imus
 from hingepair.formats.recordings import ColumnAdvice, no_body_error, read_poses
 from hingepair.measured.hinge import GAUGES
-from hingepair.measured.hinge_fit import fit
+from hingepair.measured.hinge_fit import HingeFit, fit
 from hingepair.measured.hinge_report import HingeReport
 from hingepair.measured.imus import fit_imus
 from hingepair.measured.robust import LOSSES
@@ -195,7 +195,7 @@ class _Outputs:
             if self.plot is not None:
                 save_figure("plot", fitted.plot(self.units), self.plot, self.files)
                 self.written.append(self.plot)
-            if self.scene is not None and body1 is not None:
+            if self.scene is not None and body1 is not None and isinstance(fitted, HingeFit):
                 with naming_option("scene"):
                     self.written += _save_scene(self.scene, fitted, body1, self.files)
         except ArgumentError as error:
@@ -204,7 +204,7 @@ class _Outputs:
             raise
 
 
-def _save_scene(path: Path, fitted: HingeReport, body1: BodyMotion, inputs: list[Path]) -> list[Path]:
+def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Path]) -> list[Path]:
     """Write a scene of the fitted pair, and beside it a log (.csv) with the recorded motion of body 1 and the fitted
     psi; return both paths.
     """
@@ -230,6 +230,7 @@ def _save_scene(path: Path, fitted: HingeReport, body1: BodyMotion, inputs: list
             "[motion]",
             f"file = {json.dumps(log.name)}",
             "smooth = true",
+            f"loss = {json.dumps(fitted.loss)}",  # outliers of the log count as little as they did in the fit
             "",
         )
     )
