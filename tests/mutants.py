@@ -138,8 +138,9 @@ def noticed(mutant: Mutant, tree: Path, number: int) -> str:
 
 
 def fails(tree: Path, arguments: list[str]) -> bool:
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *arguments]
+    command = [str(Path(sys.executable).with_name("pytest")), "-q", "-x", *arguments]
     environment = os.environ | {"PYTHONPATH": str(tree / "src"), "PYTHONDONTWRITEBYTECODE": ""}
+    environment["HINGEPAIR_CACHE"] = str(tree / "kernels")  # by the digest of the sources: kept from mutant to mutant
     with (
         (tree / "output.txt").open("w") as output,
         subprocess.Popen(
