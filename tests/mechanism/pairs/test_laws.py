@@ -230,6 +230,6 @@ def test_hinge_alone_moves_body_2():
 
 
 def test_pinocchio_says_the_same(case):
-    """Another engine, driven through its own conventions (docs/howto/export.md)."""
+    """Another engine, driven through its own conventions (docs/howto/coming_from.md)."""
     report = cross_validate(case.pair, *case.motion)
     assert report.ok, str(report)
