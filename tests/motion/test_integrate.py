@@ -11,7 +11,7 @@ import pytest
 import hingepair as hp
 from hingepair.bench.truth import DIGITS
 from hingepair.engine.backend import Execution
-from hingepair.motion.magnus import CHUNK, GROUP, ROTATION_SCAN
+from hingepair.motion.magnus import CHUNK, GROUP, multiply_rotations, rotation_rows
 from support.sparse import sparse
 from support.spins import REFERENCE, SPINS, TURNED, U
 from support.states import generator, rotations
@@ -81,9 +81,9 @@ def test_the_tree_is_the_product_in_order(size, bound, backend):
     factors[1:] *= size
     factors[0] += 1 / size
     factors /= np.sqrt((factors**2).sum(axis=0))
-    rows = ROTATION_SCAN.padded_buffer(factors.shape[1])
+    rows = rotation_rows(factors.shape[1])
     rows[: factors.shape[1]] = factors.T
-    ROTATION_SCAN.scan(rows, ROTATION_SCAN.neutral, Execution(backend, 1))
+    multiply_rotations(rows, (1.0, 0.0, 0.0, 0.0), Execution(backend, 1))
     product = np.array([1.0, 0, 0, 0], dtype=np.longdouble)
     for k, factor in enumerate(factors.T):
         product = _times(factor.astype(np.longdouble), product)

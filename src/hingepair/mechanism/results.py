@@ -77,14 +77,9 @@ class Result(Shown):
         """Return the names of attributes beside those of the class, for `dir`."""
         raise NotImplementedError
 
-    def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-        """Return the names of the axes that all arrays share, time last, and the arrays by name."""
-        return ("time",), self.recorded()
-
     def _sheet(self) -> Sheet:
         """Return the printed table: name, shape at one instant, and unit of each array."""
-        leading, arrays = self._axes_and_arrays()
-        rows = [(name, str(array.shape[len(leading) :] or ""), self.unit(name)) for name, array in arrays.items()]
+        rows = [(name, str(array.shape[1:] or ""), self.unit(name)) for name, array in self.recorded().items()]
         title = f"{self.described}: {len(self.t)} instants"
         return Sheet(title, (("", "shape of one", "unit"), ("t", "", "s"), *rows))
 
@@ -97,7 +92,7 @@ class Result(Shown):
                 default those of the scene, otherwise SI units.
 
         Raises:
-            ArgumentError: the object holds many motions, or a unit is unknown.
+            ArgumentError: a unit is unknown.
             MissingDependencyError: pandas is not installed.
         """
         return data_frame({"t": self.t, **self.recorded()}, self.in_units(units), self.described)
@@ -107,8 +102,7 @@ class Result(Shown):
         description as the attributes `units` and `long_name`.
 
         A vector has the dimension `xyz`, or `xy` in the plane; a matrix `xyz` for its rows (world axes) and
-        `body_xyz` for its columns (body axes). Many motions have the dimension `motion`, or motion_0, motion_1, ...,
-        before `time`.
+        `body_xyz` for its columns (body axes).
 
         Args:
             units: units in place of SI units, such as "deg, mm"; the names stay as they are. By default those of the
@@ -118,8 +112,7 @@ class Result(Shown):
             ArgumentError: a unit is unknown.
             MissingDependencyError: xarray is not installed.
         """
-        leading, arrays = self._axes_and_arrays()
-        return dataset(arrays, leading, self.in_units(units), self.described, self.t)
+        return dataset(self.recorded(), ("time",), self.in_units(units), self.described, self.t)
 
     def save(
         self,
@@ -142,7 +135,7 @@ class Result(Shown):
 
         Raises:
             ArgumentError: the ending or a unit is unknown, the file must not or cannot be written, or the object
-                holds many motions or Dask arrays. A file that existed before stays as it was.
+                holds Dask arrays. A file that existed before stays as it was.
             MissingDependencyError: the package that writes this format is not installed.
         """
         columns = self.in_units(units)

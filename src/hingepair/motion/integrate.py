@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Set
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -19,7 +18,7 @@ from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.pairs.requests import computation_of
 from hingepair.mechanism.requests import STATES
 from hingepair.motion.magnus import AngleIntegral, AttitudeIntegral, Integral, Steps
-from hingepair.motion.signals import R1_PARTS, SampledSignal, Signal, read_position, read_signal
+from hingepair.motion.signals import SampledSignal, Signal, interpolate, read_position, read_signal
 from hingepair.motion.steps import StepErrors, estimate_error, select_steps
 from hingepair.motion.trajectory import (
     Deferred,
@@ -30,12 +29,10 @@ from hingepair.motion.trajectory import (
 )
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import (
-    broadcast_shape,
     check_choice,
     finite_number,
     one_constant,
     read_only,
-    vectors,
 )
 from hingepair.plans.arguments import Arguments, Outputs, check_outputs
 from hingepair.rotations.matrices import check_rotation, matrix_to_quaternion
@@ -123,27 +120,12 @@ class Solution(Deferred):
             )
 
 
-def start_values(start: Any) -> Any:
-    """Return attitudes (..., 3, 3) as unit quaternions (..., 4); angles as they are."""
-    return matrix_to_quaternion(np.asarray(start)) if np.ndim(start) >= 2 else start
-
-
-def solve_together(options: SolveOptions, omega: Signal, psid: Signal, start: Array, psi_0: Array) -> Any:
-    """Return the orientations (M, N, 4), in the plane (M, N), and the hinge angles (M, N) of M motions over common
-    steps, one for each interval. `start` are attitudes (M, 3, 3), in the plane angles (M,). Overflow is not refused.
-    """
-    steps = Steps(options.t)
-    body1, hinge = options.integrals(omega, psid, planar=start.ndim == 1)
-    return body1.integrate(steps, start_values(start)), hinge.integrate(steps, psi_0)
-
-
 def solve(
     options: SolveOptions,
     omega: Signal,
     psid: Signal,
     start: Array | float,
     psi_0: float,
-    integrated: tuple[Array, Array] | None = None,
 ) -> Solution:
     """Integrate the attitude and the hinge angle of one motion (E12).
 
@@ -153,21 +135,17 @@ def solve(
         psid: hinge rate.
         start: attitude of body 1 at the first instant (3, 3), in the plane an angle [rad].
         psi_0: hinge angle at the first instant [rad].
-        integrated: orientations and hinge angles that `solve_together` has computed already.
 
     Raises:
         ArgumentError: a result overflows.
     """
     planar = np.ndim(start) == 0
     integrals = options.integrals(omega, psid, planar=planar)
+    interpolate([rate for rate in (omega, psid) if isinstance(rate, SampledSignal)])
     steps, errors = select_steps(integrals, options.t, options.tol)
-    if integrated is None:
-        integrated = integrals[0].integrate(steps, start_values(start)), integrals[1].integrate(steps, psi_0)
-    else:
-        for integral, values in zip(integrals, integrated, strict=True):
-            integral.check_finite(values.reshape(len(values), -1), steps)
-
-    return Solution(steps, integrals, integrated, errors)
+    begin: Any = start if planar else matrix_to_quaternion(np.asarray(start))
+    values = integrals[0].integrate(steps, begin), integrals[1].integrate(steps, psi_0)
+    return Solution(steps, integrals, values, errors)
 
 
 METHODS: Final = ("magnus6",)  # of integration
@@ -183,8 +161,6 @@ _RATE_OF_INPUT: Final = {
 # Forms of the argument R1 that give an input of a plan, for messages.
 _R1_FORMS: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 
-_MAX_STEPS_TOGETHER: Final = 65_536  # of all motions that are integrated at a time
-
 
 def integrate(
     pair: HingePair | PlanarPair,
@@ -194,8 +170,8 @@ def integrate(
     *,
     R1: Any = None,
     S1_0: ArrayLike | None = None,
-    phi_0: ArrayLike | None = None,
-    psi_0: ArrayLike = 0.0,
+    phi_0: float | None = None,
+    psi_0: float = 0.0,
     method: str = "magnus6",
     frame: str = "world",
     tol: float | None = None,
@@ -216,11 +192,6 @@ def integrate(
       times count from the zero of t, or from the first instant where t is datetime64 or integer nanoseconds. (Seconds
       since 1970 as floats are rounded to 2.4e-7 s: give datetime64 or integer nanoseconds.)
 
-    Arrays with leading axes describe many motions over the same instants: omega1, alpha1 and R1 (..., N, 3), psid and
-    psidd (..., N), S1_0 (..., 3, 3), phi_0 and psi_0 (...,). Leading axes broadcast against each other. A rate or R1
-    whose axis N has length 1 is constant in time in each motion. A callable, or an array without leading axes,
-    applies to all motions. Each motion is integrated as if by a separate call, with bitwise the same result.
-
     Args:
         pair: a HingePair, or a PlanarPair (E11). For a PlanarPair, omega1 and alpha1 have the same forms as psid and
             psidd, and R1, v1 and a1 have two components instead of three.
@@ -231,10 +202,10 @@ def integrate(
             of times (n,) that returns either; the origin by default. For velocity [m/s] and acceleration [m/s^2] too,
             a tuple (R1, v1) or (R1, v1, a1) of arrays, or a callable that returns one. If R1 is not constant and v1
             (or a1) is not given, v2 (or a2) of the result is None.
-        S1_0: attitude of body 1 at t[0], body to world, for a HingePair only; shape (..., 3, 3); the identity by
+        S1_0: attitude of body 1 at t[0], body to world, for a HingePair only; shape (3, 3); the identity by
             default.
-        phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; shape (...,); 0 by default.
-        psi_0: hinge angle at t[0] [rad]; shape (...,); 0 by default.
+        phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; 0 by default.
+        psi_0: hinge angle at t[0] [rad]; 0 by default.
         method: "magnus6", a Magnus series of order 6 from omega1 at three times in each step, the only one.
         frame: axes of omega1 and alpha1: "world" (the default) or "body" (for a HingePair only).
         tol: largest allowed error of the attitude and of psi at any instant [rad]. By default, each interval of t is
@@ -251,11 +222,11 @@ def integrate(
     Returns:
         A `Trajectory`, for a PlanarPair a `PlanarTrajectory`: the instants `.t`, the attitude of body 1 (`.S1`,
         `.quat_wxyz`; in the plane `.phi`), `.psi`, the outputs, such as `.R2`, and estimates of the largest error at
-        any instant, `.error_estimate` and `.psi_error_estimate` [rad]. Of many motions, `trajectory[i]` is one.
+        any instant, `.error_estimate` and `.psi_error_estimate` [rad].
 
     Raises:
-        ArgumentError: an argument cannot be used, a rate is not finite, or tol is not reached. Of many motions, the
-            error names the motion. A value of R1 that is not finite is no error.
+        ArgumentError: an argument cannot be used, a rate is not finite, or tol is not reached. A
+            value of R1 that is not finite is no error.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -268,9 +239,6 @@ def integrate(
            [ 0.,  0.,  1.]])
     >>> round(float(motion.psi[-1]), 9)
     1.0
-    >>> many = hp.integrate(pair, t, omega1=(0, 0, 1), psid=[[0.5], [1.0], [2.0]])  # three constant hinge rates
-    >>> many.psi.shape, many[2].psi.shape
-    ((3, 11), (11,))
     """
     instants = instants_of("t", t)
     planar = isinstance(pair, PlanarPair)
@@ -278,16 +246,17 @@ def integrate(
     check_choice("frame", frame, ("world",) if planar else RATE_FRAME_NAMES)
     options = SolveOptions(instants, tol, execution_of_steps(backend, len(instants)), frame == "body")
     options.check()
-    hinge_start = _read_start("psi_0", psi_0)
+    start: Any
     if planar:
         if S1_0 is not None:
             raise ArgumentError("S1_0", "None for a PlanarPair, which takes phi_0", quoted(S1_0))
-        start = _read_start("phi_0", 0.0 if phi_0 is None else phi_0)
+        start = finite_number("phi_0", 0.0 if phi_0 is None else phi_0)
     else:
         check_pair(pair)
         if phi_0 is not None:
             raise ArgumentError("phi_0", "None for a HingePair, which takes S1_0", quoted(phi_0))
-        start = _read_start("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
+        start = np.eye(3) if S1_0 is None else one_constant("S1_0", S1_0, 3, 3)
+        check_rotation("S1_0", start)
     rates = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
     signals = {
         name: read_signal(name, value, instants, () if planar or name in {"psid", "psidd"} else (3,))
@@ -296,166 +265,66 @@ def integrate(
     }
     size = 2 if planar else 3
     points = read_position(np.zeros(size) if R1 is None else R1, instants, size)
-    shapes = {name: signal.motions for name, signal in signals.items()}
-    shapes |= {name: points[key].shape[:-2] for key, name in R1_PARTS.items() if key in points}
-    shapes |= {"phi_0": start.shape} if planar else {"S1_0": start.shape[:-2]}
-    motions = broadcast_shape({**shapes, "psi_0": hinge_start.shape})
     names = _checked_outputs(constants_of(pair), outputs, signals.keys() | points.keys())
-    request = _Request(pair, options, signals, points, start, hinge_start, motions, names)
-    trajectory = _make_trajectory(request, _solve_motions(request))
-    if any(isinstance(request.signals[name], SampledSignal) for name in ("omega1", "psid")):
+    solution = solve(options, signals["omega1"], signals["psid"], start, finite_number("psi_0", psi_0))
+    solution.check_tolerance(options)
+    orientations, psi = read_only(solution.orientations), read_only(solution.psi)
+    fields: dict[str, Any] = {
+        **{
+            "t": read_only(instants),
+            "psi": psi,
+            "method": METHODS[0],
+            "steps": solution.steps,
+            "_solution": solution,
+        },
+        "state": _state(pair, options, signals, points, orientations, psi, names),
+    }
+    if isinstance(pair, PlanarPair):
+        trajectory: Any = PlanarTrajectory(**fields, phi=orientations)
+    else:
+        where = read_only(np.broadcast_to(points["R1"], (len(instants), 3)))
+        trajectory = Trajectory(**fields, quat_wxyz=orientations, R1=where, pair=pair)
+    if any(isinstance(signals[name], SampledSignal) for name in ("omega1", "psid")):
         warn_of_measurements(_instant_doubts(trajectory))
     return trajectory
 
 
 def _instant_doubts(trajectory: Any) -> list[str]:
     """Return a sentence if the instants of sampled rates are probably not in seconds, judged by how far body 1 and
-    the hinge of the first motion turn from each of the first instants to the next.
+    the hinge turn from each of the first instants to the next.
     """
     t = trajectory.t[:4096]
-    turned = np.zeros(len(t) - 1)
-    for psi in trajectory.psi.reshape(-1, len(trajectory.t))[:1]:
-        turned += np.abs(np.diff(psi[: len(t)]))
+    turned = np.abs(np.diff(trajectory.psi[: len(t)]))
     if isinstance(trajectory, Trajectory):
-        for quats in trajectory.quat_wxyz.reshape(-1, len(trajectory.t), 4)[:1, : len(t)]:
-            turned += 2 * np.arccos(np.minimum(np.abs((quats[1:] * quats[:-1]).sum(axis=1)), 1.0))
+        quats = trajectory.quat_wxyz[: len(t)]
+        turned += 2 * np.arccos(np.minimum(np.abs((quats[1:] * quats[:-1]).sum(axis=1)), 1.0))
     angle = np.concatenate(([0.0], np.cumsum(turned)))
     return suspicions("sampled motion", "t", np.stack((t, angle), axis=-1))
 
 
-class _Request(NamedTuple):
-    """Checked arguments of `integrate`."""
-
-    pair: Any
-    options: SolveOptions
-    signals: Mapping[str, Signal]  # of the rates, by the names of the arguments
-    points: Mapping[str, NDArray[Any]]  # R1, v1, a1, as far as they are known; (k,), (..., 1, k) or (..., N, k)
-    start: Array  # attitudes S1_0 (..., 3, 3), in the plane angles phi_0 (...,) [rad]
-    psi_0: Array  # hinge angles at t[0] [rad]; shape (...,)
-    motions: tuple[int, ...]  # leading shape of the motions; () for one motion
-    outputs: tuple[str, ...]
-
-    @property
-    def is_planar(self) -> bool:
-        return isinstance(self.pair, PlanarPair)
-
-
-def _read_start(name: str, value: Any, *one: int) -> Array:
-    """Return a value at t[0] of one motion or of many, (..., *one), as a float64 array."""
-    if np.ndim(value) == 0 and not one:
-        return np.array(finite_number(name, value))
-    return vectors(name, value, *one).astype(np.float64)
-
-
-def _name_of_motion(name: str, index: Sequence[int]) -> str:
-    """Return the name of an argument in messages of a motion.
-
-    >>> [_name_of_motion("psi_0", index) for index in [(), (3,), (2, 5)]]
-    ['psi_0', 'psi_0 of motion 3', 'psi_0 of motion (2, 5)']
-    """
-    return f"{name} of motion {index[0] if len(index) == 1 else tuple(index)}" if len(index) else name
-
-
-@contextlib.contextmanager
-def _named_by_motion(index: tuple[int, ...]) -> Iterator[None]:
-    """Add the index of a motion to the name in an ArgumentError of the block."""
-    try:
-        yield
-    except ArgumentError as error:
-        if not index:
-            raise
-        raise type(error)(_name_of_motion(error.name, index), error.expected, error.got) from None
-
-
-def _check_finite(request: _Request) -> None:
-    """Raise an ArgumentError if a number is not finite, or an attitude at the start is not a rotation."""
-    for name, signal in request.signals.items():
-        bad = signal.first_bad()
-        if bad is not None:
-            with _named_by_motion(bad[0]):
-                raise ArgumentError(name, "finite numbers", bad[1])
-    for index in np.ndindex(request.psi_0.shape):
-        with _named_by_motion(index):
-            finite_number("psi_0", float(request.psi_0[index]))
-    for index in np.ndindex(request.start.shape[: None if request.is_planar else -2]):
-        with _named_by_motion(index):
-            if request.is_planar:
-                finite_number("phi_0", float(request.start[index]))
-            else:
-                check_rotation("S1_0", one_constant("S1_0", request.start[index], 3, 3))
-
-
-def _solve_motions(request: _Request) -> list[Solution]:
-    """Check and solve the motions of a request; return a `Solution` of each in C order, or refuse the tolerance."""
-    _check_finite(request)
-    options, motions, is_planar = request.options, request.motions, request.is_planar
-    rates: list[Any] = [request.signals[name] for name in ("omega1", "psid")]
-    # One axis of motions; rates without motions are shared by all.
-    rates = [rate.flattened(motions) if rate.motions else rate for rate in rates]
-    starts = np.broadcast_to(request.start, motions + (() if is_planar else (3, 3)))
-    starts = starts.reshape(-1) if is_planar else starts.reshape(-1, 3, 3)
-    psi_0 = np.broadcast_to(request.psi_0, motions).reshape(-1)
-    size = max(1, _MAX_STEPS_TOGETHER // len(options.t))
-    solutions: list[Solution] = []
-    for begin in range(0, len(psi_0), size):
-        group = slice(begin, begin + size)
-        integrated: Any = None
-        if options.tol is None and len(psi_0[group]) > 1:  # else each motion has steps of its own
-            omega, psid = (rate[group] if rate.motions else rate for rate in rates)
-            integrated = solve_together(options, omega, psid, starts[group], psi_0[group])
-        for k in range(begin, begin + len(psi_0[group])):
-            own = [rate[k] if rate.motions else rate for rate in rates]
-            start = float(starts[k]) if is_planar else starts[k]
-            with _named_by_motion(tuple(int(i) for i in np.unravel_index(k, motions))):
-                given = None if integrated is None else tuple(part[k - begin] for part in integrated)
-                solution = solve(options, own[0], own[1], start, float(psi_0[k]), given)
-                solution.check_tolerance(options)
-            solutions.append(solution)
-    return solutions
-
-
-def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
-    """Return the trajectory of all motions, with the requested outputs at all instants."""
-    t, motions = request.options.t, request.motions
-
-    def stacked(rows: Sequence[Any], *shape: int) -> Any:
-        array = rows[0] if len(rows) == 1 else np.array(rows)
-        return read_only(array.reshape(*motions, *shape))
-
-    count = len(t)
-    orientations = stacked([one.orientations for one in solutions], *((count,) if request.is_planar else (count, 4)))
-    psi = stacked([one.psi for one in solutions], count)
-    values: dict[str, Any] = {"phi": orientations}
-    if not request.is_planar:
-        R1 = np.broadcast_to(request.points["R1"], (*motions, count, 3))
-        values = {"quat_wxyz": orientations, "R1": read_only(R1), "pair": request.pair}
-    steps = np.array([one.steps for one in solutions], np.int64)
-    return (PlanarTrajectory if request.is_planar else Trajectory)(
-        t=read_only(t),
-        psi=psi,
-        state=_compute_state(request, orientations, psi),
-        method=METHODS[0],
-        steps=read_only(steps.reshape(motions)) if motions else int(steps[0]),
-        _solutions=np.array(solutions, object).reshape(motions),
-        **values,
-    )
-
-
-def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
-    """Return the requested outputs at all instants of all motions as a `PairState` or `PlanarState`."""
-    options, constants = request.options, constants_of(request.pair)
-    if not request.outputs:
+def _state(
+    pair: Any,
+    options: SolveOptions,
+    signals: Mapping[str, Signal],
+    points: Mapping[str, NDArray[Any]],
+    orientations: Array,
+    psi: Array,
+    outputs: tuple[str, ...],
+) -> Any:
+    """Return the requested outputs at all instants as a `PairState` or `PlanarState`."""
+    constants = constants_of(pair)
+    if not outputs:
         return STATES[constants.kind]({}, psi.shape)
-    needed = _needed_inputs(constants, request.outputs)
-    S1 = None if request.is_planar else quaternions_to_matrices(orientations)
-    inputs: dict[str, Any] = {**request.points, "psi": psi, **({"phi1": orientations} if S1 is None else {"S1": S1})}
+    needed = _needed_inputs(constants, outputs)
+    S1 = None if constants.kind.planar else quaternions_to_matrices(orientations)
+    inputs: dict[str, Any] = {**points, "psi": psi, **({"phi1": orientations} if S1 is None else {"S1": S1})}
     for name in needed & _RATE_OF_INPUT.keys():
         argument = _RATE_OF_INPUT[name]
-        values = request.signals[argument].values_at(options.t)
+        values = signals[argument].values_at(options.t)
         turned = S1 is not None and options.omega_in_body_axes and argument in {"omega1", "alpha1"}
         inputs[name] = rotate_to_world(S1, values) if turned and S1 is not None else values
     inputs = {name: inputs[name] for name in inputs if name in needed}
-    computation = computation_of(constants, request.outputs, result=STATES[constants.kind])
+    computation = computation_of(constants, outputs, result=STATES[constants.kind])
     return computation.run(Arguments(inputs, {"t": psi.shape}, {}), options.execution)
 
 

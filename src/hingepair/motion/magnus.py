@@ -8,8 +8,7 @@ omega does not depend on the attitude, so the rotations of all steps are compute
 prefix products. A scan works by a tree: it multiplies groups of neighbours one after the other, then the groups'
 products in the same way, and hands those down to the groups' members. A small rotation is rounded in proportion to
 its angle, and the tree multiplies small ones by small ones: only the last few levels round at the size of 1, as often
-as the whole motion has radians, where a running product rounds at each of k steps. psi is summed in sums of two
-doubles.
+as the whole motion has radians, where a running product rounds at each of k steps. psi is a compensated sum.
 
 A rotation is a quaternion (w, x, y, z). As in `equations`, a scalar is any value that adds and multiplies.
 """
@@ -19,7 +18,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, NamedTuple, TypeAlias
 
@@ -37,7 +36,6 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.blocks import cosine, sine
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 from hingepair.numeric.twofold import (
-    HighLow,
     exact_product,
     exact_sum,
     twofold_product,
@@ -133,8 +131,9 @@ def angle_loop() -> Loop:
 
 
 CHUNK: Final = 32768  # steps that are computed at a time: 2.4 MB of omega at three nodes
-GROUP: Final = 16  # elements of a scan that one kernel combines one after the other
-_SEQUENTIAL = 64  # elements up to which Python floats are faster than kernels
+GROUP: Final = 16  # rotations that one kernel multiplies one after the other
+_SEQUENTIAL = 64  # rotations up to which Python floats are faster than kernels
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
 
 
 class Steps(NamedTuple):
@@ -157,13 +156,9 @@ class Steps(NamedTuple):
         t = np.union1d(self.t, times)
         return Steps(t, np.searchsorted(t, self.at_instants(self.t)))
 
-    def chunks(self) -> Iterator[tuple[int, int]]:
-        """Return an iterator over the first step of each chunk and the first one after it."""
-        return ((first, min(first + CHUNK, self.step_count)) for first in range(0, self.step_count, CHUNK))
-
-    def starts_and_lengths(self, first: int, last: int) -> tuple[Array, HighLow]:
-        """Return the starts [s] of the steps from `first` to before `last`, and their lengths as two doubles [s]."""
-        return self.t[first:last], exact_sum(self.t[first + 1 : last + 1], -self.t[first:last])
+    def chunks(self) -> Iterator[slice]:
+        """Return an iterator over slices of so few steps that their arrays stay in the caches."""
+        return (slice(first, min(first + CHUNK, self.step_count)) for first in range(0, self.step_count, CHUNK))
 
 
 class Subdivision(NamedTuple):
@@ -196,126 +191,52 @@ def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivisi
     return Subdivision(counts, begin, after, part)
 
 
-class PrefixScan:
-    """Prefix scan: for each k the product of the first k elements, with later elements on the left.
+@functools.cache
+def _group_loop() -> Loop:
+    """Return the `Loop` that multiplies the rotations of a group: all but the first, each with those before it."""
 
-    Args:
-        name: of the kernels.
-        combine: the operation, of a later and an earlier element; associative.
-        neutral: the element that changes nothing.
-        finish: applied to every final result, as a normalisation.
-        exact: whether the operation must not be fused or reordered by the compiler.
-    """
+    def products(v: dict[str, Any]) -> dict[str, Any]:
+        rotations = [v["q"][4 * k : 4 * k + 4] for k in range(GROUP)]
+        return {"products": tuple(itertools.chain.from_iterable([*_products(rotations)][1:]))}
 
-    def __init__(
-        self,
-        name: str,
-        combine: Callable[[Any, Any], Any],
-        neutral: tuple[float, ...],
-        finish: Callable[[Any], Any] = lambda result: result,
-        *,
-        exact: bool = False,
-    ) -> None:
-        self.combine = combine
-        self.neutral = neutral
-        self.finish = finish
-        width = len(neutral)
-
-        def products(v: dict[str, Any]) -> dict[str, Any]:
-            elements = [v["elements"][width * k : width * (k + 1)] for k in range(GROUP)]
-            later = itertools.islice(itertools.accumulate(elements, lambda a, b: combine(b, a)), 1, None)
-            return {"products": tuple(itertools.chain.from_iterable(later))}
-
-        def prefixed(v: dict[str, Any]) -> dict[str, Any]:
-            return {"product": finish(combine(v["element"], v["prefix"]))}
-
-        # All elements but the first become their products with those before them.
-        self._multiply_group = Loop(
-            f"{name}_in_group", products, {"elements": (GROUP, width)}, {"products": (GROUP - 1, width)}, exact=exact
-        )
-        pair = {"element": (width,), "prefix": (width,)}
-        self._apply_prefix = Loop(f"{name}_of_groups", prefixed, pair, {"product": (width,)}, exact=exact)
-
-    def scan_steps(
-        self,
-        steps: Steps,
-        start: tuple[Any, ...],
-        write_elements: Callable[[Array, HighLow, Array], None],
-        execution: Execution,
-        motions: tuple[int, ...] = (),
-    ) -> Array:
-        """Return the products of the elements of the first k steps and of `start`, for all k.
-
-        Args:
-            steps: the steps.
-            start: components of the first element; of many motions arrays that broadcast to `motions`.
-            write_elements: takes starts and lengths (two doubles) of steps, and writes their elements into rows.
-            execution: backend and number of threads.
-            motions: leading shape of many motions.
-
-        Returns:
-            Products, shape (*motions, steps + 1, width), each but `start` itself finished.
-        """
-        rows = np.empty((*motions, 1 + _padded_length(steps.step_count), len(start)))
-        rows[..., 0, :], rows[..., 1 + steps.step_count :, :] = np.stack(start, axis=-1), self.neutral
-        # Chunks are combined pairwise, so that no long part is combined with a much shorter one.
-        parts: list[tuple[int, tuple[Any, ...]]] = []  # number of chunks, a power of two, and their product
-        for first, last in steps.chunks():
-            stop = rows.shape[-2] if last == steps.step_count else last + 1
-            count, chunk = 1, rows[..., first + 1 : stop, :]
-            write_elements(*steps.starts_and_lengths(first, last), chunk[..., : last - first, :])
-            before = functools.reduce(lambda whole, part: self.combine(part[1], whole), parts, start)
-            product = self.scan(chunk, before, execution)
-            while parts and parts[-1][0] == count:
-                product, count = self.combine(product, parts.pop()[1]), 2 * count
-            parts.append((count, product))
-        return rows[..., : steps.step_count + 1, :]
-
-    def padded_buffer(self, count: int, motions: tuple[int, ...] = ()) -> Array:
-        """Return rows for `count` elements of each motion, as `scan` needs them: neutral ones complete a group."""
-        rows = np.empty((*motions, _padded_length(count), len(self.neutral)))
-        rows[..., count:, :] = self.neutral
-        return rows
-
-    def scan(self, rows: Array, start: tuple[Any, ...], execution: Execution) -> Any:
-        """Replace each row k of `rows`, a `padded_buffer`, in place by finish(row_k ... row_1 row_0 start). Return
-        the product of all rows, without `start` and unfinished.
-        """
-        motions, count = rows.shape[:-2], rows.shape[-2]
-        if count <= _SEQUENTIAL:
-            # Of one motion the components are floats, which are faster than arrays of one element.
-            elements = np.moveaxis(rows, (-2, -1), (0, 1)).copy() if motions else rows.tolist()
-            products = list(itertools.accumulate(map(tuple, elements), lambda a, b: self.combine(b, a)))
-            finished = [self.finish(self.combine(product, start)) for product in products]
-            rows[:] = np.moveaxis(np.array(finished), (0, 1), (-2, -1)) if motions else finished
-            return products[-1]
-        # Within groups.
-        groups = rows.reshape(*motions, -1, GROUP, rows.shape[-1])
-        shape = groups.shape[:-2]
-        self._multiply_group.run({"elements": groups}, {"products": groups[..., 1:, :]}, shape, FLOAT64, execution)
-        # Over the products of whole groups.
-        ends = self.padded_buffer(shape[-1], motions)
-        ends[..., : shape[-1], :] = groups[..., -1, :]
-        whole = self.scan(ends, start, execution)
-        # Into the groups.
-        first = np.broadcast_to(np.stack(start, axis=-1), (*motions, rows.shape[-1]))[..., None, :]
-        before = np.concatenate([first, ends[..., : shape[-1] - 1, :]], axis=-2)[..., None, :]
-        self._apply_prefix.run(
-            {"element": groups, "prefix": before}, {"product": groups}, groups.shape[:-1], FLOAT64, execution
-        )
-        return whole
+    return Loop("rotations_in_group", products, {"q": (GROUP, 4)}, {"products": (GROUP - 1, 4)})
 
 
-def _padded_length(count: int) -> int:
-    return count if count <= _SEQUENTIAL else -(-count // GROUP) * GROUP
+@functools.cache
+def _prefix_loop() -> Loop:
+    """Return the `Loop` that multiplies a rotation with that before its group."""
+
+    def product(v: dict[str, Any]) -> dict[str, Any]:
+        return {"product": quaternion_unit(quaternion_product(v["q"], v["before"]))}
+
+    return Loop("rotations_of_groups", product, {"q": (4,), "before": (4,)}, {"product": (4,)})
 
 
-# Attitudes from the rotations of steps, and sums of two doubles from their integrals.
-ROTATION_SCAN: Final = PrefixScan("rotations", quaternion_product, (1.0, 0.0, 0.0, 0.0), quaternion_unit)
-HIGH_LOW_SUM_SCAN: Final = PrefixScan("sums", twofold_sum, (0.0, 0.0), exact=True)
+def _products(rotations: Any) -> Iterator[Any]:
+    """Return the running products, later rotations on the left."""
+    return itertools.accumulate(rotations, lambda before, later: quaternion_product(later, before))
 
 
-_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
+def rotation_rows(count: int) -> Array:
+    """Return rows for `count` rotations, as `multiply_rotations` needs them: further ones complete a group."""
+    rows = np.empty((count if count <= _SEQUENTIAL else -(-count // GROUP) * GROUP, 4))
+    rows[count:] = 1.0, 0.0, 0.0, 0.0
+    return rows
+
+
+def multiply_rotations(rows: Array, start: Quaternion, execution: Execution) -> None:
+    """Replace each row k of `rotation_rows` in place by the product row_k ... row_1 row_0 start, normalised."""
+    if len(rows) <= _SEQUENTIAL:
+        for k, product in enumerate(_products(map(tuple, rows.tolist()))):
+            rows[k] = quaternion_unit(quaternion_product(product, start))
+        return
+    groups = rows.reshape(-1, GROUP, 4)
+    _group_loop().run({"q": groups}, {"products": groups[:, 1:]}, groups.shape[:1], FLOAT64, execution)
+    ends = rotation_rows(len(groups))
+    ends[: len(groups)] = groups[:, -1]
+    multiply_rotations(ends, start, execution)
+    before = np.concatenate([[start], ends[: len(groups) - 1]])[:, None]
+    _prefix_loop().run({"q": groups, "before": before}, {"product": groups}, groups.shape[:2], FLOAT64, execution)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -333,7 +254,7 @@ class _RateIntegral:
         return isinstance(self.rate, ConstantSignal)
 
     def check_finite(self, rows: Array, steps: Steps) -> None:
-        """Raise an ArgumentError if the results of one motion at the ends of `steps` have overflowed."""
+        """Raise an ArgumentError if the results at the ends of `steps` have overflowed."""
         if not np.isfinite(rows[-1]).all():
             first = int(np.argmin(np.isfinite(steps.at_instants(rows)).all(axis=1)))
             raise ArgumentError(
@@ -350,27 +271,26 @@ class AngleIntegral(_RateIntegral):
     max_error: ClassVar[float] = math.inf  # rad
 
     @np.errstate(all="ignore")
-    def integrate(self, steps: Steps, start: Any) -> Array:
-        """Return the angles [rad] at the ends of steps, accurate to about the last bit; shape (steps + 1,). Starts
-        (...,) of many motions give (..., steps + 1), in which overflow is not refused.
-        """
-        motions = np.broadcast_shapes(np.shape(start), self.rate.motions)
+    def integrate(self, steps: Steps, start: float) -> Array:
+        """Return the angles [rad] at the ends of steps, accurate to about the last bit; shape (steps + 1,)."""
         if isinstance(self.rate, ConstantSignal):
-            change = twofold_product((np.asarray(self.rate.values)[..., None], 0.0), exact_sum(steps.t, -steps.t[0]))
-            angles = np.stack(twofold_sum(change, (np.asarray(start)[..., None], 0.0)), axis=-1)
-        else:
-            low = np.zeros(np.shape(start)) if motions else 0.0
-            angles = HIGH_LOW_SUM_SCAN.scan_steps(
-                steps, (start, low), self._write_step_integrals, self.execution, motions
+            angles, _ = twofold_sum(
+                twofold_product((self.rate.values, 0.0), exact_sum(steps.t, -steps.t[0])), (start, 0.0)
             )
-        if not motions:
-            self.check_finite(angles, steps)
-        return angles[..., 0].copy()
-
-    def _write_step_integrals(self, begin: Array, h: HighLow, rows: Array) -> None:
-        """Write the integral of each step, a sum of two doubles, to `rows` (..., steps, 2)."""
-        arguments = {"rate": self.rate.values_at_nodes(begin, h[0], NODES), "h": h}
-        angle_loop().run(arguments, {"sum": rows}, rows.shape[:-1], FLOAT64, self.execution)
+        else:
+            rows = np.zeros((1 + steps.step_count, 2))  # integrals of the steps, each a sum of two doubles
+            rows[0, 0] = start
+            for part in steps.chunks():
+                begin, h = steps.t[:-1][part], exact_sum(steps.t[1:][part], -steps.t[:-1][part])
+                rates = self.rate.values_at_nodes(begin, h[0], NODES)
+                out = rows[1:][part]
+                angle_loop().run({"rate": rates, "h": h}, {"sum": out}, out.shape[:1], FLOAT64, self.execution)
+            # What each addition of the running sum loses is added up beside it.
+            sums = np.cumsum(rows[:, 0])
+            rows[1:, 1] += exact_sum(sums[:-1], rows[1:, 0])[1]
+            angles = sums + np.cumsum(rows[:, 1])
+        self.check_finite(angles[:, None], steps)
+        return np.asarray(angles)
 
     def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
         """Return the integrals over intervals by coarse steps less those by fine steps [rad]; (intervals, 1).
@@ -410,19 +330,17 @@ class AttitudeIntegral(_RateIntegral):
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Array) -> Array:
-        """Return the attitudes at the ends of steps, without a jump of sign; shape (steps + 1, 4). Starts (..., 4) of
-        many motions give (..., steps + 1, 4), in which overflow is not refused.
-        """
-        begin = start * _CONJUGATE if self.omega_in_body_axes else start
-        motions = np.broadcast_shapes(start.shape[:-1], self.rate.motions)
-        components = tuple(np.moveaxis(begin, -1, 0)) if motions else tuple(begin.tolist())
-        quats = ROTATION_SCAN.scan_steps(steps, components, self._write_step_rotations, self.execution, motions)
-        if not motions:
-            self.check_finite(quats, steps)
+        """Return the attitudes at the ends of steps, without a jump of sign; shape (steps + 1, 4)."""
+        start = start * _CONJUGATE if self.omega_in_body_axes else start
+        count = steps.step_count
+        rows = rotation_rows(count)
+        for part in steps.chunks():
+            begin, h = steps.t[:-1][part], np.diff(steps.t[part.start : part.stop + 1])
+            self._compute_rotations(self.rate.values_at_nodes(begin, h, NODES), h, rows[part])
+        multiply_rotations(rows, tuple(start.tolist()), self.execution)
+        quats = np.concatenate([start[None], rows[:count]])
+        self.check_finite(quats, steps)
         return quats * _CONJUGATE if self.omega_in_body_axes else quats
-
-    def _write_step_rotations(self, begin: Array, h: HighLow, rows: Array) -> None:
-        self._compute_rotations(self.rate.values_at_nodes(begin, h[0], NODES), h[0], rows)
 
     def _compute_rotations(self, node_omega: Array, h: Array, quats: Array) -> None:
         """Write the rotation of each step, not accumulated, to `quats`: its inverse if omega is in body axes."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from inspect import Signature
 from typing import Any, Self
 
@@ -59,77 +59,29 @@ class _TrajectoryBase(Frozen, Result):
     psi: NDArray[np.float64]
     state: Any
     method: str
-    steps: Any
-    _solutions: Any = None  # array of a Solution for each motion, which tells its errors
+    steps: int
+    _solution: Any = None  # which tells the errors
 
     @property
     def described(self) -> str:
         """How the motion was computed, such as "motion by magnus6"."""
         return f"motion by {self.method}"
 
-    @property
-    def motions(self) -> tuple[int, ...]:
-        """Leading shape of the arrays of many motions, () of one; psi has the shape `motions + (N,)`."""
-        shape: tuple[int, ...] = self.psi.shape[:-1]
-        return shape
-
     def unit(self, name: str) -> str:
         """Return the unit of an output, or of one of its components such as R2_x or tip_x."""
         return unit_among(self.state.outputs, name)
 
-    def __getitem__(self, index: int | slice | tuple[int | slice, ...]) -> Self:
-        """Return one motion, or some, of a trajectory of many motions; no array is copied.
-
-        Args:
-            index: indices or slices of the leading axes, those of the motions.
-
-        Raises:
-            ArgumentError: it is one motion already, or the index is of another kind.
-            IndexError: there is no such motion.
-        """
-        key = index if isinstance(index, tuple) else (index,)
-        is_index = all(isinstance(one, int | np.integer | slice) and not isinstance(one, bool) for one in key)
-        if not is_index or len(key) > len(self.motions):
-            expected = f"indices or slices of the {len(self.motions)} axes of motions"
-            raise ArgumentError("index of the trajectory", expected, quoted(index))
-        psi = self.psi[key]
-        state = type(self.state)({name: array[key] for name, array in self.state.arrays().items()}, psi.shape)
-        names = {one.name for one in fields(self)} & {"quat_wxyz", "R1", "phi"}
-        steps = self.steps[key]
-        values = {name: getattr(self, name)[key] for name in names}
-        steps = int(steps) if isinstance(steps, np.integer) else steps
-        return replace(self, psi=psi, state=state, steps=steps, _solutions=self._solutions[(*key, ...)], **values)
-
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of one motion by name, the instants on the first axis: the outputs that were computed,
-        psi, and R1 and S1 (in the plane phi).
-
-        Raises:
-            ArgumentError: the trajectory holds many motions.
+        """Return the arrays by name, the instants on the first axis: the outputs that were computed, psi, and R1 and
+        S1 (in the plane phi).
         """
-        if self.motions:
-            expected = "one motion, such as trajectory[0] (of many: trajectory.to_xarray())"
-            raise ArgumentError("trajectory", expected, f"motions of shape {self.motions}")
-        return self._arrays()
-
-    def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-        """Return the names of the leading axes, such as ("motion", "time"), and all arrays by name, except the
-        instants.
-        """
-        count = len(self.motions)
-        if not count:
-            return ("time",), self.recorded()
-        motion_axes = tuple(f"motion_{axis}" for axis in range(count)) if count > 1 else ("motion",) * count
-        return (*motion_axes, "time"), self._arrays()
-
-    def _arrays(self) -> dict[str, NDArray[Any]]:
         names = ("R1", "S1", "psi") if isinstance(self, Trajectory) else ("phi", "psi")
         return {**self.state.arrays(), **{name: getattr(self, name) for name in names}}
 
     @property
-    def error_estimate(self) -> Any:
+    def error_estimate(self) -> float:
         """Estimate of the largest error of the attitude of body 1 (in the plane of phi) at any instant, as an angle
-        [rad], with rounding: a number, or an array (...,) of many motions. It is computed at the first access.
+        [rad], with rounding. It is computed at the first access.
 
         Where rates are smooth, it differs from the actual error by a few per cent. The result of each step is
         compared with that of steps of half its length or less. Of a callable that jumps or has a kink, the estimate
@@ -140,16 +92,12 @@ class _TrajectoryBase(Frozen, Result):
         every fourth sample. It is NaN for fewer than 4 samples. It does not include noise, rounded time stamps, nor
         motion that leaves no trace in the samples.
         """
-        return self._estimates("error")
+        return self._solution.error  # type: ignore[no-any-return]
 
     @property
-    def psi_error_estimate(self) -> Any:
+    def psi_error_estimate(self) -> float:
         """Estimate of the largest error of psi at any instant [rad], as `error_estimate`."""
-        return self._estimates("psi_error")
-
-    def _estimates(self, name: str) -> Any:
-        found = np.array([getattr(one, name) for one in self._solutions.flat]).reshape(self.motions)
-        return read_only(found) if self.motions else float(found)
+        return self._solution.psi_error  # type: ignore[no-any-return]
 
     def __getattr__(self, name: str) -> Any:
         state = object.__getattribute__(self, "state")
@@ -158,15 +106,13 @@ class _TrajectoryBase(Frozen, Result):
         raise missing_attribute_error(self, name)
 
     def __repr__(self) -> str:
-        t, method, steps, solutions, psi = (
-            object.__getattribute__(self, name) for name in ("t", "method", "steps", "_solutions", "psi")
+        estimate = (
+            f", error_estimate={self.error_estimate:.2g}"
+            if "error" in getattr(self._solution, "__dict__", ())
+            else ""
         )
-        computed = solutions is not None and psi.size > 0 and all("error" in vars(one) for one in solutions.flat)
-        estimate = f", error_estimate={np.max(self.error_estimate):.2g}" if computed else ""
-        names = ", ".join(object.__getattribute__(self, "state").outputs)
-        motions = f"motions={psi.shape[:-1]}, " if psi.ndim > 1 else ""
-        counts = f"steps={_describe_steps(steps)}, {motions}{describe_instants(t)}{estimate}"
-        return f"{type(self).__name__}({method}, {counts}, outputs=({names}))"
+        counts = f"steps={self.steps}, {describe_instants(self.t)}{estimate}"
+        return f"{type(self).__name__}({self.method}, {counts}, outputs=({', '.join(self.state.outputs)}))"
 
     def _available_names(self) -> Iterable[str]:
         return dir(object.__getattribute__(self, "state"))
@@ -177,20 +123,16 @@ class Trajectory(_TrajectoryBase):
     """The motion of a pair over time, as `integrate` returns it (E12). All attributes of its `state`, such as R2, S2
     and v2, are also attributes of the trajectory.
 
-    A trajectory may hold many motions over the same instants: its arrays, except t, then have leading axes, shown as
-    `...`. `trajectory[3]` is one motion, `trajectory[:10]` are the first ten, and `to_xarray` returns all as labelled
-    arrays. Only a single motion can be saved, plotted or converted to a DataFrame.
-
     Attributes:
         t: the instants [s]; shape (N,).
         quat_wxyz: attitude of body 1, body to world, as unit quaternions with the scalar first and without jumps of
-            sign; shape (..., N, 4).
-        psi: hinge angle [rad]; shape (..., N).
-        R1: position of the reference point of body 1, world axes [m]; shape (..., N, 3).
+            sign; shape (N, 4).
+        psi: hinge angle [rad]; shape (N,).
+        R1: position of the reference point of body 1, world axes [m]; shape (N, 3).
         state: the PairState at the instants.
         pair: the HingePair.
         method: name of the integration method, such as "magnus6".
-        steps: number of integration steps; for many motions an array of shape (...,).
+        steps: number of integration steps.
     """
 
     quat_wxyz: NDArray[np.float64]
@@ -200,12 +142,12 @@ class Trajectory(_TrajectoryBase):
 
     @property
     def quat_xyzw(self) -> NDArray[np.float64]:
-        """Attitude of body 1, body to world, as unit quaternions with the scalar last; shape (..., N, 4)."""
+        """Attitude of body 1, body to world, as unit quaternions with the scalar last; shape (N, 4)."""
         return self.quat_wxyz[..., [1, 2, 3, 0]]
 
     @property
     def S1(self) -> NDArray[Any]:
-        """Attitude of body 1, body to world; shape (..., N, 3, 3). Unless S1 is an output, it is computed at each
+        """Attitude of body 1, body to world; shape (N, 3, 3). Unless S1 is an output, it is computed at each
         access.
         """
         S1 = self.state.S1
@@ -228,7 +170,7 @@ class Trajectory(_TrajectoryBase):
                 the axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
 
         Returns:
-            Angles in the order of the sequence's letters [rad]; shape (..., N, 3).
+            Angles in the order of the sequence's letters [rad]; shape (N, 3).
         """
         check_choice("sequence", sequence, SEQUENCE_NAMES)
         if body not in {1, 2}:
@@ -242,30 +184,19 @@ class Trajectory(_TrajectoryBase):
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class PlanarTrajectory(_TrajectoryBase):
     """The motion of a planar pair over time, as `integrate` returns it (E11, E12). All attributes of its `state`,
-    such as R2, phi2 and v2, are also attributes of the trajectory. It may hold many motions, as a `Trajectory` may.
+    such as R2, phi2 and v2, are also attributes of the trajectory.
 
     Attributes:
         t: the instants [s]; shape (N,).
-        phi: angle of body 1 [rad]; shape (..., N). The angle of body 2 is `phi2`.
-        psi: hinge angle [rad]; shape (..., N).
+        phi: angle of body 1 [rad]; shape (N,). The angle of body 2 is `phi2`.
+        psi: hinge angle [rad]; shape (N,).
         state: the PlanarState at the instants.
         method: name of the integration method, such as "magnus6".
-        steps: number of integration steps; for many motions an array of shape (...,).
+        steps: number of integration steps.
     """
 
     phi: NDArray[np.float64]
     state: PlanarState
-
-
-def _describe_steps(steps: Any) -> str:
-    """Return the number of steps as text.
-
-    >>> _describe_steps(np.array([12, 40])), _describe_steps(7)
-    ('12..40', '7')
-    """
-    if not isinstance(steps, np.ndarray):
-        return str(steps)
-    return f"{steps.min()}..{steps.max()}" if steps.size else "0"
 
 
 def describe_instants(t: NDArray[np.float64]) -> str:

@@ -295,7 +295,7 @@ def pair_pieces(source: object, outputs: tuple[str, ...] | None = None) -> Itera
 def _recorded_motion(source: object) -> _Recorded:
     """Return the motion of a trajectory, or of a pair, in 6 s from limit to limit and back or through a turn."""
     if isinstance(source, Trajectory):
-        recorded = source.recorded()  # refuses many motions
+        recorded = source.recorded()
         return _Recorded(source.t, source.pair, BodyMotion(R=source.R1, S=source.S1), source.psi, recorded)
     if isinstance(source, SimulatedPlanarMotion):
         return _Recorded(source.t, source.space, source.body1, source.psi, source.recorded())

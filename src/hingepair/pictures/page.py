@@ -84,7 +84,7 @@ def view(
         the number of sliders as `joints`.
 
     Raises:
-        ArgumentError: the source is of another kind, or is a trajectory that holds many motions; q, t, base_motion,
+        ArgumentError: the source is of another kind; q, t, base_motion,
             tau or units cannot be used; or the file cannot be written. The error names the argument.
 
     >>> import hingepair as hp

@@ -110,7 +110,7 @@ def plot(
         not have are left out. Times at which a value is not finite are shaded.
 
     Raises:
-        ArgumentError: the source is of another kind or is a trajectory that holds many motions, or `outputs` names an
+        ArgumentError: the source is of another kind, or `outputs` names an
             output that the source does not have.
         MissingDependencyError: matplotlib is not installed.
 
