@@ -33,7 +33,6 @@ def folder(tmp_path, monkeypatch):
     path = tmp_path / "cache"
     monkeypatch.setenv("HINGEPAIR_CACHE", str(path))
     monkeypatch.setattr(object_cache, "_looked", False)
-    monkeypatch.setattr(object_cache, "_refused", set())
     return path
 
 
@@ -172,7 +171,7 @@ def test_code_is_kept_under_the_sources_that_made_it(tmp_path):
 
 
 @pytest.mark.slow(3)
-def test_a_process_killed_while_it_writes_leaves_nothing_that_is_read(folder):
+def test_a_process_killed_while_it_writes_leaves_nothing_that_is_read(folder, monkeypatch):
     kill = """
 import os, signal
 from hingepair.engine.llvm import object_cache
@@ -191,6 +190,7 @@ object_cache.os.fdopen = fdopen
     assert printed(start())[0] == printed(start(HINGEPAIR_CACHE="off"))[0]
     assert left.exists()  # it may still be written
     os.utime(left, (0, 0))
+    monkeypatch.setattr(object_cache, "_looked", False)
     object_cache.write_object("0a", b"code")
     assert not left.exists()
 
@@ -300,8 +300,6 @@ def test_a_file_that_others_may_have_written_is_refused_with_a_warning(folder, s
     SUSPECTS[suspect](path)
     with pytest.warns(RuntimeWarning, match="is not used"):
         assert object_cache.read_object("0a") is None
-    assert object_cache.read_object("0a") is None  # said once
-    object_cache.write_object("0a", b"code")  # no error
 
 
 @pytest.mark.usefixtures("folder")
@@ -314,7 +312,6 @@ def test_a_relative_folder_is_refused_with_a_warning(tmp_path, monkeypatch, valu
     with pytest.warns(RuntimeWarning, match="relative"):
         object_cache.write_object("0a", b"code")
     (tmp_path / "here").rmdir()
-    assert object_cache.read_object("0a") is None
     assert [*tmp_path.iterdir()] == []
 
 
@@ -324,6 +321,7 @@ def test_what_was_not_used_for_the_longest_time_goes_when_the_folder_is_full(fol
         object_cache.write_object(name, bytes(1000))
         os.utime(next(folder.glob(f"*-{name}.*")), (k, k))
     assert object_cache.read_object("used") is not None
+    monkeypatch.setattr(object_cache, "_looked", False)
     monkeypatch.setattr(object_cache, limit, {"MAX_BYTES": 3500, "MAX_FILES": 3}[limit])
     object_cache.write_object("last", bytes(1000))
     assert {name for name in ("used", "old", "new", "last") if object_cache.read_object(name)} == {"used", "last"}

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape, ComponentSource, Constant, NamedShapes, bind_constant
 from hingepair.engine.direct import Direct, direct_calls
-from hingepair.engine.layout import Layout
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, empty, output_arrays
 from hingepair.engine.results import Results
 from hingepair.engine.slices import run_slices
 from hingepair.engine.ufunc import MAX_OPERANDS, Code, make_ufunc
-from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
+from hingepair.numeric.blocks import components
 from hingepair.numeric.caching import lock_free_cached_property
 
 Rows = Callable[..., Any]
@@ -40,14 +40,6 @@ _WEAK = {float, int}  # numbers that take the dtype of the arrays beside them
 # Samples below which calls share one kernel, in which no constant is folded, and components are joined for it.
 _FEW_SAMPLES: Final = 20_000
 _DIRECT_SAMPLES: Final = 2_000  # that are copied at most, so that they need no conversion
-
-
-class _Compiled(NamedTuple):
-    """What calls a kernel, for one dtype."""
-
-    code: Code
-    direct: Direct
-    few: Rows  # the quick way; returns None for what it does not take
 
 
 class Call:
@@ -115,7 +107,7 @@ class Call:
             and all(isinstance(one, Constant) for one in self._bound_constants.values())
         )
         self._shared = shared and backend == "auto"
-        self._compiled: dict[tuple[str, bool], _Compiled] = {}  # by dtype, and whether other calls share the kernel
+        self._compiled: dict[tuple[str, bool], tuple[Code, Direct]] = {}  # by dtype, and whether others share it
         self.rows: Rows = self._any_rows
         if backend == "compiled":
             self.compile()
@@ -161,50 +153,44 @@ class Call:
         if self.has_kernels:
             self._kernel("d", False)
 
-    def machine_code(self, char: str) -> Code:
-        """Return the kernel for a dtype, its arrays and its constants.
+    def machine_code(self, char: str, shared: bool = False, needed: bool = True) -> Code:
+        """Return the kernel for a dtype, its arrays and its constants; without a kernel where LLVM fails and it is
+        not `needed`.
 
         Raises:
             CompilationError: LLVM fails.
         """
-        return self._code(char, False, Program.kernel)
-
-    def _code(self, char: str, shared: bool, compiled: Callable[[Program, Layout, str], Any]) -> Code:
         program, numbers = self.program_with_numbers(shared)
-        inputs = [(tail, name in self._used) for name, tail in self.argument_shapes.items()]
-        layout = program.layout(inputs, bool(numbers))
+        layout = program.layout([(tail, name in self._used) for name, tail in self.argument_shapes.items()], numbers)
+        kernel = program.kernel(layout, char) if needed else program.kernel_or_none(layout, char)
         with np.errstate(over="ignore"):
-            return Code(compiled(program, layout, char), layout, np.array(numbers, char))
+            return Code(kernel, layout, np.array(numbers, char))
+
+    @lock_free_cached_property
+    def _largest_constant(self) -> float:
+        """The largest constant that is finite, without its sign."""
+        parts = (np.asarray(x) for one in self._constants.values() for x in components(one))
+        return max((float(np.abs(one).max(initial=0.0, where=np.isfinite(one))) for one in parts), default=0.0)
 
     def _check_constants(self, char: str) -> None:
         """Refuse constants that are infinite in float32 if that is the dtype to compute in."""
-        if char != "f":
-            return
-        most = float(np.finfo(np.float32).max)
-        for value in self._constants.values():
-            parts = value if isinstance(value, tuple) else (value,)
-            largest = max((float(np.abs(part).max(initial=0.0)) for part in map(np.asarray, parts)), default=0.0)
-            if most < largest < math.inf:
-                expected = "numbers below 3.4e38, since the arguments are float32"
-                raise ArgumentError(self._constants_name, expected, largest)
+        if char == "f" and self._largest_constant > float(np.finfo(np.float32).max):
+            expected = "numbers below 3.4e38, since the arguments are float32"
+            raise ArgumentError(self._constants_name, expected, self._largest_constant)
 
-    def _kernel(self, char: str, shared: bool) -> _Compiled | None:
-        """Return the kernel for a dtype; None if LLVM cannot compile it and the backend is "auto"."""
+    def _kernel(self, char: str, shared: bool) -> tuple[Code, Direct] | None:
+        """Return the kernel for a dtype and its direct calls; None if LLVM fails and the backend is "auto"."""
         compiled = self._compiled.get((char, shared))
         if compiled is not None:
             return compiled
-        self._check_constants(char)
-        compiles = Program.kernel if self._backend == "compiled" else Program.kernel_or_none
-        code = self._code(char, shared, compiles)
+        code = self.machine_code(char, shared, self._backend == "compiled")
         if code.kernel is None:
             return None
         width = max(math.prod(tail) for _, tail in self.loop.outputs) * code.constants.itemsize
         most = max(1, MIN_REUSED_BYTES // width)  # of larger results the memory is used again
-        direct = direct_calls(code, char, most, self.result is not None)
-        few = self._direct_rows(direct, char, lambda *_, **__: None)
-        compiled = self._compiled[char, shared] = _Compiled(code, direct, few)
+        compiled = self._compiled[char, shared] = code, direct_calls(code, char, most, self.result is not None)
         if char == "d" and shared == self._shared:
-            self.rows = self._direct_rows(direct, char, self._any_rows)
+            self.rows = self._direct_rows(compiled[1])
         return compiled
 
     @lock_free_cached_property
@@ -222,11 +208,11 @@ class Call:
 
     # ---- arguments that are one array each
 
-    def _direct_rows(self, direct: Direct, char: str, general: Rows) -> Rows:
-        """Return a function of the arguments in order, `out` and `workers`, which calls a kernel directly, and leaves
-        to `general` what that does not take.
+    def _direct_rows(self, direct: Direct) -> Rows:
+        """Return a function of the arguments in order, `out` and `workers`, which calls a kernel of float64 directly,
+        and leaves to `_any_rows` what that does not take.
         """
-        (make, fill), array, dtype, ndarray, one_empty = direct, np.array, np.dtype(char), np.ndarray, np.empty
+        (make, fill), array, ndarray, one_empty = direct, np.array, np.ndarray, np.empty
         tails, outputs = [*self.argument_shapes.values()], self.loop.outputs
         rank, takes_numbers = len(tails[0]) if tails else 0, () in tails
         known, checks, result_of = {*self.outputs}, bool(self._limits), self._result_of
@@ -237,15 +223,15 @@ class Call:
             if out is None:
                 found = make(*arrays)
                 if found is None and not _SEQUENCES.isdisjoint(map(type, given)):
-                    arrays = [_row(x) if type(x) in _SEQUENCES else x for x in arrays]
+                    arrays = [*map(_row, arrays)]
                     found = make(*arrays)
             elif workers == 1 and type(out) is dict and known.issuperset(out) and type(first := arrays[0]) is ndarray:
                 lead = first.shape[: first.ndim - rank]
                 new = empty if lead else one_empty
-                written = [out[name] if name in out else new(lead + tail, dtype) for name, tail in outputs]
+                written = [out[name] if name in out else new(lead + tail, _FLOAT64) for name, tail in outputs]
                 found = fill(*arrays, *written)
             if found is None:
-                return general(*given, out=out, workers=workers)
+                return self._any_rows(*given, out=out, workers=workers)
             if checks:
                 self._check_limits(found, given, out is not None)
             first = arrays[0]
@@ -261,8 +247,8 @@ class Call:
             return None
         values, leads, chars = {}, {}, set()
         for value, (name, tail) in zip(arguments, self.argument_shapes.items(), strict=True):
-            array = value if type(value) is np.ndarray else _state_array(value, tail)
-            if array is None or array.ndim > MAX_AXES or array.dtype.char not in _READ_CHARACTERS:
+            array = np.asarray(value) if type(value) in _NUMBERS else _row(value)
+            if type(array) is not np.ndarray or array.ndim > MAX_AXES or array.dtype.char not in _READ_CHARACTERS:
                 return None
             axes = array.ndim - len(tail)
             if axes < 0 or array.shape[axes:] != tail:
@@ -298,7 +284,7 @@ class Call:
             dtype: dtype to compute in; by default float32 if all arrays are float32, else float64.
             labels: names of arguments in messages, where they are not those of the inputs.
         """
-        shape = self._sample_shape(shapes)
+        shape = broadcast_shape({**shapes, self._samples_name: self._shape})
         dtype = dtype or result_dtype(
             part for value in values.values() for part in (value if isinstance(value, tuple) else (value,))
         )
@@ -324,31 +310,20 @@ class Call:
         if kernel is not None:
             arrays = [_joined(one, tail, dtype) for one, tail in zip(given, tails, strict=True)]
             if out is None and samples < _DIRECT_SAMPLES:
-                plain = [_plain(x, shape + tail, tail, dtype) for x, tail in zip(arrays, tails, strict=True)]
-                result = kernel.few(*plain)
-                if result is not None:
-                    return result
+                made = kernel[1].make(*(_plain(x, shape, tail, dtype) for x, tail in zip(arrays, tails, strict=True)))
+                if made is not None:
+                    self._check_limits(made, given, False)
+                    return self._result_of(made, shape, True)
         outputs = output_arrays(self.loop.outputs, shape, dtype, out, named, self.result is None)
         found = tuple(outputs.values())
-        if kernel is not None and (workers > 1 or kernel.direct.fill(*arrays, *found) is None):
+        if kernel is not None:
             operations = self.program.weighted_operations if workers > 1 else 1
-            run_slices(kernel.code, arrays, found, shape, operations=operations, workers=workers)
-        elif kernel is None:
+            run_slices(kernel[0], arrays, found, shape, operations=operations, workers=workers)
+        else:
             inputs = {**self._bound_constants, **values}
             self.loop.run(inputs, outputs, shape, dtype, Execution(self._backend, workers))
         self._check_limits(found, given, out is not None)
         return self._result_of(found, shape, False)
-
-    def _sample_shape(self, shapes: Mapping[str, ArrayShape]) -> ArrayShape:
-        """Return the leading shape of the results, to which those of the arguments and of the constants broadcast."""
-        try:
-            return broadcast_shape({**shapes, self._samples_name: self._shape})
-        except ShapeError as error:
-            if error.name != self._samples_name:
-                raise
-            combined = (*self._shape, *[1] * len(broadcast_shape(shapes)))
-            got = f"{error.got}; shape {combined} combines each with every sample of the arguments"
-            raise ShapeError(error.name, error.expected, got) from None
 
     # ---- limits
 
@@ -382,34 +357,24 @@ def _result_maker(
     return lambda found, *rest: make(tuple([found[k] for k in shown]), *rest)
 
 
-def _plain(array: NDArray[Any], whole: ArrayShape, tail: ArrayShape, dtype: np.dtype[Any]) -> NDArray[Any]:
+def _plain(array: NDArray[Any], shape: ArrayShape, tail: ArrayShape, dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return an array as contiguous samples of the dtype, all or one of them; np.array would keep a dtype that is
     equal, as arrays from pickles have it.
     """
-    if array.dtype is dtype and array.flags.c_contiguous and array.shape in {whole, tail}:
+    if array.dtype is dtype and array.flags.c_contiguous and array.shape in {shape + tail, tail}:
         return array
-    copied = np.empty(whole, dtype)
+    copied = np.empty(shape + tail, dtype)
     copied[...] = array
     return copied
 
 
 def _row(numbers: Any) -> Any:
-    """Return a list or tuple of numbers as a row of float64, and any other as it is."""
+    """Return a list or tuple of numbers as a row of float64, and all else as it is."""
     try:
-        return np.array(numbers, np.float64) if _NUMBERS.issuperset(map(type, numbers)) else numbers
+        plain = type(numbers) in _SEQUENCES and _NUMBERS.issuperset(map(type, numbers))
+        return np.array(numbers, np.float64) if plain else numbers
     except OverflowError:
         return numbers
-
-
-def _state_array(value: Any, tail: ArrayShape) -> NDArray[Any] | None:
-    """Return a list, a tuple or a number of one state as an array of the shape `tail`; None for all else."""
-    if type(value) not in _NUMBERS and not (type(value) in _SEQUENCES and _is_plain(value)):
-        return None
-    try:
-        array = np.asarray(value)
-    except (ValueError, TypeError, OverflowError):
-        return None
-    return array if array.shape == tail else None
 
 
 def _joined(value: Any, tail: ArrayShape, dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -420,10 +385,3 @@ def _joined(value: Any, tail: ArrayShape, dtype: np.dtype[Any]) -> NDArray[Any]:
     for k, component in enumerate(value):
         array[..., k] = component
     return array.reshape(*array.shape[:-1], *tail)
-
-
-def _is_plain(values: Any) -> bool:
-    """Return whether a list or tuple holds numbers and lists of numbers alone: NumPy would compute a lazy array."""
-    return _NUMBERS.issuperset(map(type, values)) or all(
-        type(x) in _NUMBERS or (type(x) in _SEQUENCES and _is_plain(x)) for x in values
-    )

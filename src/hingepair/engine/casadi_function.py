@@ -1,84 +1,54 @@
-"""A function of arrays as a function of CasADi, which calls back into Python, with its Jacobian."""
+"""A program as a function of CasADi for one state: the operations of its trace on CasADi's symbols."""
 
 from __future__ import annotations
 
-import itertools
 import math
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
-from hingepair.engine.binding import ArrayShape
-from hingepair.engine.jax_torch import Chain, Differentiable
+from hingepair.engine.binding import NamedShapes
+from hingepair.engine.interpreter import FUNCTIONS, interpreter
+from hingepair.engine.loops import Program
+from hingepair.numeric.blocks import VERSINE_SWITCH
 from hingepair.numeric.optional import require
 
 
-def casadi_function(name: str, function: Differentiable, arguments: list[str], outputs: list[str]) -> Any:
-    """Return a `casadi.Callback` of one state. Vectors are columns; of what has more than two axes, the first are
-    joined to rows.
+def casadi_function(name: str, program: Program, numbers: Sequence[float], arguments: NamedShapes) -> Any:
+    """Return a `casadi.Function` whose parameters are the arguments and whose results are the outputs of a program.
+    Vectors are columns; of what has more than two axes, the first are joined to rows.
+
+    Args:
+        name: name of the function.
+        program: the program; its arrays are the arguments that it needs, in their order.
+        numbers: its constants.
+        arguments: names of the arguments, and the shape of one sample of each.
     """
     casadi = require("casadi", "f.casadi")
-    given, results = ([_sizes(tail) for tail in tails] for tails in (function.arguments, function.outputs))
 
-    class Called(casadi.Callback):  # type: ignore[misc, name-defined]
-        """A chain of derivatives: none, or the Jacobians of all outputs by all arguments."""
+    def versine(sine: Any, cosine: Any) -> Any:
+        return casadi.if_else(cosine > VERSINE_SWITCH, sine * sine / (1 + cosine), 1 - cosine)
 
-        def __init__(self, name: str, chain: Chain, names: tuple[list[str], list[str]], options: Any) -> None:
-            casadi.Callback.__init__(self)
-            self.chain, self.names, self.made = chain, names, list[Any]()
-            self.construct(name, options)
-
-        def get_n_in(self) -> int:
-            return len(self.names[0])
-
-        def get_n_out(self) -> int:
-            return len(self.names[1])
-
-        def get_name_in(self, k: int) -> str:
-            return self.names[0][k]
-
-        def get_name_out(self, k: int) -> str:
-            return self.names[1][k]
-
-        def get_sparsity_in(self, k: int) -> Any:
-            sizes = [*given, *results]  # a Jacobian takes the outputs as well, which it does not need
-            return casadi.Sparsity.dense(*sizes[k])
-
-        def get_sparsity_out(self, k: int) -> Any:
-            if not self.chain:
-                return casadi.Sparsity.dense(*results[k])
-            row, column = divmod(k, len(given))
-            return casadi.Sparsity.dense(math.prod(results[row]), math.prod(given[column]))
-
-        def eval(self, values: Any) -> list[Any]:
-            pairs = zip(values, function.arguments, strict=False)
-            found = function.run(self.chain, [np.array(one).reshape(tail) for one, tail in pairs])
-            if not self.chain:
-                return [np.reshape(one, size) for one, size in zip(found, results, strict=True)]
-            ends = [*itertools.accumulate(map(math.prod, given), initial=0)]
-            return [
-                matrix[_by_columns(rows)][:, np.arange(start, end)[_by_columns(columns)]]
-                for matrix, rows in zip(found, results, strict=True)
-                for (start, end), columns in zip(itertools.pairwise(ends), given, strict=True)
-            ]
-
-        def has_jacobian(self) -> bool:
-            return not self.chain
-
-        def get_jacobian(self, name: str, inputs: Any, outputs: Any, options: Any) -> Any:
-            chain = (("jacobian", tuple(range(len(given)))),)
-            made = Called(name, chain, ([*inputs], [*outputs]), {**options, "enable_fd": True})  # second derivatives
-            self.made.append(made)  # CasADi does not keep it
-            return made
-
-    return Called(name, (), (arguments, outputs), {})
+    functions = {
+        **FUNCTIONS, "versine": versine, "arctan2": casadi.atan2, "where": casadi.if_else,
+        **{one: getattr(casadi, one) for one in ("sin", "cos", "sqrt", "hypot")},
+    }  # fmt: skip
+    symbols = {one: casadi.SX.sym(one, *_sizes(tail)) for one, tail in arguments}
+    traced, outputs = program.traced, program.loop.outputs
+    needed = [one for one, _ in arguments if one in dict(program.loop.inputs)]
+    values = [casadi.SX(x) for x in numbers]
+    for one in needed:
+        values += casadi.vertsplit(casadi.vec(symbols[one].T))  # row by row
+    inputs = [*traced.constants, *(part for group in traced.arrays for part in group)]
+    parts = iter(interpreter(inputs, traced.results, functions).run(*values))
+    results = []
+    for _, tail in outputs:
+        rows, columns = _sizes(tail)
+        flat = casadi.vertcat(*(next(parts) for _ in range(rows * columns)))
+        results.append(casadi.reshape(flat, columns, rows).T)
+    names = [f"{one}_out" if one in symbols else one for one, _ in outputs]
+    return casadi.Function(name, [*symbols.values()], results, [*symbols], names)
 
 
-def _sizes(tail: ArrayShape) -> tuple[int, int]:
+def _sizes(tail: tuple[int, ...]) -> tuple[int, int]:
     """Return the rows and columns of an array in CasADi."""
     return (math.prod(tail[:-1]), tail[-1]) if len(tail) > 1 else (math.prod(tail), 1)
-
-
-def _by_columns(size: tuple[int, int]) -> Any:
-    """Return the places of the entries of a matrix, stored by rows, column by column."""
-    return np.arange(math.prod(size)).reshape(size).ravel(order="F")

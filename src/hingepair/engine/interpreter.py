@@ -11,7 +11,7 @@ import numpy as np
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 from hingepair.numeric.blocks import versines
 
-_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {
+FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
@@ -35,8 +35,12 @@ class Interpreter(NamedTuple):
     width: int  # how many values it holds at a time, about
 
 
-def interpreter(inputs: Sequence[TracedValue], results: Sequence[Operand]) -> Interpreter:
-    """Return the function of a trace.
+def interpreter(
+    inputs: Sequence[TracedValue],
+    results: Sequence[Operand],
+    functions: Mapping[str, Callable[..., Any]] = FUNCTIONS,
+) -> Interpreter:
+    """Return the function of a trace; `functions` compute its operations.
 
     A register holds each value until its last use, and then another one: a block's arrays stay in the cache.
     """
@@ -65,7 +69,7 @@ def interpreter(inputs: Sequence[TracedValue], results: Sequence[Operand]) -> In
             registers.append(None)
             free.append(len(registers) - 1)
         places[id(value)] = free.pop()
-        program.append((_FUNCTIONS[value.operation], places[id(value)], operator.itemgetter(*read), len(read) == 1))
+        program.append((functions[value.operation], places[id(value)], operator.itemgetter(*read), len(read) == 1))
     ends, rest = [*map(place_of, results)], registers[len(inputs) :]
 
     def run(*given: Any) -> list[Any]:

@@ -11,8 +11,6 @@ without copies. In PyTorch, and of rollouts in JAX, the libraries call back into
 from __future__ import annotations
 
 import functools
-import itertools
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -38,8 +36,7 @@ class Differentiable:
         arguments: shape of one sample of each argument.
         outputs: shape of one sample of each output.
         run: function of a chain and NumPy arrays with equal leading axes; returns the outputs.
-        call: returns the call of a chain, or of the "jacobian" by some arguments (a matrix for each output), whose
-            kernel XLA calls; None where there are no kernels.
+        call: returns the call of a chain, whose kernel XLA calls; None where there are no kernels.
     """
 
     def __init__(
@@ -56,10 +53,7 @@ class Differentiable:
         arguments, outputs = self.arguments, self.outputs
         for kind, by in chain:
             some = tuple(arguments[k] for k in by)
-            if kind == "jacobian":
-                columns = sum(map(math.prod, some))
-                outputs = tuple((math.prod(tail), columns) for tail in outputs)
-            elif kind == "jvp":
+            if kind == "jvp":
                 arguments = (*arguments, *some)
             else:
                 arguments, outputs = (*arguments, *outputs), some
@@ -191,17 +185,8 @@ def _torch_primitive() -> Any:
             return Called.apply(ctx.function, (*ctx.chain, ("jvp", by)), *ctx.saved_tensors, *moving)
 
         @staticmethod
-        def vmap(info: Any, axes: Any, function: Differentiable, chain: Chain, *tensors: Any) -> Any:
+        def vmap(_: Any, axes: Any, function: Differentiable, chain: Chain, *tensors: Any) -> Any:
             front = [x if axis is None else x.movedim(axis, 0) for x, axis in zip(tensors, axes[2:], strict=True)]
-            given = len(function.shapes(chain[:-1])[0])
-            if len(chain) == 1 and all(axis is None for axis in axes[2 : 2 + given]):
-                jacobians = Called.apply(function, (("jacobian", chain[0][1]),), *tensors[:given])
-                vectors = [
-                    x.expand(info.batch_size, *x.shape) if axis is None else x
-                    for x, axis in zip(front[given:], axes[2 + given :], strict=True)
-                ]
-                found = _products(torch, function, chain[0], jacobians, vectors)
-                return tuple(found), (0,) * len(found)
             tails = function.shapes(chain)[0]
             single = [
                 x.ndim - len(tail) - (axis is not None) for x, tail, axis in zip(front, tails, axes[2:], strict=True)
@@ -214,29 +199,6 @@ def _torch_primitive() -> Any:
             return found, (0,) * len(found)
 
     return Called
-
-
-def _products(
-    xp: Any, function: Differentiable, link: tuple[str, tuple[int, ...]], jacobians: Arrays, vectors: Arrays
-) -> list[Any]:
-    """Return the products of Jacobians (..., rows, columns) and many vectors, which stand along the first axis."""
-    kind, by = link
-    arguments, tails = function.shapes((link,))
-    lead = tuple(jacobians[0].shape[:-2])
-    of_vectors = arguments[len(function.arguments) :]
-    flat = []
-    for one, tail in zip(vectors, of_vectors, strict=True):
-        absent = [1] * (len(lead) + 1 + len(tail) - one.ndim)
-        whole = xp.broadcast_to(one.reshape(len(one), *absent, *one.shape[1:]), (len(one), *lead, *tail))
-        flat.append(whole.reshape(len(one), *lead, math.prod(tail)))
-    if kind == "jvp":
-        change = xp.concatenate(flat, axis=-1)
-        found = [xp.einsum("...rc,b...c->b...r", J, change) for J in jacobians]
-    else:
-        total = sum(xp.einsum("...rc,b...r->b...c", J, one) for J, one in zip(jacobians, flat, strict=True))
-        ends = itertools.accumulate((math.prod(function.arguments[k]) for k in by), initial=0)
-        found = [total[..., start:end] for start, end in itertools.pairwise(ends)]
-    return [one.reshape(*one.shape[:-1], *tail) for one, tail in zip(found, tails, strict=True)]
 
 
 # ---- JAX
@@ -313,14 +275,7 @@ def _jax_primitive() -> Any:
             jnp.broadcast_to(one, (size, *one.shape)) if axis is None else jnp.moveaxis(one, axis, 0)
             for one, axis in zip(arrays, axes, strict=True)
         ]
-        count = len(function.arguments)
-        if len(chain) == 1 and function.call is not None and all(axis is None for axis in axes[:count]):
-            # Many vectors of one state: the Jacobian is computed once.
-            by = (("jacobian", chain[0][1]),)
-            jacobians = primitive.bind(*arrays[:count], function=function, chain=by)
-            found = _products(jnp, function, chain[0], jacobians, front[count:])
-        else:
-            found = primitive.bind(*front, function=function, chain=chain)
+        found = primitive.bind(*front, function=function, chain=chain)
         return found, [0] * len(found)
 
     primitive.def_abstract_eval(shapes)

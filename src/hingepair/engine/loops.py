@@ -13,7 +13,7 @@ import functools
 import itertools
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -198,7 +198,7 @@ class Program:
             return False
         if backend == "auto" and not kernel_pays(self.weighted_operations, math.prod(shape)):
             return False
-        layout = self.layout([(tail, True) for tail in bound.tails], bool(bound.numbers))
+        layout = self.layout([(tail, True) for tail in bound.tails], bound.numbers)
         kernel = (self.kernel if backend == "compiled" else self.kernel_or_none)(layout, dtype.char)
         if kernel is None:
             return False
@@ -209,10 +209,10 @@ class Program:
 
     # ---- kernels
 
-    def layout(self, inputs: Iterable[tuple[ArrayShape, bool]], constants: bool) -> Layout:
-        """Return the arrays of a ufunc: inputs, by the shape of one sample and whether the kernel reads them."""
+    def layout(self, inputs: Iterable[tuple[ArrayShape, bool]], numbers: Sequence[float]) -> Layout:
+        """Return the arrays of a kernel: inputs, by the shape of a sample and whether they are read; constants."""
         outputs = tuple(Operand(tail) for _, tail in self.loop.outputs)
-        return Layout(tuple(Operand(*one) for one in inputs), outputs, constants)
+        return Layout(tuple(Operand(*one) for one in inputs), outputs, bool(numbers))
 
     def kernel_or_none(self, layout: Layout, char: str) -> Kernel | None:
         """Return the kernel for a layout and a dtype. If LLVM fails, warn once, return None, and do not try again."""

@@ -57,8 +57,8 @@ class Derivative(NamedTuple):
     outputs: tuple[str, ...]
     # arguments by which derivatives are taken, name and shape of one sample
     arguments: tuple[tuple[str, ArrayShape], ...]
-    # as other libraries differentiate: attitudes change by their entries in place of rotations; the Jacobian of an
-    # output is one matrix, with the columns of all arguments; the outputs themselves are left out
+    # as other libraries differentiate: attitudes change by their entries in place of rotations, and the outputs
+    # themselves are left out
     entries: bool = False
     prefix: str = ""  # of the names of its changes and weights, where those of a derivative before it exist
 
@@ -99,10 +99,7 @@ def derivative_loop(
     if isinstance(plain.form, TreeForm) and not body_constants(0, False).keys().isdisjoint(names):
         inputs["axes"] = (9 * (len(plain.form.form.parents) + 1),)
     outputs = {} if derivative.entries else dict(plain.outputs)
-    if derivative.kind == "jacobian" and derivative.entries:
-        columns = sum(math.prod(changes[name]) for name in names)
-        outputs = {one: (math.prod(changes[one]), columns) for one in derivative.outputs}
-    elif derivative.kind == "jacobian":
+    if derivative.kind == "jacobian":
         outputs = {f"{one}_{name}": (*changes[one], *changes[name]) for one in derivative.outputs for name in names}
         outputs |= {one: tail for one, tail in plain.outputs if one not in derivative.outputs}
     elif derivative.kind == "matrices":
@@ -126,12 +123,10 @@ def derivative_loop(
 
 
 def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the outputs and the Jacobian of each by every argument; by entries, the Jacobians alone."""
-    values, moves = _variables(plain, given, derivative.arguments, derivative.entries)
+    """Return the outputs and the Jacobian of each by every argument."""
+    values, moves = _variables(plain, given, derivative.arguments)
     functions = _functions(plain, values)
     rows = functions.jacobian(derivative.outputs, [*itertools.chain(*moves.values())])
-    if derivative.entries:
-        return {output: tuple(itertools.chain(*rows[output])) for output in derivative.outputs}
     found: dict[str, Any] = {}
     for output in derivative.outputs:
         parts = functions.results[output]

@@ -125,21 +125,22 @@ class Prepared:
         return self._function_of("torch")
 
     def casadi(self, name: str = "hingepair") -> Any:
-        """Return this call as a function of CasADi, for one state: it takes a column for each argument, and returns
-        one for each output; matrices are matrices. It calls back into Python, knows its Jacobian, and takes second
-        derivatives by differences. Keep it as long as expressions use it. Rotations are not checked; an attitude
-        changes by its nine entries.
+        """Return this call as a `casadi.Function` of one state: it takes a column for each argument, and returns one
+        for each output; matrices are matrices. CasADi differentiates it as often as it wants, and can write it in C.
+        Rotations are not checked; an attitude changes by its nine entries; an output with the name of an argument is
+        called S1_out.
 
         Args:
             name: name of the function.
 
         Raises:
-            ArgumentError: the robot has too many joints.
+            ArgumentError: the robot has too many joints, or the geometry of the pair has samples.
             MissingDependencyError: CasADi is not installed.
         """
         from hingepair.engine.casadi_function import casadi_function
 
-        return casadi_function(name, jax_torch.of_calls(self._call_of_chain), [*self.given], [*self.outputs])
+        call = self._single_program("casadi")
+        return casadi_function(name, *call.program_with_numbers(), tuple(call.argument_shapes.items()))
 
     def to_c(self, name: str) -> str:
         """Return this call as the source of a C function of one state, which needs nothing but the C library.
@@ -160,10 +161,7 @@ class Prepared:
         >>> [line for line in source.splitlines() if line.startswith("void")]
         ['void door(const double *restrict q, const double *restrict qd, double *restrict omega2)']
         """
-        call = self._unchecked
-        if not call.has_kernels:
-            expected = "a call with few enough joints for one program, without samples among its constants"
-            raise ArgumentError("to_c", expected, ", ".join(self.outputs))
+        call = self._single_program("to_c")
         arguments, outputs = tuple(call.argument_shapes.items()), dict(call.loop.outputs)
         units = {one: unit_of(one) for one in (*call.argument_shapes, *outputs)}
         if self._computation.coordinates.noun == "joints":
@@ -175,6 +173,14 @@ class Prepared:
     def _unchecked(self) -> Call:
         """The call without checks of attitudes."""
         return self._computation.call(self.given, "auto", self._gravity, derivative=self._derivative)
+
+    def _single_program(self, method: str) -> Call:
+        """Return the call without checks of attitudes; refuse what is no program for one state."""
+        call = self._unchecked
+        if not call.has_kernels:
+            expected = "a call with few enough joints for one program, without samples among its constants"
+            raise ArgumentError(method, expected, ", ".join(self.outputs))
+        return call
 
     def _function_of(self, library: str) -> Callable[..., Any]:
         """Return this call as a function of arrays of "jax" or "torch", made once."""

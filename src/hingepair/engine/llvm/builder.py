@@ -131,21 +131,6 @@ class FunctionBuilder:
         self.do(f"br label %{done}")
         self._begin_block(done)
 
-    def either(
-        self, kind: str, condition: str, write: Callable[[], list[str]], write_otherwise: Callable[[], list[str]]
-    ) -> list[str]:
-        """Append two branches that compute equally many values of type `kind`, and return those of the one taken."""
-        with self.when_else(condition) as otherwise:
-            values = write()
-            block = self._block
-            otherwise()
-            other_values = write_otherwise()
-            other_block = self._block
-        return [
-            self.put(f"phi {kind} [{x}, %{block}], [{y}, %{other_block}]")
-            for x, y in zip(values, other_values, strict=True)
-        ]
-
     def pointer_at(self, start: str, offset: str | int) -> str:
         """Return the pointer `offset` bytes after another."""
         return start if offset in {0, "0"} else self.put(f"getelementptr i8, ptr {start}, i64 {offset}")

@@ -17,7 +17,7 @@ from hingepair.engine.backend import compiler_lock
 from hingepair.engine.llvm import images, object_cache
 from hingepair.engine.llvm.ir import shared_ir, shared_symbols
 from hingepair.engine.threads import call_apart
-from hingepair.errors import ArgumentError, CompilationError, MissingDependencyError
+from hingepair.errors import CompilationError, MissingDependencyError
 
 
 class Kernel:
@@ -35,7 +35,6 @@ class Kernel:
         key: text that tells this code from all other.
 
     Raises:
-        ArgumentError: this is a sub-interpreter.
         MissingDependencyError: llvmlite is not installed.
         CompilationError: LLVM does not compile the code, or it cannot be loaded.
     """
@@ -48,9 +47,6 @@ class Kernel:
         form: str = "",
         imports: Mapping[str, int] | None = None,
     ) -> None:
-        if not _is_main_interpreter():  # ctypes and NumPy hold what they make in the main one
-            expected = "'numpy' in a sub-interpreter, where no kernel can be called"
-            raise ArgumentError("backend", expected, f"a kernel of {name!r}")
         with compiler_lock:
             # A kernel holds the functions that it calls: a thread may still run it when all else is gone.
             self._shared, functions = _shared_functions(float_type, host_processor())
@@ -59,14 +55,6 @@ class Kernel:
     def address(self, symbol: str) -> int:
         """Return the address of a function that the module defines."""
         return self._code.address(symbol)
-
-
-@functools.cache
-def _is_main_interpreter() -> bool:
-    """Return whether this is the interpreter that the process started with."""
-    prototype = ctypes.PYFUNCTYPE(ctypes.c_void_p)
-    this, main = (prototype((f"PyInterpreterState_{name}", ctypes.pythonapi))() for name in ("Get", "Main"))
-    return bool(this == main)
 
 
 _OBJECT_KIND = "image 2" if images.CAN_LINK else "object 1"  # in keys of the cache: format and version

@@ -35,8 +35,7 @@ _MAX_WRITE: Final = 3600.0  # s; an unfinished file that is older was left by a 
 _MIN_USE: Final = 86400.0  # s; a use is noted at most once a day
 _OFF: Final = {"off", "0"}  # values of HINGEPAIR_CACHE
 
-_written_bytes = 0  # by this process since it last looked at the folder
-_looked = False
+_looked = False  # whether this process has looked at how full the folder is
 
 
 class _CacheFile(NamedTuple):
@@ -52,23 +51,19 @@ def cache_folder() -> Path | None:
     has no home, or, with a warning, where others could put files into the folder.
     """
     given = os.environ.get("HINGEPAIR_CACHE", "")
-    if given.lower() in _OFF:
+    path = Path(os.path.expanduser(given or _user_folder()))
+    if given.lower() in _OFF or str(path).startswith("~"):
         return None
-    folder = os.path.expanduser(given or _user_folder())
-    if folder.startswith("~"):
-        return None
-    path = Path(folder)
     if not path.is_absolute():
-        _refuse(path, path, "it is relative to the current folder")
+        _warn_of(path, "it is relative to the current folder")
         return None
     try:
         doubt = _doubt(path.stat())
     except OSError:  # it does not exist yet
         return path
     if doubt:
-        _refuse(path, path, doubt)
-        return None
-    return path
+        _warn_of(path, doubt)
+    return None if doubt else path
 
 
 @functools.cache
@@ -112,27 +107,20 @@ def read_object(key: str) -> bytes | None:
     if folder is None:
         return None
     path = _path(folder, key)
+    flags = os.O_RDONLY | _flag("NOFOLLOW") | _flag("NONBLOCK") | _flag("BINARY")
     try:
-        descriptor = os.open(
-            path, os.O_RDONLY | _flag("NOFOLLOW") | _flag("CLOEXEC") | _flag("NONBLOCK") | _flag("BINARY")
-        )
+        with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
+            status = os.fstat(file.fileno())
+            doubt = _doubt(status) if stat.S_ISREG(status.st_mode) else "it is no file"
+            if status.st_nlink > 1:  # a file without a name has just been replaced by another process
+                doubt = doubt or "it has a second name"
+            content = b"" if doubt else file.read()
     except OSError as error:
-        if error.errno == errno.ELOOP:
-            _refuse(path, folder, "it is a link")
+        if error.errno in {errno.ELOOP, errno.EISDIR}:
+            _warn_of(path, "it is no file")
         return None
-    try:
-        status = os.fstat(descriptor)
-        doubt = _doubt(status) if stat.S_ISREG(status.st_mode) else "it is no file"
-        # A file without a name has just been replaced by another process.
-        if doubt or status.st_nlink > 1:
-            _refuse(path, folder, doubt or "it has a second name")
-            return None
-        with open(descriptor, "rb", closefd=False) as file:
-            content = file.read()
-    except OSError:
-        return None
-    finally:
-        os.close(descriptor)
+    if doubt:
+        _warn_of(path, doubt)
     value = content[len(_MAGIC) + _DIGEST_BYTES :]
     if content[: -len(value) or None] != _MAGIC + _digest(key, value):
         return None  # damaged: it is made again, and replaced
@@ -151,7 +139,7 @@ def write_object(key: str, value: bytes) -> None:
     content = _MAGIC + _digest(key, value) + value
     try:
         folder.mkdir(mode=0o755, parents=True, exist_ok=True)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _flag("NOFOLLOW") | _flag("CLOEXEC") | _flag("BINARY")
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _flag("NOFOLLOW") | _flag("BINARY")
         with os.fdopen(os.open(path, flags, 0o644), "wb") as file:
             file.write(content)
         path.replace(_path(folder, key))
@@ -159,7 +147,7 @@ def write_object(key: str, value: bytes) -> None:
         with contextlib.suppress(OSError):
             path.unlink()
         return
-    _trim(folder, len(content))
+    _trim(folder)
 
 
 def _cache_files(folder: Path) -> list[_CacheFile]:
@@ -174,16 +162,14 @@ def _cache_files(folder: Path) -> list[_CacheFile]:
     return sorted(found, key=lambda file: file.used)
 
 
-def _trim(folder: Path, written: int) -> None:
+def _trim(folder: Path) -> None:
     """Delete what was not used for the longest time, where the folder has become too large, and what processes that
-    were killed have left. A process looks at its first write, and then each time it may have written a tenth of
-    MAX_BYTES.
+    were killed have left. A process looks at its first write.
     """
-    global _written_bytes, _looked  # noqa: PLW0603 (of the process; that two threads look is no harm)
-    _written_bytes += max(written, MAX_BYTES // MAX_FILES)
-    if _looked and _written_bytes < MAX_BYTES // 10:
+    global _looked  # noqa: PLW0603 (of the process; that two threads look is no harm)
+    if _looked:
         return
-    _looked, _written_bytes = True, 0
+    _looked = True
     files, now = _cache_files(folder), time.time()
     size, count = sum(file.size for file in files), len(files)
     share = _TRIMMED if size > MAX_BYTES or count > MAX_FILES else 1.0
@@ -192,17 +178,10 @@ def _trim(folder: Path, written: int) -> None:
             drop = now - file.used > _MAX_WRITE
         else:
             drop = size > share * MAX_BYTES or count > share * MAX_FILES
-        if drop and _delete(file.path):
-            size, count = size - file.size, count - 1
-
-
-def _delete(path: str) -> bool:
-    """Delete a file, and return whether that was possible."""
-    try:
-        os.unlink(path)
-    except OSError:
-        return False
-    return True
+        if drop:
+            with contextlib.suppress(OSError):
+                os.unlink(file.path)
+                size, count = size - file.size, count - 1
 
 
 def _path(folder: Path, key: str) -> Path:
@@ -224,18 +203,10 @@ def _doubt(status: os.stat_result) -> str:
     return ""
 
 
-_refused: set[Path] = set()
-
-
-def _refuse(path: Path, folder: Path, doubt: str) -> None:
-    """Warn, once for each folder, that a file or the folder itself is not used."""
-    if folder not in _refused:
-        _refused.add(folder)
-        warnings.warn(
-            f"{path} is not used: {doubt}. HINGEPAIR_CACHE can name another folder for compiled code",
-            RuntimeWarning,
-            stacklevel=2,
-        )
+def _warn_of(path: Path, doubt: str) -> None:
+    """Warn that a file or a folder is not used."""
+    advice = "HINGEPAIR_CACHE can name another folder for compiled code"
+    warnings.warn(f"{path} is not used: {doubt}. {advice}", RuntimeWarning, stacklevel=2)
 
 
 def _flag(name: str) -> int:
