@@ -156,27 +156,7 @@ def test_what_programs_are_traced_from_imports_nothing_else() -> None:
     assert below <= {*TRACED_PACKAGES, "errors"}
 
 
-def diagram_of_imports() -> str:
-    """Mermaid's text of which package imports which; an import that follows from others is left out."""
-    below = imports_of_packages()
-    reached: dict[str, set[str]] = {}
-    lines = ["flowchart TD"]
-    for package in PACKAGES_IN_IMPORT_ORDER:
-        direct = {other for one, other in below if one == package}
-        beyond = set().union(*(reached[other] for other in direct))
-        reached[package] = direct | beyond
-        lines += [
-            f"    {package} --> {other}" for other in sorted(direct - beyond, key=PACKAGES_IN_IMPORT_ORDER.index)
-        ]
-    return "\n".join(lines)
-
-
 CONTRIBUTING = PACKAGE.parents[1] / "CONTRIBUTING.md"
-
-
-def test_the_diagram_for_contributors_is_what_the_imports_say() -> None:
-    (drawn,) = re.findall(r"```mermaid\n(.*?)\n```", CONTRIBUTING.read_text(), re.DOTALL)
-    assert drawn == diagram_of_imports(), f"replace the diagram of CONTRIBUTING.md by\n{diagram_of_imports()}"
 
 
 def test_files_that_contributors_are_told_of_exist() -> None:
