@@ -74,7 +74,7 @@ if TYPE_CHECKING:
     from hingepair.validation.cross_validate import cross_validate
     from hingepair.validation.pinocchio_twin import to_pinocchio
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 __all__ = [
     "ArgumentError",
