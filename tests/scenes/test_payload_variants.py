@@ -9,7 +9,6 @@ import pytest
 
 import hingepair as hp
 from hingepair.scenes.variants import vary
-from hingepair.scenes.variants.sweep import compute_chunk, load_sweep
 
 U = 2.0**-53
 CRANE = """
@@ -65,12 +64,14 @@ samples = 5
 FREE = 'x = "t"\ny = 0\nz = "0.2*t**2"\nphi_x = "0.3*t"\nphi_y = 0.1\nphi_z = "sin(t)"\n'
 ON_A_BASE = {"fixed": ("", ""), "free": ('[dynamics]\nbase = "free"', FREE)}
 BEAM = hp.Box((0.6, 0.1, 0.1), (0.3, 0, 0))
-VARIED = {
-    "jaw.mass": "low = 0.5\nhigh = 3",
-    "jaw.centre_of_mass[1]": "mean = 0\nstd = 0.1",
-    "jaw.inertia[2]": "low = 0.08\nhigh = 0.2",
-    "boom.mass": "low = 0.1\nhigh = 2",
-}
+KEYS = tuple(
+    f"mechanism.payload.{key}" for key in ("jaw.mass", "jaw.centre_of_mass[1]", "jaw.inertia[2]", "boom.mass")
+)
+OUTPUTS = ("tau", "force1", "torque1", "R_jaw", "q")
+
+
+def drawn(count: int) -> np.ndarray:
+    return np.random.default_rng(0).uniform((0.5, -0.2, 0.08, 0.1), (3, 0.2, 0.2, 2), (count, 4))
 
 
 @pytest.fixture(autouse=True)
@@ -78,20 +79,13 @@ def _folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def sweep_of(text: str, varied: dict[str, str], outputs: str, reduce: str = "", samples: int = 7):
+def variants_of(text: str, keys=KEYS, outputs=OUTPUTS) -> vary.Variants:
     Path("crane.toml").write_text(text)
-    head = f'scene = "crane.toml"\noutputs = [{outputs}]\ndesign = "random"\nsamples = {samples}\nchunk = {samples}\n'
-    tables = "".join(f'[[vary]]\nkey = "mechanism.payload.{key}"\n{spread}\n' for key, spread in varied.items())
-    Path("sweep.toml").write_text(head + reduce + tables)
-    return load_sweep("sweep.toml")
+    return vary.Variants(hp.load_scene("crane.toml"), keys, outputs)
 
 
 def crane(base: str) -> str:
     return CRANE.replace("BASE", ON_A_BASE[base][0]).replace("MOTION", ON_A_BASE[base][1])
-
-
-def chunk_of(sweep):
-    return compute_chunk(sweep.task, 0, sweep.numbers)
 
 
 @pytest.fixture
@@ -106,14 +100,14 @@ def one_by_one(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("base", ON_A_BASE)
 def test_variants_that_are_computed_together_are_the_scenes_with_their_payloads(base, one_by_one):
-    sweep = sweep_of(crane(base), VARIED, '"tau", "force1", "torque1", "R_jaw", "q"')
-    one_by_one.clear()
-    together = chunk_of(sweep)
+    variants, numbers = variants_of(crane(base)), drawn(7)
+    (batch,) = variants.batches(numbers)
+    together = batch.arrays
     assert not one_by_one
     scene = hp.load_scene("crane.toml")
     robot = scene.mechanism
     bare = hp.load_scene(bare_scene(base)).mechanism
-    for i, (mass, lever, moment, boom) in enumerate(sweep.numbers.tolist()):
+    for i, (mass, lever, moment, boom) in enumerate(numbers.tolist()):
         loaded = bare.with_payload("jaw", hp.Body(mass, (0.01, lever, -0.1), (0.1, 0.12, moment)))
         loaded = loaded.with_payload("boom", hp.Body(boom, (0.3, 0, 0), shapes=[BEAM]))
         loaded = loaded.with_payload("trolley", hp.Body(0.25, inertia=(0.01, 0.01, 0.01)))
@@ -127,17 +121,17 @@ def test_variants_that_are_computed_together_are_the_scenes_with_their_payloads(
             assert np.abs(together[name][i] - array).max() < 32 * U * size, name
         assert np.abs(together["R_jaw"][i] - scene.evaluate(("R_jaw",)).R[:, 0]).max() < 16 * U
         assert (together["hook"][i] == scene.coordinates().q[:, 2]).all()
-        assert (together["t"][i] == scene.t).all()
+        assert (batch.t == scene.t).all()
 
 
 @pytest.mark.slow(1)
 def test_forces_do_not_depend_on_the_size_of_chunks():
-    sweep = sweep_of(crane("free"), VARIED, '"tau", "force1"', samples=4000)
-    whole = chunk_of(sweep)
+    variants, numbers = variants_of(crane("free"), outputs=("tau", "force1")), drawn(4000)
+    (whole,) = variants.batches(numbers)
     for size in (1, 7):
-        part = compute_chunk(sweep.task, 10, sweep.numbers[10 : 10 + size])
+        (part,) = variants.batches(numbers[10 : 10 + size])
         for name in ("tau_hook", "force1"):
-            np.testing.assert_array_equal(part[name], whole[name][10 : 10 + size])
+            np.testing.assert_array_equal(part.arrays[name], whole.arrays[name][10 : 10 + size])
 
 
 def bare_scene(base: str) -> str:
@@ -148,7 +142,7 @@ def bare_scene(base: str) -> str:
 
 def test_a_payload_on_a_fixed_base_changes_nothing():
     text = crane("fixed").replace("payload.trolley", "payload.base")
-    sweep = sweep_of(text, {"base.mass": "low = 1\nhigh = 100"}, '"tau", "force1"')
-    found = chunk_of(sweep)
-    assert (found["tau_boom"] == found["tau_boom"][0]).all()
-    assert (found["force1"] == found["force1"][0]).all()
+    variants = variants_of(text, ("mechanism.payload.base.mass",), ("tau", "force1"))
+    (batch,) = variants.batches(np.linspace(1, 100, 7)[:, None])
+    assert (batch.arrays["tau_boom"] == batch.arrays["tau_boom"][0]).all()
+    assert (batch.arrays["force1"] == batch.arrays["force1"][0]).all()

@@ -15,9 +15,8 @@ import hingepair as hp
 
 pytest.importorskip("dask.distributed", reason="the extra dask is not installed")
 
-import pyarrow.parquet as pq
+import pandas
 
-from hingepair.scenes.variants import stores
 from hingepair.scenes.variants import sweep as sweeps
 from hingepair.scenes.variants.sweep import load_sweep, run_sweep
 from support.commands import refusal, run_command
@@ -46,33 +45,6 @@ start = 0
 stop = 3
 samples = 31
 """
-CRANE = """
-[[joint]]
-name = "boom"
-u1 = [0, 0, 1]
-u2 = [0, 0, 0]
-n = [0, 1, 0]
-body2 = { mass = 3, inertia = [1, 1, 1], centre_of_mass = [1, 0, 0] }
-[mechanism.payload.boom]
-mass = 1
-inertia = [0.1, 0.1, 0.1]
-[motion]
-boom = "t**2"
-[time]
-start = 0
-stop = 1
-samples = 5
-"""
-THROWN = ARM.replace("[motion]\n", "[old]\n").partition("[old]")[0] + """
-[dynamics]
-base = "fixed"
-psi.q_0 = 0.2
-psi.qd_0 = 0
-[time]
-start = 0
-stop = 1
-samples = 5
-"""  # fmt: skip
 GRID = """
 scene = "arm.toml"
 outputs = ["R2", "hinge_torque"]
@@ -91,15 +63,15 @@ count = 3
 
 @pytest.fixture(autouse=True)
 def _folder(tmp_path, monkeypatch):
-    for name, text in (("arm", ARM), ("crane", CRANE), ("thrown", THROWN), ("grid", GRID)):
+    for name, text in (("arm", ARM), ("grid", GRID)):
         (tmp_path / f"{name}.toml").write_text(text)
     monkeypatch.chdir(tmp_path)
 
 
-def swept(name: str, out: str, text: str | None = None, workers: int = 2, **how) -> Path:
+def swept(name: str, out: str, text: str | None = None, **how) -> Path:
     if text is not None:
         Path(f"{name}.toml").write_text(text)
-    return run_sweep(load_sweep(f"{name}.toml"), Path(out), workers=workers, **how)
+    return run_sweep(load_sweep(f"{name}.toml"), Path(out), **how)
 
 
 def scene_with(text: str, *changes: tuple[str, str]):
@@ -111,11 +83,7 @@ def scene_with(text: str, *changes: tuple[str, str]):
 
 
 def table(path: Path) -> dict[str, np.ndarray]:
-    return {name: column.to_numpy() for name, column in zip(*columns_of(pq.read_table(path)), strict=True)}
-
-
-def columns_of(rows):
-    return rows.column_names, rows.columns
+    return {name: column.to_numpy() for name, column in pandas.read_parquet(path).items()}
 
 
 @pytest.mark.slow
@@ -148,27 +116,20 @@ def test_a_grid_is_every_scene_with_its_numbers():
 
 @pytest.mark.slow
 def test_results_are_in_the_units_of_the_sweep_or_of_the_command():
-    text = 'scene = "arm.toml"\noutputs = ["R2", "psi"]\nunits = "deg, mm"\n{}'
+    text = 'scene = "arm.toml"\noutputs = ["R2", "psi"]\nunits = "deg, mm"\nreduce = ["max", "t_above(90)"]\n'
     text += '[[vary]]\nkey = "pair.u1[0]"\nvalues = [1, 2]\n'
-    reduced = table(swept("units", "units.parquet", text.format('reduce = ["max", "t_above(90)"]\n')))
+    reduced = table(swept("units", "units.parquet", text))
     motion = scene_with(ARM, ("u1 = [0.5,", "u1 = [2,")).evaluate(("R2", "psi"))
     assert reduced["R2_x_max [mm]"][1] == pytest.approx(1e3 * motion.R2[:, 0].max(), rel=1e-12)
     assert reduced["psi_t_above(90) [s]"][1] == pytest.approx(np.pi / 2)  # psi = t
     assert reduced["pair.u1[0]"].tolist() == [1, 2]
-    whole = table(swept("whole", "whole.parquet", text.format("")))
-    np.testing.assert_allclose(whole["R2_x [mm]"][31:], 1e3 * motion.R2[:, 0], rtol=1e-12)
-    np.testing.assert_allclose(whole["psi [deg]"][31:], np.degrees(motion.psi), rtol=1e-12)
-    assert_array_equal(whole["t [s]"][31:], motion.t)
-    run_sweep(load_sweep("whole.toml", "rpm, m"), Path("other.parquet"))
-    assert "R2_x [m]" in table(Path("other.parquet"))
     with pytest.raises(hp.SceneError, match="units: expected one of"):
-        swept("bad", "bad.parquet", text.format("").replace("deg, mm", "degrees"))
+        swept("bad", "bad.parquet", text.replace("deg, mm", "degrees"))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("design", ["random", "sobol"])
-def test_random_designs_are_spread_as_they_say_and_come_back_with_their_seed(design):
-    text = f'scene = "arm.toml"\noutputs = ["psi"]\nreduce = ["max"]\ndesign = "{design}"\nsamples = 512\nseed = %d\n'
+def test_a_sobol_design_is_spread_as_it_says_and_comes_back_with_its_seed():
+    text = 'scene = "arm.toml"\noutputs = ["psi"]\nreduce = ["max"]\ndesign = "sobol"\nsamples = 512\nseed = %d\n'
     text += '[[vary]]\nkey = "pair.u1[0]"\nlow = -1\nhigh = 3\n[[vary]]\nkey = "pair.u2[0]"\nmean = 2\nstd = 0.5\n'
     numbers = []
     for seed in (1, 1, 2):
@@ -179,9 +140,9 @@ def test_random_designs_are_spread_as_they_say_and_come_back_with_their_seed(des
     assert (numbers[0] != numbers[2]).any()
     uniform, normal = numbers[0].T
     assert (uniform.min() >= -1, uniform.max() <= 3) == (True, True)
-    error = 0.01 if design == "sobol" else 4 / np.sqrt(512)  # of the standard deviation
-    assert abs(uniform.mean() - 1) < error * 4 / np.sqrt(12)
-    assert (abs(normal.mean() - 2) < error * 0.5, abs(normal.std() - 0.5) < error * 0.5 * 2) == (True, True)
+    # A hundredth of the standard deviation: Sobol points are far more even than random ones.
+    assert abs(uniform.mean() - 1) < 0.01 * 4 / np.sqrt(12)
+    assert (abs(normal.mean() - 2) < 0.005, abs(normal.std() - 0.5) < 0.01) == (True, True)
 
 
 @pytest.mark.slow
@@ -194,13 +155,13 @@ def test_an_interrupted_sweep_is_taken_up_where_it_was(monkeypatch):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        swept("grid", "broken.parquet", workers=1, progress=stop)
+        swept("grid", "broken.parquet", progress=stop)
     assert not Path("broken.parquet").exists()
     kept = {part: part.stat().st_mtime_ns for part in Path("broken.parquet.parts").glob("part-*.npz")}
     assert len(kept) == 2
     computed = []
     plain = sweeps.compute_chunk
-    monkeypatch.setattr(sweeps, "compute_chunk", lambda *given: computed.append(given[1] // 4) or plain(*given))
+    monkeypatch.setattr(sweeps, "compute_chunk", lambda *given: computed.append(given[3] // 4) or plain(*given))
     found = table(swept("grid", "broken.parquet"))
     assert computed == [chunk for chunk in range(3) if f"part-{chunk:07d}.npz" not in {part.name for part in kept}]
     for name, column in undisturbed.items():
@@ -234,7 +195,8 @@ def test_a_worker_that_is_killed_changes_nothing():
 def test_a_damaged_chunk_is_named_and_computed_again_when_it_is_removed(damage):
     undisturbed = Path(swept("grid", "whole.parquet")).read_bytes()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stores.Store, "finish", lambda *_: None)
+        patch.setattr(sweeps, "_write_store", lambda *_: None)
+        patch.setattr(sweeps.shutil, "rmtree", lambda *_: None)
         swept("grid", "damaged.parquet")
     part = Path("damaged.parquet.parts/part-0000001.npz")
     part.write_bytes(part.read_bytes()[:-100] if damage is None else damage)
@@ -259,22 +221,10 @@ def test_the_examples_run(name):
     assert all(np.isfinite(column).all() for column in found.values())
 
 
-def test_of_two_sweeps_into_one_store_the_second_is_refused_and_the_first_is_whole():
-    shown = []
-
-    def second(finished, _):
-        if finished == 1:
-            shown.append(refusal("sweep", "grid.toml"))
-
-    assert len(table(swept("grid", "grid.parquet", progress=second))["variant"]) == 9
-    assert "--out: expected a store that no other sweep is writing now, got 'grid.parquet.parts'" in shown[0]
-
-
 def test_a_sweep_needs_no_package_for_a_csv_file(monkeypatch):
-    there = stores.find_spec
+    there = sweeps.find_spec
     whole = table(swept("grid", "whole.parquet"))
-    for module in (stores, sweeps):
-        monkeypatch.setattr(module, "find_spec", lambda name: None if name in {"dask", "pyarrow"} else there(name))
+    monkeypatch.setattr(sweeps, "find_spec", lambda name: None if name in {"dask", "pyarrow"} else there(name))
     shown = refusal("sweep", "grid.toml", "--out", "grid.parquet")
     assert "sweep: expected the package pyarrow: pip install 'hingepair[data]'; or --out" in shown
     assert not Path("grid.parquet.parts").exists()
@@ -290,13 +240,13 @@ def test_a_full_disk_leaves_nothing_that_could_be_taken_for_whole(monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
-        patch.setattr(stores, "write_npz", full)
+        patch.setattr(sweeps, "write_npz", full)
         shown = refusal("sweep", "grid.toml")
     assert "No space left on device" in shown
     assert not Path("grid.parquet").exists()
     assert not [*Path("grid.parquet.parts").glob("part-*")]
     with monkeypatch.context() as patch:
-        patch.setattr(pq.ParquetWriter, "write_table", full)
+        patch.setattr(pandas.DataFrame, "to_parquet", full)
         shown = refusal("sweep", "grid.toml")
     assert "No space left on device" in shown
     assert not Path("grid.parquet").exists()
@@ -313,42 +263,13 @@ def test_a_sweep_over_a_log_that_has_changed_is_another_one():
     for psi in (0.1, 0.2, 0.1):
         rows = "".join(f"{i},0,0,0,0,0,0,{psi * i}\n" for i in range(9))
         Path("log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + rows)
-        identities.add(load_sweep("logs.toml").identity)
+        identities.add(load_sweep("logs.toml").identity())
     assert len(identities) == 2
 
 
-def test_stops_of_a_given_motion_follow_swept_limits(tmp_path):
-    text = ARM.replace("n = [1, 2, 0]", "n = [1, 2, 0]\nlimits = [-1, 0.5]") + "[dynamics]\npsi.stops = true\n"
-    (tmp_path / "arm.toml").write_text(text)
-    (tmp_path / "sweep.toml").write_text(
-        'scene = "arm.toml"\noutputs = ["stop_torque"]\nreduce = ["absmax"]\n'
-        '[[vary]]\nkey = "pair.limits[1]"\nvalues = [0.5, 4.0]\n'
-    )
-    sweep = load_sweep(tmp_path / "sweep.toml")
-    torque = sweeps.compute_chunk(sweep.task, 0, sweep.numbers)["stop_torque_absmax"]
-    assert torque[0] > 0 == torque[1]
-
-
-def test_constants_and_frames_may_be_made_of_earlier_ones(tmp_path):
-    """In the order of the file, whatever their names."""
-    text = ARM.replace("speed = 1.5", 'w = 0.5\nspeed = "3*w"')
-    (tmp_path / "arm.toml").write_text(text)
-    (tmp_path / "sweep.toml").write_text(
-        'scene = "arm.toml"\noutputs = ["R2"]\nreduce = ["max"]\n[[vary]]\nkey = "pair.u1[0]"\nvalues = [0.5, 0.6]\n'
-    )
-    sweep = load_sweep(tmp_path / "sweep.toml")
-    found = sweeps.compute_chunk(sweep.task, 0, sweep.numbers)["R2_x_max"]
-    assert found[0] == hp.load_scene(tmp_path / "arm.toml").evaluate(("R2",)).R2[:, 0].max()
-
-
-def test_a_variant_that_cannot_be_computed_is_nan_and_the_others_are_not(tmp_path):
-    (tmp_path / "arm.toml").write_text(ARM)
-    (tmp_path / "sweep.toml").write_text(
-        'scene = "arm.toml"\noutputs = ["hinge_torque"]\nreduce = ["max"]\n'
-        '[[vary]]\nkey = "pair.body2.mass"\nvalues = [-1.0, 2.0, 3.0]\n'
-    )
-    sweep = load_sweep(tmp_path / "sweep.toml")
-    assert Path(sweep.task.path).is_absolute()
+def test_a_variant_that_cannot_be_computed_is_nan_and_the_others_are_not():
+    text = 'scene = "arm.toml"\noutputs = ["hinge_torque"]\nreduce = ["max"]\n'
+    text += '[[vary]]\nkey = "pair.body2.mass"\nvalues = [-1.0, 2.0, 3.0]\n'
     with pytest.warns(sweeps.SweepWarning, match=r"variant 0 \(pair.body2.mass = -1\) is NaN: .*mass"):
-        found = sweeps.compute_chunk(sweep.task, 0, sweep.numbers)["hinge_torque_max"]
-    assert np.isnan(found).tolist() == [True, False, False]
+        found = table(swept("bad", "bad.parquet", text))
+    assert np.isnan(found["hinge_torque_max"]).tolist() == [True, False, False]

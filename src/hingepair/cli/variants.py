@@ -24,8 +24,7 @@ from hingepair.cli.sources import load_named_scene
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.pairs.tolerances import DEVIATIONS, LIMITS
 from hingepair.scenes.variants.search import Range, search
-from hingepair.scenes.variants.stores import STORE_SUFFIXES
-from hingepair.scenes.variants.sweep import Progress, load_sweep, run_sweep
+from hingepair.scenes.variants.sweep import STORE_SUFFIXES, Progress, load_sweep, run_sweep
 from hingepair.scenes.variants.tolerance import study_tolerances
 from hingepair.tables.sheets import json_text, ruled_table
 
@@ -109,10 +108,9 @@ def sweep_command(
     scheduler: Annotated[
         str | None,
         typer.Option(
-            metavar="ADDRESS", help="Address of a dask.distributed scheduler; default: threads of this process."
+            metavar="ADDRESS", help="Address of a dask.distributed scheduler; default: this process computes."
         ),
     ] = None,
-    workers: Annotated[int, typer.Option(help="Threads of this process; -1: one for each core.")] = -1,
     units: Annotated[
         str | None,
         typer.Option(
@@ -133,19 +131,19 @@ def sweep_command(
     path = loaded.default_store() if out is None else out
     stopped = f"stopped; the same command goes on where it was ({path}.parts)"
     with _sweep_progress_bar() as progress, report_if_stopped(stopped):
-        run_sweep(loaded, path, scheduler, workers, progress)
+        run_sweep(loaded, path, scheduler, progress)
     if as_json:
         facts = {
             "title": loaded.title,
             "variants": loaded.variants,
             "chunks": loaded.chunks,
-            "keys": loaded.task.keys,
+            "keys": loaded.keys,
             "file": str(path),
         }
         print(json_text(facts))
         return
     print_title(loaded.title)
-    print(f"{loaded.variants} variants of {', '.join(loaded.task.keys)} in {loaded.chunks} chunks")
+    print(f"{loaded.variants} variants of {', '.join(loaded.keys)} in {loaded.chunks} chunks")
     print(f"written: {path}")
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import copy
+import functools
 import json
-import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -85,16 +85,12 @@ def vary(
     axes = {}
     for key, own in values.items():
         axes[key] = real_array(f"values[{key!r}]", own).astype(np.float64).ravel()
-    entry = Table("values", "", {}, {})
-    for key in axes:
-        number_path(entry, scene.tables.values, key)
     reductions = check_reductions("reduce", reduce)
-    names = None if outputs is None else tuple(outputs)
-    task = VariantTask.of(scene, tuple(axes), names)
+    variants = Variants(scene, tuple(axes), None if outputs is None else tuple(outputs))
     numbers = np.stack([axis.ravel() for axis in np.meshgrid(*axes.values(), indexing="ij")], axis=-1)
     shape, columns = tuple(map(len, axes.values())), scene.in_units(units)
     xarray = require("xarray", "hp.vary")
-    batches = task.batches(numbers) if client is None else _on_cluster(client, task, numbers)
+    batches = variants.batches(numbers) if client is None else _on_cluster(client, variants, numbers)
     if reductions:
         parts = [(batch.reduced(reductions, columns), batch.reasons) for batch in batches]
         found = {name: np.concatenate([own[name] for own, _ in parts]).reshape(shape) for name in parts[0][0]}
@@ -134,59 +130,22 @@ class Batch:
         return reduce_arrays(self.t, self.arrays, reductions, columns, self.touches)
 
 
-@dataclass(frozen=True, slots=True)
-class VariantTask:
-    """What to compute for each variant, which is sent to workers."""
-
-    #: path of the scene file
-    path: str
-    #: tables of the scene file as JSON text, in their order
-    tables: str
-    #: keys of the varied numbers
-    keys: tuple[str, ...]
-    #: names of the outputs; None for all that the scene has
-    outputs: tuple[str, ...] | None
-    #: names of the reductions; none to keep all instants
-    reductions: tuple[str, ...] = ()
-    #: units of results and levels in place of SI units
-    units: str = ""
-
-    @classmethod
-    def of(cls, scene: Scene, keys: tuple[str, ...], outputs: tuple[str, ...] | None, *more: Any) -> VariantTask:
-        """Return the task of a scene; workers may have another working directory."""
-        tables = json.dumps(scene.tables.values, default=str)
-        task = cls(str(scene.path.absolute()), tables, keys, outputs, *more)
-        _computers[task] = Variants(scene, keys, outputs)
-        return task
-
-    def variants(self) -> Variants:
-        """Return the computer of the variants, which each process makes once."""
-        if self not in _computers:
-            tables = with_constants_evaluated(Table(self.path, "", json.loads(self.tables), {}))
-            scene = scene_from_tables(tables, Path(self.path))
-            if len(_computers) > 3:
-                _computers.clear()
-            _computers[self] = Variants(scene, self.keys, self.outputs)
-        return _computers[self]
-
-    def batches(self, numbers: Float64Array) -> Iterator[Batch]:
-        """Yield the results of variants, `numbers` (variants, keys), in their order."""
-        return self.variants().batches(numbers)
-
-
-_computers: dict[VariantTask, Variants] = {}
-
-
-def _on_cluster(client: Any, task: VariantTask, numbers: Float64Array) -> Iterator[Batch]:
+def _on_cluster(client: Any, variants: Variants, numbers: Float64Array) -> Iterator[Batch]:
     """Yield the results of variants in their order, computed on the cluster of a Dask client."""
-    size = max(1, math.ceil(len(numbers) / max(4 * len(client.scheduler_info()["workers"]), 1)))
-    parts = [numbers[start : start + size] for start in range(0, len(numbers), size)]
-    for future in client.map(_all_batches, [task] * len(parts), parts, pure=False):
+    parts = np.array_split(numbers, min(len(numbers), 4 * max(len(client.scheduler_info()["workers"]), 1)))
+    for future in client.map(_all_batches, [variants] * len(parts), parts, pure=False):
         yield from future.result()
 
 
-def _all_batches(task: VariantTask, numbers: Float64Array) -> list[Batch]:
-    return [*task.batches(numbers)]
+def _all_batches(variants: Variants, numbers: Float64Array) -> list[Batch]:
+    return [*variants.batches(numbers)]
+
+
+@functools.lru_cache(4)
+def _variants_again(path: str, tables: str, keys: tuple[str, ...], outputs: tuple[str, ...] | None) -> Variants:
+    """Return the computer of variants of a scene from the JSON text of its tables."""
+    values = with_constants_evaluated(Table(path, "", json.loads(tables), {}))
+    return Variants(scene_from_tables(values, Path(path)), keys, outputs)
 
 
 def _joined_batches(found: Sequence[Batch]) -> Batch:
@@ -198,7 +157,8 @@ def _joined_batches(found: Sequence[Batch]) -> Batch:
 
 
 class Variants:
-    """Computer of the outputs of a scene for any values of some of its numbers.
+    """Computer of the outputs of a scene for any values of some of its numbers. A process to which it is sent reads
+    the scene once.
 
     Args:
         scene: the scene.
@@ -207,11 +167,16 @@ class Variants:
     """
 
     def __init__(self, scene: Scene, keys: Sequence[str], outputs: Sequence[str] | None) -> None:
-        entry = Table("vary", "", {}, {})
-        self.scene, self.outputs = scene, None if outputs is None else tuple(outputs)
+        entry = Table("values", "", {}, {})
+        self.scene, self.keys = scene, tuple(keys)
+        self.outputs = None if outputs is None else tuple(outputs)
         self.paths = [number_path(entry, scene.tables.values, key) for key in keys]
         if self.outputs is not None:
             scene.check_arrays(self.outputs)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        tables = json.dumps(self.scene.tables.values, default=str)  # in the order of the file
+        return _variants_again, (str(self.scene.path.absolute()), tables, self.keys, self.outputs)
 
     def scene_of(self, numbers: Sequence[float]) -> Scene:
         """Return the scene with these numbers."""
