@@ -107,7 +107,7 @@ def test_a_data_frame_stands_for_the_file_of_a_scene(tmp_path: Path) -> None:
         assert any("columns that were not read: " in note and "Wetter" in note for note in scene.motion.notes), kind
         assert any("the first in row 5, counted from 0" in note for note in scene.motion.notes)
         assert scene.files == (path.absolute(),)
-    with pytest.raises(hp.SceneError, match=r"DataFrame: motion\.columns\.psi: expected one of .* got 'Knick'"):
+    with pytest.raises(hp.SceneError, match=r"motion\.columns\.psi: expected one of .* got 'Knick'"):
         hp.load_scene(path, log=frame.drop(columns="Knick"))
     with pytest.raises(hp.ArgumentError, match="log: expected the path of a file, a pandas DataFrame"):
         hp.load_scene(path, log=3)

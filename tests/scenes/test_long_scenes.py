@@ -44,7 +44,7 @@ def long_scene(folder: Path, samples: int | str, model: str = "reference_3d") ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", sparse(["reference_2d", "landing_gear", "spinning_satellite", "logged_arm"], 4))
+@pytest.mark.parametrize("model", sparse(["reference_2d", "landing_gear", "logged_arm"], 3))
 def test_pieces_are_the_whole_to_the_bit(tmp_path, monkeypatch, model):
     monkeypatch.setattr("hingepair.scenes.scene.RESULT_ROWS_PER_BLOCK", 1024)
     logged = model == "logged_arm"
@@ -77,19 +77,9 @@ def test_kinks_between_pieces_are_counted_once(tmp_path, monkeypatch):
         assert scene.notes() == whole
 
 
-def test_what_memory_cannot_hold_says_what_can(tmp_path):
-    scene = hp.load_scene(long_scene(tmp_path, "1e8"))
-    assert scene.samples == 10**8
-    for ask in (scene.evaluate, scene.times, scene.cross_validate):
-        with pytest.raises(
-            hp.ArgumentError, match=r"samples: expected at most 10000000 .*--out FILE\.parquet.*blocks\(\)"
-        ):
-            ask()
-    first = next(scene.blocks(("R2",)))
-    assert (len(first.t), first.first, first.R2.shape) == (131_072, 0, (131_072, 3))
-    with pytest.raises(hp.SceneError, match=r"time\.samples: expected at most 10000000 where a motion is integrated"):
-        hp.load_scene(long_scene(tmp_path, 100_000_000, "spinning_satellite"))
-    with pytest.raises(hp.SceneError, match=r"time\.samples"):
+def test_more_instants_than_memory_holds_are_refused(tmp_path):
+    assert hp.load_scene(long_scene(tmp_path, "1e6")).samples == 10**6
+    with pytest.raises(hp.SceneError, match=r"time\.samples: expected an integer from 1 to 10000000"):
         hp.load_scene(long_scene(tmp_path, 10**12))
 
 
@@ -112,7 +102,7 @@ def test_a_run_that_is_stopped_leaves_nothing_half_written(tmp_path):
     target = tmp_path / "out" / "long.csv"
     target.parent.mkdir()
     target.write_text("before")
-    command = sys.executable, "-c", RUN, "run", str(long_scene(tmp_path, 10**8)), "--out", str(target)
+    command = sys.executable, "-c", RUN, "run", str(long_scene(tmp_path, 10**7)), "--out", str(target)
     run = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     while len(os.listdir(target.parent)) < 2 and run.poll() is None:  # the file beside it
         time.sleep(0.05)

@@ -119,7 +119,6 @@ MALFORMED = {
     "large file": (b"# " + b"x" * 1_100_000, "bytes"),
     "endless integer": (change("samples = 21", f"samples = 0x{'f' * 5_000}"), "time.samples"),
     "terminal escapes in the title": ('title = "a\\u001b[31mb"\n' + GOOD, "printable"),
-    "hinge rate alone": (GOOD.replace('psi = "pi*t"', 'psi_dot = "pi*t"'), "motion.omega1"),
     "one sample of a time": (change("samples = 21", "samples = 1"), "time.samples: expected at least 2"),
     "product without a sign": (change('psi = "pi*t"', 'psi = "2t"'), "2*t"),
     "home without an angle": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = { axis = [1, 0, 0] }"), "pair.home"),

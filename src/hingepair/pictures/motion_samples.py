@@ -154,7 +154,7 @@ def _scene_motion(scene: Scene, joints: Sequence[Joint]) -> ShownMotion:
     looked_at = np.arange(scene.samples) if whole else np.asarray(scene.spread(MAX_SHOWN))
     is_tree = scene.mechanism is not None and not scene.mechanism.loops
     tau = _efforts(scene) if whole and is_tree and has_efforts(scene) else None
-    instants = np.asarray(scene.instants[looked_at])
+    instants = np.asarray(scene.t[looked_at])
     rows, events = _shown_rows(instants, _joint_motion(scene, scene.known(looked_at, 0))[0], tau, joints)
     known, t = scene.known(looked_at[rows], level), instants[rows]
     base, (q, *rates_of_q) = known.base_motion, _joint_motion(scene, known)

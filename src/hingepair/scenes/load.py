@@ -128,7 +128,7 @@ def _read_motion(tables: Table, folder: Path, subject: Subject, dynamics: Dynami
     if simulates(tables, subject):
         return read_simulated_motion(tables, subject, dynamics)
     if "file" in tables.table("motion").values:
-        from hingepair.scenes.motions.logs import read_log
+        from hingepair.scenes.motions.sampled import read_log
 
         motion = read_log(tables, folder, subject)
     else:

@@ -24,16 +24,16 @@ from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
-from hingepair.mechanism.results import MAX_HELD_INSTANTS, RESULT_ROWS_PER_BLOCK, Result
+from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK, Result
 from hingepair.mechanism.states import Energy, Momentum
 from hingepair.motion.energy_balance import EnergyBalance
 from hingepair.motion.run import stop_overrun
 from hingepair.motion.trajectory import describe_instants
-from hingepair.numeric.arrays import Frozen, one_constant, read_only
+from hingepair.numeric.arrays import Float64Array, Frozen, one_constant
 from hingepair.scenes import suspicions
 from hingepair.scenes.forces import SceneForces, scene_forces
 from hingepair.scenes.motions.known import Known, Rows
-from hingepair.scenes.motions.motion import Instants, Motion, kink_sentences
+from hingepair.scenes.motions.motion import Motion, kink_sentences
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers
 from hingepair.scenes.subjects.either import Subject
 from hingepair.scenes.subjects.mechanism import MechanismSubject
@@ -270,12 +270,12 @@ class Scene(Shown):
 
     def coordinates(self) -> JointCoordinates:
         """Return (q, qd, qdd) of the joints at all instants, each of shape (samples, dof); psi of a pair."""
-        known = self.known(slice(len(self.times())), self.motion.level)
+        known = self.known(slice(None), self.motion.level)
         return JointCoordinates(*(known.array(order) for order in range(known.level + 1)))
 
     def base_motion(self) -> BodyMotion | None:
         """Return the motion of body 1 or of the base at all instants; None if it rests at the origin."""
-        return self.known(slice(len(self.times())), self.motion.level).base_motion
+        return self.known(slice(None), self.motion.level).base_motion
 
     def known(self, rows: Rows, order: int) -> Known:
         """Return the motion at some of the instants, with derivatives up to `order`."""
@@ -312,19 +312,14 @@ class Scene(Shown):
     # ---- the instants
 
     @property
-    def instants(self) -> Instants:
-        """The instants [s], an array or UniformInstants."""
-        return self.motion.t
-
-    @property
     def start(self) -> float:
         """First instant [s]."""
-        return float(self.instants[0])
+        return float(self.motion.t[0])
 
     @property
     def stop(self) -> float:
         """Last instant [s]."""
-        return float(self.instants[-1])
+        return float(self.motion.t[-1])
 
     @property
     def span(self) -> str:
@@ -334,22 +329,16 @@ class Scene(Shown):
     @property
     def samples(self) -> int:
         """Number of instants."""
-        return len(self.instants)
+        return len(self.motion.t)
 
     @property
-    def t(self) -> NDArray[np.float64]:
-        """All instants; shape (samples,) s. Raises an ArgumentError if they are too many to be held in memory."""
-        return self.times()
+    def t(self) -> Float64Array:
+        """All instants, read-only; shape (samples,) s."""
+        return self.motion.t
 
-    def times(self) -> NDArray[np.float64]:
+    def times(self) -> Float64Array:
         """Return all instants as a read-only array; shape (samples,) s."""
-        if self.samples > MAX_HELD_INSTANTS:
-            way = (
-                "hingepair run SCENE --out FILE.parquet (or .csv) computes any number, scene.blocks() piece by piece"
-            )
-            most = f"at most {MAX_HELD_INSTANTS} instants to be held in memory; {way}"
-            raise ArgumentError("samples", most, self.samples)
-        return np.asarray(read_only(self.instants[:]))
+        return self.motion.t
 
     def spread(self, max_instants: int) -> Rows:
         """Return the indices of `max_instants` evenly spread instants, or of all if there are fewer."""
@@ -419,7 +408,7 @@ class Scene(Shown):
             ArgumentError: an unknown output, one that needs what the motion does not have, or more instants than can
                 be held in memory.
         """
-        return self._evaluated(slice(len(self.times())), self.request(outputs))
+        return self._evaluated(slice(None), self.request(outputs))
 
     def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> SceneResult:
         """Compute outputs at evenly spread instants; the motion of the result has all derivatives of the scene.
@@ -453,8 +442,7 @@ class Scene(Shown):
         known = self.known(rows, max(self.subject.order(request, self.motion.level), min_order))
         computed = self.subject.compute(request, known, self._acting(rows), self.backend)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
-        t = np.asarray(read_only(self.instants[rows]))
-        return SceneResult(t, self, known, request, computed, first)
+        return SceneResult(self.motion.t[rows], self, known, request, computed, first)
 
     def _acting(self, rows: Rows, gravity: tuple[float, ...] | None = None) -> Acting:
         return Acting(self.motion, rows, self.gravity if gravity is None else gravity)
@@ -509,7 +497,7 @@ class Scene(Shown):
 
     def _force_arrays(self, gravity: tuple[float, ...] | None = None) -> dict[str, NDArray[Any]]:
         """Return the forces that the motion requires at all instants."""
-        rows = slice(len(self.times()))
+        rows = slice(None)
         return self.subject.forces(self.known(rows, ACCELERATION), self._acting(rows, gravity))
 
     def unit(self, name: str) -> str:
@@ -530,7 +518,7 @@ class Scene(Shown):
         Args:
             max_instants: largest number of instants to compare, evenly spread; all instants by default.
         """
-        rows = slice(len(self.times())) if max_instants is None else self.spread(max_instants)
+        rows = slice(None) if max_instants is None else self.spread(max_instants)
         return self.subject.compare(self.known(rows, self.motion.level), self._acting(rows))
 
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:

@@ -16,7 +16,6 @@ from hingepair.tables.suspicions import DEGREES_IN_SCENES, suspicions
 if TYPE_CHECKING:
     from hingepair.scenes.motions.functions import FunctionsOfTime
     from hingepair.scenes.motions.known import Known
-    from hingepair.scenes.motions.motion import Instants
 
 MAX_JUDGED: Final = 101
 """Number of instants at which a motion is judged, evenly spread."""
@@ -26,7 +25,7 @@ _KIND_BY_KEY: Final[Mapping[str, str]] = {
     **dict.fromkeys(
         ("phi", "phi_x", "phi_y", "phi_z", "psi", "phi_0", "psi_0", "q_0", "rest", "stops", "rad", "rpy"), _ANGLES
     ),
-    **dict.fromkeys(("omega1", "psi_dot", "omega1_0", "qd_0", "rate_limit", "friction_rate"), _RATES),
+    **dict.fromkeys(("omega1_0", "qd_0", "rate_limit", "friction_rate"), _RATES),
     **dict.fromkeys(
         ("u1", "u2", "centre_of_mass", "center_of_mass", "center", "box", "sphere", "cylinder", "length"), _LENGTHS
     ),
@@ -111,7 +110,7 @@ def function_suspicions(
                 )
 
 
-def motion_suspicions(t: Instants, known: Known, is_pair: bool) -> Iterator[str]:
+def motion_suspicions(t: Float64Array, known: Known, is_pair: bool) -> Iterator[str]:
     """Yield a sentence if the instants t are probably not in seconds, judged by the rates of the known motion at some
     of them, or if body 1 of a pair probably moves in millimetres.
     """

@@ -29,7 +29,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.motions.functions import read_base, read_functions
 from hingepair.scenes.motions.known import PSI, RATE_SUFFIXES, EulerBase, Known
-from hingepair.scenes.motions.motion import LazyValue, Motion, impact_sentences, read_instants_array
+from hingepair.scenes.motions.motion import LazyValue, Motion, impact_sentences, read_instants
 from hingepair.scenes.subjects.either import Subject
 from hingepair.scenes.subjects.mechanism import MechanismSubject
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
@@ -96,7 +96,7 @@ def simulates(tables: Table, subject: Subject) -> bool:
     if "dynamics" not in tables.values:
         return False
     table, motion = tables.table("dynamics"), tables.table("motion", required=False)
-    if not motion.values.keys().isdisjoint({"file", "omega1", "psi_dot"}):
+    if "file" in motion.values:
         return False
     moves_base = not motion.values.keys().isdisjoint(subject.base_names)
     moved = set(subject.moved_by(motion))
@@ -123,7 +123,7 @@ def read_dynamics(tables: Table, subject: Subject) -> Dynamics:
     own = {key: value for key, value in table.values.items() if key not in subject.names or key in readers}
     table.check_keys((*readers, *subject.names))
     options = replace(table, values=own).read(readers)
-    moves_base = not motion.values.keys().isdisjoint({*subject.base_names, "omega1", "file"})
+    moves_base = not motion.values.keys().isdisjoint({*subject.base_names, "file"})
     rest = "free" if subject.pair is not None and simulates(tables, subject) else "fixed"
     base = options.pop("base", PRESCRIBED if moves_base else rest)
     start: dict[str, Any] = {key: options.pop(key) for key in _START if key in options}
@@ -306,7 +306,7 @@ def read_simulated_motion(tables: Table, subject: Subject, dynamics: Dynamics) -
     base, sequence = read_base(motion, subject)
     if dynamics.base != PRESCRIBED:
         base = None
-    t = read_instants_array(tables.table("time"))
+    t = read_instants(tables.table("time"))
     driven = _read_driven(motion, subject, t)
     for name in driven:
         if name in table.values:

@@ -1,25 +1,20 @@
-"""Motion by functions of t: expressions, differentiated exactly, numbers and way points.
-
-They are the coordinates themselves, or the rates that are integrated.
-"""
+"""Motion by functions of t: expressions, differentiated exactly, numbers and way points."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import ACCELERATION
-from hingepair.motion.signals import CallableSignal as Signal
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from hingepair.scenes.motions.integrated import integrate_motion
 from hingepair.scenes.motions.known import PSI, EulerBase, Known, Rows
-from hingepair.scenes.motions.motion import Instants, Motion, read_instants, read_instants_array
+from hingepair.scenes.motions.motion import Motion, read_instants
 from hingepair.scenes.motions.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
 from hingepair.scenes.subjects.either import Subject
 from hingepair.scenes.subjects.mechanism import MechanismSubject
@@ -29,9 +24,6 @@ from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
 
 if TYPE_CHECKING:
     from hingepair.symbolic.exact import Expr
-
-_TOL: Final = 1e-12
-"""Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,11 +36,6 @@ class FunctionsOfTime:
     #: where they were written
     table: Table
 
-    @property
-    def value_shape(self) -> tuple[int, ...]:
-        """The shape of the values at one instant: () for one function, (k,) for k functions."""
-        return () if len(self.names) == 1 else (len(self.names),)
-
     def derivatives(self, t: ArrayLike, order: int) -> TimeDerivatives:
         """Return (values, first derivatives, ...) at the instants t up to `order`. The entry of each order is a tuple
         with one array or float per function. At a kink, return the derivatives from the right.
@@ -56,13 +43,6 @@ class FunctionsOfTime:
         rows = iter(zip(*self._of_expressions().derivatives(t, order), strict=True))
         columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]
         return tuple(zip(*columns, strict=True))
-
-    def stacked(self, t: Float64Array, order: int) -> list[Float64Array]:
-        """Return [values, first derivatives, ...] up to `order` at t: arrays (N,) of one function, else (N, k)."""
-        rows = self.derivatives(t, order)
-        return [
-            np.stack(np.broadcast_arrays(*row, t)[:-1], axis=-1).reshape(*t.shape, *self.value_shape) for row in rows
-        ]
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
         """Return, for each interval between instants t, whether a function has a kink or a jump in it; (N - 1,)."""
@@ -101,7 +81,7 @@ class FunctionSource:
     """Motion of joints, and of body 1 or a base, by functions of time."""
 
     #: instants [s]
-    t: Instants
+    t: Float64Array
     #: names of all joints, in order
     names: tuple[str, ...]
     #: of the joints that move [rad or m]
@@ -132,17 +112,11 @@ def base_at(base: FunctionsOfTime | None, sequence: str | None, t: Float64Array,
 
 
 def read_function_motion(tables: Table, subject: Subject) -> Motion:
-    """Return the Motion that the tables [motion] and [time] define by functions of t: coordinates, or angular
-    velocity and hinge rate, which are integrated (equation E12).
-    """
+    """Return the Motion that the tables [motion] and [time] define by functions of t."""
     motion = tables.table("motion")
-    if subject.pair is not None and not motion.values.keys().isdisjoint({"omega1", "psi_dot"}):
-        if "omega1" not in motion.values:
-            motion.fail("omega1", "the angular velocity of body 1, since psi_dot is given")
-        return _read_rate_motion(motion, read_instants_array(tables.table("time")), subject.planar)
     if isinstance(subject, MechanismSubject):
         subject.check_joint_names(motion, ("file", *subject.base_names, "sequence"))
-    subject.check_motion_keys(motion, further=("file", "omega1"))
+    subject.check_motion_keys(motion, further=("file",))
     base, sequence = read_base(motion, subject)
     joints = read_functions(motion, PSI if subject.pair is not None else subject.moved_by(motion))
     how = "" if subject.pair is None else base_phrase(base, sequence)
@@ -176,28 +150,6 @@ def base_phrase(base: object, sequence: str | None) -> str:
     if base is None:
         return "body 1 rests at the origin"
     return f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}" if sequence else "in the plane z = 0"
-
-
-def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
-    """Return the Motion that the functions omega1 and psi_dot of a Table give, integrated (equation E12)."""
-    start_keys = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
-    table.check_keys(("psi_0", "method", "tol", "omega1", "psi_dot", *start_keys))
-    axes = start_keys[:2] if planar else start_keys[:3]
-    omega = (
-        replace(table, values={"omega1": table.values.get("omega1")}) if planar else table.entries("omega1", 3, "t")
-    )
-    turning, hinge = read_functions(omega, tuple(omega.values)), read_functions(table, ("psi_dot",))
-    point = read_functions(replace(table, values=dict.fromkeys(axes, 0) | table.values), axes)
-    arrays = dict(zip(("R1", "v1", "a1"), point.stacked(t, 2), strict=True))
-    arrays |= dict(zip(("omega1", "alpha1"), turning.stacked(t, 1), strict=True))
-    arrays |= dict(zip(("psid", "psidd"), hinge.stacked(t, 1), strict=True))
-    signals = _signal("omega1", turning), _signal("psi_dot", hinge)
-    tol = table.number("tol", _TOL)
-    return integrate_motion(table, t, signals, arrays, tol, planar=planar, functions=(turning, hinge, point))
-
-
-def _signal(name: str, functions: FunctionsOfTime) -> Signal:
-    return Signal(name, lambda t: functions.stacked(t, 0)[0], functions.value_shape)
 
 
 def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol, TypeAlias
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,46 +22,9 @@ from hingepair.scenes.tables import Key, Table
 from hingepair.tables.sheets import instant_text
 from hingepair.tables.units import SI, Units
 
-MAX_SAMPLES: Final = 1_000_000_000
-"""Largest number of instants of a scene; results of many go into a file block by block."""
 
-
-@dataclass(frozen=True, slots=True)
-class UniformInstants:
-    """Evenly spaced instants [s] from `start` to `stop`, both included, worked out where they are needed.
-
-    >>> UniformInstants(0.0, 1.0, 5)[1:3]
-    array([0.25, 0.5 ])
-    """
-
-    start: float
-    stop: float
-    samples: int
-
-    def __len__(self) -> int:
-        return self.samples
-
-    def __getitem__(self, rows: int | Rows) -> Any:
-        """Return one instant as a float64, or an array of the instants with the given indices."""
-        if isinstance(rows, slice):
-            numbers: Any = np.arange(*rows.indices(self.samples), dtype=np.float64)
-        else:
-            numbers = np.asarray(rows, dtype=np.float64)
-            if ((numbers < -self.samples) | (numbers >= self.samples)).any():
-                raise IndexError(f"index out of range for {self.samples} instants")
-            numbers = numbers % self.samples
-        step = (self.stop - self.start) / max(self.samples - 1, 1)
-        instants: Float64Array = numbers * step + self.start
-        last = (numbers == self.samples - 1) & (self.samples > 1)
-        return np.where(last, self.stop, instants)[()]
-
-
-Instants: TypeAlias = UniformInstants | Float64Array
-"""Increasing instants [s]."""
-
-
-def read_instants(time: Table) -> UniformInstants:
-    """Return the instants that the keys start, stop and samples of the Table [time] define."""
+def read_instants(time: Table) -> Float64Array:
+    """Return the instants that the keys start, stop and samples of the Table [time] define; (samples,) s."""
     keys: dict[str, Key] = {"start": Table.number, "stop": Table.number, "samples": _read_sample_count}
     start, stop, samples = time.read(keys, required=keys).values()
     if not 0 <= stop - start < np.inf:
@@ -71,25 +34,16 @@ def read_instants(time: Table) -> UniformInstants:
     closest = 2 * float(np.spacing(max(abs(start), abs(stop))))
     if samples > 1 and 0 < stop - start < (samples - 1) * closest:
         time.fail("samples", f"fewer: near t = {stop:.9g} s, floats tell instants {closest:.2g} s apart")
-    return UniformInstants(start, stop, samples)
-
-
-def read_instants_array(time: Table) -> Float64Array:
-    """Return the instants of the Table [time] as a read-only array (samples,) s; refuse more than memory holds."""
-    t = read_instants(time)
-    if len(t) > MAX_HELD_INSTANTS:
-        most = f"at most {MAX_HELD_INSTANTS} where a motion is integrated, which is done in memory"
-        time.fail("samples", most)
-    return np.asarray(read_only(t[:]))
+    return np.asarray(read_only(np.linspace(start, stop, samples)))
 
 
 def _read_sample_count(time: Table, key: str) -> int:
-    """Return the integer from 1 to MAX_SAMPLES under a key of [time]; 1e6 is one, too."""
+    """Return the integer from 1 to MAX_HELD_INSTANTS under a key of [time]; 1e6 is one, too."""
     value: Any = time.values.get(key)
     if type(value) is float and value.is_integer():
         value = int(value)
-    if type(value) is not int or not 1 <= value <= MAX_SAMPLES:
-        time.fail(key, f"an integer from 1 to {MAX_SAMPLES}")
+    if type(value) is not int or not 1 <= value <= MAX_HELD_INSTANTS:
+        time.fail(key, f"an integer from 1 to {MAX_HELD_INSTANTS}")
     return value
 
 
@@ -132,7 +86,7 @@ class Motion:
     """Motion at the instants of a scene."""
 
     #: instants [s]
-    t: Instants
+    t: Float64Array
     #: the motion at all instants
     source: MotionSource
     #: where the motion comes from, in words

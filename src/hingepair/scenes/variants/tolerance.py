@@ -164,7 +164,7 @@ def study_tolerances(scene: Scene, **tolerances: Any) -> ToleranceStudy:
         expected = 'tolerances, such as [tolerances] u1 = "+-0.2 mm", or --tolerance "u1=+-0.2 mm"'
         raise SceneError(f"{scene.path}: tolerances", expected, "none")
     rows = scene.spread(_MAX_INSTANTS)
-    t, known = np.asarray(scene.instants[rows]), scene.known(rows, POSE)
+    t, known = np.asarray(scene.t[rows]), scene.known(rows, POSE)
     R, S, psi = known.body1.R, known.body1.S, known.psi
     is_known = np.isfinite(R).all(axis=1) & np.isfinite(S).all(axis=(1, 2)) & np.isfinite(psi)
     if not is_known.any():
