@@ -44,7 +44,7 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
 @pytest.mark.slow
 def test_masses_of_a_urdf_file_are_fitted_and_written(files: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "fitted.urdf"
-    printed = run_command("masses", *files, "--physical", "--urdf", out).stdout
+    printed = run_command("masses", *files, "--urdf", out).stdout
     assert "\nok\n" in printed
     assert f"written: {out}\n" in printed
     fitted, heavier, q = hp.Mechanism.from_urdf(out), arm(1.0), np.array((0.3, 0.7))

@@ -281,20 +281,6 @@ def test_bodies_that_do_not_turn_show_no_hinge(slip: object, words: str, noise: 
     assert caught.value.name == "body1, body2"
 
 
-@pytest.mark.slow
-def test_residuals_say_when() -> None:
-    made = recording(400, 1e-3, 2e-3)
-    found = hp.fit(*bodies(made), t=made.t + 1.7e9)
-    left = found.residuals
-    gap, tilt = left.rows
-    assert gap.rms == pytest.approx(found.rms_position, rel=1e-12)
-    assert tilt.rms == pytest.approx(found.rms_angle, rel=1e-9)
-    assert gap.worst_time == found.t[gap.worst_sample]
-    assert np.abs(np.linalg.norm(left.gap, axis=-1) - found.gap).max() < 1e-15
-    assert np.abs(left.tilt_angle - found.tilt).max() < 1e-12
-    assert left.ok
-
-
 def read_in_order(S: np.ndarray, written: str) -> np.ndarray:
     """Attitudes whose quaternions were written in one order and read in the other."""
     from scipy.spatial.transform import Rotation
@@ -316,11 +302,8 @@ NO_HINGES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("loss", ["linear", "cauchy"])
 @pytest.mark.parametrize("name", NO_HINGES)
-def test_residuals_do_not_pass_what_is_no_hinge(name: str, loss: str) -> None:
-    """Five times what the fit leaves would pass anything."""
-    found = hp.fit(*bodies(NO_HINGES[name](recording(1000, 1e-3, 2e-3))), loss=loss)
-    assert not found.ok
-    assert found.residuals.verdict == "FAILED: gap, tilt"
+def test_what_is_no_hinge_is_not_relied_on(name: str, loss: str) -> None:
+    assert not hp.fit(*bodies(NO_HINGES[name](recording(1000, 1e-3, 2e-3))), loss=loss).ok
 
 
 @pytest.mark.parametrize("loss", ["linear", "cauchy"])

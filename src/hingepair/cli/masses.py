@@ -35,10 +35,6 @@ def masses_command(
         str,
         typer.Option(metavar="NAMES", help=f"What acts in each joint beside masses: {', '.join(JOINT_TERMS)}."),
     ] = "viscous,coulomb",
-    physical: Annotated[
-        bool,
-        typer.Option("--physical", help="Admit only masses that rigid bodies can have, and friction that brakes."),
-    ] = False,
     test: Annotated[
         float, typer.Option(metavar="PART", help="Part of the samples, the last ones, that is kept for a test.")
     ] = 0.25,
@@ -74,7 +70,6 @@ def masses_command(
         robot,
         *(recorded[name] for name in ("q", "qd", "qdd", "tau")),
         joint_terms=tuple(split_names("joint_terms", joint_terms) or ()),
-        physical=physical,
         test=test,
         gravity=DEFAULT_GRAVITY if gravity is None else parse_gravity(gravity, 3),
     )

@@ -15,7 +15,7 @@ import numpy as np
 from hingepair.errors import FitError
 from hingepair.measured.hinge import first_axis_across, frame, sign_of, tilted
 from hingepair.measured.hinge_model import Noise
-from hingepair.measured.most_likely import Model, Rows, noise_bias
+from hingepair.measured.most_likely import Rows, noise_bias
 from hingepair.measured.relative_poses import FEW_SAMPLES, RelativePoses
 from hingepair.measured.robust import Loss, median_variance
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -66,7 +66,7 @@ class Circle(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PointModel(Model):
+class PointModel:
     """A circle on which a point of body 2 moves, and the noise of its places."""
 
     circle: Circle

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,10 +29,6 @@ from hingepair.numeric.arrays import Float64Array, check_choice, read_only
 from hingepair.tables.instants import gap_sentences
 from hingepair.tables.suspicions import suspicions
 from hingepair.tables.units import Units
-
-if TYPE_CHECKING:
-    from hingepair.mechanism.pairs.residuals import Residuals
-
 
 _INLIER = 0.1  # weight below which a robust loss has made the sample an outlier
 _START_SAMPLES = 65536  # for the start in closed form and the check that motion shows the clock offset, at most
@@ -106,21 +102,6 @@ class HingeFit(HingeReport):
     tilt: Float64Array
     samples: int
     body2: BodyMotion
-    _body1: BodyMotion = field(repr=False)
-
-    @property
-    def residuals(self) -> Residuals:
-        """Gap and tilt between the two recorded motions at every sample, as the `Residuals` of `pair.residuals`,
-        whose attributes are vectors `gap` (N, 3), world axes [m], and angles `tilt_angle` (N,) [rad].
-
-        The tolerances are five times `rms_position` and `rms_angle`. If `ok` is False, they are the defaults, which
-        allow for rounding errors only, so that motions that do not agree with a hinge do not pass. A point has none.
-        """
-        rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
-        limits = {name: 5.0 * max(rms, 1e-300) for name, rms in rms_by_name.items()}
-        allowed = limits if self.ok else None
-        first, second = (BodyMotion(R=body.R, S=body.S) for body in (self._body1, self.body2))
-        return self.pair.residuals(first, second, allowed, self.t)
 
     def _title(self) -> str:
         return f"hinge of {self.samples} samples ({self.psi.size - self.samples} missing), loss {self.loss}"
@@ -276,12 +257,11 @@ def fit(
         tilt=_scatter_used(fitted.tilt, used),
         samples=int(used.sum()),
         body2=BodyMotion(R=moved.R) if samples.is_point else moved,
-        _body1=body1,
     )
 
 
 def _fitted(
-    estimate: Estimate[Any],
+    estimate: Estimate,
     poses: RelativePoses,
     loss: Loss | None,
     gauge: str,
@@ -318,7 +298,7 @@ def _fitted(
 
 def _estimated(
     samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
-) -> tuple[ClockedPoses | None, Estimate[Any], RelativePoses]:
+) -> tuple[ClockedPoses | None, Estimate, RelativePoses]:
     """Return the most likely hinge and its poses, and what gives the poses at any clock; None in its place if the
     clock is that of body 1, as known or as taken where the motion does not determine it.
     """

@@ -16,12 +16,12 @@ c = s / 4.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from hingepair.measured.hinge import Hinge, home_angle, home_of, result_derivatives
-from hingepair.measured.most_likely import Model, Rows, noise_bias
+from hingepair.measured.most_likely import Rows, noise_bias
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, robust_closed_form_hinge
 from hingepair.measured.robust import Loss, median_variance
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -77,7 +77,7 @@ def constraints(hinge: Hinge, poses: RelativePoses, axes: Float64Array | None = 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BodyModel(Model):
+class BodyModel:
     """A hinge of two bodies with attitudes, and the noise of their poses."""
 
     hinge: Hinge
@@ -116,7 +116,7 @@ class BodyModel(Model):
         seen = constraints(self.hinge, poses)
         if loss is None:
             start = _noise_by_medians(seen, poses)
-            return replace(self, noise=_variance_components(poses.thinned(_NOISE_SAMPLES), self.hinge, start))
+            return replace(self, noise=_most_likely_noise(poses.thinned(_NOISE_SAMPLES), self.hinge, start))
         near = (self.rows_near(poses)(self, poses)[-1] ** 2).sum(axis=0) < 100.0
         near = near if 2 * near.sum() > near.size else np.ones_like(near)
         some = poses.part(near)
@@ -254,30 +254,23 @@ def _noise_by_medians(seen: Constraints, poses: RelativePoses) -> Noise:
     return Noise(max(variance, (_ROUNDING * poses.size) ** 2, 1e-300), attitude)
 
 
-def _variance_components(poses: RelativePoses, hinge: Hinge, start: Noise) -> Noise:
-    """Return the most likely variances of positions and attitudes by Fisher scoring from `start` (Searle, Casella and
-    McCulloch, Variance Components, 1992, 8.3).
-    """
+def _most_likely_noise(poses: RelativePoses, hinge: Hinge, start: Noise) -> Noise:
+    """Return the variance of attitudes that the tilts show, and the most likely one of positions beside it."""
     seen = constraints(hinge, poses)
-    place, attitude, share = poses.noise
+    place, scale, share = poses.noise
+    free = max(1 - BodyModel.parameters / (BodyModel.components * poses.samples), 0.1)
+    attitude = max(float(((seen.tilt**2) / scale).mean()) / free, _ROUNDING**2)
     w = np.stack((-seen.arms[1], seen.arms[0], np.zeros_like(place)), axis=-1)
     p, b = seen.p.T, (share * (1 - share))[:, None, None]
     matrix = b * ((p * p).sum(axis=1)[:, None, None] * np.eye(3) - p[:, :, None] * p[:, None])
-    # In these eigenvectors residuals are independent, with means of squares that are linear in both variances.
+    # In these eigenvectors the parts of a gap are independent.
     values, axes = np.linalg.eigh(matrix + w[:, :, None] * w[:, None] / 4)
-    gap = np.einsum("nij,in->jn", axes, seen.free_gap(seen.tilt, seen.gap))
-    square = np.concatenate((*gap**2, *seen.tilt**2))
-    places = np.concatenate((np.tile(place, 3), np.zeros(2 * place.size)))
-    attitudes = np.concatenate((*(attitude * np.maximum(values.T, 0.0)), attitude, attitude))
-    design = np.stack((places, attitudes))
-    square = square * (square.size / max(square.size - BodyModel.parameters, 1))
-    across = float((gap**2 / place).mean())
-    least = np.array((max(_LEAST_NOISE * across, (_ROUNDING * poses.size) ** 2, 1e-300), _ROUNDING**2))
-    variances: Any = np.maximum(np.array(start), least)
-    for _ in range(25):
-        scaled = design * variances[:, None] / (variances @ design)
-        change = np.linalg.lstsq(scaled @ scaled.T, scaled @ (square / (variances @ design)))[0]
-        before, variances = variances, np.maximum(variances * np.clip(change, 0.1, 10.0), least)
-        if (np.abs(variances / before - 1) < 1e-3).all():
+    squares = np.einsum("nij,in->nj", axes, seen.free_gap(seen.tilt, seen.gap)) ** 2 / place[:, None] / free
+    by_attitude = attitude * (scale / place)[:, None] * np.maximum(values, 0.0)
+    least, variance = max(_LEAST_NOISE * squares.mean(), (_ROUNDING * poses.size) ** 2, 1e-300), start.place
+    for _ in range(25):  # Fisher scoring
+        weights = (variance + by_attitude) ** -2.0
+        before, variance = variance, max(float((weights * (squares - by_attitude)).sum() / weights.sum()), least)
+        if abs(variance / before - 1) < 1e-3:
             break
-    return Noise(*variances.tolist())
+    return Noise(variance, attitude)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.optional import new_figure
 from hingepair.rotations.matrices import rotation_vector
 from hingepair.tables.instants import break_at_gaps
-from hingepair.tables.sheets import Sheet, Shown, cell_text
+from hingepair.tables.sheets import Sheet, Shown, cell_text, json_text
 from hingepair.tables.units import Columns, Units
 
 if TYPE_CHECKING:
@@ -33,32 +33,17 @@ class HingeReport(OverInstants, Shown):
     clock_drift: float | None
     findings: tuple[Finding, ...]
     t: Float64Array | None
+    _title: Callable[[], str]  # first line of the report
+    _left: Callable[[Units], str]  # what is left of the samples
+    _convention: Callable[[], str]  # what the motion does not determine
+    _columns: Callable[[], dict[str, Float64Array]]  # arrays over instants beside psi
+    _numbers: Callable[[], dict[str, Any]]  # further ones of the JSON report
     samples: int
 
     @property
     def ok(self) -> bool:
         """Whether no finding says that a number may be wrong by more than its standard deviations."""
         return is_reliable(self.findings)
-
-    def _title(self) -> str:
-        """Return the first line of the report."""
-        raise NotImplementedError
-
-    def _left(self, units: Units) -> str:
-        """Return what is left of the samples, as text."""
-        raise NotImplementedError
-
-    def _convention(self) -> str:
-        """Return the line on what the motion does not determine."""
-        raise NotImplementedError
-
-    def _columns(self) -> dict[str, Float64Array]:
-        """Return the arrays over instants beside psi."""
-        raise NotImplementedError
-
-    def _numbers(self) -> dict[str, Any]:
-        """Return further numbers of the JSON report."""
-        raise NotImplementedError
 
     def _range(self) -> tuple[float, float]:
         """Return the smallest and the largest angle [rad]."""
@@ -162,8 +147,6 @@ class HingeReport(OverInstants, Shown):
         of samples that were not used, and names of attributes. The standard deviation of psi is the median of
         those of all samples.
         """
-        import json
-
         std = {name: np.nanmedian(value) if name == "psi" else value for name, value in self.std.items()}
         report = {
             "ok": self.ok,
@@ -177,18 +160,9 @@ class HingeReport(OverInstants, Shown):
             "psi": list(self._range()),
             "findings": list(self.findings),
         }
-        return json.dumps(_with_nulls(report), indent=2, allow_nan=False)
+        return json_text(report)
 
 
 def fine_units(units: str | None) -> Units:
     """Return units of angles and of small lengths: deg and mm unless others are named."""
     return Units.of(units).over(Units("deg, mm"))
-
-
-def _with_nulls(value: Any) -> Any:
-    """Return nested lists and dicts with None for numbers that are not finite."""
-    if isinstance(value, dict):
-        return {name: _with_nulls(one) for name, one in value.items()}
-    if isinstance(value, list):
-        return [_with_nulls(one) for one in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value

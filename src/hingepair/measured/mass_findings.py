@@ -166,10 +166,11 @@ def _model_findings(explained: Explained) -> list[Finding]:
     A = (recording.rows(part) / found.noise[:, None]).reshape(-1, recording.described.size)
     rest = (explained.left[part] / found.noise).ravel()
     known = np.isfinite(found.std)
+    inverse = np.linalg.pinv(A.T @ A, hermitian=True)
     shown = []
     for name, text, unit, columns in _errors_of_model(explained, part):
         weighted = (columns / found.noise[:, None]).reshape(rest.size, -1)
-        of_parameters = np.linalg.lstsq(A, weighted)[0]
+        of_parameters = inverse @ (A.T @ weighted)
         own = weighted - A @ of_parameters
         own[:, (own**2).sum(axis=0) < 1e-12 * (weighted**2).sum(axis=0)] = 0.0  # parameters do the same
         size = np.linalg.lstsq(own, rest)[0]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, FitError, ShapeError, nearest, quoted
-from hingepair.measured.consistency import consistent_parameters, nearest_parameters
+from hingepair.measured.consistency import rigid_parameters
 from hingepair.measured.findings import Finding, exceeded, is_reliable, notes
 from hingepair.measured.mass_findings import GROWTH, Explained, judged
 from hingepair.measured.robust import LOSSES
@@ -30,7 +30,7 @@ from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.robots.inertial_parameters import BaseParameters
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, check_choice, finite_number, read_only
 from hingepair.plans.arguments import Coordinates, read_arguments
-from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text
+from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text, json_text
 from hingepair.tables.suspicions import suspicions
 
 _NORMAL_95 = 1.959963984540054  # standard deviations: 95 % of a normal distribution are within
@@ -42,8 +42,9 @@ class MassFit(Frozen, Shown):
 
     Attributes:
         robot: the robot with the fitted masses, a Mechanism. Of many masses with the fitted base parameters, it has
-            those nearest to the masses described. Fitted friction is in its `joint_loads`, which methods count with
-            `joint_loads=True`; a fitted rotor in its `armature`.
+            those nearest to the masses described; where these are none of rigid bodies, such bodies near them.
+            Fitted friction is in its `joint_loads`, which methods count with `joint_loads=True`; a fitted
+            rotor in its `armature`.
         base: the BaseParameters; `base.values` are those of the robot as described.
         names: names of all parameters: B base parameters, then terms of joints such as "elbow viscous".
         values: estimates, in the order of `names` [kg, kg m, kg m^2; N m s/rad, N m, N m, kg m^2 for hinges].
@@ -140,26 +141,21 @@ class MassFit(Frozen, Shown):
         """Return a report as JSON text, in SI units. Numbers that are not finite become null. `parameters` holds
         value, std and described by name, `joints` noise, rms, rms_test and rms_described.
         """
-        import json
-
-        def finite(value: float) -> float | None:
-            return float(value) if np.isfinite(value) else None
-
         of_parameters, of_joints = ("values", "std", "described"), ("noise", "rms", "rms_test", "rms_described")
         report = {
             "ok": self.ok,
             "samples": self.samples,
             "parameters": {
-                name: {key.removesuffix("s"): finite(getattr(self, key)[k]) for key in of_parameters}
+                name: {key.removesuffix("s"): float(getattr(self, key)[k]) for key in of_parameters}
                 for k, name in enumerate(self.names)
             },
             "joints": {
-                name: {key: finite(getattr(self, key)[k]) for key in of_joints}
+                name: {key: float(getattr(self, key)[k]) for key in of_joints}
                 for k, name in enumerate(self.robot.names)
             },
             "findings": list(self.findings),
         }
-        return json.dumps(report, indent=2, allow_nan=False)
+        return json_text(report)
 
 
 def fit_masses(
@@ -170,7 +166,6 @@ def fit_masses(
     tau: Coordinates,
     *,
     joint_terms: Iterable[str] | None = None,
-    physical: bool = False,
     unknown: Iterable[str] = (),
     loss: str = "linear",
     test: float = 0.25,
@@ -193,9 +188,6 @@ def fit_masses(
         joint_terms: what acts in a joint beside masses, out of "viscous" (in proportion to qd), "coulomb" (to the
             sign of qd), "offset" (constant) and "armature" (in proportion to qdd: the motor's rotor). Unless given,
             it is ("viscous", "coulomb"), and () with `unknown`.
-        physical: whether the masses must be those of rigid bodies, and friction not below 0. Of all such parameters
-            that explain the torques as well as the best of them do, but for two standard deviations of noise, those
-            near to the described ones are found; `std` are without this condition. Needs the extra `measured`.
         unknown: links or frames, such as ["tool0"] of a payload: only the masses of the bodies that carry them are
             fitted; the other bodies, and friction that is not fitted, count as described. () to fit all.
         loss: "linear" (least squares), or a loss by which torques that are far off, such as spikes, count little:
@@ -210,7 +202,6 @@ def fit_masses(
     Raises:
         ArgumentError: an argument cannot be used, or the base is free.
         FitError: there are fewer samples than parameters, or no parameter has an effect on the torques.
-        MissingDependencyError: `physical`, and the extra `measured` is not installed.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -248,18 +239,14 @@ def fit_masses(
         raise FitError("q", f"more than {-(-len(names) // robot.dof)} samples to fit to", f"{count}")
     found = weighted_least_squares(recording, count, LOSSES[loss])
     estimate = described + found.step
-    parameters, estimate, findings = _standard_parameters(recording, found, estimate, physical)
-    fitted = _fitted_robot(recording, parameters, estimate)
+    fitted = _fitted_robot(recording, found, estimate)
     left = recording.left(estimate)
-    findings += judged(Explained(recording, found, estimate, left, count, fitted, loss != "linear"))
-    tree = tree_of(fitted)
-    if tree.notes and not any(finding.name == "mass matrix" for finding in findings):
-        text = (
-            f"{len(tree.notes)} of {len(tree.joints)} bodies of `robot` have masses that no rigid body "
-            "has. Of all masses with these base parameters, they are nearest to those described: physical=True finds "
-            "some of rigid bodies."
-        )
-        findings += notes("bodies", [text])
+    findings = judged(Explained(recording, found, estimate, left, count, fitted, loss != "linear"))
+    off = found.factor[:, : len(base.names)] @ (
+        base.matrix @ fitted.inertial_parameters - estimate[: len(base.names)]
+    )
+    text = "No rigid bodies have the base parameters that explain the torques best: `robot` has masses near them."
+    findings += exceeded(Finding("bodies", float(off @ off), GROWTH * len(estimate), text, harmless=True))
     findings.sort(key=lambda finding: finding.is_note)
     doubts = suspicions("angle", "q", np.abs(recording.values["q"]).max(axis=1))
     findings += [Finding("unit", 1, 0, text) for text in doubts]
@@ -335,39 +322,27 @@ def _arrays(robot: Mechanism, given: dict[str, Any]) -> dict[str, Float64Array]:
     }
 
 
-def _standard_parameters(
-    recording: Recording, found: Found, estimate: Float64Array, physical: bool
-) -> tuple[Float64Array, Float64Array, list[Finding]]:
-    """Return inertial parameters that have the estimated base parameters; the estimate, which changes if they must be
-    physical; and findings.
+def _fitted_robot(recording: Recording, found: Found, estimate: Float64Array) -> Mechanism:
+    """Return the robot with fitted friction and rotors, of which what is below 0 counts as none, and with the masses
+    that have the fitted base parameters by the least change, in parts of what such bodies may have; where these are
+    none of rigid bodies, others near them.
     """
-    robot, base = recording.robot, recording.base
-    start = robot.inertial_parameters.copy()
-    start[::10] = np.where(start[::10] == 0, body_sizes(robot)[:, 0], start[::10])  # a first moment needs a mass
-    if physical:
-        signed = np.repeat([TERMS[term].signed for term in recording.terms], robot.dof).astype(np.bool_)
-        parameters, further, squares = consistent_parameters(
-            found.factor, base.matrix, estimate, start, body_sizes(robot), signed
-        )
-        text = (
-            "No masses of rigid bodies explain the torques as well as the best parameters do: the squares of what is "
-            f"left grow by {squares:.3g} times the variance of the noise, with {len(estimate)} parameters."
-        )
-        changed = np.concatenate((base.matrix @ parameters, further))
-        return parameters, changed, exceeded(Finding("bodies", squares, GROWTH * len(estimate), text))
-    parameters = nearest_parameters(base.matrix, recording.parts(estimate)[0], start, inertial_units(robot))
-    return parameters, estimate, []
-
-
-def _fitted_robot(recording: Recording, parameters: Float64Array, estimate: Float64Array) -> Mechanism:
-    """Return the robot with fitted masses, rotors and friction, of which what is below 0 counts as none."""
-    fitted = {term: np.maximum(values, 0.0) for term, values in recording.parts(estimate)[1].items()}
+    base, terms = recording.parts(estimate)
+    start = recording.robot.inertial_parameters.copy()
+    start[::10] = np.where(start[::10] == 0, body_sizes(recording.robot)[:, 0], start[::10])  # moments need a mass
+    matrix, unit = recording.base.matrix, inertial_units(recording.robot)
+    weighted = matrix * unit**2
+    nearest = start + weighted.T @ np.linalg.solve(weighted @ matrix.T, base - matrix @ start)
+    counts = np.repeat(np.abs(matrix).reshape(len(base), -1, 10).any(axis=(0, 2)), 10)  # bodies that are fitted
+    parameters, weights = nearest.copy(), found.factor[:, : len(base)]
+    parameters[counts] = rigid_parameters(weights, *(part[..., counts] for part in (matrix, nearest, start, unit)))
+    fitted = {term: np.maximum(values, 0.0) for term, values in terms.items()}
     robot = recording.robot.with_inertial_parameters(parameters, armature=fitted.get("armature"))
     fields = {field: fitted[term] for term in fitted if (field := TERMS[term].field)}
     own = {joint.name: k for k, joint in enumerate(tree_of(robot).coordinates)}
     loads = {}
     for joint in tree_of(robot).joints:  # what is fitted counts the loads of followers with the leader's
         k = own.get(joint.name)
-        found: dict[str, Any] = {field: 0.0 if k is None else values[k] for field, values in fields.items()}
-        loads[joint.name] = replace(joint.load, **found)
+        own_load: dict[str, Any] = {field: 0.0 if k is None else values[k] for field, values in fields.items()}
+        loads[joint.name] = replace(joint.load, **own_load)
     return robot.with_joint_loads(loads)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -40,52 +39,51 @@ class BodyPoses(NamedTuple):
         return float(tilt + gap / max(distance, 1e-300))
 
 
+def _reread(S: Float64Array, scalar_first: bool) -> Float64Array:
+    """Return the rotations meant by quaternions that were written with `scalar_first` and read the other way."""
+    read = matrix_to_quaternion(S)  # w, x, y, z
+    written = np.roll(read, -1, axis=-1) if scalar_first else read
+    return np.asarray(quaternion_to_matrix("quat", written, scalar_first=scalar_first), dtype=np.float64)
+
+
+_Y_UP = np.array(((1.0, 0, 0), (0, 0, -1), (0, 1, 0)))
+# Common mistakes in R and in S, and what takes them back.
+_OF_PLACES: dict[str, Callable[[Float64Array], Float64Array]] = {
+    "looks like millimetres": lambda R: 1e-3 * R,
+    "looks like centimetres": lambda R: 1e-2 * R,
+    "looks as if y and z were exchanged": lambda R: R[:, [0, 2, 1]],
+    "looks as if x and y were exchanged": lambda R: R[:, [1, 0, 2]],
+    "looks as if x and z were exchanged": lambda R: R[:, [2, 1, 0]],
+}
+_OF_ATTITUDES: dict[str, Callable[[Float64Array], Float64Array]] = {
+    "like rotations from world to body, the transposes": lambda S: np.swapaxes(S, -1, -2),
+    "like quaternions wxyz that were read as xyzw": lambda S: _reread(S, True),
+    "like quaternions xyzw that were read as wxyz": lambda S: _reread(S, False),
+}
+
+
 def probable_mistakes(body_poses: BodyPoses) -> list[str]:
     """Return a sentence on a mistake in recorded poses (units, axes, transposes, quaternions), if a hinge fits far
     better with the mistake corrected.
     """
     every = slice(None, None, -(-body_poses.R1.shape[0] // _SAMPLES))
     poses = BodyPoses(*(array[every].astype(np.float64) for array in body_poses))
-    misfit = poses.misfit()
-    corrected_misfits = [(changed.misfit(), text) for text, changed in _corrected_poses(poses)]
-    least_misfit = min(each for each, _ in corrected_misfits)
-    text = next(text for each, text in corrected_misfits if each < 1.01 * least_misfit + 1e-12)
-    if least_misfit > min(0.2 * misfit, 0.1):
+    misfit, corrected = poses.misfit(), [(changed.misfit(), text) for text, changed in _corrected_poses(poses)]
+    least = min(each for each, _ in corrected)
+    text = next(text for each, text in corrected if each < 1.01 * least + 1e-12)
+    if least > min(0.2 * misfit, 0.1):
         return []
-    return [f"{text}: with that taken back, a hinge fits {misfit / max(least_misfit, 1e-12):.2g} times as well."]
+    return [f"{text}: with that taken back, a hinge fits {misfit / max(least, 1e-12):.2g} times as well."]
 
 
 def _corrected_poses(poses: BodyPoses) -> Iterator[tuple[str, BodyPoses]]:
     """Yield each common mistake, in words, and the poses with the mistake corrected."""
     for digit in "21":
-        name = f"body{digit}"
-        for unit, factor in (("millimetres", 1e-3), ("centimetres", 1e-2)):
-            yield f"{name}.R looks like {unit}", poses.changed(digit, "R", functools.partial(np.multiply, factor))
-        for pair, order in (("y and z", [0, 2, 1]), ("x and y", [1, 0, 2]), ("x and z", [2, 1, 0])):
-            swap = functools.partial(np.take, indices=order, axis=1)
-            yield f"{name}.R looks as if {pair} were exchanged", poses.changed(digit, "R", swap)
-        for up, other, sign in (("y", "z", 1.0), ("z", "y", -1.0)):
-            turn = np.array(((1.0, 0, 0), (0, 0, -sign), (0, sign, 0)))
-            turned = poses.changed(digit, "S", functools.partial(np.matmul, turn))
-            yield (
-                f"{name} looks as if {up} were up in its world and {other} in that of the other body",
-                turned.changed(digit, "R", functools.partial(np.einsum, "ij,nj->ni", turn)),
-            )
-    for bodies in ("1", "2", "12"):
-        names, look = " and ".join(f"body{digit}.S" for digit in bodies), "looks" if len(bodies) == 1 else "look"
-        turned = poses.changed(bodies, "S", lambda S: np.swapaxes(S, -1, -2))
-        yield f"{names} {look} like rotations from world to body, the transposes", turned
-        for written, read in (("wxyz", "xyzw"), ("xyzw", "wxyz")):
-            yield (
-                f"{names} {look} like quaternions {written} that were read as {read}",
-                poses.changed(
-                    bodies, "S", functools.partial(_with_reordered_quaternions, scalar_first=written == "wxyz")
-                ),
-            )
-
-
-def _with_reordered_quaternions(S: Float64Array, scalar_first: bool) -> Float64Array:
-    """Return the rotations meant by quaternions that were written with `scalar_first` and read the other way."""
-    read = matrix_to_quaternion(S)  # w, x, y, z
-    written = np.roll(read, -1, axis=-1) if scalar_first else read
-    return np.asarray(quaternion_to_matrix("quat", written, scalar_first=scalar_first), dtype=np.float64)
+        for text, change in _OF_PLACES.items():
+            yield f"body{digit}.R {text}", poses.changed(digit, "R", change)
+        for up, other, turn in (("y", "z", _Y_UP), ("z", "y", _Y_UP.T)):
+            turned = poses.changed(digit, "S", turn.__matmul__).changed(digit, "R", lambda R, turn=turn: R @ turn.T)
+            yield f"body{digit} looks as if {up} were up in its world and {other} in that of the other body", turned
+    for bodies, name in (("1", "body1.S looks"), ("2", "body2.S looks"), ("12", "body1.S and body2.S look")):
+        for text, change in _OF_ATTITUDES.items():
+            yield f"{name} {text}", poses.changed(bodies, "S", change)

@@ -9,9 +9,8 @@ thousand samples; a last step of Gauss and Newton uses all.
 from __future__ import annotations
 
 import sys
-from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -31,43 +30,17 @@ _MAX_CLOCK_STD = 0.1  # [s]: nor if it is known less well
 
 PosesAt = Callable[[Float64Array, int], RelativePoses]
 """Function of clock offset and drift (2,), and of how many samples are needed at most."""
+Model: TypeAlias = Any
+"""A BodyModel or a PointModel."""
 Rows = Callable[[Any, RelativePoses], Float64Array]
 """Function of a model and poses that returns whitened rows (parameters + clock + 1, components, N): the derivatives
 of the residuals by each unknown, and the residuals as the last row."""
 
 
-class Model(ABC):
-    """A hinge and its noise, as far as least squares know it."""
-
-    __slots__ = ()
-    parameters: ClassVar[int]  # numbers of a step
-    angles: ClassVar[int]  # how many of these, the first, are in rad; the others are in m
-    components: ClassVar[int]  # residuals of a sample
-
-    @abstractmethod
-    def moved(self, step: Float64Array) -> Self:
-        """Return the model after a step of its parameters."""
-
-    @abstractmethod
-    def with_noise(self, poses: RelativePoses, loss: Loss | None) -> Self:
-        """Return the model with the noise that the residuals show: with a loss, that of most samples."""
-
-    @abstractmethod
-    def rows_near(self, poses: RelativePoses) -> Rows:
-        """Return the function that gives the rows of models near this one, whitened as of this one."""
-
-    @abstractmethod
-    def exact(self, poses: RelativePoses) -> tuple[Float64Array, Float64Array]:
-        """Return the relative attitudes (N, 3, 3) and places (N, 3) nearest to the samples that the model allows."""
-
-
-ModelT = TypeVar("ModelT", bound=Model)
-
-
-class Estimate(NamedTuple, Generic[ModelT]):
+class Estimate(NamedTuple):
     """The most likely model."""
 
-    model: ModelT
+    model: Any
     clock: Float64Array  # offset of body 2's clock [s] in the middle of the recording, and drift; (2,)
     has_converged: bool  # whether the rounds came to rest
 
@@ -96,10 +69,11 @@ class Evaluation(NamedTuple):
 
 
 def most_likely(
-    start: ModelT, poses_at: PosesAt, clock: Float64Array, loss: Loss | None
-) -> tuple[Estimate[ModelT], RelativePoses]:
+    start: Model, poses_at: PosesAt, clock: Float64Array, loss: Loss | None
+) -> tuple[Estimate, RelativePoses]:
     """Return the most likely model near `start` and `clock`, and the poses of all samples at its clock."""
-    model, has_converged = start, False
+    model = start
+    has_converged = False
     for _ in range(_MAX_ROUNDS):
         poses = poses_at(clock, _SOME)
         model = model.with_noise(poses, loss)
@@ -136,7 +110,7 @@ def _drift_prior(model: Model, poses: RelativePoses) -> Float64Array:
 
 
 def _least_squares_step(
-    model: ModelT, poses: RelativePoses, clock: Float64Array, loss: Loss | None
+    model: Model, poses: RelativePoses, clock: Float64Array, loss: Loss | None
 ) -> tuple[Float64Array, Float64Array]:
     """Return the normal matrix here, and the step of all unknowns to the least squares, weights and noise held."""
     from scipy.optimize import least_squares

@@ -15,6 +15,8 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
 from hingepair.tables.instants import increasing_seconds
 
+_FROZEN = 5  # repetitions of a pose from which a tracker is called frozen
+
 
 class Samples(NamedTuple):
     """Checked arrays of one length N."""
@@ -131,8 +133,8 @@ def checked_samples(
 
 
 def _frozen_samples(arrays: dict[str, NDArray[np.floating]]) -> dict[str, NDArray[np.bool_]]:
-    """Return by body which samples (N,) repeat its pose exactly, twice or more in a row, while the other body moves
-    and although it moves itself most of the time.
+    """Return by body which samples (N,) repeat its pose exactly, `_FROZEN` times in a row and thrice as often as
+    usual, while the other body moves. A slow clock or coarse numbers repeat a pose by chance, but not for so long.
     """
     repeats = {}
     for digit in "12":
@@ -143,12 +145,13 @@ def _frozen_samples(arrays: dict[str, NDArray[np.floating]]) -> dict[str, NDArra
         repeats[digit] = same
     frozen = {}
     for digit, other in ("12", "21"):
-        held = repeats[digit] & ~repeats[other]
-        twice = held[1:] & held[:-1]
-        frozen[digit] = np.zeros_like(held)
+        ends = np.flatnonzero(np.diff(repeats[digit] & ~repeats[other], prepend=False, append=False))
+        starts, counts = ends[::2], np.diff(ends)[::2]
+        usual = max(_FROZEN, 3 * float(np.median(counts[counts > 0]))) if counts.size > 2 else _FROZEN
+        frozen[digit] = np.zeros(repeats[digit].size, dtype=bool)
         if 2 * repeats[digit].sum() < repeats[digit].size:  # no body that is at rest
-            frozen[digit][1:] |= twice
-            frozen[digit][:-1] |= twice
+            for start, count in zip(starts[counts >= usual], counts[counts >= usual], strict=True):
+                frozen[digit][start : start + count] = True
     return frozen
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import FitError
-from hingepair.measured.consistency import body_units
 from hingepair.measured.covariance import sandwich
 from hingepair.measured.robust import Loss, loss_weights, median_variance
 from hingepair.mechanism.mechanism import Mechanism, tree_of
@@ -172,7 +171,8 @@ def _least_squares_with(recording: Recording, count: int, weights: Float64Array)
 
 def inertial_units(robot: Mechanism) -> Float64Array:
     """Return what each inertial parameter may amount to for the bodies as described; shape (10 * bodies,)."""
-    return np.concatenate([body_units(*size) for size in body_sizes(robot)])
+    mass, radius = body_sizes(robot).T
+    return np.stack((mass, *[mass * radius] * 3, *[mass * radius**2] * 6), axis=1).ravel()
 
 
 def body_sizes(robot: Mechanism) -> Float64Array:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _EXTRAS: Final = {  # of a package, the extra of hingepair that installs it
-    "casadi": "casadi", "clarabel": "measured", "dask": "dask", "distributed": "dask", "jax": "jax",
+    "casadi": "casadi", "dask": "dask", "distributed": "dask", "jax": "jax",
     "matplotlib": "plot", "mujoco": "mjcf", "pyarrow": "data", "torch": "torch",
 }  # fmt: skip
 
