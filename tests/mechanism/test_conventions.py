@@ -1,4 +1,4 @@
-"""States as Pinocchio and MuJoCo write them, and steps between configurations."""
+"""States as Pinocchio and MuJoCo write them."""
 
 from __future__ import annotations
 
@@ -91,21 +91,3 @@ def test_states_come_back(package):
     assert alone.base_motion is None
     close(alone.q, Q[0])
     close(getattr(FIXED, f"to_{package}_state")(Q)[0], Q)
-
-
-def test_a_change_leads_to_the_other_configuration():
-    change = np.random.default_rng(5).uniform(-1, 1, (5, 10))
-    there = FREE.integrate(Q, change, BASE)
-    close(there.q, Q + change[:, 6:])
-    close(there.base_motion.S, hp.rotation_exp(change[:, 3:6]) @ BASE.S)
-    close(FREE.difference(Q, there.q, BASE, there.base_motion), change)
-    close(FIXED.difference(Q[0], Q), Q - Q[0])
-    step = 1e-7 * np.concatenate([BASE.v, BASE.omega, QD], axis=-1)  # as a velocity for a short time
-    near = FREE.integrate(Q, step, BASE)
-    name = FREE.names[-1]
-    before, after = (
-        FREE.forward_kinematics(q, frames=name, base_motion=base)[name].R
-        for q, base in ((Q, BASE), (near.q, near.base_motion))
-    )
-    rate = FREE.forward_kinematics(Q, QD, frames=name, base_motion=BASE)[name].v
-    np.testing.assert_allclose((after - before) / 1e-7, rate, rtol=0, atol=1e-5)

@@ -165,7 +165,9 @@ LEG = """<robot name="leg"><link name="base"/>{links}
 )
 
 
-@pytest.mark.parametrize("locked", [{"knee": 0.3}, {"hip": -0.5}, {"toe": 0.2}, {"hip": 0.1, "knee": -1.0}])
+@pytest.mark.parametrize(
+    "locked", [{"knee": 0.3}, {"hip": -0.5}, {"toe": 0.2, "knee": 0.3}, {"hip": 0.1, "knee": -1.0}]
+)
 def test_joints_are_locked_after_reading_as_while_reading(locked):
     expected = hp.Mechanism.from_urdf(LEG, locked=locked)
     found = hp.Mechanism.from_urdf(LEG).with_locked(locked)

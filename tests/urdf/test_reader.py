@@ -7,7 +7,6 @@ import math
 
 import mpmath
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from hingepair.errors import URDFError
@@ -160,35 +159,9 @@ WITH_QUATERNION = """<robot name="r" {version}><link name="a"/><link name="b"><i
   <limit effort="1" velocity="1" lower="-1" upper="1"/></joint></robot>"""
 
 
-@pytest.mark.parametrize("version", ["1.1", "1.2"])
-@pytest.mark.parametrize("place", ["joint", "inertial"])
-def test_quaternions_of_origins_are_read_as_pinocchio_reads_them(version, place):
-    rng = np.random.default_rng(3)
-    for quaternion in (*rng.normal(size=(5, 4)), (0, 0, 3, 3), (0.5, 0.5, -0.5, 0.5)):
-        origins = {"joint": "", "inertial": ""} | {
-            place: f'quat_xyzw="{" ".join(map(repr, map(float, quaternion)))}"'
-        }
-        text = WITH_QUATERNION.format(version=f'version="{version}"', **origins)
-        model, robot = pin.buildModelFromXML(text), read_urdf(text)
-        assert np.abs(robot.joints[0].pose.rotation - model.jointPlacements[1].rotation).max() <= 8 * U
-        assert np.abs(robot.links["b"].masses.inertia - model.inertias[1].inertia).max() <= 40 * U
-    assert set(robot.joints[0].pose.rotation.ravel()) <= {0, 1, -1}
-
-
-@pytest.mark.parametrize(
-    ("version", "origin", "message"),
-    [
-        ("", 'quat_xyzw="0 0 0 1"', 'origin: expected <robot version="1.1"> or later'),
-        ('version="1.0"', 'quat_xyzw="0 0 0 1"', "origin: expected <robot version"),
-        ('version="1.1"', 'quat_xyzw="0 0 0 1" rpy="0 0 0"', "origin: expected no rpy"),
-        ('version="1.1"', 'quat_xyzw="0 0 0 0"', "origin quat_xyzw: expected a quaternion that is not zero"),
-        ('version="1.1"', 'quat_xyzw="0 0 1"', "origin quat_xyzw: expected four finite numbers"),
-    ],
-)
-def test_a_rotation_that_readers_understand_differently_is_refused(version, origin, message):
-    text = WITH_QUATERNION.format(version=version, joint=origin, inertial="")
-    with pytest.raises(URDFError, match=f"joint 'j', {message}"):
-        read_urdf(text)
+def test_quaternions_of_origins_are_refused():
+    with pytest.raises(URDFError, match="joint 'j', origin: expected rpy"):
+        read_urdf(WITH_QUATERNION.format(version='version="1.1"', joint='quat_xyzw="0 0 0 1"', inertial=""))
 
 
 def test_macros_are_refused_and_what_they_made_is_read():
@@ -197,8 +170,6 @@ def test_macros_are_refused_and_what_they_made_is_read():
         with pytest.raises(URDFError, match=r"URDF: expected a URDF without macros .*, got xacro:in"):
             read_urdf(f'{head}<link name="a"/>{macro}</robot>')
     assert list(read_urdf(f'{head}<link name="a"/></robot>').links) == ["a"]
-    with pytest.raises(URDFError, match="got xacro:arm"):  # a namespace of any name
-        read_urdf('<robot xmlns:xacro="x" name="a"><link name="base"/><xacro:arm parent="base"/></robot>')
 
 
 BOMB = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10 if i else "ha"}">' for i in range(30))

@@ -142,10 +142,6 @@ def to_mjcf(
     nothing between them, neither mass nor link nor shape, are joints of one body. Limits of rates are not written.
     `Mechanism.from_mjcf` reads the text back.
 
-    Loops are equalities between sites: `connect`, two of them for the axis of a hinge, `weld`, and for a distance one
-    of the length of a tendon; MuJoCo keeps them closed by soft forces, and the keyframe "assembled" begins closed.
-    Struts are tendons with spring, damper, friction and limits; a DynamicsWarning names those with other forces.
-
     Shapes and meshes of a robot are written as geoms that do not collide: what is drawn in group 1, and shapes for
     collisions in group 3, or in group 1 where a body has nothing else. The latter have the class "collision": set
     its contype and conaffinity to 1, and these bodies collide. Files of meshes are named by their paths below
@@ -170,8 +166,8 @@ def to_mjcf(
         meshes: False: the meshes of a robot are left out, so that the text needs no other file.
 
     Raises:
-        ArgumentError: `base` is unknown, another argument cannot be used, or the name of the pair holds a character
-            that XML does not allow.
+        ArgumentError: `base` is unknown, another argument cannot be used, a robot has loops or struts, or a name
+            holds a character that XML does not allow.
         ShapeError: u1, u2, n or home of the pair has leading axes.
 
     >>> import xml.etree.ElementTree as ET
@@ -186,7 +182,7 @@ def to_mjcf(
         _refuse_for_robots(hinge_torque=hinge_torque, body1=body1)
         chosen = pair.base if base is None else base
         check_choice("base", chosen, ("free", "fixed"))
-        return robot_to_mjcf(tree_of(pair).single(), chosen, gravity, meshes=meshes)
+        return robot_to_mjcf(tree_of(pair).plain(), chosen, gravity, meshes=meshes)
     base = "free" if base is None else base
     check_choice("base", base, ("free", "pinned", "fixed"))
     hinge_load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError
-from hingepair.formats.mjcf_linkages import add_linkages, linkage_frames
 from hingepair.formats.mjcf_meshes import MjcfMeshes
 from hingepair.formats.robot_writer import is_here
 from hingepair.formats.shape_writers import unread_sentences
@@ -86,7 +85,6 @@ def robot_to_mjcf(
         if (rule := joint.mimic) is not None:
             leader, curve = tree.joints[rule.leader - 1].name, (rule.offset, rule.multiplier, 0, 0, 0)
             add_element(equality, "joint", joint1=joint.name, joint2=leader, polycoef=curve)
-    sentences = [*sentences, *add_linkages(root, equality, bodies, tree, base, pose)]
     if len(equality):
         root.append(equality)
     masses = _mass_sentences(tree, bodies, moves=moves)
@@ -97,7 +95,7 @@ def _is_between_joints(tree: Tree, number: int) -> bool:
     """Return whether a body is nothing but the place between two joints, which MJCF has as joints of one body."""
     masses = tree.joints[number - 1].body
     carried = [joint for joint in tree.joints if joint.parent == number]
-    frames = (*tree.links.values(), *tree.frames.values(), *linkage_frames(tree))
+    frames = (*tree.links.values(), *tree.frames.values())
     named = any(frame.body == number for frame in frames)
     drawn = bool(tree.drawings) and bool(tree.drawings[number].shapes)
     return len(carried) == 1 and not (masses.mass or masses.inertia.any() or named or drawn)
@@ -116,7 +114,7 @@ def _poses_in_last_body(chain: list[Joint]) -> list[FramePose]:
 
 def _mass_sentences(tree: Tree, bodies: list[ET.Element], *, moves: bool) -> list[str]:
     """Return a sentence, if any, on the moving bodies that MuJoCo refuses for their masses."""
-    masses = [tree.base, *(joint.body for joint in tree.joints)]
+    masses = tree.bodies
     moving = [
         (bodies[k], masses[k]) for k in range(not moves, len(bodies)) if not (k and _is_between_joints(tree, k))
     ]

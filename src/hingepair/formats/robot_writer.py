@@ -7,7 +7,6 @@ they hang on links of their own, whose fixed joints have numbers for names.
 
 from __future__ import annotations
 
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
@@ -24,7 +23,7 @@ from hingepair.formats.xml_text import (
     document,
     first_few,
 )
-from hingepair.mechanism.bodies.body import DynamicsWarning
+from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.shapes import Mesh
 from hingepair.mechanism.joints import KINDS
 from hingepair.mechanism.tree import Frame, Joint, Tree, unused_name
@@ -49,8 +48,7 @@ def robot_to_urdf(
     sprung = [joint.name for joint in tree.joints if joint.load.stiffness]
     for part, written, joints in (("inertias of rotors", "armatures", geared), ("springs", "springs", sprung)):
         if joints:
-            message = f"{tree.name}: URDF has no {part}; not written are the {written} of {', '.join(joints)}"
-            warnings.warn(message, DynamicsWarning, stacklevel=3)
+            warn_of_dynamics(f"{tree.name}: URDF has no {part}; not written are the {written} of {', '.join(joints)}")
     writer = _UrdfWriter(tree, meshes)
     root = writer.build(base, pose)
     made_up = "; ".join(f"{phrase} of {first_few(names)}" for phrase, names in writer.made_up_limits.items())
@@ -77,8 +75,7 @@ class _UrdfWriter:
         tree = self._tree
         root = ET.Element("robot", {"name": tree.name})
         add_element(add_element(root, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
-        bodies = [tree.base, *(joint.body for joint in tree.joints)]
-        seats = [self._add_body(root, number, masses) for number, masses in enumerate(bodies)]
+        seats = [self._add_body(root, number, masses) for number, masses in enumerate(tree.bodies)]
         for number, seat in enumerate(seats):
             carried = [(joint, seats[k]) for k, joint in enumerate(tree.joints, 1) if joint.parent == number]
             names = [joint.name for joint, _ in carried]

@@ -150,8 +150,8 @@ class Mechanism(MechanismMethods):
                 default, the base is free if the URDF has such a joint, whose origin and parent link are left out, and
                 otherwise fixed.
             locked: positions [rad or m] at which joints are held, by name, as in {"panda_finger_joint1": 0.02}. Mimic
-                joints that follow these joints are held too; a mimic joint that is named holds the joint that it
-                follows, unless that is named as well. A position beyond the joint's limits is used, with a
+                joints that follow these joints are held too; a mimic joint is named only beside the joint that it
+                follows. A position beyond the joint's limits is used, with a
                 DynamicsWarning.
             snap: tolerance [rad], such as 1e-5; at most 0.1. If an rpy angle of an <origin> differs from a multiple
                 of pi/2 by at most `snap`, it is replaced by that multiple, and its sine and cosine are exactly 0, 1
@@ -217,14 +217,13 @@ class Mechanism(MechanismMethods):
         joints as mimic joints, sites as frames, and a free joint of the only body of the world that moves, which is
         the base. Without it, the base is the world. q is MuJoCo's qpos of the joints in its order, without mimic
         joints. What has no name is `joint1`, `body2` and so on; a site with the name of a body or a joint gets "_"
-        behind it. Not read are shapes and contacts, actuators, other tendons and equalities, gravity compensation,
+        behind it. Not read are shapes and contacts, actuators, tendons and other equalities, gravity compensation,
         the medium, loads of the free joint and bodies that stand beside it; a DynamicsWarning names those that the
         model has.
 
         Equalities `connect` and `weld` close loops (`closed`), and q is then of the joints that determine the others,
-        those near the base; `robot.opened()` has all joints in q. A tendon straight from one site to another is a
-        strut, and an equality of its length a loop of the kind "distance". Loops are assembled near qpos0 or else a
-        keyframe.
+        those near the base; `robot.opened()` has all joints in q. Loops are assembled near
+        qpos0 or else a keyframe.
 
         Args:
             model: path of a file, its text (which starts with "<"), or a mujoco.MjModel.
@@ -321,8 +320,7 @@ class Mechanism(MechanismMethods):
         16.994
         """
         counted = 0 if self.base == "free" else 1
-        bodies = [self._tree.base, *(joint.body for joint in self._tree.joints)][counted:]
-        total = float(sum(body.mass for body in bodies))
+        total = float(sum(body.mass for body in self._tree.bodies[counted:]))
         samples = self._tree.samples
         if samples is None:
             return total

@@ -199,6 +199,11 @@ class Tree(Frozen):
     struts: tuple[TreeStrut, ...] = ()
 
     @property
+    def bodies(self) -> tuple[MassProperties, ...]:
+        """Mass properties of all bodies, the base first."""
+        return (self.base, *(joint.body for joint in self.joints))
+
+    @property
     def has_functions(self) -> bool:
         """Whether the force of a strut is a function, which no program contains."""
         return any(strut.function is not None for strut in self.struts)

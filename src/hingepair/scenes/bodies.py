@@ -76,11 +76,9 @@ _SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]
     ),
     "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers_key(3)}),
 }
-CENTRES: Final = ("centre_of_mass", "center_of_mass")
-"""Both spellings of a key of a body."""
 BODY_KEYS: Final[Mapping[str, Key]] = {
     "mass": Table.number,
-    **dict.fromkeys(CENTRES, numbers_key(3)),
+    "centre_of_mass": numbers_key(3),
     "inertia": _read_inertia,
     "shapes": _read_shapes,
 }

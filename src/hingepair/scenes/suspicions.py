@@ -26,9 +26,7 @@ _KIND_BY_KEY: Final[Mapping[str, str]] = {
         ("phi", "phi_x", "phi_y", "phi_z", "psi", "phi_0", "psi_0", "q_0", "rest", "stops", "rad", "rpy"), _ANGLES
     ),
     **dict.fromkeys(("omega1_0", "qd_0", "rate_limit", "friction_rate"), _RATES),
-    **dict.fromkeys(
-        ("u1", "u2", "centre_of_mass", "center_of_mass", "center", "box", "sphere", "cylinder", "length"), _LENGTHS
-    ),
+    **dict.fromkeys(("u1", "u2", "centre_of_mass", "center", "box", "sphere", "cylinder", "length"), _LENGTHS),
 }
 """Quantities of the keys of a scene, wherever they stand."""
 _NAMED_KINDS: Final[Mapping[str, str]] = {"locked": _ANGLES, "points1": _LENGTHS, "points2": _LENGTHS}

@@ -10,12 +10,11 @@ from collections import defaultdict
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from hingepair.errors import URDFError, nearest, quoted
-from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import find_sequence
 from hingepair.urdf.records import (
     HINGE_TYPES,
@@ -27,7 +26,7 @@ from hingepair.urdf.records import (
     RobotRecord,
     Visual,
 )
-from hingepair.urdf.rigid import FramePose, MassProperties, exact_quarter_turns
+from hingepair.urdf.rigid import FramePose, MassProperties
 
 # A number as URDF writes it; possessive, so that the time stays linear.
 _NUMBER = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
@@ -47,17 +46,16 @@ def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotR
     """
     text = _read_text(path_or_text)
     root = _parsed(text)
-    rules = _PoseRules(snap, _has_quaternions(root.get("version", "1.0")))
     links: dict[str, LinkRecord] = {}
     for element in root.findall("link"):
         name = element.get("name", "")
         if not name or name in links:
             raise URDFError("link", "each name once", f"{name!r} twice" if name else "a link without a name")
-        links[name] = _link(element, name, rules)
+        links[name] = _link(element, name, snap)
     if not links:
         raise URDFError("URDF", "a robot with a link", "none")
     reductions = _reductions(root)
-    joints = [_joint(element, rules, reductions) for element in root.findall("joint")]
+    joints = [_joint(element, snap, reductions) for element in root.findall("joint")]
     top, ordered = _tree(links, joints)
     folder = None if isinstance(text, str) else Path(path_or_text).absolute().parent
     return RobotRecord(root.get("name", ""), links, top, ordered, text, folder)
@@ -67,17 +65,7 @@ def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotR
 
 
 class _Builder(ET.TreeBuilder):
-    """Builder of XML trees that keeps the namespaces of macros, and refuses a DOCTYPE before any entity that it
-    declares is expanded.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.macros: set[str] = set()  # namespaces whose prefix is "xacro"
-
-    def start_ns(self, prefix: str, uri: str) -> None:
-        if prefix == "xacro":
-            self.macros.add(uri)
+    """Builder of XML trees that refuses a DOCTYPE before any entity that it declares is expanded."""
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
         # Its entities could name files, or grow without bound.
@@ -97,8 +85,7 @@ def _read_text(path_or_text: str | os.PathLike[str]) -> str | bytes:
 
 def _parsed(text: str | bytes) -> ET.Element:
     """Return the element <robot>; refuse text that is no XML, has macros, or describes something else."""
-    builder = _Builder()
-    parser = ET.XMLParser(target=builder)
+    parser = ET.XMLParser(target=_Builder())
     try:
         parser.feed(text)
         root = parser.close()
@@ -111,8 +98,7 @@ def _parsed(text: str | bytes) -> ET.Element:
         raise URDFError("URDF", f"the element <robot>{hint}", f"<{root.tag}>")
     for element in root.iter():
         for name in (element.tag, *element.attrib):
-            namespace = str(name)[1:].partition("}")[0] if str(name).startswith("{") else ""
-            if "xacro" in namespace or namespace in builder.macros:
+            if "xacro" in str(name).partition("}")[0]:  # a namespace
                 expected = "a URDF without macros (the command xacro expands them)"
                 raise URDFError("URDF", expected, f"xacro:{name.partition('}')[2]}")
     return root
@@ -121,40 +107,27 @@ def _parsed(text: str | bytes) -> ET.Element:
 # ---- links and joints
 
 
-class _PoseRules(NamedTuple):
-    """How the origins of a URDF are read."""
-
-    snap: float  # how near to a multiple of pi/2 an angle is taken for it [rad]
-    has_quaternions: bool  # whether quat_xyzw may stand for rpy: from version 1.1 on
-
-
-def _has_quaternions(version: str) -> bool:
-    """Return whether a version of URDF, such as "1.1", has quat_xyzw."""
-    numbers = re.fullmatch(r"(\d{1,9})\.(\d{1,9})", version, re.ASCII)
-    return numbers is not None and tuple(map(int, numbers.groups())) >= (1, 1)
-
-
-def _link(element: ET.Element, name: str, rules: _PoseRules) -> LinkRecord:
+def _link(element: ET.Element, name: str, snap: float) -> LinkRecord:
     label = f"link {name!r}, inertial"
     (mass,) = _numbers(element.find("inertial/mass"), "value", label, (0.0,))
     moments = element.find("inertial/inertia")
     xx, xy, xz, yy, yz, zz = (_number(moments, key, label, 0.0) for key in _INERTIA)
     at_centre = MassProperties(mass, np.zeros(3), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
-    masses = at_centre.placed(_pose(element.find("inertial/origin"), label, rules))
-    return LinkRecord(name, masses, _visuals(element, "visual", rules), _visuals(element, "collision", rules))
+    masses = at_centre.placed(_pose(element.find("inertial/origin"), label, snap))
+    return LinkRecord(name, masses, _visuals(element, "visual", snap), _visuals(element, "collision", snap))
 
 
-def _visuals(link: ET.Element, tag: str, rules: _PoseRules) -> tuple[Visual, ...] | None:
+def _visuals(link: ET.Element, tag: str, snap: float) -> tuple[Visual, ...] | None:
     """Return the elements `tag` of a link; None if they cannot be read, which does not matter to motion."""
     try:
-        return tuple(_visual(element, rules) for element in link.findall(tag))
+        return tuple(_visual(element, snap) for element in link.findall(tag))
     except URDFError:
         return None
 
 
-def _visual(element: ET.Element, rules: _PoseRules) -> Visual:
+def _visual(element: ET.Element, snap: float) -> Visual:
     shape = element.find("geometry/*")
-    pose = _pose(element.find("origin"), "", rules)
+    pose = _pose(element.find("origin"), "", snap)
     if shape is None:
         return Visual("", (), pose)
     sizes = SHAPE_SIZES.get(shape.tag, {}).items()
@@ -167,13 +140,13 @@ def _visual(element: ET.Element, rules: _PoseRules) -> Visual:
     return visual._replace(file=shape.get("filename", ""), scale=scale, colour=rgba)
 
 
-def _joint(element: ET.Element, rules: _PoseRules, reductions: dict[str, float]) -> JointRecord:
+def _joint(element: ET.Element, snap: float, reductions: dict[str, float]) -> JointRecord:
     name, kind = element.get("name", ""), element.get("type", "")
     label = f"joint {name!r}"
     parent, child = ("" if (one := element.find(tag)) is None else one.get("link", "") for tag in ("parent", "child"))
     if not name:
         raise URDFError("joint", "a name", f"none, between {parent!r} and {child!r}")
-    joint = JointRecord(name, kind, parent, child, _pose(element.find("origin"), label, rules))
+    joint = JointRecord(name, kind, parent, child, _pose(element.find("origin"), label, snap))
     if kind not in (*HINGE_TYPES, *SLIDER_TYPES):
         return joint
     axis = _numbers(element.find("axis"), "xyz", f"{label}, axis", (1.0, 0.0, 0.0))
@@ -275,25 +248,15 @@ def _how_to_close(joint: JointRecord) -> str:
 # ---- numbers
 
 
-def _pose(origin: ET.Element | None, label: str, rules: _PoseRules) -> FramePose:
-    """Return the pose of an element <origin>, the identity for None: xyz [m], and rpy, fixed-axis XYZ [rad], or
-    quat_xyzw, a quaternion of any length.
-    """
+def _pose(origin: ET.Element | None, label: str, snap: float) -> FramePose:
+    """Return the pose of an element <origin>, the identity for None: xyz [m], and rpy, fixed-axis XYZ [rad]."""
     label = f"{label}, origin"
+    if origin is not None and origin.get("quat_xyzw") is not None:
+        raise URDFError(label, "rpy; quaternions are not read", "quat_xyzw")
     position = np.array(_numbers(origin, "xyz", label, _ZERO_VECTOR))
-    has_rpy, has_quaternion = (origin is not None and origin.get(key) is not None for key in ("rpy", "quat_xyzw"))
-    if has_quaternion and has_rpy is rules.has_quaternions:
-        expected = "no rpy beside quat_xyzw" if has_rpy else '<robot version="1.1"> or later for quat_xyzw'
-        raise URDFError(label, expected, "rpy too" if has_rpy else "an earlier version, which has rpy alone")
-    if has_quaternion and not has_rpy:
-        quaternion = _numbers(origin, "quat_xyzw", label, (0.0, 0.0, 0.0, 1.0))
-        if not any(quaternion):
-            raise URDFError(f"{label} quat_xyzw", "a quaternion that is not zero", quaternion)
-        rotation = quaternion_to_matrix("quat_xyzw", quaternion, scalar_first=False).astype(np.float64)
-        return FramePose(exact_quarter_turns(rotation, rules.snap), position)
     rpy = _numbers(origin, "rpy", label, _ZERO_VECTOR)
     order = find_sequence("xyz")
-    trig = tuple(part for angle in order.angles(rpy) for part in sine_and_cosine(angle, rules.snap))
+    trig = tuple(part for angle in order.angles(rpy) for part in sine_and_cosine(angle, snap))
     return FramePose(np.array(order.attitude(trig)).reshape(3, 3) + 0.0, position)
 
 

@@ -160,12 +160,3 @@ def test_body_2_is_body_1_of_the_next_pair(monkeypatch):
     assert [getattr(first.body1, name) is not None for name in ("R", "S", "v", "omega", "a")] == [True] * 4 + [False]
     with pytest.raises(hp.ArgumentError, match=r"^outputs: expected R2 and S2"):
         _ = first.body2
-
-
-def test_the_centre_of_mass_has_two_spellings():
-    body = hp.Body(mass=2, center_of_mass=(0.1, 0, 0))
-    assert body.center_of_mass.tolist() == body.centre_of_mass.tolist() == [0.1, 0, 0]
-    assert dataclasses.replace(body, center_of_mass=(0, 0.2, 0)).centre_of_mass.tolist() == [0, 0.2, 0]
-    assert dataclasses.replace(body, mass=3).centre_of_mass.tolist() == [0.1, 0, 0]
-    with pytest.raises(hp.ArgumentError, match="center_of_mass: expected"):
-        hp.Body(mass=2, center_of_mass=(0.1, 0))

@@ -164,7 +164,6 @@ class Body(Frozen):
         shapes: Box, Cylinder and Sphere objects of one density, which viewers draw, and from which the inertia and
             the centre of mass follow unless given. What two shapes share counts twice. Without shapes, viewers draw
             an arm to the hinge.
-        center_of_mass: the same as `centre_of_mass`, in American spelling.
         _computed: an internal argument that `dataclasses.replace` passes.
 
     Raises:
@@ -192,14 +191,10 @@ class Body(Frozen):
         inertia: ArrayLike | None = None,
         shapes: Iterable[Shape] = (),
         *,
-        center_of_mass: ArrayLike | None = None,
         _computed: Mapping[str, Any] | None = None,  # computed values of the body that dataclasses.replace copies
     ) -> None:
         # A value that is the object which the earlier body computed was not given by the user.
         earlier = _computed or {}
-        label = "centre_of_mass" if center_of_mass is None else "center_of_mass"
-        if center_of_mass is not None:  # also where dataclasses.replace passes the centre of the earlier body
-            centre_of_mass = center_of_mass
         mass = None if mass is earlier.get("mass") else mass
         centre_of_mass = None if centre_of_mass is earlier.get("centre_of_mass") else centre_of_mass
         inertia = None if inertia is earlier.get("inertia") else inertia
@@ -216,7 +211,7 @@ class Body(Frozen):
         default_centre, inertia_per_mass = _mass_distribution(
             shape_tuple if inertia is None or centre_of_mass is None else ()
         )
-        centre = default_centre if centre_of_mass is None else one_constant(label, centre_of_mass, 3)
+        centre = default_centre if centre_of_mass is None else one_constant("centre_of_mass", centre_of_mass, 3)
         with np.errstate(over="ignore"):
             tensor = mass_value * inertia_per_mass if inertia is None else _inertia_matrix(inertia)
         tensor = _checked_inertia(tensor)
@@ -228,11 +223,6 @@ class Body(Frozen):
     def __reduce__(self) -> tuple[Any, ...]:
         values = {name: getattr(self, name) for name in ("mass", "centre_of_mass", "inertia", "shapes")}
         return _body_again, (values, tuple(self._computed))
-
-    @property
-    def center_of_mass(self) -> NDArray[np.float64]:
-        """The same as `centre_of_mass`, in American spelling."""
-        return self.centre_of_mass
 
     @property
     def assumed(self) -> tuple[str, ...]:

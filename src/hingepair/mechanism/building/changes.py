@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
+from hingepair.mechanism.bodies.body import Body, Shape, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.building.folding import (
@@ -33,7 +33,7 @@ from hingepair.urdf.rigid import FramePose, MassProperties
 
 def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
     """Return a joint of a tree as a pair between the frames of the two bodies that it connects."""
-    carrier = tree.single().base if joint.parent == 0 else tree.joints[joint.parent - 1].body
+    carrier = tree.single().bodies[joint.parent]
     made: Any = JOINT_CLASSES[joint.kind]
     pair: RobotJoint = made(
         u1=joint.u,
@@ -41,8 +41,8 @@ def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
         n=joint.S @ joint.n,
         home=joint.S,
         name=joint.name,
-        body1=_body_or_none(f"body1 of {joint.name!r}", carrier),
-        body2=_body_or_none(f"body2 of {joint.name!r}", joint.body),
+        body1=body_or_none(f"body1 of {joint.name!r}", carrier),
+        body2=body_or_none(f"body2 of {joint.name!r}", joint.body),
         **limits_of_pair(joint),
         **({"pitch": joint.pitch} if KINDS[joint.kind].has_pitch else {}),
     )
@@ -58,13 +58,15 @@ def limits_of_pair(joint: Joint) -> dict[str, Any]:
     }
 
 
-def _body_or_none(label: str, masses: MassProperties) -> Body | None:
-    """Return mass properties as a Body; None without mass, and, with a warning, where no rigid body has them."""
-    if reason := unphysical_reason(masses):
-        warn_of_dynamics(f"{label}: no rigid body has its mass properties, which are left out: {reason}")
-    if not masses.mass or reason:
+def body_or_none(label: str, masses: MassProperties, shapes: Iterable[Shape] = (), warns: bool = True) -> Body | None:
+    """Return mass properties as a Body; None without mass, and where no rigid body has them, which it `warns` of."""
+    if not masses.mass:
         return None
-    return Body(masses.mass, masses.centre_of_mass, masses.inertia)
+    if reason := unphysical_reason(masses):
+        if warns:
+            warn_of_dynamics(f"{label}: no rigid body has its mass properties, which are left out: {reason}")
+        return None
+    return Body(masses.mass, masses.centre_of_mass, masses.inertia, shapes)
 
 
 def add_body(tree: Tree, link: str, body: Body | None) -> Tree:
@@ -124,13 +126,21 @@ def set_motor(tree: Tree, name: str, armature: float, ratio: float | None) -> Tr
 
 def lock_joints(tree: Tree, positions: Mapping[str, float]) -> Tree:
     """Return a copy of a tree in which joints, by name, are held at positions [rad or m]."""
-    bodies = [tree.plain().base, *(joint.body for joint in tree.joints)]
-    contents = [_content(tree, number, masses) for number, masses in enumerate(bodies)]
-    parts = [JointPart(written_joint(""), **contents[0])]
-    for joint, content in zip(tree.joints, contents[1:], strict=True):
+    parts = [JointPart(written_joint(""))]
+    for joint in tree.plain().joints:
         rule = joint.mimic
         follows = None if rule is None else MimicRecord(tree.joints[rule.leader - 1].name, *rule[1:])
-        parts.append(JointPart(joint, follows, **content))
+        parts.append(JointPart(joint, follows))
+    for kind, group in (("links", tree.links), ("frames", tree.frames)):
+        for name, frame in group.items():
+            getattr(parts[frame.body], kind)[name] = FramePose(frame.S, frame.R)
+    leaves = tree.leaves or tree.tips
+    for number, (part, masses) in enumerate(zip(parts, tree.bodies, strict=True)):
+        part.masses[next(iter(part.links), f"body {number}")] = masses
+        part.leaves += [link for link in leaves if link in part.links]
+        part.drawing = (tree.drawings[number] if tree.drawings else BodyDrawing()).as_link()
+        if number in tree.without_mass:
+            part.without_mass.append(tree.without_mass[number])
     held = locked_positions(parts, positions)
     locked = fold_parts(tree.name, parts, held)
     source = tree.source
@@ -141,26 +151,9 @@ def lock_joints(tree: Tree, positions: Mapping[str, float]) -> Tree:
     return replace(locked, notes=notes, base_notes=of_base, source=source)
 
 
-def _content(tree: Tree, number: int, masses: MassProperties) -> dict[str, Any]:
-    """Return the arguments of JointPart that describe the body of this number."""
-    drawing = (tree.drawings[number] if tree.drawings else BodyDrawing()).as_link()
-    poses = {
-        kind: {name: FramePose(frame.S, frame.R) for name, frame in group.items() if frame.body == number}
-        for kind, group in (("links", tree.links), ("frames", tree.frames))
-    }
-    name = next(iter(poses["links"]), f"body {number}")
-    without_mass = [tree.without_mass[number]] if number in tree.without_mass else []
-    leaves = [link for link in tree.leaves or tree.tips if link in poses["links"]]
-    return {
-        **poses, "leaves": leaves, "masses": {name: masses}, "without_mass": without_mass,
-        "drawing": drawing,
-    }  # fmt: skip
-
-
 def _with_mass(tree: Tree, number: int, payload: MassProperties) -> Tree:
     """Return a copy of a tree with a payload, given in the body's axes, added to the body of this number."""
-    masses = tree.base if number == 0 else tree.joints[number - 1].body
-    total = mass_properties({"body": masses, "payload": payload})
+    total = mass_properties({"body": tree.bodies[number], "payload": payload})
     without_mass = {body: name for body, name in tree.without_mass.items() if body != number}
     tree = replace(tree, source=None, without_mass=without_mass)
     if number == 0:

@@ -28,7 +28,7 @@ from hingepair.urdf.reader import sine_and_cosine
 from hingepair.urdf.rigid import IDENTITY_POSE, ZERO_MASS_PROPERTIES, FramePose, MassProperties, combined_masses
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class JointPart:
     """Joint of any kind, fixed ones included, and the body that it carries, whose origin is the joint's point."""
 
@@ -36,13 +36,21 @@ class JointPart:
     # without a parent (-1). Masses stand in `masses`, and the joint that it follows in `follows`.
     joint: Joint
     follows: records.MimicRecord | None = None
-    links: Mapping[str, FramePose] = field(default_factory=dict)  # poses of the frames of the links, by name
-    leaves: Sequence[str] = ()  # names of the links that carry no further link
-    frames: Mapping[str, FramePose] = field(default_factory=dict)  # poses of further frames, by name
-    masses: Mapping[str, MassProperties] = field(default_factory=dict)  # by the link that has them
+    links: dict[str, FramePose] = field(default_factory=dict)  # poses of the frames of the links, by name
+    leaves: list[str] = field(default_factory=list)  # names of the links that carry no further link
+    frames: dict[str, FramePose] = field(default_factory=dict)  # poses of further frames, by name
+    masses: dict[str, MassProperties] = field(default_factory=dict)  # by the link that has them
     drawing: LinkDrawing = NOT_DRAWN  # what the body is drawn by
-    notes: Sequence[str] = ()  # sentences about assumed masses
-    without_mass: Sequence[str] = ()  # its links whose mass was never given; a URDF's link without inertia has 0 kg
+    notes: list[str] = field(default_factory=list)  # sentences about assumed masses
+    without_mass: list[str] = field(default_factory=list)  # its links whose mass was never given; a URDF's has 0 kg
+
+    def add_link(self, link: str, pose: FramePose, masses: MassProperties | None, is_leaf: bool) -> None:
+        """Add a link in its pose, with masses in its own axes."""
+        self.links[link] = pose
+        if masses is not None:
+            self.masses[link] = masses.placed(pose)
+        if is_leaf:
+            self.leaves.append(link)
 
     @property
     def name(self) -> str:
@@ -106,21 +114,15 @@ def fold_parts(name: str, parts: Sequence[JointPart], locked: Mapping[str, float
         )
         links, frames = _links_and_frames(parts, body_poses, body_numbers)
         base_masses = mass_properties(masses[0])
-        drawings = tuple(
-            body_drawing(
-                (part.drawing, pose)
-                for part, (body_number, pose) in zip(parts, body_poses, strict=True)
-                if body_number == body
-            )
-            for body in range(len(masses))
-        )
+        drawn: list[list[tuple[LinkDrawing, FramePose]]] = [[] for _ in masses]
+        for part, (body, pose) in zip(parts, body_poses, strict=True):
+            drawn[body].append((part.drawing, pose))
+        drawings = tuple(map(body_drawing, drawn))
     ends = set(range(len(masses))) - {joint.parent for joint in joints}
     tips = [leaf for part, (body, _) in zip(parts, body_poses, strict=True) if body in ends for leaf in part.leaves]
     of_base = [*parts[0].notes, unphysical_mass_note(masses[0])]
     notes = [note for part in parts[1:] for note in part.notes] + [unphysical_mass_note(body) for body in masses[1:]]
-    without_mass = {
-        body: link for part, (body, _) in zip(parts, body_poses, strict=True) for link in part.without_mass
-    }
+    without_mass = {own: link for part, (own, _) in zip(parts, body_poses, strict=True) for link in part.without_mass}
     leaves = tuple(leaf for part in parts for leaf in part.leaves)
     return Tree(
         name, joints, base_masses, links, frames, tuple(tips), tuple(filter(None, notes)),
@@ -136,7 +138,7 @@ def chosen_base(base: str | None, own: str) -> str:
 
 
 def locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the argument `locked` as numbers, with the joints that locked mimic joints follow."""
+    """Return the argument `locked` as numbers."""
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
     by_name = {part.name: part for part in parts if part.joint.kind != "fixed"}
@@ -145,22 +147,11 @@ def locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | N
             known = choices(list(by_name)) + nearest(str(joint), by_name)
             expected = known if by_name else "no joint, since none moves"
             raise ArgumentError("locked", expected, quoted(joint))
-    given = {joint: finite_number(f"locked, {joint!r}", value) for joint, value in (locked or {}).items()}
-    positions = dict(given)
-    held_by: dict[str, str] = {}  # the mimic joint that a position is from
-    for joint, position in given.items():
-        at, rule = position, by_name[joint].follows
-        # A leader that is given as well stands where it is told; a multiplier of 0 says nothing of it.
-        while rule is not None and rule.leader not in given and rule.multiplier and rule.leader in by_name:
-            at = (at - rule.offset) / rule.multiplier
-            if rule.leader in positions:
-                other = positions[rule.leader]
-                if not math.isclose(at, other, rel_tol=1e-9, abs_tol=1e-9):
-                    places = f"{other:g} for {held_by[rule.leader]!r} and {at:g} for {joint!r}"
-                    raise ArgumentError("locked", f"one position of {rule.leader!r}, which both follow", places)
-                break
-            positions[rule.leader], held_by[rule.leader] = at, joint
-            rule = by_name[rule.leader].follows
+    positions = {joint: finite_number(f"locked, {joint!r}", value) for joint, value in (locked or {}).items()}
+    for joint in [*positions]:
+        rule = by_name[joint].follows
+        if rule is not None and rule.leader in by_name and rule.leader not in positions:
+            raise ArgumentError("locked", f"{rule.leader!r}, which it follows, beside it", quoted(joint))
     return positions
 
 
@@ -262,14 +253,8 @@ def _links_and_frames(
     for part, (body, pose) in zip(parts, body_poses, strict=True):
         if part.joint.parent >= 0 and part.name not in body_numbers:
             frames[part.name] = _frame_in_body(f"joint {part.name!r}", body, pose)
-        links |= {
-            name: _frame_in_body(f"link {name!r}", body, pose.placed(pose_in_part))
-            for name, pose_in_part in part.links.items()
-        }
-        frames |= {
-            name: _frame_in_body(f"frame {name!r}", body, pose.placed(pose_in_part))
-            for name, pose_in_part in part.frames.items()
-        }
+        for kind, found, inner in (("link", links, part.links), ("frame", frames, part.frames)):
+            found |= {name: _frame_in_body(f"{kind} {name!r}", body, pose.placed(one)) for name, one in inner.items()}
     return links, frames
 
 

@@ -24,7 +24,7 @@ from hingepair.mechanism.building.folding import (
     fold_parts,
     written_joint,
 )
-from hingepair.mechanism.building.mujoco_linkages import read_loops, read_struts, with_linkages
+from hingepair.mechanism.building.mujoco_linkages import closed_near, read_loops
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Joint, Tree, unused_name
@@ -37,6 +37,7 @@ from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties
 
 _KINDS: dict[int, JointKind] = {2: "slider", 3: "hinge"}  # by mjtJoint, MuJoCo's type of a joint
 _JOINT_EQUALITY = 2  # mjEQ_JOINT, the type of an equality by which a joint follows another
+_UNKNOWN = LinkDrawing(None)  # geoms are not read
 _FREE, _TYPE_NAMES = 0, ("free", "ball", "slide", "hinge")
 
 
@@ -44,7 +45,7 @@ def tree_of_mjcf(model: Any, base: str | None, locked: Mapping[str, float] | Non
     """Return the tree of a model in MJCF, and the kind of its base, as `Mechanism.from_mjcf` describes."""
     reader = _Reader(_compiled(model))
     name, own, parts = reader.parts()
-    return reader.with_linkages(fold_parts(name, parts, locked)), chosen_base(base, own)
+    return reader.closed(fold_parts(name, parts, locked)), chosen_base(base, own)
 
 
 def _compiled(model: Any) -> Any:
@@ -82,18 +83,13 @@ class _Reader:
         frames = {*named, *self._body_names}
         self._site_names = _names(model.site, model.nsite, "site", frames)
         self._rules = self._mimic_rules()
-        equalities, tendons = (
-            _names(of, count, kind, frames)
-            for of, count, kind in ((model.equality, model.neq, "equality"), (model.tendon, model.ntendon, "tendon"))
-        )
-        ends = read_struts(model, self._site_names)
-        self._struts = {tendons[number]: (number, pair) for number, pair in ends.items()}
-        self._loops = [*read_loops(model, equalities, self._site_names, ends)]
+        equalities = _names(model.equality, model.neq, "equality", frames)
+        self._loops = [*read_loops(model, equalities, self._site_names)]
 
     def parts(self) -> tuple[str, Literal["fixed", "free"], list[JointPart]]:
         """Return the name of the model, the kind of the base and the parts."""
         model, root = self._model, self._root
-        parts = [_Part(written_joint(""))]
+        parts = [JointPart(written_joint(""), drawing=_UNKNOWN)]
         places = {root: (0, _pose())}  # part of each body, and the body's pose in it
         carrying = {int(model.body_parentid[body]) for body in self._bodies()}
         for body in self._bodies():
@@ -103,10 +99,10 @@ class _Reader:
                 for joint in self._joints(body):
                     read = self._joint(joint, number, pose)
                     number, pose = len(parts), _pose(-model.jnt_pos[joint])
-                    parts.append(_Part(read, self._rules.get(joint)))
+                    parts.append(JointPart(read, self._rules.get(joint), drawing=_UNKNOWN))
                 places[body] = number, pose
             number, pose = places[body]
-            parts[number].add(self._body_names[body], pose, self._masses(body), body not in carrying)
+            parts[number].add_link(self._body_names[body], pose, self._masses(body), body not in carrying)
             for site in np.flatnonzero(model.site_bodyid == body).tolist():
                 own = _pose(model.site_pos[site], model.site_quat[site])
                 parts[number].frames[self._site_names[site]] = pose.placed(own)
@@ -114,19 +110,17 @@ class _Reader:
                 if end.body == body:
                     parts[number].frames[end.name] = pose.placed(_pose(end.position, end.quat_wxyz))
         self._warn()
-        return self._title(), ("free" if root else "fixed"), [part.made() for part in parts]
+        return self._title(), ("free" if root else "fixed"), parts
 
-    def with_linkages(self, tree: Tree) -> Tree:
-        """Return a tree with the struts of the model, and with its loops closed near qpos0 or a keyframe."""
+    def closed(self, tree: Tree) -> Tree:
+        """Return a tree with the loops of the model closed near qpos0 or a keyframe."""
         model, title = self._model, self._title()
         positions = [
             {name: float(qpos[model.jnt_qposadr[joint]]) for joint, name in enumerate(self._joint_names)}
             for qpos in (model.qpos0, *model.key_qpos)
         ]
-        return with_linkages(
-            tree, model, [loop for loop, _ in self._loops], self._struts, positions,
-            lambda message: warn_of_dynamics(f"{title}: {message}"),
-        )  # fmt: skip
+        loops = [loop for loop, _ in self._loops]
+        return closed_near(tree, loops, positions, lambda message: warn_of_dynamics(f"{title}: {message}"))
 
     def _title(self) -> str:
         return self._model.names[: self._model.names.index(b"\0")].decode() or "model"
@@ -206,7 +200,7 @@ class _Reader:
         model = self._model
         left_out = [f"{count} {noun}" for count, noun in (
             (model.neq - len(self._rules) - len(self._loops), "equality constraints"),
-            (model.ntendon - len(self._struts), "tendons"), (model.nu, "actuators"),
+            (model.ntendon, "tendons"), (model.nu, "actuators"),
             (np.count_nonzero(model.body_gravcomp), "bodies with gravity compensation"),
             (np.count_nonzero(getattr(model, "dof_dampingpoly", ())), "damping polynomials"),
             (np.count_nonzero(getattr(model, "jnt_stiffnesspoly", ())), "stiffness polynomials"),
@@ -243,28 +237,6 @@ def _names(of: Any, count: int, kind: str, taken: set[str]) -> list[str]:
     given, taken = [str(of(number).name) for number in range(count)], {*taken}
     named = [unused_name(name, taken) if name else "" for name in given]
     return [name or unused_name(f"{kind}{number}", taken) for number, name in enumerate(named)]
-
-
-class _Part:
-    """A JointPart to which links and frames are added one by one."""
-
-    def __init__(self, joint: Joint, follows: MimicRecord | None = None) -> None:
-        self._joint, self._follows = joint, follows
-        self._links: dict[str, FramePose] = {}
-        self._masses: dict[str, MassProperties] = {}
-        self._leaves: list[str] = []
-        self.frames: dict[str, FramePose] = {}
-
-    def add(self, link: str, pose: FramePose, masses: MassProperties, is_leaf: bool) -> None:
-        """Add a link."""
-        self._links[link], self._masses[link] = pose, masses.placed(pose)
-        self._leaves += [link] if is_leaf else []
-
-    def made(self) -> JointPart:
-        """Return the JointPart with all that was added."""
-        return JointPart(
-            self._joint, self._follows, self._links, self._leaves, self.frames, self._masses, LinkDrawing(None)
-        )
 
 
 def _pose(origin: Any = (0.0, 0.0, 0.0), quat_wxyz: Any = (1.0, 0.0, 0.0, 0.0)) -> FramePose:

@@ -145,8 +145,7 @@ def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[J
         ]
         bodies.append(_shared_body([("body2", pair), *carried]))
     seats = [IDENTITY_POSE, *(FramePose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
-    base_content = _body_content(BASE_LINK, bodies[0], IDENTITY_POSE, is_leaf=False)
-    parts = [JointPart(written_joint(""), **base_content)]
+    parts = [_add_body(JointPart(written_joint("")), BASE_LINK, bodies[0], IDENTITY_POSE, is_leaf=False)]
     for number, (pair, parent) in enumerate(zip(checked, parent_numbers, strict=True), 1):
         home = np.asarray(pair.home)
         joint = written_joint(
@@ -154,8 +153,8 @@ def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[J
             seats[parent].placed(FramePose(home, pair.u1)), unit_axis("n", home.T @ pair.n),
             pair.limits, pair.torque_limit, pair.rate_limit, pitch=getattr(pair, "pitch", 0.0),
         )  # fmt: skip
-        content = _body_content(pair.name, bodies[number], seats[number], number not in parent_numbers)
-        parts.append(JointPart(joint, **content))
+        is_leaf = number not in parent_numbers
+        parts.append(_add_body(JointPart(joint), pair.name, bodies[number], seats[number], is_leaf))
     return parts
 
 
@@ -252,12 +251,13 @@ def _same_body(one: Body, other: Body) -> bool:
     )
 
 
-def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_leaf: bool) -> dict[str, Any]:
-    """Return what a `JointPart` takes of a Body in a frame: links, leaves, masses, drawing and notes."""
-    content: dict[str, Any] = {"links": {link_name: frame_pose}, "leaves": (link_name,) if is_leaf else ()}
+def _add_body(part: JointPart, link: str, body: Body | None, pose: FramePose, is_leaf: bool) -> JointPart:
+    """Return a part with a Body as its link."""
+    part.add_link(link, pose, None if body is None else body_masses(body), is_leaf)
     if body is None:
-        return content | {"without_mass": (link_name,)}
-    content["masses"] = {link_name: body_masses(body).placed(frame_pose)}
-    shapes = tuple(placed_shapes(body.shapes, frame_pose))
-    content["drawing"] = LinkDrawing(shapes, shapes)
-    return content | {"notes": tuple(f"{link_name}: {sentence}" for sentence in body.assumed)}
+        part.without_mass.append(link)
+    else:
+        shapes = tuple(placed_shapes(body.shapes, pose))
+        part.drawing = LinkDrawing(shapes, shapes)
+        part.notes += [f"{link}: {sentence}" for sentence in body.assumed]
+    return part

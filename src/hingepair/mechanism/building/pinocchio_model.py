@@ -66,7 +66,7 @@ def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
     bodies = _BodyContents(model)
     names = {*model.names}
     numbers = {root: 0}  # number of the part of each joint's body, by the joint's number
-    parts = [JointPart(written_joint(""), **bodies.content(root))]
+    parts = [bodies.fill(JointPart(written_joint("")), root)]
     for joint in range(root + 1, model.njoints):
         parent = int(model.parents[joint])
         if parent not in numbers:
@@ -75,7 +75,8 @@ def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
             raise _unsupported_joint_error(
                 model, joint, f"its place right behind what {model.names[parent]!r} carries, depth-first"
             )
-        parts += _parts_of_joint(model, joint, numbers[parent], len(parts), bodies.content(joint), names)
+        parts += _parts_of_joint(model, joint, numbers[parent], len(parts), names)
+        bodies.fill(parts[-1], joint)
         numbers[joint] = len(parts) - 1
     return ("free" if free else "fixed"), parts
 
@@ -85,23 +86,20 @@ def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentE
     return ArgumentError(f"joint {model.names[joint]!r}", expected, model.joints[joint].shortname())
 
 
-def _parts_of_joint(
-    model: Any, number: int, parent_part: int, first_part: int, content: dict[str, Any], names: set[str]
-) -> list[JointPart]:
-    """Return a joint as parts numbered from `first_part`: several of a chain, whose last gets the body."""
+def _parts_of_joint(model: Any, number: int, parent_part: int, first_part: int, names: set[str]) -> list[JointPart]:
+    """Return a joint as parts numbered from `first_part`: several of a chain, whose last carries the body."""
     joint, name = model.joints[number], model.names[number]
     pose = _convert_placement(model.jointPlacements[number])
     idx_q, idx_v = joint.idx_q, joint.idx_v
-    chain = [*_chain(joint, pose)]
     if joint.shortname() != _COMPOSITE:
-        return [_part_of_joint(model, joint, name, number, parent_part, pose, idx_q, idx_v, content)]
-    content = content | {"frames": {**content["frames"], name: IDENTITY_POSE}}
+        return [_part_of_joint(model, joint, name, number, parent_part, pose, idx_q, idx_v)]
     parts: list[JointPart] = []
-    for i, (single, seat) in enumerate(chain, 1):
+    for i, (single, seat) in enumerate(_chain(joint, pose), 1):
         carrier = first_part + i - 2 if i > 1 else parent_part
-        own, carried = unused_name(f"{name}_{i}", names), content if i == len(chain) else {}
-        parts.append(_part_of_joint(model, single, own, number, carrier, seat, idx_q, idx_v, carried))
+        own = unused_name(f"{name}_{i}", names)
+        parts.append(_part_of_joint(model, single, own, number, carrier, seat, idx_q, idx_v))
         idx_q, idx_v = idx_q + single.nq, idx_v + single.nv
+    parts[-1].frames[name] = IDENTITY_POSE
     return parts
 
 
@@ -125,7 +123,6 @@ def _part_of_joint(
     pose: FramePose,
     idx_q: int,
     idx_v: int,
-    content: Any,
 ) -> JointPart:
     """Return a joint, or one of a composite joint, as a part that another carries."""
     kind = joint.shortname()
@@ -146,7 +143,7 @@ def _part_of_joint(
         leader = next(model.names[i] for i in range(model.njoints) if _is_leader(model, i, joint))
         kind_of_mimic: JointKind = "hinge" if motion[3:].any() else "slider"
         follower = written_joint(name, kind_of_mimic, parent_part, pose, _unit_axis(motion / mimic.scaling))
-        return JointPart(follower, MimicRecord(leader, mimic.scaling, mimic.offset), **content)
+        return JointPart(follower, MimicRecord(leader, mimic.scaling, mimic.offset))
     limits = None
     if joint.nq == 1:
         lower, upper = float(model.lowerPositionLimit[idx_q]), float(model.upperPositionLimit[idx_q])
@@ -161,7 +158,7 @@ def _part_of_joint(
         armature=armature, load=_load(name, float(model.damping[idx_v]), float(model.upperDryFrictionLimit[idx_v])),
         pitch=pitch, continuous=joint.nq == 2,
     )  # fmt: skip
-    return JointPart(own_joint, **content)
+    return JointPart(own_joint)
 
 
 def _effort(lower: float, upper: float) -> dict[str, Any]:
@@ -215,19 +212,23 @@ class _BodyContents:
         self._names = {name for links in self._links.values() for name in links}
         self._parents = {int(parent) for parent in model.parents}
 
-    def content(self, joint: int) -> dict[str, Any]:
-        """Return what a `JointPart` takes of the body of a joint."""
+    def fill(self, part: JointPart, joint: int) -> JointPart:
+        """Return the part of a joint with its body."""
         links = self._links.get(joint)
-        leaves = [link for link in links or () if link not in self._carrying]
+        part.leaves += [link for link in links or () if link not in self._carrying]
         if not links:
             name = self._model.names[joint]
             while name in self._names:  # a link of another body
                 name += "_link"
-            links, leaves = {name: IDENTITY_POSE}, [] if joint in self._parents else [name]
+            links = {name: IDENTITY_POSE}
+            part.leaves += [] if joint in self._parents else [name]
         body = self._model.inertias[joint]
-        masses = MassProperties(float(body.mass), np.array(body.lever), np.array(body.inertia))
-        frames = self._frames.get(joint, {})
-        return {"links": links, "leaves": leaves, "frames": frames, "masses": {next(iter(links)): masses}}
+        part.links |= links
+        part.frames |= self._frames.get(joint, {})
+        part.masses[next(iter(links))] = MassProperties(
+            float(body.mass), np.array(body.lever), np.array(body.inertia)
+        )
+        return part
 
 
 def _convert_placement(placement: Any) -> FramePose:

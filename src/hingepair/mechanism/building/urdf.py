@@ -5,21 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from hingepair.errors import ArgumentError, URDFError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.bodies.shapes import body_drawing, link_drawing
-from hingepair.mechanism.building.changes import limits_of_pair
+from hingepair.mechanism.bodies.shapes import link_drawing, placed_shapes
+from hingepair.mechanism.building.changes import body_or_none, limits_of_pair
 from hingepair.mechanism.building.folding import (
     JointPart,
     chosen_base,
     fold_parts,
     locked_positions,
-    mass_properties,
     written_joint,
 )
 from hingepair.mechanism.joints import JointKind
@@ -64,7 +63,7 @@ def _parts(robot: records.RobotRecord, *, warns: bool) -> tuple[Literal["fixed",
     parents = {joint.parent for joint in joints}
     names = {joint.name for joint in joints}
     numbers = {root: 0}
-    parts = [JointPart(written_joint(""), **_link_content(robot, root, root not in parents))]
+    parts = [_with_link(JointPart(written_joint("")), robot, root, root not in parents)]
     for joint in joints:
         if joint.type not in _KIND_OF_TYPE:
             expected = f"a type out of {', '.join(_KIND_OF_TYPE)}"
@@ -84,19 +83,15 @@ def _parts(robot: records.RobotRecord, *, warns: bool) -> tuple[Literal["fixed",
             ratio=joint.reduction, load=HingeLoad(damping=joint.damping, friction=joint.friction),
             continuous=joint.type == "continuous",
         )  # fmt: skip
-        parts.append(JointPart(own, mimic, **_link_content(robot, joint.child, joint.child not in parents)))
+        parts.append(_with_link(JointPart(own, mimic), robot, joint.child, joint.child not in parents))
     return ("free" if is_free else "fixed"), parts
 
 
-def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> dict[str, Any]:
-    """Return what a `JointPart` takes of a link."""
-    link = robot.links[link_name]
-    return {
-        "links": {link_name: IDENTITY_POSE},
-        "leaves": (link_name,) if is_leaf else (),
-        "masses": {link_name: link.masses},
-        "drawing": link_drawing(link, robot.folder),
-    }
+def _with_link(part: JointPart, robot: records.RobotRecord, name: str, is_leaf: bool) -> JointPart:
+    link = robot.links[name]
+    part.add_link(name, IDENTITY_POSE, link.masses, is_leaf)
+    part.drawing = link_drawing(link, robot.folder)
+    return part
 
 
 # ---- one hinge
@@ -158,89 +153,58 @@ def hinge_of_urdf(
     """Return what `from_urdf` does, under another name; masses are left out with a warning if it `warns`."""
     robot = read_urdf(path_or_text)
     parts = _parts(robot, warns=False)[1]
-    numbers = {part.name: number for number, part in enumerate(parts) if part.joint.kind == "hinge"}
-    if joint not in numbers:
-        known = choices(list(numbers)) if numbers else "a robot with a revolute or continuous joint"
+    tree = fold_parts(robot.name, parts)
+    hinges = {one.name: number for number, one in enumerate(tree.joints, 1) if one.kind == "hinge"}
+    if joint not in hinges:
+        known = choices(list(hinges)) if hinges else "a robot with a revolute or continuous joint"
         kind = next((f", which is {one.type}" for one in robot.joints if one.name == joint), "")
-        raise URDFError("joint", known + ("" if kind else nearest(str(joint), numbers)), f"{quoted(joint)}{kind}")
-    part = parts[numbers[joint]]
-    hinge = part.joint
-    one = _Side.of(parts, "body1_frame", hinge.parent, body1_frame, warns)
-    two = _Side.of(parts, "body2_frame", numbers[joint], body2_frame, warns)
+        raise URDFError("joint", known + ("" if kind else nearest(str(joint), hinges)), f"{quoted(joint)}{kind}")
+    number, record = hinges[joint], next(one for one in robot.joints if one.name == joint)
+    one = _Side.of(tree, "body1_frame", tree.joints[number - 1].parent, record.parent, body1_frame)
+    two = _Side.of(tree, "body2_frame", number, record.child, body2_frame)
     points = (points,) if isinstance(points, str) else tuple(points)
     for link in points:
         if link not in {**one.places, **two.places}:
             expected = f"links fixed to either body: {choices((*one.places, *two.places))}"
             raise URDFError("points", expected, quoted(link))
+    home, u1 = one.seat.seen(record.pose)
     with np.errstate(all="ignore"):
-        home, u1 = one.frame.seen(part.pose)
-        n = home @ hinge.n + 0.0
+        n = home @ tree.joints[number - 1].n + 0.0
     return HingePair(
         u1=u1 + 0.0,
-        u2=two.frame.seen(IDENTITY_POSE).origin + 0.0,
+        u2=two.seat.seen(IDENTITY_POSE).origin + 0.0,
         n=n,
-        home=home @ two.frame.rotation + 0.0,
+        home=one.seat.seen(record.pose.placed(two.seat)).rotation + 0.0,
         name=joint if name is None else name,
-        **limits_of_pair(hinge),
-        body1=one.body,
-        body2=two.body,
+        **limits_of_pair(tree.joints[number - 1]),
+        body1=one.body(tree, warns),
+        body2=two.body(tree, warns),
         points1={link: one.places[link].origin + 0.0 for link in points if link in one.places},
         points2={link: two.places[link].origin + 0.0 for link in points if link in two.places},
     )
 
 
 class _Side(NamedTuple):
-    """One of the two bodies of a hinge."""
+    """One of the two bodies of a hinge, and the link whose frame is the body's."""
 
-    frame: FramePose  # of the body, in the axes of the link at the hinge
-    places: dict[str, FramePose]  # of all links of the body, in its frame
-    body: Body | None
+    number: int  # of the body in the tree
+    seat: FramePose  # pose of the frame in the axes of the link at the hinge
+    frame: FramePose  # the same in those of the tree's body
+    places: dict[str, FramePose]  # of all links of the body, in the frame
 
     @classmethod
-    def of(cls, parts: list[JointPart], argument: str, number: int, frame: str | None, warns: bool) -> _Side:
-        """Return the body of a part; the argument says which of its links has the frame, by default the part's."""
-        poses = _fixed_to(parts, number)
-        links = {next(iter(parts[one].links)): pose for one, pose in poses.items()}
-        own = next(iter(links))
-        if frame is not None and frame not in links:
-            raise URDFError(argument, f"a link rigidly fixed to {own!r}: {choices(list(links))}", quoted(frame))
-        chosen = links[own if frame is None else frame]
-        body = _body([(parts[one], chosen.seen(pose)) for one, pose in poses.items()], warns)
-        return cls(chosen, {link: chosen.seen(pose) for link, pose in links.items()}, body)
+    def of(cls, tree: Tree, argument: str, number: int, own: str, name: str | None) -> _Side:
+        """Return the side of a body; `own` is its link at the hinge, `name` the argument."""
+        links = {link: FramePose(one.S, one.R) for link, one in tree.links.items() if one.body == number}
+        if name is not None and name not in links:
+            raise URDFError(argument, f"a link rigidly fixed to {own!r}: {choices(list(links))}", quoted(name))
+        frame = links[name or own]
+        seat = IDENTITY_POSE if name in (None, own) else links[own].seen(frame)
+        return cls(number, seat, frame, {link: frame.seen(pose) for link, pose in links.items()})
 
-
-def _fixed_to(parts: list[JointPart], start: int) -> dict[int, FramePose]:
-    """Return the poses of a part and of all that fixed joints hold to it, up and down the tree, in its axes."""
-    neighbours: dict[int, list[tuple[int, FramePose]]] = {number: [] for number in range(len(parts))}
-    for number, part in enumerate(parts[1:], 1):
-        if part.joint.kind == "fixed":
-            neighbours[part.joint.parent].append((number, part.pose))
-            neighbours[number].append((part.joint.parent, part.pose.seen(IDENTITY_POSE)))
-    poses, waiting = {start: IDENTITY_POSE}, [start]
-    while waiting:
-        here = waiting.pop()
-        for other, pose in neighbours[here]:
-            if other not in poses:
-                poses[other] = poses[here].placed(pose)
-                waiting.append(other)
-    return poses
-
-
-def _body(parts: list[tuple[JointPart, FramePose]], warns: bool) -> Body | None:
-    """Return parts that are fixed to each other as one Body; None without mass, or with one of no rigid body."""
-    bodies = {link: body.placed(pose) for part, pose in parts for link, body in part.masses.items()}
-    heavy = {link: body for link, body in bodies.items() if body.mass}
-    if not heavy:
-        return None
-    try:
-        for link, body in heavy.items():
-            if body.mass < 0:
-                raise ArgumentError(f"mass of {link!r}", "a number above 0", body.mass)
-        masses = mass_properties(heavy)
-        shapes = body_drawing((part.drawing, pose) for part, pose in parts).shapes
-        return Body(masses.mass, masses.centre_of_mass, masses.inertia, shapes)
-    except ArgumentError as error:
-        if warns:
-            links = ", ".join(map(repr, heavy))
-            warn_of_dynamics(f"the mass properties of the body of {links} are left out: {error}")
-    return None
+    def body(self, tree: Tree, warns: bool) -> Body | None:
+        """Return mass properties and shapes in the frame; None without mass, or with one of no rigid body."""
+        from_here = self.frame.seen(IDENTITY_POSE)
+        shapes = placed_shapes(tree.drawings[self.number].shapes, from_here)
+        label = f"the body of {', '.join(map(repr, self.places))}"
+        return body_or_none(label, tree.bodies[self.number].placed(from_here), shapes, warns)

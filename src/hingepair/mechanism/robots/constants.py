@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.binding import FOLDED
+from hingepair.mechanism.bodies.body import SECOND_MOMENTS
 from hingepair.mechanism.pairs.geometry import PIVOT_ROUNDING
 from hingepair.mechanism.robots.samples import JointSamples, Payload, turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, Tree
@@ -25,10 +26,10 @@ from hingepair.plans.closures import PRECISION
 from hingepair.plans.computation import Cache
 from hingepair.plans.struts import StrutForm
 from hingepair.plans.trees import Form, constant_place
-from hingepair.urdf.rigid import MassProperties
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, MassProperties
 
-Exact: TypeAlias = list[Any]
-"""Fractions; or for bounds `Bounded`s."""
+Exact: TypeAlias = NDArray[np.object_]
+"""Array of Fractions; or for bounds of `Bounded`s."""
 
 _ROTATION_ROUNDING: Final = 4 * UNIT_ROUNDOFF  # of an entry made of products of three sines, or of a quaternion
 _AXIS_ROUNDING: Final = (
@@ -84,7 +85,8 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
         poses = _poses_in_program_axes(tree, axes)
         thresholds, base_thresholds = _pivot_thresholds(tree, axes)
     base_thresholds = base_thresholds if free else (0.0, 0.0)
-    moments = _mass_moments(tree, free, [_exact(P) for P in axes], [(_exact(S), _exact(u)) for S, u in poses], whole)
+    exact_poses = [(_numbers_of(S), _numbers_of(u)) for S, u in poses]
+    moments = _mass_moments(tree, free, [*map(_numbers_of, axes)], exact_poses, whole)
     numbers = _rounded_numbers(moments[0])
     for k, (joint, (S, u)) in enumerate(zip(tree.joints, poses, strict=True), 1):
         multiplier, offset = (1.0, 0.0) if joint.mimic is None else joint.mimic[1:]
@@ -207,25 +209,20 @@ def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[fl
     tree = constants.tree
     with np.errstate(all="ignore"):
         axes = [_axes_with_bounds(P) for P in constants.axes]
-        backs = [_transposed(P) for P in axes]
-        poses = [
-            (
-                _matrix_times_matrix(_matrix_times_matrix(backs[joint.parent], _rotation_with_bounds(joint.S)), P),
-                _matrix_times_vector(backs[joint.parent], [*map(Bounded, joint.u.tolist())]),
-            )
-            for joint, P in zip(tree.joints, axes[1:], strict=True)
-        ]
+        poses = []
+        for joint, P in zip(tree.joints, axes[1:], strict=True):
+            back = axes[joint.parent].T
+            poses.append((back @ _rotation_with_bounds(joint.S) @ P, back @ _numbers_of(joint.u, Bounded)))
         masses = _mass_moments(tree, constants.free, axes, poses, constants.whole, Bounded)
         stored, exact = program_numbers(constants), _ten_numbers(masses[0])
         for (S, u), moments in zip(poses, masses[1:], strict=True):
             given = stored[len(exact) + 22 : len(exact) + 26]  # armature, multiplier, offset, threshold
-            exact += [*S, *u, *_ten_numbers(moments), *given]
+            exact += [*S.ravel(), *u, *_ten_numbers(moments), *given]
         exact += stored[len(exact) :]  # the smallest pivots of the base
         for frame in frames:
             stored += frame_numbers(constants, frame)
-            back = backs[frame.body]
-            exact += _matrix_times_vector(back, [*map(Bounded, frame.R.tolist())])
-            exact += _matrix_times_matrix(back, _rotation_with_bounds(frame.S))
+            back = axes[frame.body].T
+            exact += [*(back @ _numbers_of(frame.R, Bounded)), *(back @ _rotation_with_bounds(frame.S)).ravel()]
         bounds = [
             abs(number - one.value) + one.error if isinstance(one, Bounded) else 0.0
             for number, one in zip(stored, exact, strict=True)
@@ -241,7 +238,7 @@ def _rotation_with_bounds(S: NDArray[np.float64]) -> Exact:
     unit &= (np.count_nonzero(S, axis=0) == 1) & (np.count_nonzero(S, axis=1) == 1)[:, None]
     exact = unit.any(axis=0) | unit.any(axis=1)[:, None]
     errors = np.where(exact, 0.0, _distance_from_rotation(S, 0.5) + _ROTATION_ROUNDING)
-    return [*map(Bounded, S.ravel().tolist(), errors.ravel().tolist())]
+    return _bounded(S, errors)
 
 
 def _axes_with_bounds(P: NDArray[np.float64]) -> Exact:
@@ -250,7 +247,12 @@ def _axes_with_bounds(P: NDArray[np.float64]) -> Exact:
     """
     exact = np.isin(P, (-1.0, 0.0, 1.0)).all()
     errors = np.zeros((3, 3)) if exact else _distance_from_rotation(P, 1.0) + _AXIS_ROUNDING
-    return [*map(Bounded, P.ravel().tolist(), errors.ravel().tolist())]
+    return _bounded(P, errors)
+
+
+def _bounded(matrix: NDArray[np.float64], errors: NDArray[np.float64]) -> Exact:
+    numbers = zip(matrix.ravel().tolist(), errors.ravel().tolist(), strict=True)
+    return np.array([Bounded(x, error) if x or error else 0 for x, error in numbers], dtype=object).reshape(3, 3)
 
 
 def _distance_from_rotation(S: NDArray[np.float64], share: float) -> NDArray[np.float64]:
@@ -349,44 +351,9 @@ def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[n
 
 
 # ---- masses
-
-
-class _MassMoments:
-    """The exact mass `m`, first moment `h` and second moment `N` of bodies about a point, or with bounds."""
-
-    def __init__(self, m: Any, h: Exact, N: Exact) -> None:
-        self.m, self.h, self.N = m, h, N
-
-    def add(self, m: Any, h: Exact, N: Exact) -> None:
-        """Add the moments of a further body."""
-        self.m += m
-        self.h = [x + y for x, y in zip(self.h, h, strict=True)]
-        self.N = [x + y for x, y in zip(self.N, N, strict=True)]
-
-    def shorten(self) -> None:
-        """Round numbers of many more digits than doubles have, in place: each joint of a chain adds digits."""
-        self.m, self.h, self.N = _shortened(self.m), [*map(_shortened, self.h)], [*map(_shortened, self.N)]
-
-
-def _shortened(number: Any) -> Any:
-    """Return a fraction rounded to 512 bits if its denominator has more than 2,000; a bounded number as it is."""
-    if isinstance(number, Bounded):
-        return number
-    if number.denominator.bit_length() <= 2000:
-        return number
-    shift = 512 + number.denominator.bit_length() - number.numerator.bit_length()
-    return Fraction((number.numerator << shift) // number.denominator, 1 << shift)
-
-
-def _moments_of_body(body: MassProperties, axes: Exact, kind: Callable[[float], Any]) -> _MassMoments:
-    """Return the moments of a body in the program's axes, in numbers of a kind."""
-    c, inertia = ([*map(kind, array.ravel().tolist())] for array in (body.centre_of_mass, body.inertia))
-    m = kind(body.mass)
-    half = (inertia[0] + inertia[4] + inertia[8]) / 2
-    N = [(half if i == j else 0) - (inertia[3 * i + j] + inertia[3 * j + i]) / 2 for i in range(3) for j in range(3)]
-    N = [N[3 * i + j] + m * c[i] * c[j] for i in range(3) for j in range(3)]
-    back = _transposed(axes)
-    return _MassMoments(m, _matrix_times_vector(back, [m * x for x in c]), _congruence(back, N))
+#
+# The mass m, first moment h and second moment N of a body about a point are one matrix, [[N, h], [h^T, m]]. A pose
+# T = [[S, u], [0, 1]] carries it into other axes and to another point, T [...] T^T.
 
 
 def _mass_moments(
@@ -396,95 +363,81 @@ def _mass_moments(
     poses: Sequence[tuple[Exact, Exact]],
     whole: bool,
     kind: Callable[[float], Any] = Fraction,
-) -> list[_MassMoments]:
+) -> list[Exact]:
     """Return the moments of every body, the base first (0 if held), shifted to the parents (T9) unless `whole`."""
-    zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
-    bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
-    moments = [_moments_of_body(body, P, kind) for body, P in zip(bodies, axes, strict=True)]
-    return moments if whole else _shift_to_parents(tree, poses, moments)
-
-
-def _shift_to_parents(
-    tree: Tree, poses: Sequence[tuple[Exact, Exact]], moments: list[_MassMoments]
-) -> list[_MassMoments]:
-    """Shift moments to the parent bodies as far as joints' positions do not matter (T9), in place; return them."""
-    for k in range(len(tree.joints), 0, -1):
-        joint, body_moments, (S, u) = tree.joints[k - 1], moments[k], poses[k - 1]
-        parent = moments[joint.parent]
-        body_moments.shorten()
-        if joint.axis.turns and joint.axis.shifts:
-            continue  # no matter of a screw moves with both bodies
-        if _is_placed_by_samples(tree, k):
-            continue  # what moves with both bodies differs from sample to sample
-        if joint.axis.shifts:
-            parent.add(0, [0] * 3, _congruence(S, body_moments.N))
-            body_moments.N = [0] * 9
+    bodies = [tree.base if free else ZERO_MASS_PROPERTIES, *(joint.body for joint in tree.joints)]
+    moments = [_moved(_moments_of_body(body, kind), P.T) for body, P in zip(bodies, axes, strict=True)]
+    for k in () if whole else range(len(tree.joints), 0, -1):
+        joint, own = tree.joints[k - 1], moments[k]
+        moments[k] = own = _shortened(own)
+        # No matter of a screw moves with both bodies; and what does where a joint is placed by samples differs.
+        if (joint.axis.turns and joint.axis.shifts) or _is_placed_by_samples(tree, k):
             continue
-        w = [S[2], S[5], S[8]]
-        m, along, spread = body_moments.m, body_moments.h[2], body_moments.N[8]
-        parent.add(
-            m,
-            [m * u[i] + along * w[i] for i in range(3)],
-            [
-                m * u[i] * u[j] + along * (u[i] * w[j] + w[i] * u[j]) + spread * w[i] * w[j]
-                for i in range(3)
-                for j in range(3)
-            ],
-        )
-        body_moments.m = body_moments.h[2] = body_moments.N[8] = 0
+        # What moves with both bodies: matter on the axis of a hinge, and the turning of what slides.
+        both = slice(0, 3) if joint.axis.shifts else slice(2, 4)
+        shared = np.zeros((4, 4), dtype=object)
+        shared[both, both] = own[both, both]
+        moments[joint.parent] = moments[joint.parent] + _moved(shared, *poses[k - 1])
+        own[both, both] = 0
     return moments
 
 
-def _ten_numbers(moments: _MassMoments) -> Exact:
+def _moments_of_body(body: MassProperties, kind: Callable[[float], Any]) -> Exact:
+    """Return the moments of a body in its own axes, in numbers of a kind."""
+    m, J = kind(body.mass), _numbers_of(body.inertia, kind)
+    c = [*_numbers_of(body.centre_of_mass, kind)]
+    J = (J + J.T) * np.array([[kind(0.5)]], dtype=object)
+    half = (J[0, 0] + J[1, 1] + J[2, 2]) * kind(0.5)
+    h = [m * x for x in c]
+    N = [[(half if i == j else 0) - J[i, j] + h[i] * c[j] for j in range(3)] for i in range(3)]
+    return np.array([*([*row, x] for row, x in zip(N, h, strict=True)), [*h, m]], dtype=object)
+
+
+def _moved(moments: Exact, S: Exact, u: Any = 0) -> Exact:
+    """Return moments in other axes, by the rotation to them, and about another point, by the vector from it."""
+    T = np.zeros((4, 4), dtype=object)
+    T[:3, :3], T[:3, 3], T[3, 3] = S, u, 1
+    return _product(_product(T, moments), T.T)
+
+
+def _product(A: Exact, B: Exact) -> Exact:
+    """Return A B; products with 0, which are most, are skipped."""
+    columns = B.T.tolist()
+    rows = [[sum(a * b for a, b in zip(row, one, strict=True) if a and b) for one in columns] for row in A.tolist()]
+    return np.array(rows, dtype=object)
+
+
+def _shortened(moments: Exact) -> Exact:
+    """Return a copy whose fractions have no more than some digits, of which each joint of a chain adds many."""
+
+    def short(x: Any) -> Any:
+        if not isinstance(x, Fraction) or x.denominator.bit_length() <= 2000:
+            return x
+        shift = 512 + x.denominator.bit_length() - x.numerator.bit_length()
+        return Fraction((x.numerator << shift) // x.denominator, 1 << shift)
+
+    return np.array([[short(x) for x in row] for row in moments], dtype=object)
+
+
+def _ten_numbers(moments: Exact) -> list[Any]:
     """Return mass, first moment and second moment of a body."""
-    N = moments.N
-    return [moments.m, *moments.h, N[0], N[1], N[2], N[4], N[5], N[8]]
+    return [moments[3, 3], *moments[:3, 3], *(moments[entry] for entry in SECOND_MOMENTS)]
 
 
-def _rounded_numbers(moments: _MassMoments) -> list[float]:
-    return [_nearest_float(x) for x in _ten_numbers(moments)]
+def _rounded_numbers(moments: Exact) -> list[float]:
+    """Return the floats nearest to the numbers of a body, infinite beyond the largest."""
+    found = []
+    for x in _ten_numbers(moments):
+        try:
+            found.append(float(x))
+        except OverflowError:
+            found.append(math.inf if x > 0 else -math.inf)
+    return found
 
 
-def _nearest_float(x: Fraction) -> float:
-    """Return the float nearest to x, infinite beyond the largest."""
-    try:
-        return float(x)
-    except OverflowError:
-        return math.inf if x > 0 else -math.inf
-
-
-def _exact(array: NDArray[np.float64]) -> Exact:
-    """Return the entries of an array, row by row, as a list of Fractions."""
-    return [Fraction(x) for x in array.ravel().tolist()]
-
-
-def _matrix_times_vector(A: Exact, v: Exact) -> Exact:
-    return [_sum_of_products((A[3 * i + k], v[k]) for k in range(3)) for i in range(3)]
-
-
-def _matrix_times_matrix(A: Exact, B: Exact) -> Exact:
-    """Return A B of matrices (3, 3), row by row."""
-    return [_sum_of_products((A[3 * i + k], B[3 * k + j]) for k in range(3)) for i in range(3) for j in range(3)]
-
-
-def _transposed(A: Exact) -> Exact:
-    return [A[3 * j + i] for i in range(3) for j in range(3)]
-
-
-def _congruence(A: Exact, N: Exact) -> Exact:
-    """Return A N A^T."""
-    T = _matrix_times_matrix(A, N)
-    return [_sum_of_products((T[3 * i + k], A[3 * j + k]) for k in range(3)) for i in range(3) for j in range(3)]
-
-
-def _sum_of_products(pairs: Iterable[tuple[Any, Any]]) -> Any:
-    """Return the sum of the products of pairs; pairs with 0, which are most, are skipped."""
-    return sum(a * b for a, b in pairs if not (_is_zero(a) or _is_zero(b)))
-
-
-def _is_zero(x: Any) -> bool:
-    """Return whether a number is exactly 0."""
-    return bool(x.value == 0 and x.bound == 0) if isinstance(x, Bounded) else not x
+def _numbers_of(array: NDArray[np.float64], kind: Callable[[float], Any] = Fraction) -> Exact:
+    """Return an array of numbers of a kind, in which 0 stays 0."""
+    return np.array([kind(x) if x else 0 for x in array.ravel().tolist()], dtype=object).reshape(array.shape)
 
 
 def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[list[float], tuple[float, float]]:
@@ -496,7 +449,7 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[
     """
     count = len(tree.joints) + 1
     mass, moment, spread = ([0.0] * count for _ in range(3))
-    for k, body in enumerate([tree.base, *(joint.body for joint in tree.joints)]):
+    for k, body in enumerate(tree.bodies):
         lever = float(np.abs(body.centre_of_mass).sum())
         mass[k] = abs(body.mass)
         moment[k] = mass[k] * lever

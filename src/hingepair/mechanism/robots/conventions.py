@@ -1,4 +1,4 @@
-"""States of robots as Pinocchio and MuJoCo write them, and steps between configurations.
+"""States of robots as Pinocchio and MuJoCo write them.
 
                  Pinocchio                                   MuJoCo
 q of a base      R1, quaternion x y z w of S1                R1, quaternion w x y z of S1
@@ -18,7 +18,7 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, vectors
 from hingepair.plans.arguments import Coordinates
-from hingepair.rotations.matrices import matrix_to_quaternion, quaternion_to_matrix, rotation_exp, rotation_log
+from hingepair.rotations.matrices import matrix_to_quaternion, quaternion_to_matrix
 
 
 class State(NamedTuple):
@@ -109,27 +109,8 @@ def read_state(
     return State(rows, rates[..., 6:], BodyMotion(R=columns[..., :3], S=S, v=velocity, omega=omega))
 
 
-def integrated(q: Float64Array, v: ArrayLike, base: BodyMotion | None, free: bool) -> State:
-    """Return the State that a change v leads to; that of a free base comes first: of R1, and a rotation vector."""
-    step = vectors("v", v, 6 * free + q.shape[-1]).astype(np.float64)
-    if not free:
-        return State(q + step, None, None)
-    S = np.asarray(rotation_exp(step[..., 3:6])) @ _attitude(base)
-    return State(q + step[..., 6:], None, BodyMotion(R=_part(base, "R") + step[..., :3], S=S))
-
-
-def difference(
-    q0: Float64Array, q1: Float64Array, base0: BodyMotion | None, base1: BodyMotion | None, free: bool
-) -> Float64Array:
-    """Return the change by which `integrated` leads from one configuration to the other."""
-    if not free:
-        return q1 - q0
-    turn = rotation_log(_attitude(base1) @ np.swapaxes(_attitude(base0), -1, -2))
-    return _joined([_part(base1, "R") - _part(base0, "R"), np.asarray(turn), q1 - q0])
-
-
 class StateConventions:
-    """Methods that write and read states as other packages do, and that add and subtract configurations."""
+    """Methods that write and read states as other packages do."""
 
     __slots__ = ()
 
@@ -190,42 +171,6 @@ class StateConventions:
         """
         dof = len(self._tree.coordinates)
         return read_state(MUJOCO, qpos, qvel, self.base == "free", dof, [])
-
-    def integrate(self, q: Coordinates, v: ArrayLike, base_motion: BodyMotion | None = None) -> State:
-        """Return the configuration (q, None, base_motion) that a change v leads to: q + v; with a free base, v begins
-        with the change of R1 and the rotation vector of the base, world axes: S1 becomes exp(v[3:6]) S1.
-
-        Args:
-            v: the change, shape (..., dof), with a free base (..., 6 + dof): the order of `mass_matrix`.
-            base_motion: R and S of a free base.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> robot = hp.load_robot("ur5_robot", base="free")
-        >>> there = robot.integrate(np.zeros(6), np.full(12, 0.1))
-        >>> robot.difference(np.zeros(6), there.q, base_motion1=there.base_motion).round(12).tolist()
-        [0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1]
-        """
-        free = self.base == "free"
-        check_base(base_motion, free)
-        return integrated(self._tree.rows("q", q), v, base_motion, free)
-
-    def difference(
-        self,
-        q0: Coordinates,
-        q1: Coordinates,
-        base_motion0: BodyMotion | None = None,
-        base_motion1: BodyMotion | None = None,
-    ) -> Float64Array:
-        """Return the change for which `integrate` leads from q0 to q1, and a free base from `base_motion0` to
-        `base_motion1`; shape (..., dof), with a free base (..., 6 + dof), first the changes of R1 and, as a rotation
-        vector, of S1, in world axes.
-        """
-        free = self.base == "free"
-        check_base(base_motion0, free, "base_motion0")
-        check_base(base_motion1, free, "base_motion1")
-        rows = self._tree.rows("q0", q0), self._tree.rows("q1", q1)
-        return difference(*rows, base_motion0, base_motion1, free)
 
     def _written(
         self,
