@@ -21,7 +21,7 @@ import hingepair as hp
 # closed.
 leaf = hp.Body(mass=60, shapes=[hp.Box(size=(0.95, 0.045, 2.1))])
 door = hp.HingePair(u1=(0, 0, 1.05), u2=(-0.475, 0, 0), n=(0, 0, 1), body2=leaf)
-frame = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+frame = hp.BodyMotion.at_rest()
 t = np.linspace(0, 9, 3001)
 
 # %%

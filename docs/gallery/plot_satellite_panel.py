@@ -23,7 +23,7 @@ satellite = hp.Body(mass=94, shapes=[hp.Box(size=(0.6, 0.6, 0.8))])
 panel = hp.Body(mass=4, shapes=[hp.Box(size=(1.2, 0.6, 0.02))])
 stowed = hp.rodrigues((0, 1, 0), np.pi / 2)
 pair = hp.HingePair(u1=(0.31, 0, 0.4), u2=(-0.6, 0, 0), n=(0, -1, 0), home=stowed, body1=satellite, body2=panel)
-start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+start = hp.BodyMotion.at_rest()
 
 # %%
 # The torque of the spring is 0.3 N m when the panel is stowed. When the panel is unfolded, a torque of 0.1 N m holds

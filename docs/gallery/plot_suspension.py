@@ -23,7 +23,7 @@ SWEEP, TOE, CAMBER = np.radians((15, 0.15, -1.5))
 alignment = hp.rodrigues((0, 0, 1), -TOE) @ hp.rodrigues((1, 0, 0), -CAMBER)
 axis = (np.sin(SWEEP), np.cos(SWEEP), 0)
 arm = hp.HingePair(u1=(-1.0, 0.45, 0), u2=(0.42, -0.25, 0.02), n=axis, home=alignment)
-car = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+car = hp.BodyMotion.at_rest()
 
 # %%
 # Two bushes, 0.4 m apart, carry the arm. The standard deviation of their positions on the car is 0.5 mm in each
