@@ -1,4 +1,4 @@
-"""The command line as a user meets it: in a process of its own, with what it prints, writes and returns."""
+"""The command line as a user meets it: what it prints, writes and returns, some of it in a process of its own."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ import os
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.cli.main import COMMANDS
 from hingepair.engine.backend import execution_of
 from support.commands import refusal, run_command
 from support.work import HANG
@@ -26,21 +28,13 @@ SCENES = sorted(MODELS.glob("*.toml"))
 
 @pytest.fixture
 def short_scene(tmp_path: Path) -> Path:
-    text = REFERENCE.read_text().replace("10001", "11")
-    assert "11" in text
     path = tmp_path / "short.toml"
-    path.write_text(text)
+    path.write_text(REFERENCE.read_text().replace("10001", "11"))
     return path
 
 
-FAST = ("reference_2d",)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "scene",
-    [pytest.param(scene, marks=() if scene.stem in FAST else pytest.mark.slow, id=scene.stem) for scene in SCENES],
-)
+@pytest.mark.parametrize("scene", [pytest.param(scene, id=scene.stem) for scene in SCENES])
 def test_every_model_runs_and_passes_its_check(scene: Path) -> None:
     assert hp.load_scene(scene).title in run_command("run", scene).stdout
     report = json.loads(run_command("check", scene, "--json").stdout)
@@ -66,36 +60,35 @@ def test_what_is_written_is_what_was_computed(
     monkeypatch.setattr(
         "hingepair.mechanism.requests.execution_of", lambda _, workers: execution_of("numpy", workers)
     )
-    target = tmp_path / f"result{suffix}"
-    assert str(target) in run_command(
-        "run", short_scene, "--out", target, "--outputs", "R2,S2,omega1"
-    ).stdout.replace("\n", "")
-    result = hp.load_scene(short_scene).evaluate(("R2", "S2", "omega1"))
+    target, names = tmp_path / f"result{suffix}", ("R2", "S2", "omega1")
+    printed = run_command("run", short_scene, "--out", target, "--outputs", ",".join(names)).stdout
+    assert f"written: {target}\n" in printed
+    result = hp.load_scene(short_scene).evaluate(names)
     if suffix == ".npz":
         with np.load(target) as file:
-            coordinates = {"x", "y", "z", "phi_x", "phi_y", "phi_z", "psi"}
-            assert set(file) == {"t", "R2", "S2", "omega1"} | coordinates
-            for name in ("R2", "S2", "omega1"):
+            assert set(file) == {"t", *names, "x", "y", "z", "phi_x", "phi_y", "phi_z", "psi"}
+            for name in names:
                 np.testing.assert_array_equal(file[name], getattr(result, name))
     else:
-        names = target.read_text().splitlines()[0].split(",")
-        assert names[:5] == ["t", "R2_x", "R2_y", "R2_z", "S2_xx"]
+        headings = target.read_text().splitlines()[0].split(",")
+        assert headings[:5] == ["t", "R2_x", "R2_y", "R2_z", "S2_xx"]
         columns = np.loadtxt(target, delimiter=",", skiprows=1)
         expected = np.concatenate([result.t[:, None], result.R2, result.S2.reshape(-1, 9), result.omega1], axis=1)
         np.testing.assert_array_equal(columns[:, : expected.shape[1]], expected)
-        assert names[-1] == "psi"
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
-def test_a_failed_check_exits_with_1(monkeypatch: pytest.MonkeyPatch, short_scene: Path) -> None:
-    from hingepair.validation import report as cross_validation
+@pytest.mark.slow
+def test_what_differs_from_pinocchio_fails_its_check(monkeypatch: pytest.MonkeyPatch, short_scene: Path) -> None:
+    turned = hp.Mechanism.jacobian
+    monkeypatch.setattr(hp.Mechanism, "jacobian", lambda self, *a, **k: turned(self, *a, **k) * (1 + 1e-12))
+    assert "FAILED: jacobian" in run_command("check", "ur5_robot", code=1).stdout
+    from hingepair.validation.report import Comparison
 
-    genuine = cross_validation.Comparison.of
-
-    def spoiled(output, computed, expected, *others, **fields):
-        return genuine(output, computed, expected + 1, *others, **fields)
-
-    monkeypatch.setattr(cross_validation.Comparison, "of", spoiled)
+    genuine = Comparison.of
+    monkeypatch.setattr(
+        Comparison, "of", lambda output, own, other, *more, **fields: genuine(output, own, other + 1, *more, **fields)
+    )
     assert "FAILED" in run_command("check", short_scene, code=1).stdout
 
 
@@ -108,17 +101,18 @@ def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
 
 
 @pytest.mark.slow
-def test_a_closed_pipe_is_no_failed_check(short_scene: Path) -> None:
-    done = shell(f"hingepair run {short_scene} | true")
-    assert done.stderr == b""
-    assert done.returncode in {0, 128 + 13}  # the pipe was still open, or the signal that a shell expects
-
-
-@pytest.mark.slow
-def test_output_that_nobody_takes_is_said_with_exit_2(short_scene: Path) -> None:
-    done = shell(f"hingepair run {short_scene} > /dev/full")
-    assert done.stderr.endswith(b"hingepair: standard output: No space left on device\n")
-    assert done.returncode == 2
+def test_what_becomes_of_the_output_decides_the_exit_code(short_scene: Path) -> None:
+    closed_pipe = shell(f"hingepair run {short_scene} | true")
+    assert closed_pipe.stderr == b""
+    assert closed_pipe.returncode in {0, 128 + 13}  # the pipe was still open, or the signal that a shell expects
+    full = shell(f"hingepair run {short_scene} > /dev/full")
+    assert full.stderr.endswith(b"hingepair: standard output: No space left on device\n")
+    assert full.returncode == 2
+    closed = shell(f"hingepair urdf {short_scene} >&-")
+    assert closed.returncode == 0
+    assert all(line.startswith(b"hingepair: warning: ") for line in closed.stderr.splitlines())
+    silent = shell("hingepair run nowhere.toml 2>&-")
+    assert (silent.returncode, silent.stdout, silent.stderr) == (2, b"", b"")
 
 
 @pytest.mark.slow
@@ -141,7 +135,6 @@ def test_what_a_file_holds_is_not_obeyed_by_the_terminal(short_scene: Path, tmp_
     escape, text = json.dumps(ESCAPE)[1:-1], short_scene.read_text()
     scenes = {
         "title": re.sub("(?m)^title = .*$", lambda _: f'title = "{escape}"', text),
-        "name": re.sub("(?m)^name = .*$", lambda _: f'name = "{escape}"', text),
         "key": text.replace("[pair]", f'[pair]\n"{escape}" = 1'),
         "expression": re.sub("(?m)^psi = .*$", lambda _: f'psi = "{escape}"', text),
         "robot": f'[pair]\nrobot = "{escape}"\njoint = "{escape}"\n[motion]\n[time]',
@@ -160,68 +153,28 @@ def test_what_a_file_holds_is_not_obeyed_by_the_terminal(short_scene: Path, tmp_
 
 @pytest.mark.parametrize(("error", "code"), [("MemoryError", 2), ("ZeroDivisionError", 3), ("RecursionError", 3)])
 def test_an_error_that_is_none_of_ours_is_no_failed_check(
-    error: str, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    error: str, code: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hingepair.cli import main
-
     def fail() -> None:
         raise getattr(builtins, error)("unforeseen")
 
-    monkeypatch.setattr(main, "_command_tree", lambda: fail)
-    assert main._run_app() == code
-    assert "unforeseen" in capsys.readouterr().err
+    monkeypatch.setattr("hingepair.cli.main.app", fail)
+    assert "unforeseen" in run_command(code=code).stderr
 
 
 @pytest.mark.slow
-def test_a_closed_standard_output_is_no_error(short_scene: Path) -> None:
-    done = shell(f"hingepair urdf {short_scene} >&-")
-    assert done.returncode == 0
-    assert all(line.startswith(b"hingepair: warning: ") for line in done.stderr.splitlines())
-
-
-@pytest.mark.slow
-def test_a_warning_is_a_line(tmp_path: Path) -> None:
-    text = re.sub(r'<mass value="[^"]*"', '<mass value="-1"', (MODELS / "talos_elbow.urdf").read_text())
-    (tmp_path / "light.urdf").write_text(text)
-    done = shell(f"hingepair urdf {tmp_path / 'light.urdf'} hinge")
+def test_a_warning_is_a_line() -> None:
+    done = shell(f"hingepair urdf {MODELS / 'hatch.toml'}")
     lines = done.stderr.splitlines()
+    assert lines
     assert all(line.startswith(b"hingepair: warning: ") for line in lines)
-    assert sum(b"the mass properties of the body of 'body" in line for line in lines) == 2
     assert done.stdout.startswith(b"<?xml")
-
-
-@pytest.mark.slow
-def test_an_input_is_not_written_over(short_scene: Path, tmp_path: Path) -> None:
-    log = tmp_path / "logged_arm.csv"
-    log.write_bytes((MODELS / "logged_arm.csv").read_bytes())
-    scene = tmp_path / "logged_arm.toml"
-    scene.write_bytes((MODELS / "logged_arm.toml").read_bytes())
-    content = log.read_bytes()
-    refused = "--out: expected a file other than those that are read"
-    assert refused in refusal("run", scene, "--out", log)
-    for command in ("urdf", "mjcf"):
-        assert refused in refusal(command, scene, "--out", scene)
-        assert refused in refusal(command, scene, "--out", log)
-    assert refused in refusal("derive", short_scene, "--out", short_scene)
-    assert log.read_bytes() == content
-
-
-# ---------------------------------------------------------------- a pair without a motion
-
-
-@pytest.mark.slow
-def test_a_robot_that_differs_from_pinocchio_fails_its_check(monkeypatch):
-    turned = hp.Mechanism.jacobian
-    monkeypatch.setattr(hp.Mechanism, "jacobian", lambda self, *a, **k: turned(self, *a, **k) * (1 + 1e-12))
-    said = run_command("check", "ur5_robot", code=1).stdout
-    assert "FAILED: jacobian" in said
 
 
 @pytest.mark.slow
 def test_a_mechanism_runs_as_a_pair_does(tmp_path: Path) -> None:
     scene, out = MODELS / "excavator.toml", tmp_path / "log.csv"
     shown = run_command("run", scene, "--outputs", "R,q,bucket", "--explain").stdout
-    assert "swing, boom, stick, bucket" in shown
     assert "operations at each instant" in shown
     for name, unit in (("R_teeth_x", "m"), ("omega_bucket_z", "rad/s"), ("stick", "rad")):
         assert re.search(rf"^{name} +{unit} ", shown, re.MULTILINE), name
@@ -230,9 +183,81 @@ def test_a_mechanism_runs_as_a_pair_does(tmp_path: Path) -> None:
     text = scene.read_text()
     logged.write_text(text[: text.index("[motion]")] + "[motion]\nfile = 'log.csv'\n")
     report = json.loads(run_command("run", logged, "--outputs", "tau", "--json").stdout)
-    assert report["mechanism"]["joints"] == ["swing", "boom", "stick", "bucket"]
     assert report["moving"] == ["swing", "boom", "stick", "bucket"]
     largest = report["outputs"]["tau_boom"]["largest"]
     assert largest == pytest.approx(np.abs(hp.load_scene(scene).forces().tau_boom).max(), rel=1e-9)
-    assert "no place" not in run_command("urdf", scene).stdout
     assert "(nearest: teeth), got 'R_teath'" in refusal("run", scene, "--outputs", "R_teath")
+
+
+# ---- the start of every command
+
+
+@pytest.mark.slow
+def test_libraries_that_only_some_commands_need_are_not_loaded() -> None:
+    heavy = {"sympy", "scipy", "llvmlite", "matplotlib", "pandas", "pyarrow", "dask", "distributed", "pinocchio"}
+    evaluated = 'import hingepair as hp; hp.load_scene("models/landing_gear.toml").evaluate(); '
+    for before, absent in (("import hingepair.cli.main; ", heavy), (evaluated, {"sympy"})):
+        code = f"{before}import sys; print(*{{name.partition('.')[0] for name in sys.modules}})"
+        shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        assert "numpy" in shown.split()
+        assert not absent & {*shown.split()}
+
+
+def test_the_list_of_commands_says_what_their_help_says() -> None:
+    for commands in COMMANDS.values():
+        for name, (module, text) in commands.items():
+            command = getattr(import_module(f"hingepair.cli.{module}"), f"{name}_command")
+            assert command.__doc__.partition("\n")[0] == text
+
+
+# ---- examples and robots
+
+
+def copied(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("name", "files"),
+    [
+        ("excavator", {"excavator.toml"}),
+        ("logged_arm", {"logged_arm.toml", "logged_arm.csv"}),
+        ("sweeps/landing_gear", {"landing_gear.toml", "sweeps/landing_gear.toml"}),
+    ],
+)
+def test_an_example_is_copied_with_the_files_that_it_reads(tmp_path: Path, name: str, files: set[str]) -> None:
+    folder = tmp_path / "new" / "folder"
+    out = run_command("examples", name, folder).stdout
+    assert copied(folder) == files
+    command = "sweep" if "sweeps" in name else "run"
+    assert out.splitlines()[-1] == f"Now try: hingepair {command} {folder / name}.toml"
+    for file in files:
+        assert (folder / file).read_bytes() == (MODELS / file).read_bytes()
+
+
+def test_an_example_overwrites_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    log = tmp_path / "logged_arm.csv"
+    log.write_text("mine")
+    message = refusal("examples", "logged_arm")
+    assert message.startswith("DIRECTORY: ")
+    assert log.read_text() == "mine"
+    assert copied(tmp_path) == {"logged_arm.csv"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["panda", "talos_full_v2", "romeo", "kinova"])
+def test_the_joints_of_a_robot_are_those_of_its_mechanism(name: str) -> None:
+    robot, report = hp.load_robot(name), json.loads(run_command("robots", name, "--json").stdout)
+    leading = [row for row in report["joints"] if row["index"] is not None]
+    assert tuple(row["joint"] for row in leading) == robot.names
+    for row, limits, rate, effort in zip(
+        leading, robot.position_limits, robot.rate_limits, robot.effort_limits, strict=True
+    ):
+        assert np.array_equal(limits, row["limits"] or (-np.inf, np.inf))
+        assert rate == (np.inf if row["rate_limit"] is None else row["rate_limit"])
+        assert effort == (np.inf if row["effort_limit"] is None else row["effort_limit"])
+    for row in report["joints"]:
+        assert row["kind"] == ("slider" if isinstance(robot[row["joint"]], hp.Slider) else "hinge")
+        assert (row["mimic"] is None) == (row["index"] is not None)
+    assert report["dof"] == robot.dof

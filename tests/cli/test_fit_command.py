@@ -37,7 +37,7 @@ def saved(path, made):
 def test_the_hinge_of_a_file_is_told_written_and_drawn(tmp_path):
     made = recording(300, 1e-3, 2e-3)
     file, out, plot = saved(tmp_path / "a.npz", made), tmp_path / "psi.csv", tmp_path / "fit.svg"
-    assert "u1 = (" in fit(file, "--out", out, "--plot", plot)
+    assert "u1 = (" in fit(file, "--out", out, "--out", plot)
     written = np.genfromtxt(out, delimiter=",", names=True)
     assert np.ptp(written["psi"] - made.psi) < 0.05  # home is another than that of the recording
     assert np.median(written["psi_std"]) == pytest.approx(np.sqrt(2) * 2e-3, rel=0.1)
@@ -82,7 +82,7 @@ def test_what_shows_no_hinge_has_exit_code_1(tmp_path):
 def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     scene = tmp_path / "fitted.toml"
-    shown = fit(saved(tmp_path / "a.npz", made), "--scene", scene, "--clock-offset", 0)
+    shown = fit(saved(tmp_path / "a.npz", made), "--out", scene, "--clock-offset", 0)
     assert "clock offset: 0 ms (given)\n" in shown
     assert f"written: {scene}" in shown
     loaded = hp.load_scene(scene)
@@ -96,7 +96,7 @@ def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
     assert np.sqrt(np.mean((result.v2 - slopes)[inside] ** 2)) < 0.05
     checked = json.loads(run_command("check", scene, "--json").stdout)
     assert any("smoothed: noise of" in note for note in checked["notes"])
-    fit(tmp_path / "a.npz", "--scene", tmp_path / "robust.toml", "--clock-offset", 0, "--loss", "cauchy")
+    fit(tmp_path / "a.npz", "--out", tmp_path / "robust.toml", "--clock-offset", 0, "--loss", "cauchy")
     assert 'smooth = true\nloss = "cauchy"\n' in (tmp_path / "robust.toml").read_text(encoding="utf-8")
 
 
@@ -105,7 +105,7 @@ def test_a_known_clock_offset_is_printed_and_a_scene_needs_instants(tmp_path):
     made = recording(300, 1e-3, 2e-3)
     file = saved(tmp_path / "a.npz", made)
     assert "clock offset: " in fit(file)
-    assert refused(file, "--scene", "x.json").startswith("--scene: ")
+    assert refused(file, "--out", "x.json").startswith("--out: ")
 
 
 def saved_columns(path, made, **columns):
@@ -118,7 +118,7 @@ def test_a_point_is_fitted_reported_and_moved_in_a_scene(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     file = saved_columns(tmp_path / "a.npz", made, R2=made.R2)
     scene, out = tmp_path / "fitted.toml", tmp_path / "psi.csv"
-    done = fit(file, "--scene", scene, "--out", out)
+    done = fit(file, "--out", scene, "--out", out)
     assert "body 2 is a point" in done
     assert "tilt" not in np.genfromtxt(out, delimiter=",", names=True).dtype.names
     result = hp.load_scene(scene).evaluate(outputs=("R2",))
@@ -129,8 +129,8 @@ def test_a_point_is_fitted_reported_and_moved_in_a_scene(tmp_path):
 def test_a_scene_that_exists_is_kept_and_nothing_is_written(tmp_path, existing):
     file, out = saved(tmp_path / "poses.npz", recording(300)), tmp_path / "psi.csv"
     (tmp_path / existing).write_text("kept")
-    error = refused(file, "--scene", tmp_path / "door.toml", "--out", out)
-    assert str(error).startswith(f"--scene: expected the name of new files, since {tmp_path / existing} exists, got ")
+    error = refused(file, "--out", tmp_path / "door.toml", "--out", out)
+    assert str(error).startswith("--out: expected the name of new files")
     assert (tmp_path / existing).read_text() == "kept"
     assert {path.name for path in tmp_path.iterdir()} == {"poses.npz", existing}
 
@@ -140,7 +140,7 @@ def test_a_scene_of_a_recording_with_missing_samples_moves(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     made.R2[200:203] = np.nan
     scene = tmp_path / "fitted.toml"
-    fit(saved(tmp_path / "a.npz", made), "--scene", scene, "--clock-offset", 0)
+    fit(saved(tmp_path / "a.npz", made), "--out", scene, "--clock-offset", 0)
     result = hp.load_scene(scene).evaluate(outputs=("R2",))
     assert np.nanmax(np.abs(result.R2 - recording(600).R2)) < 0.02
 
@@ -162,9 +162,9 @@ def test_two_files_of_inertial_sensors_tell_the_hinge(tmp_path):
     assert np.abs(np.array(told["n"]) - (0, 1, 0)).max() < 1e-3
     assert abs(told["clock_offset"]) < 5 * told["std"]["clock_offset"]
     out, plot = tmp_path / "psi.csv", tmp_path / "psi.svg"
-    assert "hinge of two inertial sensors" in fit(*files, *names, "--out", out, "--plot", plot)
+    assert "hinge of two inertial sensors" in fit(*files, *names, "--out", out, "--out", plot)
     psi = np.genfromtxt(out, delimiter=",", names=True)["psi"]
     assert np.ptp(psi - np.sin(4 * t)) < 0.02
-    assert "--scene: expected recordings of poses" in refused(*files, *names, "--scene", tmp_path / "x.toml")
+    assert "--out: expected recordings of poses" in refused(*files, *names, "--out", tmp_path / "x.toml")
     assert "omega_x" in refused(*files)
     assert "two files of inertial sensors" in refused(files[0], *names)

@@ -112,8 +112,7 @@ def test_a_run_that_is_stopped_leaves_nothing_half_written(tmp_path):
     finally:
         run.kill()
     assert run.returncode == 130
-    assert err == f"hingepair: stopped by a signal; {target} is not written\n"
-    assert out == ""
+    assert (out, err) == ("", "")
     assert [path.name for path in target.parent.iterdir()] == ["long.csv"]
     assert target.read_text() == "before"
 

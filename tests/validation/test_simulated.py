@@ -141,7 +141,7 @@ def test_the_command_fails_on_such_a_motion(scenes, monkeypatch):
     assert "PASSED: 7 outputs of 101 samples" in passed
     assert "rnea" in passed
     other = with_hinge(scene, CHANGES["all"])
-    monkeypatch.setattr("hingepair.cli.scenes.load_scene", lambda _: other)
+    monkeypatch.setattr("hingepair.scenes.load.SceneFile.scene", lambda _: other)
     assert "FAILED: hinge_torque, rates" in run_command("check", scene.path, code=1).stdout
     facts = json.loads(run_command("check", scene.path, "--json", code=1).stdout)
     assert [row["ok"] for row in facts["forces"]] == [False, False]

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hingepair.cli.output import JsonOption, terminal_width
+from hingepair.cli.options import JsonOption
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
+from hingepair.tables.sheets import json_text, ruled_table
 
 if TYPE_CHECKING:
     from hingepair.bench.pair import Row
@@ -28,7 +29,7 @@ def bench_command(
     sizes: Annotated[str, typer.Option(help="Numbers of states, separated by commas.")] = "1,100,10000,1000000",
     level: Annotated[str, typer.Option(help="pose, velocity or acceleration.")] = "velocity",
     repeats: Annotated[int, typer.Option(min=1, max=1000, help="Number of fresh processes for each size.")] = 5,
-    show_json: JsonOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Measure forward kinematics of a pair: run time and error.
 
@@ -43,9 +44,7 @@ def bench_command(
         raise ArgumentError("sizes", "integers from 1 to 10000000, separated by commas", quoted(sizes))
     print("each size is measured in fresh processes, which takes some seconds", file=sys.stderr)
     rows, facts = list(pair.bench(counts, level, repeats)), pair.machine_facts()
-    if show_json:
-        from hingepair.tables.sheets import json_text
-
+    if as_json:
         print(json_text({"facts": facts, "level": level, "rows": [row._asdict() for row in rows]}))
         return
     machine = ", ".join(f"{key} {value}" for key, value in facts.items())
@@ -54,8 +53,6 @@ def bench_command(
 
 def _table(rows: Sequence[Row]) -> list[str]:
     """Return the lines of a table, a block for each number of states."""
-    from hingepair.tables.sheets import ruled_table
-
     lines: list[Sequence[str]] = [("", "first", "next", "each", "pin", "floor", "error", "on hard states")]
     for i, row in enumerate(rows):
         if i == 0 or rows[i - 1].states != row.states:
@@ -64,7 +61,7 @@ def _table(rows: Sequence[Row]) -> list[str]:
         times = map(duration_text, (row.first, row.next, row.next / row.states))
         errors = ("-" if error is None else f"{error:.2g}" for error in (row.error, row.hard_error))
         lines.append((f"  {row.method}", *times, f"{row.pin:,.3g}", f"{row.floor:,.3g}", *errors))
-    return ruled_table(lines, 1, terminal_width())
+    return ruled_table(lines)
 
 
 def duration_text(seconds: float) -> str:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import functools
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import typer
 import typer.core
@@ -21,17 +20,11 @@ COMMANDS = {
         "run": ("scenes", "Compute and print the motion of body 2 or of a mechanism."),
         "forces": ("scenes", "Compute and print the forces that a motion requires."),
         "derive": ("derive", "Derive closed formulas of a motion, and print or write them."),
-        "tolerance": (
-            "variants",
-            "Show how manufacturing tolerances affect the pose of body 2, and points.",
-        ),
+        "tolerance": ("variants", "Show how manufacturing tolerances affect the pose of body 2, and points."),
         "sweep": ("variants", "Compute all variants of a sweep, and write the results."),
         "search": ("variants", "Find numbers of a scene for which results have wanted values."),
         "fit": ("fit", "Fit a hinge to the recorded motion of two bodies."),
-        "masses": (
-            "masses",
-            "Fit the masses of a robot, and friction, to a recorded motion and its torques.",
-        ),
+        "masses": ("masses", "Fit the masses of a robot, and friction, to a recorded motion and its torques."),
     },
     "Look": {
         "plot": ("pictures", "Draw the motion of a scene over time and in space."),
@@ -49,66 +42,42 @@ COMMANDS = {
     },
 }
 """Module and first sentence of help of the commands, by the names that users type, under the headings of --help."""
+_COMMANDS = {name: own for commands in COMMANDS.values() for name, own in commands.items()}
 
 
-class _Commands(Mapping[str, Any]):
-    """The commands by name, whose modules are imported when they are asked for."""
-
-    _modules: Final = {name: own for commands in COMMANDS.values() for name, own in commands.items()}
-
-    def __getitem__(self, name: str) -> Any:
-        return _command(name, self._modules[name][0])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._modules)
-
-    def __len__(self) -> int:
-        return len(self._modules)
-
-
-@functools.cache
-def _command(name: str, module: str) -> Any:
-    """Return a command; its signature is read once."""
-    from hingepair.cli.options import with_option_names
-
-    function = getattr(import_module(f"hingepair.cli.{module}"), f"{name}_command")
-    alone = typer.Typer(add_completion=False, rich_markup_mode=None, context_settings={"max_content_width": 110})
-    alone.command(name)(with_option_names(function))
-    return typer.main.get_command(alone)
-
-
-class _GroupedCommands(typer.core.TyperGroup):
-    """The command line, whose help lists the commands under the headings of `COMMANDS`."""
+class _Commands(typer.core.TyperGroup):
+    """The commands, imported when they are run; help lists them under the headings of `COMMANDS`."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self.commands = _Commands()  # type: ignore[assignment]
+        self.commands = dict.fromkeys(_COMMANDS)  # type: ignore[assignment]  # names alone, for suggestions
 
-    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002, Typer hands it over
-        """Return the names of the commands, in the order of help."""
-        return [*self.commands]
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+        """Return a command; None if there is none of this name."""
+        return _command(cmd_name) if cmd_name in _COMMANDS else None
 
-    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, Typer hands it over
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
         """Write a section for each heading."""
-        width = max(map(len, self.commands))
+        width = max(map(len, _COMMANDS))
         for heading, commands in COMMANDS.items():
             with formatter.section(heading):
-                formatter.write_dl(
-                    [
-                        (name.ljust(width), _short(name, text, formatter.width - width - 6))
-                        for name, (_, text) in commands.items()
-                    ]
-                )
+                formatter.write_dl([(name.ljust(width), text.rstrip(".")) for name, (_, text) in commands.items()])
 
 
-def _short(name: str, text: str, width: int) -> str:
-    """Return a sentence, shortened to a width."""
-    return typer.core.TyperCommand(name, help=text).get_short_help_str(width)
+@functools.cache
+def _command(name: str) -> Any:
+    """Return a command; its signature is read once."""
+    from hingepair.cli.options import Command
+
+    function = getattr(import_module(f"hingepair.cli.{_COMMANDS[name][0]}"), f"{name}_command")
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None, context_settings={"max_content_width": 110})
+    alone.command(name, cls=Command)(function)
+    return typer.main.get_command(alone)
 
 
 app = typer.Typer(
     name="hingepair",
-    cls=_GroupedCommands,
+    cls=_Commands,
     help="Motion and forces of bodies joined by hinges: one hinge, or a whole robot. "
     "Most commands take a scene file (TOML); hingepair examples lists some to start from.",
     epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input or output that cannot be written, 3 an internal error of "
@@ -130,7 +99,7 @@ def main() -> None:
 def _run_app() -> int:
     """Run the command that the process's arguments name, and return the exit code."""
     try:
-        _command_tree()()
+        app()
     except HingePairError as error:
         print("\n".join((f"hingepair: {error}", *getattr(error, "__notes__", ()))), file=sys.stderr)
         return BAD_INPUT
@@ -145,12 +114,6 @@ def _run_app() -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 0
     return 0
-
-
-@functools.cache
-def _command_tree() -> Callable[[], object]:
-    """Return the command line as one callable that reads `sys.argv`, runs the command and exits."""
-    return typer.main.get_command(app)
 
 
 @app.callback(invoke_without_command=True)

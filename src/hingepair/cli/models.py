@@ -2,188 +2,114 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import Annotated, Any
 
-import numpy as np
 import typer
 
-from hingepair.cli.output import out_option, write_text
-from hingepair.cli.sources import Body1FrameOption, Body2FrameOption, JointArgument, Source
-from hingepair.errors import ArgumentError, HingePairError
+from hingepair.cli.options import GravityOption, SourceArgument, TextFileOption, parse_gravity
+from hingepair.cli.output import check_output, write_text
+from hingepair.cli.sources import read_source
+from hingepair.errors import printable
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.xml_text import commented
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair
-from hingepair.scenes.motions.dynamics import PRESCRIBED
+from hingepair.scenes.load import SceneFile
+from hingepair.scenes.motions.dynamics import PRESCRIBED, default_gravity
 
-if TYPE_CHECKING:
-    from hingepair.scenes.motions.dynamics import Dynamics
-
-ExportedArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE",
-        help="Scene file (TOML), which needs no motion; or a robot's name or a URDF file, whole or with JOINT.",
-    ),
-]
-TextFileOption = Annotated[Path | None, out_option("Write to FILE instead of standard output.")]
 MeshesOption = Annotated[
     bool, typer.Option("--meshes/--no-meshes", help="Whether the meshes of a whole robot are written.")
 ]
-FixedBaseOption = Annotated[bool, typer.Option("--fixed-base", help="Fix body 1 in the world.")]
-GravityOption = Annotated[
-    str | None,
-    typer.Option(
-        "--gravity",
-        metavar="X,Y,Z",
-        help="Acceleration of gravity in world axes [m/s^2]; default: 0,0,-9.81, of a planar pair 0,-9.81.",
-    ),
-]
+_SIMULATION = ("tol", "breaks", "max_steps", "until")  # keys of [dynamics] that are of no model
 
 
 def urdf_command(
-    source: ExportedArgument,
-    joint: JointArgument = None,
-    body1_frame: Body1FrameOption = None,
-    body2_frame: Body2FrameOption = None,
+    source: SourceArgument,
     out: TextFileOption = None,
-    fixed_base: FixedBaseOption = False,
-    floating_base: Annotated[
-        bool, typer.Option("--floating-base", help="Connect body 1 to a link `world` by a floating joint.")
-    ] = False,
+    base: Annotated[
+        str | None,
+        typer.Option(
+            help="free: the program that loads the file must add a root joint; floating: body 1 is connected to a "
+            "link `world` by a floating joint; fixed: by a fixed joint. Default: that of [dynamics], otherwise free."
+        ),
+    ] = None,
     meshes: MeshesOption = True,
 ) -> None:
     """Write a pair, or the mechanism of a scene, as a URDF file.
 
-    A robot or URDF file without JOINT is written whole. By default the base is free, and the program that loads the
-    file must add a root joint. Of a scene with [dynamics] the base, damping, friction and stops are written as well;
-    a comment and a warning list the keys that URDF cannot express.
+    A scene needs no motion. Of a scene with [dynamics] the base, damping, friction and stops are written as well; a
+    comment and a warning list the keys that URDF cannot express.
     """
-    if fixed_base and floating_base:
-        raise HingePairError("--fixed-base and --floating-base exclude each other; give one of them")
-    named = Source(source, joint, body1_frame, body2_frame)
-    named.print_suspicions()
-    requested_base = "fixed" if fixed_base else "floating" if floating_base else None
-    robot = _whole_robot(named)
-    if robot is not None:
-        return write_text(to_urdf(robot, base=requested_base or "free", meshes=meshes), out, named.files)
-    pair = named.spatial_pair()
-    setup = named.dynamics()
-    if setup is None:
-        return write_text(to_urdf(pair, base=requested_base or "free"), out, named.files)
-    base = requested_base or ("fixed" if setup.base in {"fixed", PRESCRIBED} else "free")
-    load = _load_of(setup, ("damping", "friction", "stops"))
-    text = to_urdf(pair, base=base, hinge_torque=load, body1=setup.start if base == "fixed" else None)
-    written = {"damping", "friction", "stops", *(_START_POSE if base == "fixed" else ())}
-    written |= {"base"} if requested_base or setup.base in {"free", "fixed"} else set()
-    return write_text(_add_omission_comment("URDF", text, setup, written), out, named.files)
+    _write_model("URDF", source, out, base, meshes)
 
 
 def mjcf_command(
-    source: ExportedArgument,
-    joint: JointArgument = None,
-    body1_frame: Body1FrameOption = None,
-    body2_frame: Body2FrameOption = None,
+    source: SourceArgument,
     out: TextFileOption = None,
-    fixed_base: FixedBaseOption = False,
-    free_base: Annotated[bool, typer.Option("--free-base", help="Give body 1 a free joint.")] = False,
+    base: Annotated[
+        str | None,
+        typer.Option(
+            help="free: body 1 has a free joint; fixed: it has none. Default: that of [dynamics], otherwise free if "
+            "body 1 has a mass."
+        ),
+    ] = None,
     gravity: GravityOption = None,
     meshes: MeshesOption = True,
 ) -> None:
     """Write a pair, or the mechanism of a scene, as a MuJoCo model (MJCF).
 
-    A robot or URDF file without JOINT is written whole. Of a scene with [dynamics] the base, the pose of body 1 at
-    the start, gravity, spring, damping, friction and stops are written; a comment and a warning list the keys that
-    MJCF cannot express. Otherwise body 1 has a free joint if it has a mass, and is fixed in the world if it has none.
+    A scene needs no motion. Of a scene with [dynamics] the base, the pose of body 1 at the start, gravity, spring,
+    damping, friction and stops are written; a comment and a warning list the keys that MJCF cannot express. Gravity
+    is 9.81 m/s^2 along -z, of a planar pair along -y, unless it is given.
     """
-    if fixed_base and free_base:
-        raise HingePairError("--fixed-base and --free-base exclude each other; give one of them")
-    named = Source(source, joint, body1_frame, body2_frame)
-    named.print_suspicions()
-    robot = _whole_robot(named)
-    if robot is not None:
-        chosen = "fixed" if fixed_base else "free" if free_base else None
-        fall = DEFAULT_GRAVITY if gravity is None else parse_gravity(gravity, 3)
-        return write_text(to_mjcf(robot, base=chosen, gravity=fall, meshes=meshes), out, named.files)
-    pair, setup = named.pair(), named.dynamics()
-    assumed = []
+    _write_model("MJCF", source, out, base, meshes, gravity)
+
+
+def _write_model(
+    kind: str, text: str, out: Path | None, base: str | None, meshes: bool, gravity: str | None = None
+) -> None:
+    """Write what SCENE names as URDF or MJCF."""
+    source = read_source(text)
+    subject, write = source.subject, to_urdf if kind == "URDF" else to_mjcf
+    if isinstance(source.named, SceneFile):
+        for sentence in source.named.suspicions:
+            print(f"hingepair: note: {printable(sentence)}", file=sys.stderr)
+    check_output(out, source.files)
+    chosen: dict[str, Any] = {} if base is None else {"base": base}
+    if isinstance(subject, Mechanism):
+        if gravity is not None:
+            chosen["gravity"] = parse_gravity(gravity)
+        return write_text(write(subject, meshes=meshes, **chosen), out, source.files)
+    pair, setup = subject.pair, subject.dynamics
+    if kind == "MJCF":
+        of_scene = default_gravity(subject.subject) if setup is None else setup.gravity
+        chosen["gravity"] = (*(parse_gravity(gravity, len(pair.u1)) or of_scene), 0.0)[:3]
+        chosen.setdefault("base", "fixed" if pair.body1 is None else "free")
+    space = pair if isinstance(pair, HingePair) else pair.to_spatial()
     if setup is None:
-        base = "fixed" if pair.body1 is None else "free"
-    else:
-        base = "fixed" if setup.base == PRESCRIBED else setup.base
-    if fixed_base or free_base:
-        base = "fixed" if fixed_base else "free"
-    elif setup is None:
-        assumed.append(f"body 1 is {base}, since it has {'no' if pair.body1 is None else 'a'} mass")
-    if gravity is not None:
-        vector: tuple[float, ...] = parse_gravity(gravity, len(pair.u1))
-    else:
-        vector = PLANAR_GRAVITY if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY
-        if setup is not None and "gravity" in setup.keys:
-            vector = setup.gravity[: len(pair.u1)]
-        else:
-            assumed.append(f"gravity is ({', '.join(f'{component:g}' for component in vector)}) m/s^2")
-    hinge_keys = ("stiffness", "rest", "damping", "friction", "stops")
-    text = to_mjcf(
-        pair if isinstance(pair, HingePair) else pair.to_spatial(),
-        base=base,
-        hinge_torque=_load_of(setup, hinge_keys),
-        body1=None if setup is None else setup.start,
-        gravity=(*vector, 0.0)[:3],
-    )
-    if assumed:
-        print(f"hingepair: assumed: {'; '.join(assumed)}", file=sys.stderr)
-    if setup is not None:
-        written = {*hinge_keys, "gravity", *_START_POSE}
-        written |= {"base"} if fixed_base or free_base or setup.base != PRESCRIBED else set()
-        text = _add_omission_comment("MJCF", text, setup, written)
-    return write_text(text, out, named.files)
-
-
-def _whole_robot(named: Source) -> Mechanism | None:
-    """Return the robot of a scene, or that named without a hinge; None for a pair."""
-    if named.is_scene:
-        return named.scene_file.mechanism
-    return named.robot() if named.is_whole else None
-
-
-def parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
-    """Return the `num_components` finite numbers in the value of --gravity, X,Y,Z or X,Y."""
-    with contextlib.suppress(ValueError):
-        vector = tuple(map(float, text.split(",")))
-        if len(vector) == num_components and np.isfinite(vector).all():
-            return vector
-    expected = "three finite numbers X,Y,Z" if num_components == 3 else "two finite numbers X,Y for a planar pair"
-    raise ArgumentError("--gravity", expected, repr(text))
-
-
-def _load_of(setup: Dynamics | None, keys: tuple[str, ...]) -> HingeLoad:
-    """Return the load of the hinge as far as these fields go."""
-    load = HingeLoad() if setup is None else setup.loads.get("psi", HingeLoad())
-    return HingeLoad(**{key: getattr(load, key) for key in keys})
-
-
-_START_POSE: Final = ("R1_0", "S1_0", "phi_0")
-"""Keys of the table [dynamics] for the pose of body 1 at the start."""
-
-
-def _add_omission_comment(file_format: str, text: str, setup: Dynamics, written_keys: set[str]) -> str:
-    """Return a model with a comment on the keys of [dynamics] that are not in `written_keys`, but for those of the
-    simulation alone (tol, until, ...); emit the same sentence as a DynamicsWarning.
-    """
-    known = {*written_keys, "tol", "breaks", "max_steps", "until"}
-    keys = [key for key in setup.keys if key.removeprefix("psi.") not in known]
-    if not keys:
-        return text
-    shown = ", ".join(f'base = "{setup.base}"' if key == "base" else key for key in keys)
-    sentence = f"{file_format} cannot express these keys of [dynamics], which are left out: {shown}"
-    warnings.warn(sentence, DynamicsWarning, stacklevel=2)
-    return commented(text, sentence)
+        return write_text(write(space, **chosen), out, source.files)
+    if base is None:
+        bases = {PRESCRIBED: "fixed", "pinned": "free" if kind == "URDF" else "pinned"}
+        chosen["base"] = bases.get(setup.base, setup.base)
+    keys = ("damping", "friction", "stops", *(("stiffness", "rest") if kind == "MJCF" else ()))
+    load = setup.loads.get("psi", HingeLoad())
+    chosen["hinge_torque"] = HingeLoad(**{key: getattr(load, key) for key in keys})
+    written = {*keys, *_SIMULATION} | ({"gravity"} if kind == "MJCF" else set())
+    if kind == "MJCF" or chosen["base"] == "fixed":
+        chosen["body1"] = setup.start
+        written |= {"R1_0", "S1_0", "phi_0"}
+    if base is not None or chosen["base"] == setup.base:
+        written.add("base")
+    left_out = [key for key in setup.keys if key.removeprefix("psi.") not in written]
+    model = write(space, **chosen)
+    if left_out:
+        shown = ", ".join(f'base = "{setup.base}"' if key == "base" else key for key in left_out)
+        sentence = f"{kind} cannot express these keys of [dynamics], which are left out: {shown}"
+        warnings.warn(sentence, DynamicsWarning, stacklevel=2)
+        model = commented(model, sentence)
+    return write_text(model, out, source.files)

@@ -1,63 +1,123 @@
-"""Error messages of commands: they name options as users type them, `--gravity` in place of `gravity`."""
+"""Options and arguments that several commands have, and errors that name them as users type them."""
 
 from __future__ import annotations
 
-import functools
-import typing
-from collections.abc import Callable
-from typing import Any
+import contextlib
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
 
-from typer.models import ArgumentInfo, OptionInfo
+import typer
+import typer.core
 
-from hingepair.cli.examples import missing_file_hint
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.results import RESULT_FILE_SUFFIXES
+from hingepair.plans.pairs import PLANE, SPACE
+from hingepair.scenes.subjects.pair import FURTHER_OUTPUTS
+
+PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
+"""File name suffixes of figures."""
+
+SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
+SourceArgument = Annotated[
+    str, typer.Argument(metavar="SCENE", help="Scene file (TOML); or a robot, by its name or URDF file.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+OutputsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        help=f"Outputs, separated by commas: {', '.join(SPACE.levels)}; of a planar pair: {', '.join(PLANE.levels)}; "
+        f"coordinates and, unless planar, quaternions: {', '.join(FURTHER_OUTPUTS)}; of a point, here tip: tip, "
+        "tip_v, tip_a.",
+    ),
+]
+UnitsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="UNITS",
+        help='Units in place of SI units, such as "deg, mm"; also km/h, g, rpm, ms, N mm. A unit of lengths or '
+        "angles stands for their rates too. Default: [outputs] units of the scene, otherwise SI units.",
+    ),
+]
+ColumnOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=COLUMN[:UNIT]",
+        help="Column of another program, such as t=Zeit or x1=Ost:mm; may be repeated. Unknown columns are then not "
+        "read.",
+    ),
+]
+GravityOption = Annotated[
+    str | None,
+    typer.Option(metavar="X,Y,Z", help="Acceleration of gravity in world axes [m/s^2]; X,Y of a planar pair."),
+]
+
+
+def out_option(text: str) -> Any:
+    """Return the Typer option --out FILE (-o), with `text` as its help."""
+    return typer.Option("--out", "-o", metavar="FILE", help=text)
+
+
+ResultsOption = Annotated[Path | None, out_option(f"Write all instants to FILE ({', '.join(RESULT_FILE_SUFFIXES)}).")]
+TextFileOption = Annotated[Path | None, out_option("Write to FILE instead of standard output.")]
 
 # Parameters of commands whose values become arguments of the library, by the argument's name in errors.
-_PARAMETERS = {
-    "path": ("out",),
-    "points": ("point",),
-    "sources": ("files",),
-    "path_or_text": ("source", "name_or_urdf_file"),
-    "robot": ("source", "name_or_urdf_file", "names"),
-}
+_PARAMETERS = {"path": "out", "sources": "files", "points": "tolerance", "path_or_text": "source", "robot": "source"}
 
 
-def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
-    """Return the command with errors that name what a user types, and that end with a hint at `hingepair examples` if
-    a file that the user typed does not exist.
-    """
+class Command(typer.core.TyperCommand):
+    """A command whose errors name options as users type them, `--gravity` in place of `gravity`."""
 
-    @functools.wraps(command)
-    def run(*args: Any, **values: Any) -> None:
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
         try:
-            command(*args, **values)
+            return super().invoke(ctx)
         except ArgumentError as error:
-            typed, files = _typed(command, values)
-            parameters = _PARAMETERS.get(error.name, (error.name,))
-            named = error.renamed(next((typed[name] for name in parameters if name in typed), error.name))
-            missing = (file for file in files if file == error.name or repr(file) in str(error.got))
-            if hint := next(filter(None, map(missing_file_hint, missing)), None):
-                named.said += f"; {hint}"
-            raise named from None
-
-    return run
+            typed: dict[str | None, Any] = {
+                one.name: next((text for text in one.opts if text.startswith("--")), getattr(one, "metavar", None))
+                for one in self.params
+            }
+            name = error.name if error.name in typed else _PARAMETERS.get(error.name)
+            raise error.renamed(typed.get(name) or error.name) from None
 
 
-def _typed(command: Callable[..., None], values: dict[str, Any]) -> tuple[dict[str, str], list[str]]:
-    """Return what a user types for each parameter, such as `--out` or `JOINT`, and the values of the positional ones,
-    such as paths and names of robots.
+def split_names(option: str, text: str | None) -> list[str] | None:
+    """Return the names in the value of an option, split at commas outside of double quotes; None for None."""
+    import csv
+
+    if text is None:
+        return None
+    names = [name.strip() for name in next(csv.reader([text], skipinitialspace=True), []) if name.strip()]
+    if not names:
+        raise ArgumentError(option, "names separated by commas", quoted(text))
+    return names
+
+
+def parse_columns(options: Sequence[str] | None) -> dict[str, dict[str, str]]:
+    """Return names and units of columns by the names that they have here, from the values of the option --column.
+
+    >>> parse_columns(["t=Zeit", "x1=Ost:mm"])
+    {'t': {'name': 'Zeit'}, 'x1': {'name': 'Ost', 'unit': 'mm'}}
     """
-    typed: dict[str, str] = {}
-    given: list[str] = []
-    for name, hint in typing.get_type_hints(command, include_extras=True).items():
-        for info in getattr(hint, "__metadata__", ()):
-            if isinstance(info, OptionInfo):
-                # Typer stores the first declaration as the default.
-                declared = (info.default, *(info.param_decls or ()))
-                options = [option for option in declared if isinstance(option, str) and option.startswith("--")]
-                typed[name] = (*options, f"--{name.replace('_', '-')}")[0]
-            elif isinstance(info, ArgumentInfo):
-                typed[name] = (info.metavar or name.upper()).removesuffix("...")
-                value = values.get(name)
-                given += map(str, value if isinstance(value, list) else [] if value is None else [value])
-    return typed, given
+    columns = {}
+    for option in options or ():
+        name, _, rest = option.partition("=")
+        column, colon, unit = rest.rpartition(":") if ":" in rest else (rest, "", "")
+        if not (name.strip() and column.strip()):
+            raise ArgumentError("column", "such as t=Zeit or x1=Ost:mm", quoted(option))
+        columns[name.strip()] = {"name": column.strip()} | ({"unit": unit.strip()} if colon else {})
+    return columns
+
+
+def parse_gravity(text: str | None, dimensions: int = 3) -> tuple[float, ...] | None:
+    """Return the finite numbers, as many as dimensions, in the value of --gravity; None for None."""
+    if text is None:
+        return None
+    with contextlib.suppress(ValueError):
+        vector = tuple(map(float, text.split(",")))
+        if len(vector) == dimensions and all(map(math.isfinite, vector)):
+            return vector
+    expected = "three finite numbers X,Y,Z" if dimensions == 3 else "two finite numbers X,Y for a planar pair"
+    raise ArgumentError("gravity", expected, repr(text))

@@ -11,32 +11,27 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from hingepair.cli.models import GravityOption, parse_gravity
-from hingepair.cli.output import (
+from hingepair.cli.options import (
+    GravityOption,
     JsonOption,
     OutputsOption,
+    ResultsOption,
+    SceneArgument,
+    SourceArgument,
     UnitsOption,
-    check_output,
-    out_option,
-    print_component_table,
-    print_title,
-    report_if_stopped,
+    parse_gravity,
     split_names,
-    with_progress_bar,
 )
-from hingepair.cli.sources import Source, load_named_scene
+from hingepair.cli.output import check_output, print_lines, print_table, with_progress_bar
+from hingepair.cli.sources import read_scene, read_source
 from hingepair.cli.summary import RunSummary
-from hingepair.errors import ArgumentError, printable
+from hingepair.errors import ArgumentError
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.results import RESULT_FILE_SUFFIXES, check_ending, result_file
+from hingepair.mechanism.results import RESULT_FILE_SUFFIXES, result_file
 from hingepair.numeric.arrays import Float64Array
-from hingepair.scenes.load import load_scene
-from hingepair.scenes.scene import Scene
+from hingepair.scenes.load import SceneFile
 from hingepair.tables.sheets import json_text
 from hingepair.validation.cross_validate import cross_validate
-
-SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
-ResultsOption = Annotated[Path | None, out_option(f"Write all instants to FILE ({', '.join(RESULT_FILE_SUFFIXES)}).")]
 
 
 def run_command(
@@ -61,52 +56,35 @@ def run_command(
     R2 and S2 are position and attitude of body 2, d is R2 - R1, v2 and a2 are velocity and acceleration, omega2 and
     alpha2 the angular ones; 1 in place of 2 stands for body 1. |v2| is the magnitude of v2.
     """
-    if out is not None:
-        check_ending(out)
-        check_output("--out", out, [scene_file])
-    scene = load_named_scene(scene_file)
-    names = split_names("--outputs", outputs)
+    check_output(out, [scene_file], RESULT_FILE_SUFFIXES)
+    scene, names = read_scene(scene_file), split_names("outputs", outputs)
     plan = scene.plan(names) if explain else None
     balance = scene.energy_balance() if energy else None
     columns, summary = scene.in_units(units), RunSummary(scene, names, units)
-    with contextlib.ExitStack() as exit_stack:
-        add = None
-        if out is not None:
-            exit_stack.enter_context(report_if_stopped(f"stopped by a signal; {out} is not written"))
-            add = exit_stack.enter_context(result_file(out, scene.samples, scene.title, scene.files, columns))
+    with contextlib.ExitStack() as stack:
+        file = None if out is None else result_file(out, scene.samples, scene.title, scene.files, columns)
+        add = None if file is None else stack.enter_context(file)
         for part in with_progress_bar(scene.blocks(names), scene.samples):
             summary.add(part)
             if add is not None:
                 add(part.t, part.recorded())
-    notes = summary.notes()
     if as_json:
-        result = {**scene.facts(), "not_finite": summary.lost, "outputs": summary.ranges()}
-        result |= {"notes": notes, "file": None if out is None else str(out)}
-        result |= {"energy_balance": balance.facts()} if balance else {}
-        print(json_text(result | ({"plan": asdict(plan)} if plan else {})))
+        result = scene.facts() | {"not_finite": summary.lost, "outputs": summary.ranges(), "notes": summary.notes()}
+        result |= {"file": None if out is None else str(out)} | ({"plan": asdict(plan)} if plan else {})
+        print(json_text(result | ({"energy_balance": balance.facts()} if balance else {})))
         return
-    _print_heading(scene)
+    print_lines(scene.title, *scene.heading())
     if plan:
         print(str(plan))
-    print_component_table(summary.table())
+    rows, left_out = summary.table()
+    print_table(rows)
     if balance:
         print(balance)
-    for frame, shown in summary.coincident_frames.items():
-        print(printable(f"{frame} moves exactly as {shown} and is not shown"))
-    print(*map(printable, summary.omissions()), sep="\n", end="\n" * bool(summary.omissions()))
-    if summary.lost:
-        some = summary.lost < scene.samples
-        others = "ranges are those of the other instants" if some else "the table has no numbers"
-        print(f"{summary.lost} of {scene.samples} instants are not finite; {others}")
-    _print_notes(notes, out)
+    print_lines(*left_out)
+    _print_notes(summary.notes(), out)
 
 
-def check_command(
-    source: Annotated[
-        str, typer.Argument(metavar="SCENE", help="Scene file (TOML); or a robot, by its name or URDF file.")
-    ],
-    as_json: JsonOption = False,
-) -> None:
+def check_command(source: SourceArgument, as_json: JsonOption = False) -> None:
     """Compare a scene or a robot with Pinocchio, and print a report.
 
     For the scene of a pair, poses, velocities and accelerations of body 2 are computed by hingepair and by Pinocchio,
@@ -118,24 +96,22 @@ def check_command(
     are compared at random states and at numerically difficult ones: angles that are tiny, huge or near pi, and rates
     that are zero or fast.
     """
-    robot = Source(source).robot()
-    if robot is not None:
-        compared = cross_validate(robot, *_random_and_hard_states(robot))
-        print(compared.to_json() if as_json else compared)
-        raise typer.Exit(0 if compared.ok else 1)
-    scene = load_scene(Path(source))
-    report = scene.cross_validate(scene.subject.max_check_instants)
-    notes = (*scene.suspicions(), *scene.motion.notes)
-    if report.samples < scene.samples:
-        notes = (f"{report.samples} of the {scene.samples} instants are compared, evenly spread", *notes)
+    read = read_source(source)
+    heading: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    if isinstance(read.named, SceneFile) and (read.named.has_motion or read.named.mechanism is None):
+        scene = read.named.scene()
+        heading, report = (scene.title, *scene.heading()), scene.cross_validate(scene.subject.max_check_instants)
+        notes = (*scene.suspicions(), *scene.motion.notes)
+    else:
+        report = cross_validate(read.robot, *_random_and_hard_states(read.robot))
     if as_json:
         facts = json.loads(report.to_json())
         print(json_text(facts | {"notes": [*facts.get("notes", ()), *notes]}))
     else:
-        _print_heading(scene)
+        print_lines(*heading)
         print(report)
-        for note in notes:
-            print(f"note: {note}")
+        print_lines(*(f"note: {note}" for note in notes))
     raise typer.Exit(0 if report.ok else 1)
 
 
@@ -171,14 +147,11 @@ def forces_command(
     rate with their limits.
     force1 and torque1 act on the base about its reference point; for a fixed base they are the reaction.
     """
-    if out is not None:
-        check_ending(out)
-        check_output("--out", out, [scene_file])
-    scene = load_named_scene(scene_file)
+    check_output(out, [scene_file], RESULT_FILE_SUFFIXES)
+    scene = read_scene(scene_file)
     scene.in_units(units)  # refuses unknown ones before anything is computed
-    fall = None if gravity is None else parse_gravity(gravity, scene.dimensions)
     try:
-        result = scene.forces(fall)
+        result = scene.forces(parse_gravity(gravity, scene.dimensions))
     except ArgumentError as error:
         raise error.renamed(f"{scene_file}: {error.name}") if error.name.startswith("pair.") else error from None
     written = None if out is None else str(result.save(out, units=units))
@@ -187,19 +160,13 @@ def forces_command(
         facts = {"scene": str(scene.path), "samples": scene.samples, "file": written}
         print(json_text(facts | result.facts(units) | {"notes": notes}))
         return
-    _print_heading(scene)
+    print_lines(scene.title, *scene.heading())
     print(f"gravity = ({', '.join(f'{component:g}' for component in result.gravity)}) m/s^2")
     for rows in result.tables(units):
-        print_component_table(rows)
+        print_table(rows)
     _print_notes(notes, out)
 
 
-def _print_heading(scene: Scene) -> None:
-    print_title(scene.title)
-    print(*map(printable, scene.heading()), sep="\n")
-
-
 def _print_notes(notes: tuple[str, ...], out: Path | None) -> None:
-    for note in notes:
-        print(f"note: {note}")
+    print_lines(*(f"note: {note}" for note in notes))
     print(f"written: {out}" if out else "nothing written (--out FILE writes all instants)")

@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from hingepair.cli.output import (
-    JsonOption,
-    UnitsOption,
-    out_option,
-    print_title,
-    report_if_stopped,
-    terminal_width,
-)
-from hingepair.cli.scenes import SceneArgument
-from hingepair.cli.sources import load_named_scene
+from hingepair.cli.options import JsonOption, SceneArgument, UnitsOption, out_option
+from hingepair.cli.output import print_lines, print_table
+from hingepair.cli.sources import read_scene
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.pairs.tolerances import DEVIATIONS, LIMITS
 from hingepair.scenes.variants.search import Range, search
 from hingepair.scenes.variants.sweep import STORE_SUFFIXES, Progress, load_sweep, run_sweep
 from hingepair.scenes.variants.tolerance import study_tolerances
-from hingepair.tables.sheets import json_text, ruled_table
+from hingepair.tables.sheets import json_text
 
 
 def tolerance_command(
@@ -46,78 +37,59 @@ def tolerance_command(
     """Show how manufacturing tolerances affect the pose of body 2, and points.
 
     The tolerances come from the option or from the table [tolerances] of the scene. A tolerance +- is taken for
-    three standard deviations of a normal distribution, unless it is uniform. The table shows the standard deviation
-    of each component, to first order, where it is largest of 101 instants at most, and which dimensions cause it, as
-    a mean over the motion.
+    three standard deviations of a normal distribution, unless it is uniform. A tilt of the axis is taken with the
+    bodies adjusted at psi = 0, which keep their attitude there. The table shows the standard deviation of each
+    component, to first order, where it is largest of 101 instants at most, and which dimensions cause it, as a mean
+    over the motion.
     """
-    scene = load_named_scene(scene_file)
+    scene = read_scene(scene_file)
     scene.in_units(units)  # refuses unknown ones before anything is computed
     given: dict[str, Any] = {}
     for name, value in map(_parse, tolerance or ()):
-        if name in (*LIMITS, *DEVIATIONS):
-            given[name] = value
-        else:
-            given.setdefault("points", {})[name] = value
+        (given if name in (*LIMITS, *DEVIATIONS) else given.setdefault("points", {}))[name] = value
     study = study_tolerances(scene, **given)
     if as_json:
         print(study.to_json(units))
         return
-    print_title(study.title)
     shown = {**study.tolerances, **study.tolerances.get("points", {})}
     shown.pop("points", None)
-    sizes = "; ".join(
+    sizes = (
         f"{name} = {', '.join(map(str, value)) if isinstance(value, list) else value}"
+        f"{' m' * name.startswith('u') + ' rad' * (name[0] in 'ah') if name in DEVIATIONS else ''}"
         for name, value in shown.items()
     )
-    print(f"{len(study.t)} instants; {sizes}")
-    if {*DEVIATIONS} & {*study.tolerances}:
-        print("names with _std are standard deviations in m and rad")
-    if {"axis", "axis_std"} & {*study.tolerances}:
-        print("a tilt of the axis is taken with the bodies adjusted at psi = 0, which keep their attitude there")
-    print("", *ruled_table(study.table(units), 2, terminal_width()), "", sep="\n")
-    for note in study.notes:
-        print(f"note: {note}")
+    print_lines(study.title, f"{len(study.t)} instants; {'; '.join(sizes)}")
+    print_table(study.table(units))
+    print_lines(*(f"note: {note}" for note in study.notes))
 
 
 def _parse(text: str) -> tuple[str, Any]:
     """Return the name of a dimension or a point, and its limits as text or standard deviations as numbers."""
-    name, equals, value = text.partition("=")
-    if not (name.strip() and equals and value.strip()):
+    name, _, value = (part.strip() for part in text.partition("="))
+    if not (name and value):
         raise ArgumentError("tolerance", 'NAME=LIMIT, such as "u1=+-0.2 mm"', repr(text))
     try:
         numbers = [float(part) for part in value.split(",")]
     except ValueError:
-        if name.strip() in DEVIATIONS:
-            raise ArgumentError("tolerance", "a number, or three separated by commas", repr(text)) from None
-        return name.strip(), value.strip()
-    if not all(map(math.isfinite, numbers)):
-        raise ArgumentError("tolerance", "finite numbers", repr(text))
-    return name.strip(), numbers[0] if len(numbers) == 1 else numbers
-
-
-SweepArgument = Annotated[Path, typer.Argument(metavar="SWEEP", help="Sweep file (TOML).")]
-StoreOption = Annotated[
-    Path | None,
-    out_option(f"Write the results to FILE ({', '.join(STORE_SUFFIXES)}); default: the sweep's name with .parquet."),
-]
+        return name, value
+    return name, numbers[0] if len(numbers) == 1 else numbers
 
 
 def sweep_command(
-    sweep_file: SweepArgument,
-    out: StoreOption = None,
+    sweep_file: Annotated[Path, typer.Argument(metavar="SWEEP", help="Sweep file (TOML).")],
+    out: Annotated[
+        Path | None,
+        out_option(
+            f"Write the results to FILE ({', '.join(STORE_SUFFIXES)}); default: the sweep's name with .parquet."
+        ),
+    ] = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS", help="Address of a dask.distributed scheduler; default: this process computes."
         ),
     ] = None,
-    units: Annotated[
-        str | None,
-        typer.Option(
-            metavar="UNITS",
-            help='Units of results and levels, such as "deg, mm". Default: units of the sweep, or else SI units.',
-        ),
-    ] = None,
+    units: UnitsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compute all variants of a sweep, and write the results.
@@ -127,39 +99,20 @@ def sweep_command(
     without computing finished chunks again. To compute on other machines, start `dask scheduler` on one and `dask
     worker ADDRESS` on each, and give --scheduler ADDRESS. A log or URDF file that the scene names is read there too.
     """
-    loaded = load_sweep(sweep_file, units)
-    path = loaded.default_store() if out is None else out
-    stopped = f"stopped; the same command goes on where it was ({path}.parts)"
-    with _sweep_progress_bar() as progress, report_if_stopped(stopped):
-        run_sweep(loaded, path, scheduler, progress)
+    sweep = load_sweep(sweep_file, units)
+    path = sweep.default_store() if out is None else out
+    with contextlib.ExitStack() as stack:
+        progress: Progress | None = None
+        if sys.stderr.isatty():
+            bar = stack.enter_context(typer.progressbar(length=sweep.chunks, label="computing", file=sys.stderr))
+            progress = lambda done, _: bar.update(done - bar.pos)  # noqa: E731
+        run_sweep(sweep, path, scheduler, progress)
     if as_json:
-        facts = {
-            "title": loaded.title,
-            "variants": loaded.variants,
-            "chunks": loaded.chunks,
-            "keys": loaded.keys,
-            "file": str(path),
-        }
-        print(json_text(facts))
+        facts = {"title": sweep.title, "variants": sweep.variants, "chunks": sweep.chunks, "keys": sweep.keys}
+        print(json_text(facts | {"file": str(path)}))
         return
-    print_title(loaded.title)
-    print(f"{loaded.variants} variants of {', '.join(loaded.keys)} in {loaded.chunks} chunks")
-    print(f"written: {path}")
-
-
-@contextlib.contextmanager
-def _sweep_progress_bar() -> Iterator[Progress | None]:
-    """Yield a function that updates a progress bar; None if standard error is not a terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    with typer.progressbar(length=1, label="computing", file=sys.stderr) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.length = total
-            bar.update(done - bar.pos)
-
-        yield show
+    shown = f"{sweep.variants} variants of {', '.join(sweep.keys)} in {sweep.chunks} chunks"
+    print_lines(sweep.title, shown, f"written: {path}")
 
 
 def search_command(
@@ -183,10 +136,7 @@ def search_command(
         str | None, typer.Option(metavar="RESULT", help="Result to be smallest, such as hinge_torque_absmax.")
     ] = None,
     maximize: Annotated[str | None, typer.Option(metavar="RESULT", help="Result to be largest.")] = None,
-    units: Annotated[
-        str | None,
-        typer.Option(metavar="UNITS", help='Units of results and conditions, such as "deg, mm". Default: SI units.'),
-    ] = None,
+    units: UnitsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find numbers of a scene for which results have wanted values.
@@ -199,27 +149,20 @@ def search_command(
         scene_file, dict(map(_read_range, vary)), until or (), minimize=minimize, maximize=maximize, units=units
     )
     if as_json:
-        facts = {
-            field: getattr(found, field)
-            for field in ("values", "start", "results", "units", "conditions", "notes", "ok", "evaluations")
-        }
-        print(json_text(facts))
+        names = ("values", "start", "results", "units", "conditions", "notes", "ok", "evaluations")
+        print(json_text({name: getattr(found, name) for name in names}))
     else:
-        print_title(found.scene.title)
+        print_lines(found.scene.title)
         print(found)
-    if not found.ok:
-        raise typer.Exit(1)
+    raise typer.Exit(0 if found.ok else 1)
 
 
 def _read_range(text: str) -> tuple[str, Range]:
     """Return the key and the range that KEY or KEY=LOW:HIGH gives."""
     key, equals, ends = text.partition("=")
-    if not equals:
-        return key.strip(), None
     try:
-        low, high = map(float, ends.split(":"))
+        low, high = map(float, ends.split(":")) if equals else (0.0, 0.0)
     except ValueError:
-        raise ArgumentError(
-            "--vary", "KEY or KEY=LOW:HIGH, such as dynamics.psi.damping=0.1:10", quoted(text)
-        ) from None
-    return key.strip(), (low, high)
+        expected = "KEY or KEY=LOW:HIGH, such as dynamics.psi.damping=0.1:10"
+        raise ArgumentError("vary", expected, quoted(text)) from None
+    return key.strip(), (low, high) if equals else None
