@@ -103,7 +103,6 @@ def test_what_cannot_be_used_is_named():
             lambda: PAIR.forward_kinematics(q.astype(complex)),
             lambda: PAIR.error_bounds(q),
             lambda: PAIR.prepare("pose").jacobian((q,)),
-            lambda: ROBOT.inverse_dynamics_derivatives(q[:, :3], q[:, :3], q[:, :3]),
         ],
         "qd": [lambda: PAIR.forward_kinematics(q, q[:3])],
         "q[0]": [lambda: PAIR.forward_kinematics(tuple(q.T))],

@@ -317,8 +317,28 @@ def test_prepared_calls_give_rates_of_jacobians_on_a_base_that_turns(ur5, states
     np.testing.assert_allclose(step(q, qd, S1, omega1), expected, rtol=0, atol=64 * EPS * np.abs(expected).max())
     with pytest.raises(hp.errors.RotationError, match="S1"):
         step(q, qd, 2 * S1, omega1)
-    with pytest.raises(ArgumentError, match="jacobian"):
-        step.jacobian((q, qd, S1, omega1))
+
+
+@pytest.mark.parametrize("base", ["fixed", "free"])
+def test_one_prepared_call_computes_what_methods_do(base, states):
+    robot, (q, qd, qdd) = hp.load_robot("ur5_robot", base=base), states
+    wrench = np.random.default_rng(5).normal(size=(2, 4, 3))
+    wrenches, frame = {"tool0": (wrench[0], wrench[1])}, "forearm_link"
+    slopes = robot.inverse_dynamics_derivatives(q, qd, qdd, wrenches=wrenches)
+    expected = {
+        "jacobian": robot.jacobian(q, frame),
+        "jacobian_rate": robot.jacobian_rate(q, qd, frame),
+        "tau": robot.inverse_dynamics(q, qd, qdd, wrenches=wrenches).tau,
+        "tau_q": slopes.tau_q,
+        "tau_qd": slopes.tau_qd,
+        "mass_matrix": slopes.tau_qdd,
+        "torque_regressor": robot.torque_regressor(q, qd, qdd),
+        "centroidal_momentum_matrix_rate": robot.centroidal_momentum_matrix_rate(q, qd),
+    }
+    f = robot.prepare(("q", "qd", "qdd"), outputs=expected, frames=frame, wrenches="tool0")
+    found = f(q, qd, qdd, *wrench)
+    for name, one in expected.items():
+        np.testing.assert_allclose(found[name], one, rtol=0, atol=64 * EPS * np.abs(one).max())
 
 
 @pytest.mark.parametrize("task", ["inverse_dynamics", "forward_dynamics"])

@@ -95,6 +95,8 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "gravity": Quantity("Acceleration of free fall", "m/s^2", _V),
     "jacobian": Quantity("Jacobian of velocity and angular velocity", "1", (6, "velocities")),
     "jacobian_in_frame": Quantity("Jacobian in the axes of the frame", "1", (6, "velocities")),
+    "jacobian_rate": Quantity("Time derivative of jacobian", "1", (6, "velocities"), VELOCITY),
+    "jacobian_in_frame_rate": Quantity("Time derivative of jacobian_in_frame", "1", (6, "velocities"), VELOCITY),
     "acceleration_bias": Quantity("Acceleration and angular acceleration that velocities cause", "1", (6,), VELOCITY),
     "mass_matrix": Quantity("Mass matrix", "1", ("velocities", "velocities")),
     "kinetic": Quantity("Kinetic energy", "J", (), VELOCITY),
@@ -136,6 +138,12 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "centre_of_mass": Quantity("Centre of mass", "m", _V),
     "centre_of_mass_jacobian": Quantity("Jacobian of the centre of mass", "1", (3, "velocities")),
     "centroidal_momentum_matrix": Quantity("Matrix of the momentum about the centre of mass", "1", (6, "velocities")),
+    "centroidal_momentum_matrix_rate": Quantity("Its time derivative", "1", (6, "velocities"), VELOCITY),
+    **{
+        f"{of}_{by}": Quantity(f"Derivatives of {of} by {by}", "1", ("velocities", "velocities"), ACCELERATION)
+        for of, others in (("tau", ("q", "qd", "qdd")), ("qdd", ("q", "qd", "tau")))
+        for by in others
+    },
     "angular_about_origin": Quantity("Angular momentum about the world's origin", "kg m^2/s", _V, VELOCITY),
     "angular_about_centre": Quantity("Angular momentum about the centre of mass", "kg m^2/s", _V, VELOCITY),
 }

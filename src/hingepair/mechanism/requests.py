@@ -41,6 +41,7 @@ from hingepair.mechanism.states import (
     HingeWrench,
     JointWrenches,
     MechanismAccelerations,
+    MechanismDerivatives,
     MechanismForces,
     MechanismState,
     Momentum,
@@ -50,9 +51,8 @@ from hingepair.mechanism.states import (
 from hingepair.numeric.arrays import one_constant
 from hingepair.plans.arguments import check_out
 from hingepair.plans.computation import Cache, Computation
-from hingepair.plans.derivatives import Derivative
 from hingepair.plans.pairs import ACCELERATIONS, FORCES, PLANE, SPACE, PairKind
-from hingepair.plans.trees import FRAME_OUTPUTS, JACOBIANS
+from hingepair.plans.trees import DYNAMICS_MATRICES, FRAME_OUTPUTS, JACOBIANS
 
 
 class Task(NamedTuple):
@@ -62,7 +62,6 @@ class Task(NamedTuple):
     outputs: tuple[str, ...]
     result: type[Results] | None = None  # None: the only output as an array
     options: type = OutOptions  # those of the method
-    derivative: str = ""  # in place of the outputs; a kind of `plans.derivatives.Derivative`
     masses: tuple[str, ...] = ()  # bodies of a pair that need mass properties
     hint: str = ""  # end of the message where body 1 has none: what to call instead
 
@@ -79,18 +78,15 @@ ROBOT_TASKS: Final[Mapping[str, Task]] = {
         level: Task(ROWS[: k + 1], tuple(x for x in FRAME_OUTPUTS if QUANTITIES[x].order <= k), MechanismState, _F)
         for k, level in enumerate(MOTION_LEVELS)
     },
-    **{name: Task(("q",), (name,), None, _J) for name in JACOBIANS},
-    **{f"{name}_rate": Task(("q", "qd"), (name,), None, _J, "rate") for name in JACOBIANS},
+    **{name: Task(ROWS[: 1 + name.endswith("_rate")], (name,), None, _J) for name in JACOBIANS},
     "acceleration_bias": Task(("q", "qd"), ("acceleration_bias",), None, _J),
     "inverse_dynamics": Task(ROWS, ("tau", "force1", "torque1"), MechanismForces, DynamicsOptions),
-    "inverse_dynamics_derivatives": Task(
-        ROWS, ("tau", "force1", "torque1"), None, DynamicsOptions, derivative="matrices"
-    ),
+    "inverse_dynamics_derivatives": Task(ROWS, DYNAMICS_MATRICES[:3], MechanismDerivatives, DynamicsOptions),
     "joint_wrenches": Task(ROWS, ("force", "torque"), JointWrenches, WrenchOptions),
     "torque_regressor": Task(ROWS, ("torque_regressor",), None, _W),
     "forward_dynamics": Task(("q", "qd", "tau"), ("qdd", *FREE_BASE_OUTPUTS), MechanismAccelerations, ForwardOptions),
     "forward_dynamics_derivatives": Task(
-        ("q", "qd", "tau"), ("qdd", *FREE_BASE_OUTPUTS), None, ForwardOptions, derivative="matrices"
+        ("q", "qd", "tau"), DYNAMICS_MATRICES[3:], MechanismDerivatives, ForwardOptions
     ),
     **{
         name: Task(ROWS[:order], ALL_COORDINATES[:order], None, RunOptions)
@@ -105,7 +101,7 @@ ROBOT_TASKS: Final[Mapping[str, Task]] = {
     "centre_of_mass": Task(("q",), ("centre_of_mass",), None, _B),
     "centre_of_mass_jacobian": Task(("q",), ("centre_of_mass_jacobian",), None, _B),
     "centroidal_momentum_matrix": Task(("q",), ("centroidal_momentum_matrix",), None, _B),
-    "centroidal_momentum_matrix_rate": Task(("q", "qd"), ("centroidal_momentum_matrix",), None, _B, "rate"),
+    "centroidal_momentum_matrix_rate": Task(("q", "qd"), ("centroidal_momentum_matrix_rate",), None, _B),
     "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy, _W),
     "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Momentum, _B),
     **{
@@ -133,11 +129,11 @@ def _of_pair(kind: PairKind, moved: tuple[str, ...], placed: tuple[str, ...], so
     state = STATES[kind]
     return {
         **{level: Task(ROWS[: k + 1], kind.default_outputs(k), state, EulerOptions) for k, level in levels},
-        "inverse_dynamics": Task(moved, FORCES, Forces, GravityOptions, "", BODIES, _HINT),
-        "hinge_wrench": Task(moved, _WRENCH, HingeWrench, GravityOptions, "", ("body2",)),
+        "inverse_dynamics": Task(moved, FORCES, Forces, GravityOptions, BODIES, _HINT),
+        "hinge_wrench": Task(moved, _WRENCH, HingeWrench, GravityOptions, ("body2",)),
         "forward_dynamics": solved,
-        "energy": Task(placed, ("kinetic", "potential"), Energy, GravityOptions, "", ("body2",)),
-        "momentum": Task(placed, ("linear", "angular"), Momentum, OutOptions, "", BODIES),
+        "energy": Task(placed, ("kinetic", "potential"), Energy, GravityOptions, ("body2",)),
+        "momentum": Task(placed, ("linear", "angular"), Momentum, OutOptions, BODIES),
     }
 
 
@@ -146,18 +142,18 @@ PAIR_TASKS: Final[Mapping[PairKind, Mapping[str, Task]]] = {
     SPACE: {
         **_of_pair(
             SPACE, _MOVED, _PLACED,
-            Task((*_OF_BODY1, *FORCES), ACCELERATIONS, Accelerations, GravityOptions, "", BODIES),
+            Task((*_OF_BODY1, *FORCES), ACCELERATIONS, Accelerations, GravityOptions, BODIES),
         ),
         "from_body1": Task((), (), PairState, OutputOptions),
         "jacobian": Task(("S1", "psi"), ("jacobian",)),
         "acceleration_bias": Task(_OF_BODY1, ("acceleration_bias",)),
-        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), None, OutOptions, "", BODIES),
+        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), None, OutOptions, BODIES),
     },
     PLANE: {
         **_of_pair(
-            PLANE, ROWS, ROWS[:2], Task(("q", "qd", *FORCES), ("qdd",), None, GravityOptions, "", BODIES)
+            PLANE, ROWS, ROWS[:2], Task(("q", "qd", *FORCES), ("qdd",), None, GravityOptions, BODIES)
         ),
-        "mass_matrix": Task(("q",), ("mass_matrix",), None, OutOptions, "", BODIES),
+        "mass_matrix": Task(("q",), ("mass_matrix",), None, OutOptions, BODIES),
     },
 }  # fmt: skip
 """All that can be asked of pairs in space and in the plane."""
@@ -177,7 +173,6 @@ class Request(NamedTuple):
     labels: Mapping[str, str]  # names of inputs in messages, where they differ
     gravity: tuple[float, ...] | None  # where it matters
     remade: Callable[[], Computation]  # makes the computation anew, and can be pickled
-    derivative: Derivative | None = None  # that is computed in place of the outputs
     watch: Watch | None = None
     lasts: bool = True  # whether the next such call is the same
 
@@ -235,7 +230,7 @@ def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names:
     request = subject._request(row, given, options, out)
     lasts = request.lasts and key is not None and all(map(_lasts, options.values()))
     result = request.computation.compute(
-        request.given, execution, request.gravity, out, derivative=request.derivative, labels=request.labels,
+        request.given, execution, request.gravity, out, labels=request.labels,
         keep=(cache, key, request.watch) if lasts else None, remade=request.remade,
     )  # fmt: skip
     if request.watch is not None:

@@ -34,7 +34,7 @@ from hingepair.numeric.arrays import (
     one_constant,
     read_only,
 )
-from hingepair.plans.arguments import Arguments, Outputs, check_outputs
+from hingepair.plans.arguments import Outputs, check_outputs
 from hingepair.rotations.matrices import check_rotation, matrix_to_quaternion
 from hingepair.tables.instants import instants_of, warn_of_measurements
 from hingepair.tables.suspicions import suspicions
@@ -325,7 +325,8 @@ def _state(
         inputs[name] = rotate_to_world(S1, values) if turned and S1 is not None else values
     inputs = {name: inputs[name] for name in inputs if name in needed}
     computation = computation_of(constants, outputs, result=STATES[constants.kind])
-    return computation.run(Arguments(inputs, {"t": psi.shape}, {}), options.execution)
+    call = computation.call(tuple(inputs), options.execution.backend)
+    return call.run(inputs, {"t": psi.shape}, workers=options.execution.workers)
 
 
 def _needed_inputs(pair: Constants, outputs: tuple[str, ...]) -> set[str]:

@@ -17,16 +17,15 @@ from hingepair.engine.loops import Loop, OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, RotationError, ShapeError
 from hingepair.plans import dask_chunks
-from hingepair.plans.arguments import Arguments, CoordinateNames, check_out, read_arguments
+from hingepair.plans.arguments import CoordinateNames, check_out, read_arguments
 from hingepair.plans.dask_chunks import is_dask
-from hingepair.plans.derivatives import Derivative, change_shape, derivative_loop
+from hingepair.plans.derivatives import Derivative, derivative_loop
+from hingepair.plans.functions import change_shape
+from hingepair.plans.trees import MAX_DERIVED_OPERATIONS
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERRORS, check_rotation
 
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
 _ATTITUDES: Final = ("S1", "S2", *QUATERNIONS)  # inputs that a prepared call checks
-# Most operations of derivatives, by an estimate of what they take before they fold: those of a chain of 45 joints by
-# all arguments. It becomes a program of a million operations, which LLVM compiles in a minute, with 1.6 GB.
-_MAX_DERIVED_OPERATIONS: Final = 7_500_000
 _MAX_CALLS: Final = 64  # most that a computation keeps, before it forgets all
 
 
@@ -52,7 +51,6 @@ class Computation:
         known: values of the inputs that need not be given.
         result: class of the result; None to return the only output as a bare array.
         coordinates: names of the coordinates.
-        derivatives: class of the result of a derivative.
         owner: "pair" or "robot", for messages.
         samples_name: name in messages of the constants that have samples; by default `owner`.
         shape: leading shape of a pair whose geometry has axes.
@@ -71,7 +69,6 @@ class Computation:
         result: type[Results] | None,
         coordinates: CoordinateNames,
         *,
-        derivatives: type[Results] = Results,
         owner: str = "pair",
         samples_name: str | None = None,
         shape: ArrayShape = (),
@@ -82,7 +79,7 @@ class Computation:
     ) -> None:
         self.outputs, self.shapes, self.known = outputs, shapes, known
         self.result, self.coordinates = result, coordinates
-        self._loop, self._derivatives, self._owner, self._shape = loop, derivatives, owner, shape
+        self._loop, self._owner, self._shape = loop, owner, shape
         self.samples_name = samples_name or owner
         self._shared, self._operations = shared, operations
         self.constant_shapes, self._by_constants = constant_shapes or {}, by_constants
@@ -96,33 +93,32 @@ class Computation:
         gravity: tuple[float, ...] | None = None,
         *,
         prepared: bool = False,
-        derivative: Derivative | None = None,
-        further: tuple[Derivative, ...] = (),
+        derivatives: tuple[Derivative, ...] = (),
     ) -> Call:
-        """Return the cached call of the outputs, or of a derivative, for arguments of these names.
+        """Return the cached call of the outputs, or of their derivatives, for arguments of these names.
 
         Args:
             given: names of the arguments, in order.
             backend: one of `engine.backend.BACKEND_NAMES`.
             gravity: acceleration of free fall [m/s^2], where outputs depend on it.
             prepared: check attitudes among the arguments, and fold the constants of this pair or robot.
-            derivative: compute that in place of the outputs; its weights or changes are arguments, too.
-            further: derivatives by entries of that, each of the one before.
+            derivatives: what is computed in place of the outputs, each the derivative of the one before; weights and
+                changes are arguments, too.
         """
-        key = given, backend, gravity, prepared, derivative, further
+        key = given, backend, gravity, prepared, derivatives
         call = self._calls.get(key)
         if call is None:
             checks = {f"{name}_check": _limits(name) for name in given if name in _ATTITUDES} if prepared else {}
             loop = self._loop((*self.outputs, *checks), given)
-            for one in (derivative, *further):
-                loop = loop if one is None else derivative_loop(loop, one)
+            for one in derivatives:
+                loop = derivative_loop(loop, one)
             shapes = {**self.shapes, **dict(loop.inputs)}
             known = self.known if gravity is None else {**self.known, "gravity": gravity}
             empty = any(0 in shapes[name] for name in given)  # machine code needs numbers
             call = Call(
                 loop, {name: shapes[name] for name in given},
                 {name: known[name] for name, _ in loop.inputs if name not in given},
-                self._derivatives if further or (derivative and derivative.kind != "rate") else self.result,
+                Results if derivatives else self.result,
                 shape=self._shape, backend="numpy" if empty else backend, constants_name=self._owner,
                 samples_name=self.samples_name, shared=self._shared and not prepared, limits=checks,
                 on_limit=_check_attitudes,
@@ -164,7 +160,6 @@ class Computation:
         out: Any = None,
         *,
         labels: Mapping[str, str] | None = None,
-        derivative: Derivative | None = None,
         keep: tuple[Cache, Any, Any] | None = None,
         remade: Callable[[], Computation] | None = None,
     ) -> Any:
@@ -176,27 +171,29 @@ class Computation:
             gravity: acceleration of free fall [m/s^2], where outputs depend on it.
             out: arrays to write into.
             labels: names of inputs in messages, where they differ.
-            derivative: compute that in place of the outputs.
             keep: cache and key by which this call is found again, and what looks at its results.
             remade: function that can be pickled and makes this computation anew; without it, Dask arrays are refused.
         """
         self.check_given(given, labels)
-        call = self.call(tuple(given), execution.backend, gravity, derivative=derivative)
-        out = check_out(out, call.outputs)
-        tried = False
+        call = self.call(tuple(given), execution.backend, gravity)
         if keep is not None:
             cache, key, watch = keep
-            tried = cache.calls.get(key, (None,))[0] is call
             cache.calls[key] = call, watch
-        result = None if tried else call.rows(*given.values(), out=out, workers=execution.workers)
-        if result is not None:
-            return result
-        labels = labels or {}
-        if remade is not None and derivative is None and any(map(is_dask, given.values())):
+        if remade is not None and any(map(is_dask, given.values())):
             function = functools.partial(_compute_chunk, remade, execution, gravity, tuple(given))
             return self.over_chunks(call, function, given, out, labels)
-        arguments = read_arguments(given, call.argument_shapes, self.coordinates, labels)
-        return self.run(arguments, execution, gravity, out, derivative=derivative)
+        return self.answer(call, given, out, execution.workers, labels)
+
+    def answer(
+        self, call: Call, given: Mapping[str, Any], out: Any, workers: int, labels: Mapping[str, str] | None = None
+    ) -> Any:
+        """Return the results of a call for arguments of any form; see `compute`."""
+        out = check_out(out, call.outputs)
+        result = call.rows(*given.values(), out=out, workers=workers)
+        if result is None:
+            values, shapes, labels = read_arguments(given, call.argument_shapes, self.coordinates, labels)
+            result = call.run(values, shapes, out, workers, None, labels)
+        return result
 
     def over_chunks(
         self,
@@ -219,33 +216,11 @@ class Computation:
         axes = first.ndim - len(next(iter(outputs.values())))
         return first if self.result is None else self.result(arrays, first.shape[:axes])
 
-    def run(
-        self,
-        arguments: Arguments,
-        execution: Execution,
-        gravity: tuple[float, ...] | None = None,
-        out: Any = None,
-        *,
-        prepared: bool = False,
-        derivative: Derivative | None = None,
-        dtype: np.dtype[Any] | None = None,
-    ) -> Any:
-        """Compute checked arguments of any form; the further arguments are those of `call` and `Call.run`."""
-        values, shapes, labels = arguments
-        call = self.call(tuple(values), execution.backend, gravity, prepared=prepared, derivative=derivative)
-        out = check_out(out, call.outputs)
-        return call.run(values, shapes, out, execution.workers, dtype, labels)
-
     def count_operations(
-        self,
-        values: Mapping[str, Any],
-        gravity: tuple[float, ...] | None = None,
-        derivative: Derivative | None = None,
+        self, values: Mapping[str, Any], gravity: tuple[float, ...] | None = None
     ) -> OperationCounts:
         """Count the operations of a call in which numbers among these values are known, and where nothing is."""
         loop = self._loop(self.outputs, tuple(values))
-        if derivative is not None:
-            loop = derivative_loop(loop, derivative)
         arrays = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
         known = self.known if gravity is None else {**self.known, "gravity": gravity}
         return loop.count_operations({**arrays, **known, **values})
@@ -257,9 +232,9 @@ class Computation:
             ArgumentError: the robot has too many joints.
         """
         sizes = [math.prod(change_shape(*argument)) for argument in derivative.arguments]
-        columns = sum(sizes) if derivative.kind in {"jacobian", "matrices"} else 1
+        columns = sum(sizes) if derivative.kind == "jacobian" else 1
         operations = columns * self._operations * 4 ** (times - 1)
-        if not self._loop(self.outputs, given).traced or operations > _MAX_DERIVED_OPERATIONS:
+        if not self._loop(self.outputs, given).traced or operations > MAX_DERIVED_OPERATIONS:
             by = ", ".join(name for name, _ in derivative.arguments)
             got = f"{len(self.coordinates.names)} joints, derivatives by {by}"
             raise ArgumentError("robot", "fewer joints, or derivatives by fewer arguments", got)

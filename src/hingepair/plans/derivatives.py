@@ -8,53 +8,40 @@ from __future__ import annotations
 
 import functools
 import itertools
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from operator import sub
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
-from hingepair.engine.derivatives import Change, jacobian, pullback, pushforward, variables, weighted_sum
+from hingepair.engine.derivatives import variables, weighted_sum
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import Operand, TracedValue
-from hingepair.equations.dynamics import factor_symmetric, solve_factored
 from hingepair.numeric.blocks import components
+from hingepair.plans.functions import (
+    Accelerations,
+    Functions,
+    Moves,
+    change_of,
+    change_shape,
+    changes_of,
+    group_of,
+    share_of,
+    sum_of,
+    with_variables,
+)
 from hingepair.plans.trees import (
-    Request,
     TreeForm,
     TreeQuantities,
     complete_numbers,
     constant_place,
-    velocity_count,
 )
-
-Parts: TypeAlias = Mapping[str, Sequence[Operand]]
-"""Components of outputs by name."""
-
-Moves: TypeAlias = dict[str, list[Change]]
-"""Changes by argument, one for each component of a change of it."""
-
-# They change by rotations about world axes, home about those of body 1; next_S1 is S1 after a step in time.
-_ATTITUDES: Final = frozenset({"S", "S1", "S2", "home", "next_S1"})
-_QUATERNIONS: Final = {"quat_xyzw": (3, 0, 1, 2), "quat_wxyz": (0, 1, 2, 3)}  # places of w, x, y, z
-# For each quantity of the joints, those of a free base that come before it, and itself.
-_GROUPS: Final = {
-    "q": ("R1", "S1", "q"),
-    "qd": ("v1", "omega1", "qd"),
-    "qdd": ("a1", "alpha1", "qdd"),
-    "tau": ("force1", "torque1", "tau"),
-}
 
 
 class Derivative(NamedTuple):
     """What is differentiated, and how."""
 
-    # "jacobian"; "vjp", gradients of a weighted sum of outputs; "jvp", the rates of change of all outputs; "rate",
-    # their time derivatives where q changes by qd and the base turns by omega1; "matrices", Jacobians of inverse or
-    # forward dynamics such as tau_q, of a free base with rows and columns of the base
+    # "jacobian"; "vjp", gradients of a weighted sum of outputs; "jvp", the rates of change of all outputs
     kind: str
-    # names of the outputs; of a vjp those with weights, of matrices the names of the matrices
-    outputs: tuple[str, ...]
+    outputs: tuple[str, ...]  # names of the outputs; of a vjp those with weights
     # arguments by which derivatives are taken, name and shape of one sample
     arguments: tuple[tuple[str, ArrayShape], ...]
     # as other libraries differentiate: attitudes change by their entries in place of rotations, and the outputs
@@ -67,17 +54,6 @@ def body_constants(joints: int, free: bool) -> dict[str, ArrayShape]:
     """Return the shapes of the constants of a robot by which outputs can be differentiated."""
     bodies = joints + free
     return {"masses": (bodies,), "first_moments": (bodies, 3), "inertias": (bodies, 6), "lengths": (joints, 3)}
-
-
-def change_shape(name: str, sample_shape: ArrayShape) -> ArrayShape:
-    """Return the shape of a change of one sample of an argument or output.
-
-    >>> change_shape("S", (2, 3, 3)), change_shape("q", (7,))
-    ((2, 3), (7,))
-    """
-    if name in _QUATERNIONS:
-        return (3,)
-    return sample_shape[:-1] if name in _ATTITUDES else sample_shape
 
 
 @functools.lru_cache(maxsize=512)
@@ -102,19 +78,13 @@ def derivative_loop(
     if derivative.kind == "jacobian":
         outputs = {f"{one}_{name}": (*changes[one], *changes[name]) for one in derivative.outputs for name in names}
         outputs |= {one: tail for one, tail in plain.outputs if one not in derivative.outputs}
-    elif derivative.kind == "matrices":
-        outputs = dict.fromkeys(derivative.outputs, (velocity_count(*_tree_of(plain)),) * 2)
-        outputs |= {one: tail for one, tail in plain.outputs if one not in (*_GROUPS["tau"], *_GROUPS["qdd"])}
     elif derivative.kind == "vjp":
         inputs |= {f"{derivative.prefix}weight_{one}": changes[one] for one in derivative.outputs}
         outputs |= {f"gradient_{name}": changes[name] for name in names}
-    elif derivative.kind == "jvp":
+    else:
         inputs |= {f"{derivative.prefix}change_{name}": changes[name] for name in names}
         outputs |= {f"rate_{one}": changes[one] for one in derivative.outputs}
-    else:
-        inputs |= {"qd": inputs["q"], "omega1": (3,)}
-        outputs = {f"rate_{one}" if one in derivative.outputs else one: tail for one, tail in plain.outputs}
-    rule = {"jacobian": _jacobian, "matrices": _matrices, "vjp": _gradients, "jvp": _rates, "rate": _time_rates}
+    rule = {"jacobian": _jacobian, "vjp": _gradients, "jvp": _rates}
     function = functools.partial(rule[derivative.kind], plain, derivative)
     if functions is not None:
         function = functools.partial(_gradients, plain, derivative, make_functions=functions)
@@ -132,34 +102,9 @@ def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> 
         parts = functions.results[output]
         columns = zip(*rows[output], strict=True)
         for name, changes in moves.items():
-            block = [_change_of(output, parts, column) for column in itertools.islice(columns, len(changes))]
+            block = [change_of(output, parts, column) for column in itertools.islice(columns, len(changes))]
             found[f"{output}_{name}"] = tuple(itertools.chain(*zip(*block, strict=True)))
     return {**functions.results, **found}
-
-
-def _matrices(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return outputs, and Jacobians of inverse or forward dynamics with a row and a column for each velocity."""
-    form, request = _tree_of(plain)
-    kinds = {name: name.partition("_")[2] for name in derivative.outputs}
-    groups = {kind: _group(kind, request) for kind in kinds.values() if kind in {"q", "qd"}}
-    shapes = {"S1": (3, 3), **dict.fromkeys(("q", "qd"), (form.dof,))}
-    values, moves = _variables(
-        plain, given, [(one, shapes.get(one, (3,))) for names in groups.values() for one in names]
-    )
-    functions = _functions(plain, values)
-    names = _group(derivative.outputs[0].partition("_")[0], request)
-    rows = functions.jacobian(names, [*itertools.chain(*moves.values())])
-    columns = zip(*(row for name in names for row in rows[name]), strict=True)
-    found = dict(functions.results)
-    blocks = {kind: [*itertools.islice(columns, velocity_count(form, request))] for kind in groups}
-    for name, kind in kinds.items():
-        if kind == "qdd":
-            found[name] = TreeQuantities(form, request, given).mass_matrix()
-        elif isinstance(functions, Accelerations) and kind == "tau":
-            found[name] = functions.inverse_mass_matrix()
-        else:
-            found[name] = tuple(itertools.chain(*zip(*blocks[kind], strict=True)))
-    return found
 
 
 def _gradients(
@@ -177,9 +122,9 @@ def _gradients(
         given_weights = components(values[f"{derivative.prefix}weight_{output}"])
         sums: list[Operand] = [0.0] * len(parts)
         weights[output] = sums
-        for weight, change in zip(given_weights, _changes(kind, parts), strict=True):
+        for weight, change in zip(given_weights, changes_of(kind, parts), strict=True):
             for k, rate in change:
-                sums[k] = sums[k] + weight * rate * _share(kind)
+                sums[k] = sums[k] + weight * rate * share_of(kind)
     inputs = [x for change in itertools.chain(*moves.values()) for x, _ in change]
     slopes = dict(zip(map(id, inputs), functions.pullback(weights, inputs), strict=True))
     gradients = {
@@ -198,47 +143,24 @@ def _rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dic
         for weight, change in zip(components(values[f"{derivative.prefix}change_{name}"]), group, strict=True)
     ]
     functions = _functions(plain, values)
-    rates = functions.pushforward(derivative.outputs, _sum(changes))
+    rates = functions.pushforward(derivative.outputs, sum_of(changes))
     changed = {
-        f"rate_{one}": tuple(_change_of("" if derivative.entries else one, functions.results[one], rate))
+        f"rate_{one}": tuple(change_of("" if derivative.entries else one, functions.results[one], rate))
         for one, rate in rates.items()
     }
     return {**functions.results, **changed}
-
-
-def _time_rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the time derivatives of all components of the outputs."""
-    turns = any(isinstance(x, TracedValue) or x for x in given["omega1"])  # S1 folds where the base does not turn
-    arguments = [("q", (len(given["qd"]),)), *([("S1", (3, 3))] if turns else [])]
-    values, moves = _variables(plain, given, arguments)
-    changes = [*zip(given["qd"], moves["q"], strict=True)]
-    changes += zip(given["omega1"], moves.get("S1", ()), strict=False)
-    functions = _functions(plain, values)
-    rates = functions.pushforward(derivative.outputs, _sum(changes))
-    return {**functions.results, **{f"rate_{output}": tuple(rate) for output, rate in rates.items()}}
 
 
 def _variables(
     plain: Loop, given: Mapping[str, Any], arguments: Iterable[tuple[str, ArrayShape]], entries: bool = False
 ) -> tuple[dict[str, Any], Moves]:
     """Return the values with variables in the place of arguments, and the changes of the arguments."""
-    values, moves = dict(given), Moves()
-    of_bodies = (
-        _changes_of_bodies(_tree_of(plain), values, {name for name, _ in arguments}) if "axes" in values else {}
-    )
-    for name, tail in arguments:
-        if name in of_bodies:
-            moves[name] = of_bodies[name]
-        elif name in values:
-            others = [x for other, group in values.items() if other != name for x in components(group)]
-            parts = variables(components(values[name]), others)
-            values[name] = parts if tail else parts[0]
-            moves[name] = [
-                [(parts[k], rate) for k, rate in change] for change in _changes("" if entries else name, parts)
-            ]
-        else:  # no output depends on it
-            moves[name] = [[] for _ in range(math.prod(tail if entries else change_shape(name, tail)))]
-    return values, moves
+    values, arguments = dict(given), [*arguments]
+    of_bodies = Moves()
+    if "axes" in values:
+        of_bodies = _changes_of_bodies(_tree_of(plain), values, {name for name, _ in arguments})
+    values, moves = with_variables(values, [one for one in arguments if one[0] not in of_bodies], entries)
+    return values, of_bodies | moves
 
 
 def _changes_of_bodies(tree: TreeForm, values: dict[str, Any], names: Iterable[str]) -> Moves:
@@ -293,24 +215,11 @@ def _of_inertia(P: Sequence[Operand], a: int, b: int, place: int) -> list[tuple[
     return changes
 
 
-def _sum(changes: Iterable[tuple[Operand, Change]]) -> list[tuple[Operand, Operand]]:
-    """Return the sum of pairs (weight, change) as one change."""
-    sums: dict[int, tuple[Operand, Operand]] = {}
-    for weight, change in changes:
-        for x, rate in change:
-            sums[id(x)] = x, sums.get(id(x), (x, 0.0))[1] + weight * rate
-    return [*sums.values()]
-
-
-def _group(kind: str, request: Request) -> tuple[str, ...]:
-    return _GROUPS[kind] if request.free else _GROUPS[kind][2:]
-
-
 def _functions(plain: Loop, values: dict[str, Any]) -> Functions:
     """Return the outputs of a loop as functions that can be differentiated."""
-    if {name for name, _ in plain.outputs}.isdisjoint(_GROUPS["qdd"]) or not isinstance(plain.form, TreeForm):
+    if {name for name, _ in plain.outputs}.isdisjoint(group_of("qdd", True)) or not isinstance(plain.form, TreeForm):
         return Functions(plain.function(values))
-    return Accelerations(TreeQuantities(*plain.form, values))
+    return Accelerations(TreeQuantities(*plain.form, values), plain.form.request.outputs)
 
 
 def _tree_of(plain: Loop) -> TreeForm:
@@ -319,123 +228,5 @@ def _tree_of(plain: Loop) -> TreeForm:
     return plain.form
 
 
-class Functions:
-    """Results of a program, and their derivatives by what it has traced.
-
-    Args:
-        results: results by name, scalars or tuples of components.
-    """
-
-    def __init__(self, results: Mapping[str, Any]) -> None:
-        self.results: Parts = {name: components(value) for name, value in results.items()}
-
-    def jacobian(self, names: Iterable[str], changes: Sequence[Change]) -> dict[str, list[list[Operand]]]:
-        """Return the Jacobians of the named results: a row for each component, a column for each change."""
-        return self._by_name(names, jacobian(self._flat(names), changes))
-
-    def pushforward(self, names: Iterable[str], change: Change) -> dict[str, list[Operand]]:
-        """Return the rates of change of the components of the named results."""
-        return self._by_name(names, pushforward(self._flat(names), change))
-
-    def pullback(self, weights: Parts, inputs: Sequence[Operand]) -> list[Operand]:
-        """Return the derivatives by inputs of the sum of the results' components times the weights."""
-        flat = (zip(self.results[name], parts, strict=True) for name, parts in weights.items())
-        return pullback(itertools.chain(*flat), inputs)
-
-    def _flat(self, names: Iterable[str]) -> list[Operand]:
-        return [part for name in names for part in self.results[name]]
-
-    def _by_name(self, names: Iterable[str], rows: Iterable[Any]) -> dict[str, list[Any]]:
-        left = iter(rows)
-        return {name: [*itertools.islice(left, len(self.results[name]))] for name in names}
-
-
-class Accelerations(Functions):
-    """Results of forward dynamics. The accelerations change such that they take back what a change of inputs adds to
-    the torques (T11); this takes fewer operations than to differentiate the articulated bodies (T5, T6).
-
-    Args:
-        computation: forward dynamics.
-    """
-
-    def __init__(self, computation: TreeQuantities) -> None:
-        form, request, values = computation.form, computation.request, computation.values
-        self._names, loads = (_group(kind, request) for kind in ("qdd", "tau"))
-        super().__init__(computation.outputs(dict.fromkeys((*request.outputs, *self._names))))
-        motion = {name: variables(self.results[name]) for name in self._names}
-        self._held = [(x, 0.0) for part in motion.values() for x in part]
-        inverse = TreeQuantities(form, request, {**values, **motion})
-        needed = Functions(inverse.outputs(loads)).results
-        self._lack = Functions({name: tuple(map(sub, components(values[name]), needed[name])) for name in loads})
-        self._lower, pivots = factor_symmetric(inverse.mass_entries)
-        self._shares, self._doubt = [1.0 / pivot for pivot in pivots], computation.singular_doubt
-
-    def jacobian(self, names: Iterable[str], changes: Sequence[Change]) -> dict[str, list[list[Operand]]]:
-        """Return the Jacobians as `Functions` does, of the accelerations by solving with the mass matrix (T11)."""
-        held = [[*change, *self._held] for change in changes]
-        rows = itertools.chain(*self._lack.jacobian(self._lack.results, held).values())
-        columns = [self._solve(column) for column in zip(*rows, strict=True)]
-        solved = self._by_name(self._names, map(list, zip(*columns, strict=True)))
-        return super().jacobian([name for name in names if name not in solved], changes) | solved
-
-    def pushforward(self, names: Iterable[str], change: Change) -> dict[str, list[Operand]]:
-        """Return the rates of change as `Functions` does, those of the accelerations by T11."""
-        rates = itertools.chain(*self._lack.pushforward(self._lack.results, [*change, *self._held]).values())
-        solved = self._by_name(self._names, self._solve([*rates]))
-        return super().pushforward([name for name in names if name not in solved], change) | solved
-
-    def pullback(self, weights: Parts, inputs: Sequence[Operand]) -> list[Operand]:
-        """Return the derivatives as `Functions` does, those of the accelerations by T11."""
-        column = [x for name in self._names for x in weights.get(name, (0.0,) * len(self.results[name]))]
-        loads = iter(self._solve(column))
-        solved = {name: [*itertools.islice(loads, len(part))] for name, part in self._lack.results.items()}
-        others = {name: parts for name, parts in weights.items() if name not in self._names}
-        gradients = self._lack.pullback(solved, [*inputs, *(x for x, _ in self._held)])
-        return [a + b + self._doubt for a, b in zip(gradients, super().pullback(others, inputs), strict=False)]
-
-    def inverse_mass_matrix(self) -> tuple[Operand, ...]:
-        """Return the entries of M^-1, row by row."""
-        size = len(self._shares)
-        columns = [self._solve([float(i == k) for i in range(size)]) for k in range(size)]
-        return tuple(itertools.chain(*columns))  # symmetric
-
-    def _solve(self, column: Sequence[Operand]) -> tuple[Operand, ...]:
-        """Return M^-1 times a column."""
-        found = solve_factored(self._lower, lambda k, part: part * self._shares[k], column[::-1])[::-1]
-        return tuple(x + self._doubt for x in found)
-
-
-def _changes(name: str, value: Sequence[Operand]) -> list[list[tuple[int, Operand]]]:
-    """Return for each component of a change of a value which components of the value change, and how fast."""
-    if name in _QUATERNIONS:  # half the product of a unit vector and the quaternion
-        w, x, y, z = _QUATERNIONS[name]
-        rows = [(w, -1.0, x), (x, 1.0, w), (y, -1.0, z), (z, 1.0, y)]  # of the x axis: w changes by -x/2, ...
-        turns = {w: w, x: y, y: z, z: x}
-        changes = []
-        for _ in range(3):
-            changes.append([(a, value[b] * (0.5 * sign)) for a, sign, b in rows])
-            rows = [(turns[a], sign, turns[b]) for a, sign, b in rows]
-        return changes
-    if name == "n":  # stays a unit vector
-        return [[(j, float(j == k) - value[j] * value[k]) for j in range(3)] for k in range(3)]
-    if name not in _ATTITUDES:
-        return [[(k, 1.0)] for k in range(len(value))]
-    changes = []
-    for first in range(0, len(value), 9):
-        for k in range(3):  # a rotation about the k-th axis turns row a into row b, and row b into -a
-            a, b = first + 3 * ((k + 1) % 3), first + 3 * ((k + 2) % 3)
-            changes.append([(b + j, value[a + j]) for j in range(3)] + [(a + j, -value[b + j]) for j in range(3)])
-    return changes
-
-
-def _change_of(name: str, value: Sequence[Operand], rates: Sequence[Operand]) -> list[Operand]:
-    """Return the components of the change of an output from the rates of its components."""
-    return [weighted_sum((rates[k], rate) for k, rate in change) * _share(name) for change in _changes(name, value)]
-
-
 def _is_zero(value: Operand) -> bool:
     return not isinstance(value, TracedValue) and value == 0
-
-
-def _share(name: str) -> float:
-    return 0.5 if name in _ATTITUDES else 1.0  # a rotation is read off two rows

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ from hingepair.engine.results import Results, writable_arrays
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray
-from hingepair.plans.arguments import Arguments, check_out, chosen_names, read_arguments
+from hingepair.plans.arguments import chosen_names
 from hingepair.plans.computation import Computation
 from hingepair.plans.dask_chunks import is_dask
 from hingepair.plans.derivatives import Derivative
@@ -30,9 +29,9 @@ class _Derived(NamedTuple):
 
     names: tuple[str, ...]  # of the arguments by which it is taken
     further: tuple[str, ...]  # outputs that have weights, or arguments that change
-    derivative: Derivative
     computation: Computation
     call: Call
+    labels: Mapping[str, str]  # of the weights or changes in messages
 
 
 class Prepared:
@@ -52,12 +51,10 @@ class Prepared:
         gravity: tuple[float, ...] | None,
         factory: Callable[[], Prepared],
         watch: Callable[[Any, Mapping[str, Any]], None] | None = None,
-        derivative: Derivative | None = None,
     ) -> None:
         self._computation, self._gravity, self._execution = computation, gravity, execution
-        self._derivative = derivative  # that is computed in place of the outputs of the computation
         self._factory, self._watch = factory, watch  # how it is made anew; what looks at results
-        self._call: Call = computation.call(given, execution.backend, gravity, prepared=True, derivative=derivative)
+        self._call: Call = computation.call(given, execution.backend, gravity, prepared=True)
         self.given, self.outputs, self._count = given, self._call.outputs, len(given)
         self._plain = execution.workers == 1 and watch is None
         self._derivatives: dict[Any, _Derived] = {}
@@ -172,7 +169,7 @@ class Prepared:
     @property
     def _unchecked(self) -> Call:
         """The call without checks of attitudes."""
-        return self._computation.call(self.given, "auto", self._gravity, derivative=self._derivative)
+        return self._computation.call(self.given, "auto", self._gravity)
 
     def _single_program(self, method: str) -> Call:
         """Return the call without checks of attitudes; refuse what is no program for one state."""
@@ -190,28 +187,23 @@ class Prepared:
 
     def _call_of_chain(self, chain: jax_torch.Chain) -> Call:
         """Return the call, or a derivative of a derivative of it, in which attitudes change by their entries."""
-        given, further = self.given, tuple[Derivative, ...]()
-        computed = functools.partial(self._computation.call, backend="auto", gravity=self._gravity)
-        call = computed(given, derivative=self._derivative)
+        given, derivatives, call = self.given, tuple[Derivative, ...](), self._unchecked
         for times, (kind, by) in enumerate(chain, 1):
             names, outputs = [given[k] for k in by], tuple(name for name, _ in call.loop.outputs)
             prefix = f"{times}_" if times > 1 else ""
             arguments = tuple((name, call.argument_shapes[name]) for name in names)
-            further = (*further, Derivative(kind, outputs, arguments, entries=True, prefix=prefix))
-            self._computation.check_differentiable(further[-1], self.given, times)
-            added = {
-                "jvp": [f"{prefix}change_{one}" for one in names],
-                "vjp": [f"{prefix}weight_{one}" for one in outputs],
-            }
-            given = (*given, *added.get(kind, ()))
-            call = computed(given, derivative=self._derivative, further=further)
+            derivatives = (*derivatives, Derivative(kind, outputs, arguments, entries=True, prefix=prefix))
+            self._computation.check_differentiable(derivatives[-1], self.given, times)
+            added = [f"change_{one}" for one in names] if kind == "jvp" else [f"weight_{one}" for one in outputs]
+            given = (*given, *(f"{prefix}{one}" for one in added))
+            call = self._computation.call(given, "auto", self._gravity, derivatives=derivatives)
         return call
 
     @property
     def operations(self) -> OperationCounts:
         """Numbers of operations for each sample, once for all samples, and where no constant is known."""
         samples = {name: np.empty((2, *self._call.argument_shapes[name])) for name in self.given}
-        return self._computation.count_operations(samples, self._gravity, self._derivative)
+        return self._computation.count_operations(samples, self._gravity)
 
     def __call__(self, *given: Any, out: Any = None) -> Any:
         """Compute the outputs for one state or many.
@@ -225,40 +217,17 @@ class Prepared:
         """
         if len(given) != self._count:
             raise ArgumentError("*given", f"{self._count} arguments: {', '.join(self.given)}", f"{len(given)}")
-        if out is None and self._plain:
-            result = self._call.rows(*given)
-        elif self._plain and type(out) is dict:
-            result = self._call.rows(*given, out=out)
-        else:
-            result = self._call_with_options(given, out)
-        return self._call_any_arguments(given, out) if result is None else result
-
-    def _call_with_options(self, given: Sequence[Any], out: Any) -> Any:
-        """Compute what `rows` takes, by threads, into one array or under a watch; None where it does not."""
-        result = self._call.rows(*given, out=check_out(out, self.outputs), workers=self._execution.workers)
-        if result is not None and self._watch is not None:
-            self._watch(result, dict(zip(self.given, given, strict=True)))
-        return result
-
-    def _call_any_arguments(self, given: Sequence[Any], out: Any) -> Any:
-        """Compute what `rows` does not take, such as tables and Dask arrays."""
+        if self._plain:
+            result = self._call.rows(*given) if out is None else self._call.rows(*given, out=out)
+            if result is not None:
+                return result
         named = dict(zip(self.given, given, strict=True))
         if any(map(is_dask, given)):
             return self._computation.over_chunks(self._call, self, named, out)
-        result = self._computation.run(
-            self._read(self._call, named),
-            self._execution,
-            self._gravity,
-            out,
-            prepared=True,
-            derivative=self._derivative,
-        )
+        result = self._computation.answer(self._call, named, out, self._execution.workers)
         if self._watch is not None:
             self._watch(result, named)
         return result
-
-    def _read(self, call: Call, arguments: Mapping[str, Any], labels: Mapping[str, str] | None = None) -> Arguments:
-        return read_arguments(arguments, call.argument_shapes, self._computation.coordinates, labels)
 
     # ---- derivatives
 
@@ -381,34 +350,26 @@ class Prepared:
             return self._derivatives[key]
         except (KeyError, TypeError):  # a new one, or what is no name
             pass
-        self._check_plain(kind)
         accepted = (*self.given, *self._computation.constant_shapes)
-        outputs, prefix = self.outputs, ""
-        further: tuple[str, ...] = ()
+        outputs, further = self.outputs, tuple[str, ...]()
+        label, prefix = ("tangents", "change") if kind == "jvp" else ("cotangents", "weight")
         if kind == "jvp":
-            names = further = chosen_names("tangents", weighted, accepted)
-            prefix = "change"
+            names = further = chosen_names(label, weighted, accepted)
         else:
-            chosen = self.given if wrt is None else (wrt,) if isinstance(wrt, str) else wrt
             if kind == "vjp":
-                outputs = further = chosen_names("cotangents", weighted, self.outputs)
-                prefix = "weight"
+                outputs = further = chosen_names(label, weighted, self.outputs)
+            chosen = self.given if wrt is None else (wrt,) if isinstance(wrt, str) else wrt
             names = chosen_names("wrt", chosen, accepted)
         computation = self._computation if {*names} <= {*self.given} else self._computation.by_constants
         shapes = {**self._call.argument_shapes, **computation.constant_shapes}
         derivative = Derivative(kind, outputs, tuple((name, shapes[name]) for name in names))
         computation.check_differentiable(derivative, self.given)
-        arguments = (*self.given, *(f"{prefix}_{name}" for name in further))
+        labels = {f"{prefix}_{name}": f"{label}[{name!r}]" for name in further}
         call = computation.call(
-            arguments, self._execution.backend, self._gravity, prepared=True, derivative=derivative
+            (*self.given, *labels), self._execution.backend, self._gravity, prepared=True, derivatives=(derivative,)
         )
-        derived = self._derivatives[key] = _Derived(names, further, derivative, computation, call)
+        derived = self._derivatives[key] = _Derived(names, further, computation, call, labels)
         return derived
-
-    def _check_plain(self, kind: str) -> None:
-        """Refuse derivatives of derivatives."""
-        if self._derivative is not None:
-            raise ArgumentError(kind, "a call that computes no derivatives itself", ", ".join(self.outputs))
 
     def _derive(
         self, derived: _Derived, given: Sequence[Any], further: Sequence[Any], out: Mapping[str, Any] | None = None
@@ -416,15 +377,9 @@ class Prepared:
         """Compute a derivative; `further` are its weights or changes."""
         if not isinstance(given, tuple | list) or len(given) != len(self.given):
             raise ArgumentError("given", f"a tuple of {', '.join(self.given)}", quoted(given))
-        result: Results | None = derived.call.rows(*given, *further, out=out, workers=self._execution.workers)
-        if result is None:
-            names = tuple(derived.call.argument_shapes)
-            argument = "cotangents" if derived.derivative.kind == "vjp" else "tangents"
-            labels = dict(zip(names[len(given) :], (f"{argument}[{one!r}]" for one in derived.further), strict=True))
-            values = self._read(derived.call, dict(zip(names, (*given, *further), strict=True)), labels)
-            result = derived.computation.run(
-                values, self._execution, self._gravity, out, prepared=True, derivative=derived.derivative
-            )
+        named = dict(zip(derived.call.argument_shapes, (*given, *further), strict=True))
+        workers = self._execution.workers
+        result: Results = derived.computation.answer(derived.call, named, out, workers, derived.labels)
         return result
 
     def _value(self, arrays: Mapping[str, FloatArray], found: Results) -> Any:

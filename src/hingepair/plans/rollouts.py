@@ -21,7 +21,8 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.trace import Operand, square_root, where_less
 from hingepair.equations.spatial import ZERO_VECTOR, Matrix, Scalar, Vector, add, compose, cross, dot, scale, subtract
 from hingepair.numeric.blocks import components, cosine, sine
-from hingepair.plans.derivatives import Accelerations, Derivative, Functions, Parts, change_shape, derivative_loop
+from hingepair.plans.derivatives import Derivative, derivative_loop
+from hingepair.plans.functions import Accelerations, Functions, Parts, change_shape
 from hingepair.plans.trees import Form, Request, TreeQuantities, input_shapes
 
 METHODS = ("semi_implicit", "rk4")  # of integration, explained above
@@ -163,7 +164,8 @@ class _StepFunctions(Functions):
             """Return variables in the place of the accelerations."""
             self._given = {name: components(given[name]) for name in ("q", "qd", "tau", *attitude)}
             self._inner = {name: variables(value) for name, value in self._given.items()}
-            self._accelerations = Accelerations(TreeQuantities(step.form, step.solved, {**given, **self._inner}))
+            computation = TreeQuantities(step.form, step.solved, {**given, **self._inner})
+            self._accelerations = Accelerations(computation)
             self._found = {name: variables(self._accelerations.results[name]) for name in step.solved.outputs}
             return self._found
 

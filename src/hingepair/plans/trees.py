@@ -32,10 +32,12 @@ from hingepair.equations.spatial import (
     subtract,
     transpose,
 )
+from hingepair.errors import ArgumentError
 from hingepair.numeric.blocks import cosine, sine
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.attitudes import rotation_defect
 from hingepair.plans.closures import Chains, Closure, condition_count
+from hingepair.plans.functions import Accelerations, Functions, Moves, group_of, sum_of, with_variables
 from hingepair.plans.struts import Strut, StrutForm, line_of_action
 
 # Shapes of the constants of the base.
@@ -96,6 +98,17 @@ class Request(NamedTuple):
     loaded: tuple[int, ...] = ()  # indices of the frames that belong to links on which wrenches act
     joint_loads: bool = False  # whether springs, dampers and dry friction act at the joints (T14)
     varied: tuple[int, ...] = ()  # places of the constants that the input "samples" has
+    shown: int | None = None  # how many frames, the first, have outputs; None: all
+
+    @property
+    def shown_frames(self) -> tuple[int, ...]:
+        """Bodies of the frames that have outputs."""
+        return self.frames[: self.shown]
+
+    @property
+    def first_of_bodies(self) -> int:
+        """Place of the first of the frames of all bodies, which the torque regressor takes."""
+        return 0 if self.shown is None else self.shown + len(self.loaded)
 
 
 class TreeForm(NamedTuple):
@@ -130,6 +143,7 @@ class TreeQuantities:
 
     def __init__(self, form: Form, request: Request, values: Mapping[str, Any]) -> None:
         self.form, self.request, self.values = form, request, values
+        self._differentiated: dict[str, tuple[Functions, Moves]] = {}
         parts = iter(values.get("numbers") or complete_numbers(form, request, values))
         self.base = eq.Base(**_take_numbers(parts, BASE_SHAPES))
         joints = [_take_numbers(parts, JOINT_SHAPES) for _ in form.parents]
@@ -147,6 +161,7 @@ class TreeQuantities:
             self.chains = Chains(form.closure, numbers, self.links, self.ratios, form.columns, values["q"])
         self.strut_list = [Strut.of_numbers(one, [next(parts) for _ in range(one.size)]) for one in form.struts]
         self.frames = [(body, _take_numbers(parts, FRAME_SHAPES)) for body in request.frames]
+        self.shown = self.frames[: request.shown]
         loaded = form.parents if request.joint_loads else ()
         self.loads = [eq.JointLoad(**_take_numbers(parts, LOAD_SHAPES)) for _ in loaded]
         if self.loads and "implicit_step" in values:
@@ -268,30 +283,35 @@ class TreeQuantities:
 
     @lock_free_cached_property
     def frame_poses(self) -> list[eq.Pose]:
-        """List of the poses of all frames in world axes."""
+        """List of the poses of all frames in world axes, those with outputs first."""
         return [eq.frame_pose(self.poses[body], constants["R"], constants["S"]) for body, constants in self.frames]
+
+    @property
+    def shown_poses(self) -> list[eq.Pose]:
+        """List of the poses of the frames with outputs, world axes."""
+        return self.frame_poses[: self.request.shown]
 
     @lock_free_cached_property
     def frame_velocities(self) -> list[eq.Rates]:
-        """List of (v, omega) of all frames, world axes."""
-        bodies = (self.velocities[body] for body, _ in self.frames)
-        return [eq.frame_velocity(pose, body) for pose, body in zip(self.frame_poses, bodies, strict=True)]
+        """List of (v, omega) of the frames with outputs, world axes."""
+        bodies = (self.velocities[body] for body, _ in self.shown)
+        return [eq.frame_velocity(pose, body) for pose, body in zip(self.shown_poses, bodies, strict=True)]
 
     @lock_free_cached_property
     def frame_accelerations(self) -> list[eq.Rates]:
-        """List of (a, alpha) of all frames, world axes."""
+        """List of (a, alpha) of the frames with outputs, world axes."""
         return self._accelerations_of_frames(self.accelerations, self.qdd)
 
     def _accelerations_of_frames(self, body_accelerations: Sequence[eq.Rates], _: Sequence[Scalar]) -> list[eq.Rates]:
-        """Return (a, alpha) of all frames, world axes, from those of the bodies and the joints."""
+        """Return (a, alpha) of the frames with outputs, world axes, from those of the bodies and the joints."""
         return [
             eq.frame_acceleration(pose, self.velocities[body][1], body_accelerations[body])
-            for pose, (body, _) in zip(self.frame_poses, self.frames, strict=True)
+            for pose, (body, _) in zip(self.shown_poses, self.shown, strict=True)
         ]
 
     def frame_positions(self) -> tuple[Scalar, ...]:
-        """Return the positions R of all frames, as one flat tuple."""
-        return _chain_vectors(add(self.values["R1"], pose.d) for pose in self.frame_poses)
+        """Return the positions R of the frames with outputs, as one flat tuple."""
+        return _chain_vectors(add(self.values["R1"], pose.d) for pose in self.shown_poses)
 
     def _jacobian_columns(
         self, joint_columns: Sequence[tuple[Vector, Vector]], base_columns: Sequence[tuple[Vector, Vector]]
@@ -306,7 +326,7 @@ class TreeQuantities:
         a flat tuple row by row; (v, omega) in the axes of the frame if `in_frame`, else of the world.
         """
         entries: list[Scalar] = []
-        for pose, (body, _) in zip(self.frame_poses, self.frames, strict=True):
+        for pose, (body, _) in zip(self.shown_poses, self.shown, strict=True):
             columns = eq.point_jacobian_columns(self.links, self.poses, body, pose.d)
             on_base = eq.base_jacobian_columns(pose.d) if self.request.free else []
             if in_frame:
@@ -322,8 +342,7 @@ class TreeQuantities:
         is taken to have no acceleration; any other base has the given acceleration.
         """
         base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration
-        bodies = self._body_accelerations(self.bias_qdd, base)
-        a, alpha = self._accelerations_of_frames(bodies, self.bias_qdd)[0]
+        a, alpha = self._accelerations_of_frames(self._body_accelerations(self.bias_qdd, base), self.bias_qdd)[0]
         return (*a, *alpha)
 
     # ---- dynamics, base axes
@@ -476,7 +495,7 @@ class TreeQuantities:
             [eq.AxisMotion(ZERO_VECTOR, x) for x in on_base] + [eq.AxisMotion(x, ZERO_VECTOR) for x in on_base],
         )
         rows: list[list[Scalar]] = [[] for _ in range(velocity_count(self.form, self.request))]
-        for body, frame in self.frames:
+        for body, frame in self.frames[self.request.first_of_bodies :]:
             back, moved = transpose(frame["S"]), self.motions_in_own_axes[body]
             omega, a, alpha = (rotate(back, part) for part in (moved.omega, moved.a, moved.alpha))
             motion = eq.Acceleration(omega, a, eq.acceleration_gradient(omega, alpha), alpha)
@@ -492,6 +511,47 @@ class TreeQuantities:
             for k in range(self.form.dof):
                 rows[6 * free + k] += [column[k] for column in columns]
         return _chain_vectors(rows)
+
+    # ---- derivatives, of traced values alone
+
+    def time_rate(self, output: str) -> tuple[Scalar, ...]:
+        """Return the time derivatives of the components of an output that depends on the pose."""
+        turns = any(type(x) is not float or x for x in self.values["omega1"])  # S1 folds where the base does not turn
+        attitude = [("S1", (3, 3))] if turns else []
+        values, moves = with_variables(self.values, [("q", (self.form.dof,)), *attitude])
+        changes = [*zip(values["qd"], moves["q"], strict=True)]
+        changes += zip(values["omega1"], moves.get("S1", ()), strict=turns)
+        moved = TreeQuantities(self.form, self.request, values)
+        return tuple(Functions(moved.outputs((output,))).pushforward((output,), sum_of(changes))[output])
+
+    def dynamics_matrix(self, name: str) -> tuple[Scalar, ...]:
+        """Return a derivative of inverse or forward dynamics, such as tau_q, as a flat tuple row by row, with a row
+        and a column for each velocity.
+        """
+        (of, _, by), free = name.partition("_"), self.request.free
+        if by == "qdd":
+            return self.mass_matrix()
+        functions, moves = self._slopes(of)
+        if isinstance(functions, Accelerations) and by == "tau":
+            return functions.inverse_mass_matrix()
+        names = group_of(of, free)
+        rows = functions.jacobian(names, [change for one in group_of(by, free) for change in moves[one]])
+        return _chain_vectors(row for one in names for row in rows[one])
+
+    def _slopes(self, of: str) -> tuple[Functions, Moves]:
+        """Return inverse ("tau") or forward dynamics ("qdd") as functions, and the changes of what the derivatives
+        asked for are taken by.
+        """
+        if of not in self._differentiated:
+            free = self.request.free
+            asked = [by for by in ("q", "qd") if f"{of}_{by}" in self.request.outputs]
+            shapes = {"S1": (3, 3), **dict.fromkeys(("q", "qd"), (self.form.dof,))}
+            arguments = [(one, shapes.get(one, (3,))) for by in asked for one in group_of(by, free)]
+            values, moves = with_variables(self.values, arguments)
+            moved = TreeQuantities(self.form, self.request, values)
+            functions = Functions(moved.outputs(group_of(of, free))) if of == "tau" else Accelerations(moved)
+            self._differentiated[of] = functions, moves
+        return self._differentiated[of]
 
     def base_wrench(self, kind: int) -> Vector:
         """Return force1 (kind 0) or torque1 (kind 1), which acts on the base, world axes."""
@@ -830,16 +890,20 @@ def output_shape(name: str, form: Form, request: Request) -> ArrayShape:
     sizes = {"coordinates": form.dof, "velocities": velocity_count(form, request), "joints": len(form.parents)}
     sizes |= {"tree": form.tree_dof, "conditions": 0 if form.closure is None else condition_count(form.closure)}
     sizes |= {"struts": len(form.struts), "loops": 0 if form.closure is None else len(form.closure.loops)}
-    sizes["parameters"] = 10 * len(request.frames)  # of the torque regressor, which has a frame for each body
+    sizes["parameters"] = 10 * (len(request.frames) - request.first_of_bodies)  # of the torque regressor
     shape = sample_shape(name, sizes)
-    of_frames = name in FRAME_OUTPUTS or (name in JACOBIANS and len(request.frames) != 1)
-    return (len(request.frames), *shape) if of_frames else shape
+    shown = len(request.shown_frames)
+    return (shown, *shape) if name in FRAME_OUTPUTS or (name in JACOBIANS and shown != 1) else shape
 
 
 FRAME_OUTPUTS: Final = ("R", "S", "d", "v", "omega", "a", "alpha")
 """Motion of frames, with an axis of frames."""
-JACOBIANS: Final = ("jacobian", "jacobian_in_frame")
+JACOBIANS: Final = ("jacobian", "jacobian_in_frame", "jacobian_rate", "jacobian_in_frame_rate")
 """Jacobians of frames; that of a single one has no axis of frames."""
+DYNAMICS_MATRICES: Final = ("tau_q", "tau_qd", "tau_qdd", "qdd_q", "qdd_qd", "qdd_tau")
+"""Derivatives of inverse and of forward dynamics."""
+DERIVED: Final = (*JACOBIANS[2:], "centroidal_momentum_matrix_rate", *DYNAMICS_MATRICES)
+"""Outputs that are derivatives, which only traced values have."""
 # Inputs that poses, rates, accelerations, inverse and forward dynamics depend on.
 _POSE_INPUTS: Final = ("q", "S1")
 _RATE_INPUTS: Final = (*_POSE_INPUTS, "qd", "omega1")
@@ -850,8 +914,8 @@ _FORWARD_INPUTS: Final = (*_RATE_INPUTS, *_BASE_ACCELERATIONS, "tau", "gravity",
 
 OUTPUTS: Final[Mapping[str, Output]] = {
     "R": Output((*_POSE_INPUTS, "R1"), TreeQuantities.frame_positions),
-    "S": Output(_POSE_INPUTS, lambda c: _chain_vectors(pose.S for pose in c.frame_poses)),
-    "d": Output(_POSE_INPUTS, lambda c: _chain_vectors(pose.d for pose in c.frame_poses)),
+    "S": Output(_POSE_INPUTS, lambda c: _chain_vectors(pose.S for pose in c.shown_poses)),
+    "d": Output(_POSE_INPUTS, lambda c: _chain_vectors(pose.d for pose in c.shown_poses)),
     "v": Output((*_RATE_INPUTS, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_velocities)),
     "omega": Output(_RATE_INPUTS, lambda c: _chain_vectors(omega for _, omega in c.frame_velocities)),
     "a": Output((*_ACCELERATION_INPUTS, "a1"), lambda c: _chain_vectors(a for a, _ in c.frame_accelerations)),
@@ -893,6 +957,17 @@ OUTPUTS: Final[Mapping[str, Output]] = {
     "strut_length": Output(_POSE_INPUTS, lambda c: tuple(length for length, _ in c.strut_lines)),
     "strut_rate": Output(_RATE_INPUTS, lambda c: tuple(c.strut_rates)),
     "strut_force": Output(_RATE_INPUTS, TreeQuantities.strut_forces),
+    **{
+        f"{name}_rate": Output(_RATE_INPUTS, functools.partial(TreeQuantities.time_rate, output=name))
+        for name in (*JACOBIANS[:2], "centroidal_momentum_matrix")
+    },
+    **{
+        name: Output(
+            _INVERSE_INPUTS if name.startswith("tau") else _FORWARD_INPUTS,
+            functools.partial(TreeQuantities.dynamics_matrix, name=name),
+        )
+        for name in DYNAMICS_MATRICES
+    },
     "S1_check": Output(("S1",), lambda c: rotation_defect(c.values["S1"])),
 }
 """All that can be computed of a tree, by name."""
@@ -926,6 +1001,11 @@ MAX_TRACED_OPERATIONS: Final = 100_000
 and to compile."""
 
 
+MAX_DERIVED_OPERATIONS: Final = 7_500_000
+"""Most operations of derivatives, by an estimate of what they take before they fold: those of a chain of 45 joints by
+all arguments. It becomes a program of a million operations, which LLVM compiles in a minute, with 1.6 GB."""
+
+
 def estimated_operations(form: Form, request: Request) -> int:
     """Return about how many operations a request takes where nothing folds, from the number of joints alone.
 
@@ -939,19 +1019,30 @@ def estimated_operations(form: Form, request: Request) -> int:
     outputs = {*request.outputs}
     by_ancestor = 40 * sum(depths)
     total = 0
-    if outputs & {"mass_matrix", "centre_of_mass_jacobian", "centroidal_momentum_matrix"}:
+    momenta = {"centroidal_momentum_matrix", "centroidal_momentum_matrix_rate"}
+    if outputs & {"mass_matrix", "tau_qdd", "centre_of_mass_jacobian", *momenta}:
         total += 200 * joints + by_ancestor
     if "torque_regressor" in outputs:
         total += 300 * joints + 100 * (sum(depths) + 6 * request.free * joints)
-    if outputs & {"qdd", "a1", "alpha1", "pivots"}:
+    if outputs & {"qdd", "a1", "alpha1", "pivots", *DYNAMICS_MATRICES[3:]}:
         total += (
             (500 * joints + by_ancestor + velocity_count(form, request) ** 3 // 3) if form.follows else 1200 * joints
         )
-    if outputs & {"tau", "force1", "torque1", "force", "torque", "bias_forces", "gravity_forces"}:
+    inverse = {"tau", "force1", "torque1", *DYNAMICS_MATRICES}
+    if outputs & {*inverse, "force", "torque", "bias_forces", "gravity_forces"}:
         total += 300 * joints
-    if outputs - {"qdd", "a1", "alpha1", "pivots", "tau", "force1", "torque1", "mass_matrix", "S1_check"}:
+    if outputs - {*inverse, "qdd", "a1", "alpha1", "pivots", "mass_matrix", "S1_check"}:
         total += 120 * (joints + len(request.frames))
     return total
+
+
+def check_derived(form: Form, traced: bool, operations: int, names: Iterable[str]) -> None:
+    """Refuse derivatives whose program would take too long to make: `operations` are an estimate of what they take
+    before they fold, and `names` say what they are.
+    """
+    if not traced or operations > MAX_DERIVED_OPERATIONS:
+        got = f"{len(form.parents)} joints, {', '.join(names)}"
+        raise ArgumentError("robot", "fewer joints, or fewer derivatives", got)
 
 
 def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -963,9 +1054,16 @@ def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> 
 
 @functools.lru_cache(maxsize=512)
 def request_loop(form: Form, request: Request) -> Loop:
-    """Return the `Loop` that computes a request over samples, cached by form and request."""
+    """Return the `Loop` that computes a request over samples, cached by form and request.
+
+    Raises:
+        ArgumentError: derivatives of so many joints would take too long to make.
+    """
     outputs = {name: output_shape(name, form, request) for name in request.outputs}
     inputs = input_shapes(form, request)
     function = functools.partial(compute_request, form, request)
     traced = estimated_operations(form, request) <= MAX_TRACED_OPERATIONS
+    if derived := [name for name in request.outputs if name in DERIVED]:
+        matrices = sum(name in DYNAMICS_MATRICES for name in derived)
+        check_derived(form, traced, 750 * len(form.parents) * matrices * velocity_count(form, request), derived)
     return Loop("robot", function, inputs, outputs, form=TreeForm(form, request), traced=traced)

@@ -138,8 +138,7 @@ def compute_arrays(
 ) -> dict[str, NDArray[Any]]:
     """Compute outputs of a pair in space from checked inputs; return new, writable arrays by output name."""
     computation = computation_of(pair, tuple(outputs))
-    arguments = Arguments(dict(values), dict(shapes), {})
-    return writable_arrays(computation.run(arguments, Execution("auto", 1), dtype=dtype))
+    return writable_arrays(computation.call(tuple(values), "auto").run(values, shapes, dtype=dtype))
 
 
 # ---- methods

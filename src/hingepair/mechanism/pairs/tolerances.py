@@ -245,7 +245,8 @@ def _geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike, point
     computation = computation_of(pair, outputs, by_geometry=True)
     derivative = Derivative("jacobian", outputs, arguments)
     given = body1_inputs(body1, psi)
-    found = computation.compute(given, execution_of("auto", 1), labels=INPUT_LABELS, derivative=derivative)
+    call = computation.call(tuple(given), "auto", derivatives=(derivative,))
+    found = computation.answer(call, given, None, 1, INPUT_LABELS)
     rows = [[found[f"{output}_{name}"] for name in names] for output in outputs]
     return np.concat([np.concat(row, axis=-1) for row in rows], axis=-2)
 

@@ -23,7 +23,6 @@ from hingepair.mechanism.robots.constants import (
 from hingepair.mechanism.states import (
     JointResults,
     JointWrenches,
-    MechanismDerivatives,
     MechanismState,
     with_names,
 )
@@ -66,14 +65,15 @@ OF_STRUTS: Final = ROBOT_TASKS["struts"].outputs
 OF_LOOPS: Final = (*ALL_COORDINATES, "loop_gaps", "loop_jacobian", "loop_wrenches")
 OF_BODIES: Final = ("torque_regressor",)  # outputs that take the frames of all bodies, and need no masses
 _FORCED: Final = (
-    "inverse_dynamics", "forward_dynamics", "joint_wrenches", "bias_forces", "gravity_forces", "tree_tau"
+    "inverse_dynamics", "forward_dynamics", "joint_wrenches", "bias_forces", "gravity_forces", "tree_tau",
+    "inverse_dynamics_derivatives", "forward_dynamics_derivatives",
 )  # fmt: skip
 FORCED_OUTPUTS: Final = frozenset(name for task in _FORCED for name in ROBOT_TASKS[task].outputs)
 """Outputs that depend on forces."""
 
 # Class of the result, by output; None: a bare array.
 _RESULTS: Final = {
-    **{name: task.result for task in ROBOT_TASKS.values() if not task.derivative for name in task.outputs},
+    **{name: task.result for task in ROBOT_TASKS.values() for name in task.outputs},
     **dict.fromkeys(FRAME_OUTPUTS, MechanismState),
 }
 ALL_OUTPUTS: Final = tuple(_RESULTS)
@@ -152,6 +152,7 @@ class RobotComputation(Computation):
         loaded_frames: indices of the frames on which wrenches act.
         result: class of the result; None to return the only output as a bare array.
         joint_loads: whether springs, dampers and dry friction act at the joints.
+        shown: how many frames, the first, have outputs; by default all.
     """
 
     def __init__(
@@ -163,6 +164,7 @@ class RobotComputation(Computation):
         loaded_frames: tuple[int, ...],
         result: type[Results] | None,
         joint_loads: bool = False,
+        shown: int | None = None,
     ) -> None:
         numbers = [number for frame in frames for number in frame_numbers(constants, frame)]
         if joint_loads:
@@ -176,7 +178,7 @@ class RobotComputation(Computation):
             behind = len(self.form.known)
             varied = {**constants.varied, **{behind + place: column for place, column in moved.items()}}
         bodies = tuple(frame.body for frame in frames)
-        self.request = Request(outputs, free, bodies, folded, loaded_frames, joint_loads, tuple(varied))
+        self.request = Request(outputs, free, bodies, folded, loaded_frames, joint_loads, tuple(varied), shown)
         self.inputs = input_shapes(self.form, self.request)
         self.asked: tuple[Any, ...] = ()  # by which `Mechanism._computation_of` makes it anew
         known: dict[str, Any] = {
@@ -189,7 +191,7 @@ class RobotComputation(Computation):
         super().__init__(
             self._request_loop, outputs,
             {**{name: output_shape(name, self.form, self.request) for name in _PREPARED_ARGUMENTS}, **self.inputs},
-            known, result, constants.tree.coordinate_names, derivatives=MechanismDerivatives,
+            known, result, constants.tree.coordinate_names,
             owner="robot", samples_name="lengths" if samples is not None and samples.lengths else "payload",
             shape=known["samples"].shape[:-1] if varied else (),
             # Derivatives of torques share less than the torques themselves.
@@ -205,14 +207,15 @@ class RobotComputation(Computation):
         constants = robot_constants(self.constants.tree, self.constants.free, whole=True)
         request = self.request
         return RobotComputation(
-            constants, self.outputs, request.free, self.frames, request.loaded, self.result, request.joint_loads
-        )
+            constants, self.outputs, request.free, self.frames, request.loaded, self.result, request.joint_loads,
+            request.shown,
+        )  # fmt: skip
 
     def _request_loop(self, outputs: tuple[str, ...], _: tuple[str, ...]) -> Loop:
         return request_loop(self.form, self.request._replace(outputs=outputs))
 
     def given(
-        self, coordinates: Mapping[str, Any], base_motion: BodyMotion | None, loads: Loads, moving: bool = False
+        self, coordinates: Mapping[str, Any], base_motion: BodyMotion | None, loads: Loads
     ) -> tuple[dict[str, Any], dict[str, str]]:
         """Return arguments by input name, and their labels in messages.
 
@@ -220,9 +223,8 @@ class RobotComputation(Computation):
             coordinates: q, qd, qdd or tau by name.
             base_motion: motion of the base; None where it rests at the origin.
             loads: forces and torques by input name, each with its label.
-            moving: whether the base's angular velocity is needed in any case.
         """
-        base = base_inputs(base_motion, (*self.inputs, *(("omega1",) if moving else ())))
+        base = base_inputs(base_motion, self.inputs)
         given = {**coordinates, **base, **{name: value for name, (value, _) in loads.items()}}
         return given, BASE_LABELS | {name: label for name, (_, label) in loads.items()}
 

@@ -578,7 +578,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             limit = np.array([joint.effort_limit for joint in self._tree.coordinates])
         loads, links = read_wrenches(wrenches, self._tree)
         self._robot.warn_of_masses()
-        computation = self._robot.computation(("qdd",), links, len(links), self._robot.counts_loads(joint_loads))
+        computation = self._robot.computation(("qdd",), (), links, self._robot.counts_loads(joint_loads))
         result = rolled_out(
             computation, q0, qd0, tau, dt, method=method, steps=steps, every=every, limit=limit,
             gravity=read_gravity(gravity, DEFAULT_GRAVITY), loads=loads, base_motion=base_motion, out=out,
@@ -880,9 +880,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
 
                 What is not given of the base is zero, S1 the identity; but a1 and alpha1 of a free base are results
                 of forward dynamics.
-            outputs: names of the outputs: those of the method; of a tuple of names those of any method for which they
-                suffice, or the name of one that returns derivatives. By default all of the method; of a tuple those
-                of `forward_dynamics` where it holds efforts, else those of `forward_kinematics`.
+            outputs: names of the outputs: those of the method; of a tuple of names those of any methods for which they
+                suffice, derivatives such as "jacobian_rate" and "tau_q" among them. By default all of the method; of
+                a tuple those of `forward_dynamics` where it holds efforts, else those of `forward_kinematics`.
             wrenches: names of links or other frames on which wrenches act in dynamics. Behind the other arguments,
                 the call then takes force_0 and torque_0 of the first, and so on, as `inverse_dynamics` does.
             backend: "auto" and "compiled" compile during this call, "numpy" never does.

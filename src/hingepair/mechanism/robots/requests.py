@@ -53,9 +53,8 @@ from hingepair.numeric.arrays import Float64Array, is_zero
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Coordinates, requested_outputs
 from hingepair.plans.computation import Cache
-from hingepair.plans.derivatives import Derivative
 from hingepair.plans.prepared import Prepared
-from hingepair.plans.trees import FRAME_OUTPUTS
+from hingepair.plans.trees import DERIVED, DYNAMICS_MATRICES, FRAME_OUTPUTS
 
 
 class RobotRequests:
@@ -87,9 +86,10 @@ class RobotRequests:
 
     def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
         """Return the request of a method."""
-        computed, default, names, derivative = self._wanted(task, options.get("outputs"), out)
+        default = self.available(task.outputs)
+        computed = self._wanted(task, options.get("outputs"), out)
         wrenches, called = options.get("wrenches"), self._calls_functions(computed)
-        if called and derivative is not None:
+        if called and not {*computed}.isdisjoint(DYNAMICS_MATRICES):
             self.tree.refuse_functions()
         if called:
             base_motion = options.get("base_motion")
@@ -99,21 +99,18 @@ class RobotRequests:
         accepts = task.options.__annotations__
         if "force1" in accepts:
             loads = {**loads, **self._base_loads(options.get("force1", 0), options.get("torque1", 0))}
-        frames = links or self._task_frames(computed, options.get("frames"))
+        frames = self._task_frames(computed, options.get("frames"))
         loaded = "joint_loads" in accepts and self.counts_loads(options.get("joint_loads"))
-        computation = self.computation(computed, frames, len(links), loaded)
-        coordinates = {label: x for label, x in given.items() if x is not None or derivative}
-        if derivative is not None:
-            computation.check_differentiable(derivative, tuple(coordinates))
+        computation = self.computation(computed, frames, links, loaded)
+        coordinates = {label: x for label, x in given.items() if x is not None}
         if computation.needs_masses:
             self.warn_of_masses()
-        moving = derivative is not None and derivative.kind == "rate"
-        arguments, labels = computation.given(coordinates, options.get("base_motion"), loads, moving)
+        arguments, labels = computation.given(coordinates, options.get("base_motion"), loads)
         return Request(
             computation, arguments, labels, read_gravity(options.get("gravity", DEFAULT_GRAVITY), DEFAULT_GRAVITY),
-            functools.partial(self.computation, *computation.asked), derivative, self.watch(computed, plain=True),
+            functools.partial(self.computation, *computation.asked), self.watch(computed, plain=True),
             # What the arrays of `out` ask for can be something else the next time.
-            lasts=not called and (options.get("outputs") is not None or names == default),
+            lasts=not called and (options.get("outputs") is not None or computed == default),
         )  # fmt: skip
 
     def _calls_functions(self, outputs: Iterable[str]) -> bool:
@@ -139,36 +136,25 @@ class RobotRequests:
             raise ArgumentError("given", "no forces on a fixed base (base='free' is moved by them)", ", ".join(loads))
         if not isinstance(outputs, str | None):
             outputs = tuple(outputs)
-        derivatives = {name for name, task in ROBOT_TASKS.items() if task.derivative}
-        derived = next((one for one in (given, outputs) if isinstance(one, str) and one in derivatives), None)
-        derivative: Derivative | None = None
-        if derived is not None:
-            output_names, _, _, derivative = self._wanted(
-                ROBOT_TASKS[derived], None if outputs == derived else outputs
-            )
-        else:
-            output_names = self._prepared_outputs(given, names, outputs)
+        output_names = self._prepared_outputs(given, names, outputs)
         if self._calls_functions(output_names):
             self.tree.refuse_functions()
-        framed, links = not {*output_names}.isdisjoint(OF_FRAMES), self.loaded_frames(wrenches)
-        if framed and links:
-            raise ArgumentError("wrenches", "() where an output is of frames", quoted(wrenches))
-        named = self.frame_names(frames, one=not {*output_names}.isdisjoint(ONE_FRAME)) if framed else links
-        loaded = not {*output_names}.isdisjoint(("tau", *SOLVED)) and self.counts_loads(joint_loads)
-        computation = self.computation(output_names, named, len(links), loaded)
+        links, asked = self.loaded_frames(wrenches), {*output_names}
+        framed = not asked.isdisjoint(OF_FRAMES)
+        named = self.frame_names(frames, one=not asked.isdisjoint(ONE_FRAME)) if framed else ()
+        loaded = not asked.isdisjoint(("tau", *SOLVED, *DYNAMICS_MATRICES)) and self.counts_loads(joint_loads)
+        computation = self.computation(output_names, named, links, loaded)
         names = checked_given(names, computation.inputs)
         if computation.needs_masses:
             self.warn_of_masses()
-        if derivative is not None:
-            computation.check_differentiable(derivative, names)
         remade = functools.partial(
-            prepare, given if isinstance(given, str) else names, frames=named if framed else None, outputs=outputs,
+            prepare, given if isinstance(given, str) else names, frames=named or None, outputs=outputs,
             gravity=gravity, wrenches=links, joint_loads=computation.request.joint_loads, workers=execution.workers,
             backend=execution.backend,
         )  # fmt: skip
         names = (*names, *(f"{kind}_{k}" for k in range(len(links)) for kind in ("force", "torque")))
         vector = read_gravity(gravity, DEFAULT_GRAVITY)
-        return Prepared(computation, names, execution, vector, remade, self.watch(output_names), derivative)
+        return Prepared(computation, names, execution, vector, remade, self.watch(output_names))
 
     def error_bounds(
         self,
@@ -179,7 +165,7 @@ class RobotRequests:
         gravity: ArrayLike,
     ) -> dict[str, Float64Array]:
         """Return what `Mechanism.error_bounds` describes."""
-        without = (*ROBOT_TASKS["joint_wrenches"].outputs, *SOLVED)
+        without = (*ROBOT_TASKS["joint_wrenches"].outputs, *SOLVED, *DERIVED)
         accepted = tuple(name for name in self.available(ALL_OUTPUTS) if name not in without)
         asked = requested_outputs(outputs, None, accepted, ROBOT_TASKS[motion_level(coordinates)].outputs)
         bounds: dict[str, Float64Array] = {}
@@ -198,7 +184,7 @@ class RobotRequests:
     def watch(self, outputs: Iterable[str], plain: bool = False) -> Watch | None:
         """Return what looks at the results of a call; None where nothing can be wrong with them."""
         watches = list[Watch]()
-        if self.constants.may_be_singular and not {*outputs}.isdisjoint(SOLVED):
+        if self.constants.may_be_singular and not {*outputs}.isdisjoint((*SOLVED, *DYNAMICS_MATRICES[3:])):
             watches.append(self._warn_where_singular)
         elif plain and self.tree.closure is not None:
             watches.append(self._warn_where_open)
@@ -211,23 +197,10 @@ class RobotRequests:
 
         return all_of_them if len(watches) > 1 else next(iter(watches), None)
 
-    def _wanted(
-        self, task: Task, outputs: Iterable[str] | None, out: Any = None
-    ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], Derivative | None]:
-        """Return what a row of the table computes: the outputs of the tree, the names of all results by default,
-        those that are asked for, and the derivative that leads to them.
-        """
-        if task.derivative == "matrices":
-            default = tuple(f"{task.outputs[0]}_{name}" for name in task.given)
-            names = requested_outputs(outputs, out, default, default)
-            size = (self.constants.form.dof + 6 * (self.base == "free"),)
-            by = tuple((name.partition("_")[2], size) for name in names)
-            efforts = task.outputs if self.base == "free" else task.outputs[:1]
-            return efforts, default, names, Derivative(task.derivative, names, by)
+    def _wanted(self, task: Task, outputs: Iterable[str] | None, out: Any = None) -> tuple[str, ...]:
+        """Return the names of the outputs that a row of the table computes."""
         default = self.available(task.outputs)
-        accepted = FRAME_OUTPUTS if task.result is MechanismState else default
-        names = requested_outputs(outputs, out, accepted, default)
-        return names, default, names, Derivative(task.derivative, names, ()) if task.derivative else None
+        return requested_outputs(outputs, out, FRAME_OUTPUTS if task.result is MechanismState else default, default)
 
     def _computed(self, outputs: tuple[str, ...], **given: Any) -> Any:
         """Compute outputs from coordinates, for messages."""
@@ -254,21 +227,25 @@ class RobotRequests:
                 warn_of_dynamics(f"{self.tree.name}: {message}")
 
     def computation(
-        self, outputs: tuple[str, ...], frames: tuple[str, ...] = (), loaded: int = 0, joint_loads: bool = False
+        self,
+        outputs: tuple[str, ...],
+        frames: tuple[str, ...] = (),
+        loaded: tuple[str, ...] = (),
+        joint_loads: bool = False,
     ) -> RobotComputation:
-        """Return the computation of outputs, which is made once; wrenches act on the first `loaded` frames."""
+        """Return the computation of outputs, which is made once; wrenches act on the frames in `loaded`."""
         key = outputs, frames, loaded, joint_loads
         computations = self._cache.computations
         found: RobotComputation | None = computations.get(key)
         if found is None:
             free, constants = self.base == "free", self.constants
-            chosen = tuple(self.tree.known_frame("frames", name) for name in frames)
-            if {*outputs} <= {*OF_BODIES}:
-                chosen = self.tree.body_frames(free)
+            chosen = tuple(self.tree.known_frame("frames", name) for name in (*frames, *loaded))
+            if not {*outputs}.isdisjoint(OF_BODIES):
+                chosen += self.tree.body_frames(free)
             if not {*outputs}.isdisjoint(ROBOT_TASKS["joint_wrenches"].outputs):
                 constants = self.whole_constants
-            kind = result_class(outputs, frames, constants)
-            found = RobotComputation(constants, outputs, free, chosen, tuple(range(loaded)), kind, joint_loads)
+            kind, places = result_class(outputs, frames, constants), range(len(frames), len(frames) + len(loaded))
+            found = RobotComputation(constants, outputs, free, chosen, tuple(places), kind, joint_loads, len(frames))
             found.asked = key
             computations[key] = found
         return found
@@ -288,10 +265,10 @@ class RobotRequests:
     ) -> tuple[str, ...]:
         """Return the outputs of a prepared call, of which `names` are the arguments."""
         if isinstance(given, str):
-            return self._wanted(ROBOT_TASKS[given], outputs)[0]
+            return self._wanted(ROBOT_TASKS[given], outputs)
         pushed = not {"tau", "force1", "torque1"}.isdisjoint(names)
         default = self.available(ROBOT_TASKS["forward_dynamics" if pushed else motion_level(names)].outputs)
-        accepted = tuple(name for name in self.available(ALL_OUTPUTS) if name not in (*names, *OF_BODIES))
+        accepted = tuple(name for name in self.available(ALL_OUTPUTS) if name not in names)
         return requested_outputs(outputs, None, accepted, default)
 
     def _task_frames(self, outputs: tuple[str, ...], frames: str | Iterable[str] | None) -> tuple[str, ...]:

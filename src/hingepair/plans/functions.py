@@ -1,0 +1,204 @@
+"""Results of a program as functions that can be differentiated, and how attitudes change.
+
+A change of an attitude is a rotation about world axes: three numbers, not nine. Accelerations are differentiated as
+the solution of the equations of motion (T11).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from operator import sub
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+from hingepair.engine.binding import ArrayShape
+from hingepair.engine.derivatives import Change, jacobian, pullback, pushforward, variables, weighted_sum
+from hingepair.engine.trace import Operand
+from hingepair.equations.dynamics import factor_symmetric, solve_factored
+from hingepair.numeric.blocks import components
+
+if TYPE_CHECKING:
+    from hingepair.plans.trees import TreeQuantities
+
+Parts: TypeAlias = Mapping[str, Sequence[Operand]]
+"""Components of outputs by name."""
+
+Moves: TypeAlias = dict[str, list[Change]]
+"""Changes by argument, one for each component of a change of it."""
+
+# They change by rotations about world axes, home about those of body 1; next_S1 is S1 after a step in time.
+_ATTITUDES: Final = frozenset({"S", "S1", "S2", "home", "next_S1"})
+_QUATERNIONS: Final = {"quat_xyzw": (3, 0, 1, 2), "quat_wxyz": (0, 1, 2, 3)}  # places of w, x, y, z
+# For each quantity of the joints, those of a free base that come before it, and itself.
+_GROUPS: Final = {
+    "q": ("R1", "S1", "q"),
+    "qd": ("v1", "omega1", "qd"),
+    "qdd": ("a1", "alpha1", "qdd"),
+    "tau": ("force1", "torque1", "tau"),
+}
+
+
+def change_shape(name: str, sample_shape: ArrayShape) -> ArrayShape:
+    """Return the shape of a change of one sample of an argument or output.
+
+    >>> change_shape("S", (2, 3, 3)), change_shape("q", (7,))
+    ((2, 3), (7,))
+    """
+    if name in _QUATERNIONS:
+        return (3,)
+    return sample_shape[:-1] if name in _ATTITUDES else sample_shape
+
+
+def group_of(kind: str, free: bool) -> tuple[str, ...]:
+    """Return the names of a quantity of the joints, and of what goes with it at a free base, in the order of M."""
+    return _GROUPS[kind] if free else _GROUPS[kind][2:]
+
+
+def with_variables(
+    values: Mapping[str, Any], arguments: Iterable[tuple[str, ArrayShape]], entries: bool = False
+) -> tuple[dict[str, Any], Moves]:
+    """Return the values with variables in the place of arguments, and the changes of the arguments; attitudes change
+    by their `entries`, or by rotations.
+    """
+    values, moves = dict(values), Moves()
+    for name, tail in arguments:
+        if name in values:
+            others = [x for other, group in values.items() if other != name for x in components(group)]
+            parts = variables(components(values[name]), others)
+            values[name] = parts if tail else parts[0]
+            changes = changes_of("" if entries else name, parts)
+            moves[name] = [[(parts[k], rate) for k, rate in change] for change in changes]
+        else:  # no output depends on it
+            moves[name] = [[] for _ in range(math.prod(tail if entries else change_shape(name, tail)))]
+    return values, moves
+
+
+def sum_of(changes: Iterable[tuple[Operand, Change]]) -> list[tuple[Operand, Operand]]:
+    """Return the sum of pairs (weight, change) as one change."""
+    sums: dict[int, tuple[Operand, Operand]] = {}
+    for weight, change in changes:
+        for x, rate in change:
+            sums[id(x)] = x, sums.get(id(x), (x, 0.0))[1] + weight * rate
+    return [*sums.values()]
+
+
+class Functions:
+    """Results of a program, and their derivatives by what it has traced.
+
+    Args:
+        results: results by name, scalars or tuples of components.
+    """
+
+    def __init__(self, results: Mapping[str, Any]) -> None:
+        self.results: Parts = {name: components(value) for name, value in results.items()}
+
+    def jacobian(self, names: Iterable[str], changes: Sequence[Change]) -> dict[str, list[list[Operand]]]:
+        """Return the Jacobians of the named results: a row for each component, a column for each change."""
+        return self._by_name(names, jacobian(self._flat(names), changes))
+
+    def pushforward(self, names: Iterable[str], change: Change) -> dict[str, list[Operand]]:
+        """Return the rates of change of the components of the named results."""
+        return self._by_name(names, pushforward(self._flat(names), change))
+
+    def pullback(self, weights: Parts, inputs: Sequence[Operand]) -> list[Operand]:
+        """Return the derivatives by inputs of the sum of the results' components times the weights."""
+        flat = (zip(self.results[name], parts, strict=True) for name, parts in weights.items())
+        return pullback(itertools.chain(*flat), inputs)
+
+    def _flat(self, names: Iterable[str]) -> list[Operand]:
+        return [part for name in names for part in self.results[name]]
+
+    def _by_name(self, names: Iterable[str], rows: Iterable[Any]) -> dict[str, list[Any]]:
+        left = iter(rows)
+        return {name: [*itertools.islice(left, len(self.results[name]))] for name in names}
+
+
+class Accelerations(Functions):
+    """Results of forward dynamics. The accelerations change such that they take back what a change of inputs adds to
+    the torques (T11); this takes fewer operations than to differentiate the articulated bodies (T5, T6).
+
+    Args:
+        computation: forward dynamics.
+        outputs: names of further results.
+    """
+
+    def __init__(self, computation: TreeQuantities, outputs: Iterable[str] = ()) -> None:
+        form, request, values = computation.form, computation.request, computation.values
+        self._names, loads = (group_of(kind, request.free) for kind in ("qdd", "tau"))
+        super().__init__(computation.outputs(dict.fromkeys((*outputs, *self._names))))
+        motion = {name: variables(self.results[name]) for name in self._names}
+        self._held = [(x, 0.0) for part in motion.values() for x in part]
+        inverse = type(computation)(form, request, {**values, **motion})
+        needed = Functions(inverse.outputs(loads)).results
+        self._lack = Functions({name: tuple(map(sub, components(values[name]), needed[name])) for name in loads})
+        self._lower, pivots = factor_symmetric(inverse.mass_entries)
+        self._shares, self._doubt = [1.0 / pivot for pivot in pivots], computation.singular_doubt
+
+    def jacobian(self, names: Iterable[str], changes: Sequence[Change]) -> dict[str, list[list[Operand]]]:
+        """Return the Jacobians as `Functions` does, of the accelerations by solving with the mass matrix (T11)."""
+        held = [[*change, *self._held] for change in changes]
+        rows = itertools.chain(*self._lack.jacobian(self._lack.results, held).values())
+        columns = [self._solve(column) for column in zip(*rows, strict=True)]
+        solved = self._by_name(self._names, map(list, zip(*columns, strict=True)))
+        return super().jacobian([name for name in names if name not in solved], changes) | solved
+
+    def pushforward(self, names: Iterable[str], change: Change) -> dict[str, list[Operand]]:
+        """Return the rates of change as `Functions` does, those of the accelerations by T11."""
+        rates = itertools.chain(*self._lack.pushforward(self._lack.results, [*change, *self._held]).values())
+        solved = self._by_name(self._names, self._solve([*rates]))
+        return super().pushforward([name for name in names if name not in solved], change) | solved
+
+    def pullback(self, weights: Parts, inputs: Sequence[Operand]) -> list[Operand]:
+        """Return the derivatives as `Functions` does, those of the accelerations by T11."""
+        column = [x for name in self._names for x in weights.get(name, (0.0,) * len(self.results[name]))]
+        loads = iter(self._solve(column))
+        solved = {name: [*itertools.islice(loads, len(part))] for name, part in self._lack.results.items()}
+        others = {name: parts for name, parts in weights.items() if name not in self._names}
+        gradients = self._lack.pullback(solved, [*inputs, *(x for x, _ in self._held)])
+        return [a + b + self._doubt for a, b in zip(gradients, super().pullback(others, inputs), strict=False)]
+
+    def inverse_mass_matrix(self) -> tuple[Operand, ...]:
+        """Return the entries of M^-1, row by row."""
+        size = len(self._shares)
+        columns = [self._solve([float(i == k) for i in range(size)]) for k in range(size)]
+        return tuple(itertools.chain(*columns))  # symmetric
+
+    def _solve(self, column: Sequence[Operand]) -> tuple[Operand, ...]:
+        """Return M^-1 times a column."""
+        found = solve_factored(self._lower, lambda k, part: part * self._shares[k], column[::-1])[::-1]
+        return tuple(x + self._doubt for x in found)
+
+
+def changes_of(name: str, value: Sequence[Operand]) -> list[list[tuple[int, Operand]]]:
+    """Return for each component of a change of a value which components of the value change, and how fast."""
+    if name in _QUATERNIONS:  # half the product of a unit vector and the quaternion
+        w, x, y, z = _QUATERNIONS[name]
+        rows = [(w, -1.0, x), (x, 1.0, w), (y, -1.0, z), (z, 1.0, y)]  # of the x axis: w changes by -x/2, ...
+        turns = {w: w, x: y, y: z, z: x}
+        changes = []
+        for _ in range(3):
+            changes.append([(a, value[b] * (0.5 * sign)) for a, sign, b in rows])
+            rows = [(turns[a], sign, turns[b]) for a, sign, b in rows]
+        return changes
+    if name == "n":  # stays a unit vector
+        return [[(j, float(j == k) - value[j] * value[k]) for j in range(3)] for k in range(3)]
+    if name not in _ATTITUDES:
+        return [[(k, 1.0)] for k in range(len(value))]
+    changes = []
+    for first in range(0, len(value), 9):
+        for k in range(3):  # a rotation about the k-th axis turns row a into row b, and row b into -a
+            a, b = first + 3 * ((k + 1) % 3), first + 3 * ((k + 2) % 3)
+            changes.append([(b + j, value[a + j]) for j in range(3)] + [(a + j, -value[b + j]) for j in range(3)])
+    return changes
+
+
+def change_of(name: str, value: Sequence[Operand], rates: Sequence[Operand]) -> list[Operand]:
+    """Return the components of the change of an output from the rates of its components."""
+    changes = changes_of(name, value)
+    return [weighted_sum((rates[k], rate) for k, rate in change) * share_of(name) for change in changes]
+
+
+def share_of(name: str) -> float:
+    """Return the share of the changes of entries that makes a change: a rotation is read off two rows."""
+    return 0.5 if name in _ATTITUDES else 1.0
