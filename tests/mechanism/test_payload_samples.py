@@ -103,7 +103,7 @@ def test_derivatives_take_payloads():
 def test_payloads_that_do_not_fit_the_coordinates_are_named(robot):
     loaded = robot.with_payload(robot.tips[-1], mass=MASS[:, 0])
     q = np.zeros((STATES + 5, robot.dof))
-    with pytest.raises(ShapeError, match="^payload: "):
+    with pytest.raises(ShapeError, match=r"^payload: "):
         loaded.gravity_forces(q)
     with pytest.raises(ShapeError, match=r"^payload: expected leading shape"):
         loaded.rollout(q, q, np.zeros(robot.dof), 0.01, steps=2)

@@ -880,7 +880,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
 
                 What is not given of the base is zero, S1 the identity; but a1 and alpha1 of a free base are results
                 of forward dynamics.
-            outputs: names of the outputs: those of the method; of a tuple of names those of any methods for which they
+            outputs: names of the outputs: those of the method; of a tuple of names those of methods for which they
                 suffice, derivatives such as "jacobian_rate" and "tau_q" among them. By default all of the method; of
                 a tuple those of `forward_dynamics` where it holds efforts, else those of `forward_kinematics`.
             wrenches: names of links or other frames on which wrenches act in dynamics. Behind the other arguments,
