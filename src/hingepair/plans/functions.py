@@ -10,16 +10,13 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from operator import sub
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.derivatives import Change, jacobian, pullback, pushforward, variables, weighted_sum
 from hingepair.engine.trace import Operand
 from hingepair.equations.dynamics import factor_symmetric, solve_factored
 from hingepair.numeric.blocks import components
-
-if TYPE_CHECKING:
-    from hingepair.plans.trees import TreeQuantities
 
 Parts: TypeAlias = Mapping[str, Sequence[Operand]]
 """Components of outputs by name."""
@@ -119,11 +116,11 @@ class Accelerations(Functions):
     the torques (T11); this takes fewer operations than to differentiate the articulated bodies (T5, T6).
 
     Args:
-        computation: forward dynamics.
+        computation: forward dynamics, a `TreeQuantities`.
         outputs: names of further results.
     """
 
-    def __init__(self, computation: TreeQuantities, outputs: Iterable[str] = ()) -> None:
+    def __init__(self, computation: Any, outputs: Iterable[str] = ()) -> None:
         form, request, values = computation.form, computation.request, computation.values
         self._names, loads = (group_of(kind, request.free) for kind in ("qdd", "tau"))
         super().__init__(computation.outputs(dict.fromkeys((*outputs, *self._names))))
