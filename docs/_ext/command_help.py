@@ -12,24 +12,21 @@ from hingepair.cli.main import app
 
 
 class CommandHelp(SphinxDirective):
-    """Show the help of every command, and of every command of a group."""
+    """Show the help of every command."""
 
     def run(self) -> list[nodes.Node]:
         """Return one section for each command of `hingepair`."""
-        return list(_sections(typer.main.get_command(app), "hingepair"))
+        group = typer.main.get_command(app)
+        top = group.make_context("hingepair", [], resilient_parsing=True)
+        return [_section(group.get_command(top, name), f"hingepair {name}") for name in group.list_commands(top)]
 
 
-def _sections(group: Any, name: str) -> Any:
-    for command_name, command in group.commands.items():
-        full_name = f"{name} {command_name}"
-        section = nodes.section(ids=[nodes.make_id(full_name)])
-        section += nodes.title(text=full_name)
-        context = command.make_context(full_name, [], resilient_parsing=True, terminal_width=100)
-        text = command.get_help(context)
-        section += nodes.literal_block(text, text, language="text")
-        if hasattr(command, "commands"):
-            section.extend(_sections(command, full_name))
-        yield section
+def _section(command: Any, name: str) -> nodes.Node:
+    section = nodes.section(ids=[nodes.make_id(name)])
+    section += nodes.title(text=name)
+    text = command.get_help(command.make_context(name, [], resilient_parsing=True, terminal_width=100))
+    section += nodes.literal_block(text, text, language="text")
+    return section
 
 
 def setup(sphinx: Any) -> dict[str, bool]:
