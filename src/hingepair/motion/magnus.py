@@ -292,7 +292,7 @@ class AngleIntegral(_RateIntegral):
         self.check_finite(angles[:, None], steps)
         return np.asarray(angles)
 
-    def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
+    def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, ...]) -> Array:
         """Return the integrals over intervals by coarse steps less those by fine steps [rad]; (intervals, 1).
         `node_values` are the rates at the nodes of both.
         """
@@ -301,10 +301,6 @@ class AngleIntegral(_RateIntegral):
             for steps, values in zip((coarse, fine), node_values, strict=True)
         ]
         return sums[0] - sums[1]
-
-    def rounding_of_sums(self, sizes: Array, _: Array) -> Array:
-        """Return the rounding errors [rad] of sums over intervals; `sizes` are the integrals of abs(rate) [rad]."""
-        return UNIT_ROUNDOFF * sizes
 
     def rounding_at_instants(self, values: Array, _: float) -> float:
         """Return the largest rounding error [rad] of the angles `values`, without the rounding of the steps."""
@@ -352,7 +348,7 @@ class AttitudeIntegral(_RateIntegral):
             self.execution,
         )
 
-    def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
+    def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, ...]) -> Array:
         """Return the rotation vectors [rad] from the rotations over intervals by fine steps to those by coarse steps;
         (intervals, 3). `node_values` are omega at the nodes of both.
         """
@@ -376,12 +372,6 @@ class AttitudeIntegral(_RateIntegral):
             q[:, first] = quaternion_product(tuple(q[:, second]), tuple(q[:, first]))
             q, part = q[:, even], part[even] // 2
         return q
-
-    def rounding_of_sums(self, sizes: Array, steps: Array) -> Array:
-        """Return the rounding errors [rad] of products of rotations over intervals, which grow as a random walk.
-        `sizes` are the angles turned in the intervals [rad], `steps` their numbers of steps.
-        """
-        return np.asarray(UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
 
     def rounding_at_instants(self, values: Array, size: float) -> float:
         """Return the largest rounding error [rad] of the attitudes `values`, without the rounding of the steps, which

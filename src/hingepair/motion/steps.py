@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
@@ -40,14 +40,15 @@ from hingepair.motion.magnus import (
     step_integrals,
     subdivide,
 )
-from hingepair.motion.signals import CallableSignal, ConstantSignal, SampledSignal, Signal
+from hingepair.motion.signals import CallableSignal, ConstantSignal, SampledSignal
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
 _CHUNK = 1 << 12  # steps whose errors are measured at a time, in arrays of a megabyte or two
 _BESIDE_ENDS = 1e-4, 1 - 1e-4  # fractions of a pair of steps; not 0 and 1, since a callable may jump at instants
-_EARLY_AND_LATE = NODES[::2]  # fractions of a step
+MAX_STEPS: Final = 2_000_000  # up to which steps are divided; more errors remain in the error estimate
+_NOISE = 2.5  # standard deviations of rounding that a measured error without truncation may have
 
 
 class StepErrors(NamedTuple):
@@ -55,14 +56,13 @@ class StepErrors(NamedTuple):
 
     errors: Array  # rotation vectors (P, 3) or angles (P, 1) [rad]
     undetected: Array  # sizes of errors of jumps that the measurement may miss [rad]; shape (P,)
-    noise: Array  # standard deviations of the rounding of the measured errors [rad]; shape (P,)
-    turned: Array  # integrals of abs(rate) over the steps [rad]; shape (P,)
-    rounding: Array  # standard deviations of what rounding adds to these [rad]; shape (P,)
+    rounding: Array  # standard deviations of the rounding of the steps [rad]; shape (P,)
 
     @property
     def sizes(self) -> Array:
         """Sizes of the errors [rad], 0 where rounding explains them, but not below `undetected`."""
-        return np.maximum(_above_noise(row_norms(self.errors), self.noise), self.undetected)
+        sizes = row_norms(self.errors)
+        return np.maximum(np.where(sizes <= _NOISE * self.rounding, 0.0, sizes), self.undetected)
 
     def select(self, which: NDArray[Any]) -> StepErrors:
         """Return the errors of some of the steps."""
@@ -95,12 +95,9 @@ def estimate_error(integral: Integral, steps: Steps, values: Array, errors: Step
         return float(UNIT_ROUNDOFF * turned + integral.rounding_at_instants(values, 0.0))
     if errors is None:
         errors = measure_errors(integral, steps.t[:-1], steps.t[1:], steps.t[-1] - steps.t[0])
-    rounding = rounding_error(integral, steps, values, errors)
-    by_steps = rounding + largest_sum(integral, steps, values, errors)
-    return (
-        by_steps + _interpolation_error(integral, rate, steps, values)
-        if isinstance(rate, SampledSignal)
-        else by_steps
+    estimate = rounding_error(integral, values, errors) + largest_sum(integral, steps, values, errors)
+    return estimate + (
+        _interpolation_error(integral, rate, steps, values) if isinstance(rate, SampledSignal) else 0.0
     )
 
 
@@ -125,19 +122,10 @@ def _interpolation_error(integral: Integral, rate: SampledSignal, steps: Steps, 
     return apart[0] / math.sqrt(min(max(ratio, 1.0), 64.0))
 
 
-def rounding_error(integral: Integral, steps: Steps, values: Array, errors: StepErrors) -> float:
+def rounding_error(integral: Integral, values: Array, errors: StepErrors) -> float:
     """Return the largest rounding error of an integral at any instant [rad]."""
-    turned = float(errors.turned.sum())
-    if _is_rate_constant(integral.rate, steps.t):
-        return UNIT_ROUNDOFF * turned + integral.rounding_at_instants(values, 0.0)
+    turned = float(errors.rounding.sum()) / UNIT_ROUNDOFF
     return math.sqrt(float((errors.rounding**2).sum())) + integral.rounding_at_instants(values, turned)
-
-
-def _is_rate_constant(rate: Signal, t: Array) -> bool:
-    """Return whether the rate is the same in up to 64 steps, so that all are rounded alike."""
-    some = np.unique(np.linspace(0, len(t) - 2, 64).astype(np.intp))
-    rates = rate.values_at_nodes(t[some], t[some + 1] - t[some], _EARLY_AND_LATE)
-    return bool((rates == rates[0, 0]).all())
 
 
 def largest_sum(
@@ -146,8 +134,8 @@ def largest_sum(
     """Return the size of the largest sum of errors up to any instant [rad], each times its factor; not below the root
     of the sum of squares of errors that the measurement may miss.
     """
-    scaled = (integral.errors_at_start(values[1:], errors.errors).T * factors).T
-    sums = np.cumsum(np.append(np.zeros((1, scaled.shape[1])), scaled, axis=0), axis=0)
+    at_start = (integral.errors_at_start(values[1:], errors.errors).T * factors).T
+    sums = np.cumsum(np.append(np.zeros((1, at_start.shape[1])), at_start, axis=0), axis=0)
     return float(np.maximum(row_norms(steps.at_instants(sums)).max(), np.linalg.norm(errors.undetected * factors)))
 
 
@@ -165,19 +153,22 @@ def _measure_chunk(integral: Integral, start: Array, stop: Array, duration: floa
     coarse = subdivide(start, stop, np.ones(len(start), np.int64))
     # A feature of a callable that is narrower than one of these steps, and than half a step, may be missed.
     fine = subdivide(start, stop, 2 * np.maximum(-(-equal_step_counts(stop - start, duration, 509) // 2), 1))
-    node_values = (
-        rate.values_at_nodes(coarse.start, coarse.h, NODES),
-        rate.values_at_nodes(fine.start, fine.h, NODES),
-    )
+    node_values = tuple(rate.values_at_nodes(steps.start, steps.h, NODES) for steps in (coarse, fine))
     # Richardson extrapolation: the error of fine steps is smaller by this factor.
     gain = fine.counts.astype(float) ** ORDER
     errors = integral.difference(coarse, fine, node_values) * (gain / (gain - 1))[:, None]
-    turned, rounding = _step_rounding(rate, start, stop)
-    noise = rounding + integral.rounding_of_sums(turned, fine.counts.astype(float))
+    of_nodes = node_values[0].reshape(len(start), len(NODES), -1)
+    turned = coarse.h * row_norms(of_nodes).mean(axis=1)
+    rounding = UNIT_ROUNDOFF * turned
     undetected = np.zeros(len(start))
     if isinstance(rate, CallableSignal):
-        undetected = _above_noise(_undetected_errors(rate, coarse, fine, node_values), 4 * noise)
-    return StepErrors(errors, undetected, noise, turned, rounding)
+        # As measured, nodes that are rounded by u t give a step an error of 0.4 u t times the change of the rate.
+        rounding = np.hypot(
+            rounding, 0.4 * UNIT_ROUNDOFF * np.abs(stop) * row_norms(of_nodes[:, -1] - of_nodes[:, 0])
+        )
+        found = _undetected_errors(rate, coarse, fine, node_values)
+        undetected = np.where(found <= 4 * _NOISE * rounding, 0.0, found)
+    return StepErrors(errors, undetected, rounding)
 
 
 def equal_step_counts(lengths: Array, duration: float, most: int) -> NDArray[np.int64]:
@@ -186,23 +177,8 @@ def equal_step_counts(lengths: Array, duration: float, most: int) -> NDArray[np.
     return np.asarray(counts, np.int64)
 
 
-def _above_noise(sizes: Array, noise: Array) -> Array:
-    """Return sizes of errors, 0 where rounding explains them: up to two of its standard deviations."""
-    return np.where(sizes <= 2.0 * noise, 0.0, sizes)
-
-
-def _step_rounding(signal: Signal, start: Array, stop: Array) -> tuple[Array, Array]:
-    """Return the integrals of abs(rate) over steps [rad], and the standard deviations of their rounding [rad]."""
-    h = stop - start
-    rates = signal.values_at_nodes(start, h, _EARLY_AND_LATE).reshape(len(h), 2, -1)
-    turned = 0.5 * h * (row_norms(rates[:, 0]) + row_norms(rates[:, 1]))
-    # As measured, nodes that are rounded by u t give a step an error of 0.4 u t times the change of the rate.
-    by_nodes = 0.0 if isinstance(signal, SampledSignal) else 0.4 * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
-    return turned, UNIT_ROUNDOFF * np.sqrt(turned**2 + by_nodes**2)
-
-
 def _undetected_errors(
-    signal: CallableSignal, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]
+    signal: CallableSignal, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, ...]
 ) -> Array:
     """Return bounds on the errors [rad] of jumps between an end of a pair of fine steps and their nearest node, which
     coarse and fine steps both miss; 0 where a bound does not exceed twice the difference between them.
@@ -221,9 +197,6 @@ def _undetected_errors(
     return np.sqrt(np.where(squares > (2.0 * measured) ** 2, squares, 0.0))
 
 
-MAX_STEPS: Final = 2_000_000  # up to which steps are divided; more errors remain in the error estimate
-
-
 class SelectedSteps(NamedTuple):
     """Selected integration steps, and the errors of each integral over them, as far as they were measured."""
 
@@ -236,31 +209,15 @@ class _Pieces(NamedTuple):
 
     start: Array  # [s]
     stop: Array  # [s]
-    expected: (
-        Array  # size of the error if it has fallen by the method's order at the last division [rad]; NaN: unknown
-    )
+    expected: Array  # size of the error if it has fallen by the method's order [rad]; NaN before any division
     errors: tuple[StepErrors, ...]  # by integral
 
     @property
-    def error_sizes(self) -> Array:
+    def sizes(self) -> Array:
         """Sizes of the errors of the pieces [rad], each the largest of all integrals."""
         return np.asarray(
             np.minimum(np.max([one.sizes for one in self.errors], axis=0), 1e30)
         )  # also of infinite ones
-
-    @property
-    def is_regular(self) -> NDArray[np.bool_]:
-        """Whether the error fell by the method's order at the last division."""
-        return self.error_sizes <= self.expected
-
-    @property
-    def cautious_sizes(self) -> Array:
-        """Sizes of the errors [rad], tenfold where they may be small by chance, since they are not regular; 0 of
-        pieces too short to divide.
-        """
-        shortest = 16 * np.spacing(np.maximum(np.abs(self.start), np.abs(self.stop)))
-        factor = np.where(self.is_regular, 1.0, 10.0)
-        return np.where(self.stop - self.start > shortest, factor * self.error_sizes, 0.0)
 
     def select(self, which: NDArray[Any]) -> _Pieces:
         """Return some of the pieces."""
@@ -284,24 +241,33 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
     if tol is None or len(t) < 2 or not inexact:
         return SelectedSteps(Steps(t))
     duration, tol = t[-1] - t[0], max(tol, 1e-15)  # rad; below this tolerance only rounding errors are left
+
+    def divided(start: Array, stop: Array, sizes: Array, counts: NDArray[np.int64]) -> _Pieces:
+        """Divide pieces with errors of `sizes` (NaN: unknown) into `counts` equal parts each, and measure those."""
+        parts = subdivide(start, stop, counts)
+        errors = tuple(measure_errors(integral, parts.start, parts.stop, duration) for integral in inexact)
+        return _Pieces(parts.start, parts.stop, np.repeat(sizes / counts.astype(float) ** ORDER, counts), errors)
+
     # The first steps are at most 1/16 of the whole time.
     counts = equal_step_counts(np.diff(t), duration, 16)
-    pieces = _divided(inexact, t[:-1], t[1:], np.full(len(t) - 1, np.nan), counts, duration)
+    pieces = divided(t[:-1], t[1:], np.full(len(t) - 1, np.nan), counts)
     totals, piece_counts = list[float](), list[int]()
     for _ in range(64):
+        sizes, regular = pieces.sizes, pieces.sizes <= pieces.expected
+        # Sizes that did not fall by the method's order may be small by chance. Some pieces are too short to divide.
+        shortest = 16 * np.spacing(np.maximum(np.abs(pieces.start), np.abs(pieces.stop)))
+        cautious = np.where(pieces.stop - pieces.start > shortest, np.where(regular, 1.0, 10.0) * sizes, 0.0)
         # A sum of errors below 1e-3 rad that stagnates for five rounds is noise of the rate, not truncation.
-        totals = [*totals, float(pieces.cautious_sizes.sum())][-5:]
-        piece_counts = [*piece_counts, len(pieces.start)][-5:]
+        totals, piece_counts = [*totals, float(cautious.sum())][-5:], [*piece_counts, len(sizes)][-5:]
         stagnates = len(totals) == 5 and max(totals) < min(2 * min(totals), 1e-3)
         if stagnates and piece_counts[-1] > 2 * piece_counts[0]:
             break
-        counts = _part_counts(inexact, t, pieces, tol)
+        counts = _part_counts(inexact, t, pieces, cautious, regular, tol)
         divide = counts > 1
         if not divide.any():
             break
         old = pieces.select(divide)
-        parts = _divided(inexact, old.start, old.stop, old.error_sizes, counts[divide], duration)
-        pieces = pieces.select(~divide).merged(parts)
+        pieces = pieces.select(~divide).merged(divided(old.start, old.stop, sizes[divide], counts[divide]))
     return SelectedSteps(_steps_of(t, pieces), dict(zip(inexact, pieces.errors, strict=True)))
 
 
@@ -309,64 +275,40 @@ def _steps_of(t: Array, pieces: _Pieces) -> Steps:
     return Steps(t) if len(pieces.start) == len(t) - 1 else Steps(t).refine(pieces.start)
 
 
-def _divided(
-    integrals: Sequence[Integral], start: Array, stop: Array, sizes: Array, counts: NDArray[np.int64], duration: float
-) -> _Pieces:
-    """Divide pieces with errors of `sizes` (NaN: unknown) into `counts` equal parts each, and measure those."""
-    parts = subdivide(start, stop, counts)
-    errors = tuple(measure_errors(integral, parts.start, parts.stop, duration) for integral in integrals)
-    expected = np.repeat(sizes / counts.astype(float) ** ORDER, counts)
-    return _Pieces(parts.start, parts.stop, expected, errors)
-
-
-def _part_counts(integrals: Sequence[Integral], t: Array, pieces: _Pieces, tol: float) -> NDArray[np.int64]:
+def _part_counts(
+    integrals: Sequence[Integral], t: Array, pieces: _Pieces, sizes: Array, regular: NDArray[np.bool_], tol: float
+) -> NDArray[np.int64]:
     """Return into how many equal parts each piece is divided next; all 1 if the errors are small enough."""
-    sizes, is_regular = pieces.cautious_sizes, pieces.is_regular
     total, done = float(sizes.sum()), np.ones(len(sizes), np.int64)
-    shares = sizes ** (1 / (ORDER + 1))
-
-    def wanted(goal: float) -> Array:
-        """Return the numbers of parts that bring the sum of sizes to about the goal."""
-        return np.asarray(np.maximum(np.rint((shares.sum() / goal) ** (1 / ORDER) * shares), 1.0))
-
     if total == 0:
         return done
+    parts: list[tuple[Any, Any, Any, Any]] = []
     goal = min(0.1, total / 20)  # rad, for large errors, which cannot be added up as vectors
     if total < 1.0:
-        error_after, rounding = _expected_errors(integrals, t, pieces)
-        # A sum of errors is accepted up to 0.8 of what rounding leaves of the tolerance; a division aims at 0.6.
-        allowed = max(tol - rounding, 0.5 * tol)
-        if error_after(done) <= 0.8 * allowed:
-            return done
-        goal, high = 0.4 * allowed / 1.5**ORDER, total  # with this goal, numbers that are rounded down suffice too
-        for _ in range(8):  # bisections
-            middle = math.sqrt(goal * high)
-            goal, high = (middle, high) if error_after(wanted(middle)) <= 0.6 * allowed else (goal, middle)
-    counts = np.asarray(np.minimum(wanted(goal), np.where(is_regular, 16, 4)), np.int64)
-    if sizes[is_regular].sum() < 0.1 * total:  # jumps first: their remaining error decides on the other pieces
+        steps = _steps_of(t, pieces)
+        values = [integral.integrate(steps, integral.default_start) for integral in integrals]
+        parts = [*zip(integrals, [steps] * len(values), values, pieces.errors, strict=True)]
+        rounding = max(rounding_error(*own) for own in zip(integrals, values, pieces.errors, strict=True))
+        # A sum of errors is accepted up to 0.85 of what rounding leaves of the tolerance; a division aims at 0.75.
+        goal = 0.75 * max(tol - rounding, 0.5 * tol)
+
+    def error_after(counts: Array) -> Any:
+        """Return the largest sum of errors at any instant that is to be expected of so many parts [rad]."""
+        factors = counts**-ORDER
+        by_chance = float(np.linalg.norm(np.where(regular, 0.0, sizes) * factors))
+        return max(by_chance, *(largest_sum(*own, factors) for own in parts)) if parts else float(sizes @ factors)
+
+    shares, wanted = sizes ** (1 / (ORDER + 1)), np.ones(len(sizes))
+    error = error_after(wanted)
+    if parts and error <= 0.85 / 0.75 * goal:
+        return done
+    scale = (error / total * float(shares.sum()) / goal) ** (1 / ORDER)
+    while error_after(wanted) > goal and wanted.max() < 16:  # in a round
+        wanted, scale = np.maximum(np.rint(scale * shares), 1.0), 1.02 * scale
+    counts = np.asarray(np.minimum(wanted, np.where(regular, 16, 4)), np.int64)
+    if sizes[regular].sum() < 0.1 * total:  # jumps first: their remaining error decides on the other pieces
         counts[sizes < 0.01 * sizes.max()] = 1
     # The largest errors first, where there may not be enough steps.
     largest = np.argsort(-sizes)
     counts[largest[np.cumsum(counts[largest] - 1) > MAX_STEPS - len(counts)]] = 1
     return counts
-
-
-def _expected_errors(
-    integrals: Sequence[Integral], t: Array, pieces: _Pieces
-) -> tuple[Callable[[NDArray[Any]], float], float]:
-    """Return a function of the numbers of parts of the pieces, which tells the largest sum of errors at any instant
-    that is to be expected of them [rad], and the largest rounding error [rad].
-    """
-    steps = _steps_of(t, pieces)
-    parts = [
-        (one, steps, one.integrate(steps, one.default_start), errors)
-        for one, errors in zip(integrals, pieces.errors, strict=True)
-    ]
-    irregular = np.where(pieces.is_regular, 0.0, pieces.cautious_sizes)
-
-    def error_after(counts: NDArray[Any]) -> float:
-        factors = counts ** -float(ORDER)
-        by_chance = float(np.linalg.norm(irregular * factors))
-        return max(by_chance, *(largest_sum(*part, factors) for part in parts))
-
-    return error_after, max(rounding_error(*part) for part in parts)
