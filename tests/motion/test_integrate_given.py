@@ -17,7 +17,6 @@ from support.spins import REFERENCE, SPINS, TURNED, U, angle
 from support.states import generator
 
 PAIR = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
-FLAT = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
 T = np.linspace(0, 1, 101)
 spins = pytest.mark.parametrize("spin", SPINS.values(), ids=SPINS)
 
@@ -97,9 +96,6 @@ def test_outputs_follow_what_is_known():
         hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=lambda _: point, outputs=("v2",))
     with pytest.raises(hp.ArgumentError, match="alpha1: expected a value, since output alpha2 needs it"):
         hp.integrate(PAIR, T, (0, 0, 1), 1.0, psidd=0.0, outputs=("alpha2",))
-    flat = hp.integrate(FLAT, T, 1.0, 1.0, R1=np.zeros((n, 2)), alpha1=0.0, psidd=0.0)
-    assert flat.state.outputs == ("R2", "phi2", "d", "omega2", "alpha2")
-    assert flat.a2 is None
 
 
 def test_body_2_keeps_the_hinge_point():

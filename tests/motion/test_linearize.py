@@ -98,24 +98,27 @@ def test_what_has_no_stable_equilibrium_is_named(torque, said):
 
 def test_a_standing_double_pendulum_is_not_called_stable():
     standing = hp.BodyMotion(R=(0, 0, 0), S=hp.rodrigues((0, 0, 1), np.pi / 2))
-    small = hp.linearize(DOUBLE, standing, 0.0, base="pinned", equilibrium=True)
+    small = hp.linearize(DOUBLE, standing, 0.0, base="pinned", gravity=ALONG_Y, equilibrium=True)
     assert small.damping_ratios.min() > -1e-6
-    assert len(small.natural_frequencies) == 2
+    np.testing.assert_allclose(small.body1.S @ (1, 0, 0), (0, -1, 0), rtol=0, atol=1e-9)
 
 
 ROD1 = hp.Body(mass=1.3, centre_of_mass=(0.5, 0, 0), inertia=(0.1, 0.1, 0.12))
 ROD2 = hp.Body(mass=0.7, centre_of_mass=(0.4, 0, 0), inertia=(0.05, 0.08, 0.09))
-DOUBLE = hp.PlanarPair(u1=(1, 0), u2=(0, 0), body1=ROD1, body2=ROD2)
+DOUBLE = hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), body1=ROD1, body2=ROD2)
+ALONG_Y = (0.0, -9.81, 0.0)
 
 
 def test_a_double_pendulum_has_the_two_frequencies_of_its_stiffness_and_mass():
     start = hp.BodyMotion(R=(0, 0, 0), S=hp.rodrigues((0, 0, 1), -0.9))
-    small = hp.linearize(DOUBLE, start, 0.5, base="pinned", equilibrium=True)
+    small = hp.linearize(DOUBLE, start, 0.5, base="pinned", gravity=ALONG_Y, equilibrium=True)
     coupled = 0.7 * 0.4
     M = np.array([[0.12 + 1.3 * 0.25 + 0.7, coupled], [coupled, 0.09 + 0.7 * 0.16]])
     K = 9.81 * np.diag([1.3 * 0.5 + 0.7, 0.7 * 0.4])
     expected = np.sqrt(eigh(K, M, eigvals_only=True))
-    np.testing.assert_allclose(small.natural_frequencies, expected, rtol=1e-9)
+    # In space there is a third one, about the axis in the plane across both rods.
+    for frequency in expected:
+        assert np.abs(small.natural_frequencies - frequency).min() < 1e-9 * frequency
     np.testing.assert_allclose(small.damping_ratios, 0, rtol=0, atol=1e-8)
     np.testing.assert_allclose(small.psi, 0, rtol=0, atol=1e-10)
     np.testing.assert_allclose(small.body1.S, hp.rodrigues((0, 0, 1), -np.pi / 2), rtol=0, atol=1e-10)
@@ -148,32 +151,3 @@ def test_small_changes_grow_as_those_of_a_simulated_motion(base):
     ]
     grown = expm(h * small.A)[small.names.index("psid"), small.names.index("psi")]
     assert (psi[1] - psi[0]) / (2 * nudge) == pytest.approx(grown, rel=1e-4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("base", ["free", "pinned"])
-def test_forces_that_follow_the_motion_count_as_springs_do(base):
-    """Springs and dampers to the world as forces of the motion, against simulated motions."""
-    rng = generator(92)
-    bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), np.diag(rng.uniform(0.6, 1, 3))) for _ in range(2)]
-    pair = hp.HingePair(*rng.normal(size=(3, 3)), home=rotations(rng, 1)[0], body1=bodies[0], body2=bodies[1])
-    start = hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0])
-    loads = {
-        "force2": lambda _t, now: -30 * now.R1 - 2 * now.v1,
-        "torque1": lambda _t, now: np.cross(now.S1[:, :, 0], (5.0, 0, 0)) - 3 * now.omega1 * now.psid[:, None],
-        "base": base,
-    }
-    small = hp.linearize(pair, start, 0.3, 0.2, **loads)
-    h, nudge = 1e-3, 1e-4
-    row, turn = small.names.index("psid"), nudge * np.array((0.3, -1, 0.5))
-    psid = []
-    for way in (-1, 1):
-        moved = hp.BodyMotion(R=start.R, S=hp.rotation_exp(way * turn) @ start.S)
-        found = hp.simulate(pair, [0, h], moved, 0.3 + way * nudge, 0.2, tol=1e-14, **loads)
-        psid.append(found.psid[-1])
-    change = np.zeros(len(small.names))
-    for name, x in zip(("phi_x", "phi_y", "phi_z", "psi"), (*turn, nudge), strict=True):
-        change[small.names.index(name)] = x
-    # The response of psid' at the start and half of its own change, up to h^2.
-    expected = (expm(h * small.A) @ change)[row]
-    assert (psid[1] - psid[0]) / 2 == pytest.approx(expected, rel=2e-3)

@@ -311,11 +311,10 @@ def test_loads_of_a_joint_that_follows_act_on_its_leader(ratio):
     robot = follower(first, second, ratio)
     q, qd = [0.3], [0.7]
     wanted = robot.forward_dynamics(q, qd, [0.4], joint_loads=True).qdd
-    for options in ({"loads": robot.joint_loads}, {"joint_loads": True}):
-        found = hp.simulate(robot, np.linspace(0, 0.3, 7), q, qd, tau=0.4, **options)
-        np.testing.assert_allclose(found.qdd[0], wanted, rtol=1e-13)
-        assert np.abs(found.energy_balance().residual).max() < 1e-9 * np.abs(found.energy().kinetic).max()
-    assert {"stop"} == {*hp.simulate(robot, [0, 0.1], q, loads=robot.joint_loads).loads} - {*found.loads}
+    found = hp.simulate(robot, np.linspace(0, 0.3, 7), q, qd, tau=0.4, loads=robot.joint_loads)
+    np.testing.assert_allclose(found.qdd[0], wanted, rtol=1e-13)
+    assert np.abs(found.energy_balance().residual).max() < 1e-9 * np.abs(found.energy().kinetic).max()
+    assert "stop" in found.loads
 
 
 def test_stops_and_motors_of_a_joint_that_follows_act_on_its_leader():

@@ -153,7 +153,6 @@ class RobotSamples(NamedTuple):
     qdd: Array  # (n, dof)
     a1: Array  # (n, 3) [m/s^2]
     alpha1: Array  # (n, 3) [rad/s^2]
-    phi: Array  # angle of the base about the world's z axis, which counts turns if it turns about no other; (n,)
     loads: dict[str, Array]  # by name
     steps: int = 0  # number of steps
 
@@ -169,7 +168,6 @@ class StepRecord(NamedTuple):
 
     polynomial: StepPolynomial
     quat: Array  # attitude of the base at the start of the step; (4,)
-    phi: float  # its angle about the world's z axis
     side: Side  # branches of the loads
     held: NDArray[np.bool_]  # whether each joint is held
 
@@ -230,7 +228,6 @@ class RobotMotion:
         R, S, v, omega = (_ZERO if x is None else x for x in (start.R, start.S, start.v, start.omega))
         self._R, self._S = np.asarray(R, np.float64), np.asarray(S, np.float64)
         self.quat = matrix_to_quaternion(self._S)
-        self.phi = float(np.arctan2(self._S[1, 0], self._S[0, 0]))
         self._S0, self._S0_rows = quaternions_to_matrices(self.quat[None]), dict[int, Array]()
         self._of_joints = slice(6 * self.has_momenta, None)  # in velocities and generalized forces
         self._known = np.zeros(self.dof + 6 * self.has_momenta, np.bool_)
@@ -369,7 +366,6 @@ class RobotMotion:
         """Turn the stored attitude by g of a state at the end of a step; return the state with g = 0."""
         if not self.has_momenta:
             return state
-        self.phi += 2 * float(np.arctan(state[_G][2] / 2))
         self.quat = _rotate_by_cayley(state[_G], self.quat)
         self._S0, self._S0_rows = quaternions_to_matrices(self.quat[None]), {}
         state = state.copy()
@@ -380,9 +376,8 @@ class RobotMotion:
         """Return motion and loads at n instants, each with its state, shape (n, k), and its step."""
         quats, held = np.array([step.quat for step in steps]), np.array([step.held for step in steps])
         side: Side = (np.array([step.side[0] for step in steps]), np.array([step.side[1] for step in steps]))
-        phi, S0 = np.array([step.phi for step in steps]), None
+        S0 = None
         if self.has_momenta:
-            phi = phi + 2 * np.arctan(states[:, _G][:, 2] / 2)
             quats = _rotate_by_cayley(states[:, _G], quats)
             S0, states = quaternions_to_matrices(quats), states.copy()
             states[:, _G] = 0.0
@@ -393,10 +388,9 @@ class RobotMotion:
             a1, alpha1 = accelerations[:, :3], accelerations[:, 3:6]
         else:
             quats = matrix_to_quaternion(terms.now.S1)
-            phi = np.unwrap(2 * np.arctan2(quats[:, 3], quats[:, 0]))
         loads = self.loads.all_at(t, terms.now, side, holding[:, self._of_joints], tuple(self._driven))
         qdd = accelerations[:, self._of_joints]
-        return RobotSamples(t, quats, terms.now, qdd, a1, alpha1, phi, loads)
+        return RobotSamples(t, quats, terms.now, qdd, a1, alpha1, loads)
 
     # ---- what the energy balance asks
 

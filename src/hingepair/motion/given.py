@@ -28,12 +28,11 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, is_zero, one_constant
 from hingepair.plans.arguments import Coordinates
 from hingepair.plans.pairs import SPACE
-from hingepair.rollouts.tracks import Feedback
 
 LoadArgument: TypeAlias = ArrayLike | Callable[[Array, MotionAtInstants], ArrayLike]
 """A force or a torque as users give it: constants, or a callable of (t, now)."""
-EffortArgument: TypeAlias = Coordinates | Callable[[Array, MotionAtInstants], ArrayLike] | Feedback
-"""Efforts at the joints as users give them: constants, a callable of (t, now), or a Feedback."""
+EffortArgument: TypeAlias = Coordinates | Callable[[Array, MotionAtInstants], ArrayLike]
+"""Efforts at the joints as users give them: constants, or a callable of (t, now)."""
 
 
 def robot_loads(
@@ -48,7 +47,7 @@ def robot_loads(
 
     Args:
         robot: the robot.
-        tau: efforts of the joints: constants, a callable of (t, now), or a Feedback.
+        tau: efforts of the joints: constants, or a callable of (t, now).
         loads: HingeLoads, numbers or callables of (t, q, qd) by joint; None: none.
         wrenches: (force, torque) by link, each a constant or a callable of (t, now); None: none.
         on_base: force1 and torque1.
@@ -81,8 +80,6 @@ def _vector(label: str, load: Any) -> Any:
 
 def _efforts(tau: Any, robot: Mechanism) -> Any:
     """Return efforts, (dof,), or a callable of (t, now)."""
-    if isinstance(tau, Feedback):
-        return _feedback(tau, robot.dof)
     if callable(tau):
         check_callable("tau", tau, "t", "now")
         return tau
@@ -90,31 +87,9 @@ def _efforts(tau: Any, robot: Mechanism) -> Any:
         return np.full(robot.dof, finite_number("tau", tau))
     efforts = tree_of(robot).rows("tau", tau)
     if efforts.ndim > 1:
-        expected = f"{robot.dof} efforts that stay, a callable of (t, now), or a Feedback"
+        expected = f"{robot.dof} efforts that stay, or a callable of (t, now)"
         raise ShapeError("tau", expected, f"shape {efforts.shape}")
     return efforts
-
-
-def _feedback(control: Feedback, dof: int) -> Callable[[Array, MotionAtInstants], Array]:
-    """Return a Feedback with constant references as a callable of (t, now)."""
-    for name in ("q_ref", "qd_ref", "tau_ff"):
-        if getattr(control, name).ndim > 1:
-            raise ArgumentError(
-                f"tau.{name}", f"shape ({dof},), held; a callable of (t, now) varies", "an axis of steps"
-            )
-    gains = []
-    for name in ("K", "D"):
-        gain = getattr(control, name)
-        if gain.ndim > 2:
-            raise ArgumentError(f"tau.{name}", f"shape ({dof},) or ({dof}, {dof})", "an axis of steps")
-        gains.append(gain if gain.ndim == 2 else np.diag(np.broadcast_to(gain, (dof,))))
-    K, D = gains
-
-    def tau(_: Array, now: MotionAtInstants) -> Array:
-        efforts: Array = control.tau_ff + (control.q_ref - now.q) @ K.T + (control.qd_ref - now.qd) @ D.T
-        return efforts
-
-    return tau
 
 
 def loads_by_joint(robot: Mechanism, loads: Any) -> dict[str, HingeLoad]:

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import Execution, execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError
 from hingepair.mechanism.pairs.geometry import Constants, check_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.pairs.requests import computation_of
 from hingepair.mechanism.requests import STATES
 from hingepair.motion.magnus import AngleIntegral, AttitudeIntegral, Integral, Steps
@@ -22,7 +21,6 @@ from hingepair.motion.signals import SampledSignal, Signal, interpolate, read_po
 from hingepair.motion.steps import StepErrors, estimate_error, select_steps
 from hingepair.motion.trajectory import (
     Deferred,
-    PlanarTrajectory,
     Trajectory,
     quaternions_to_matrices,
     rotate_to_world,
@@ -54,14 +52,6 @@ class SolveOptions(NamedTuple):
         if self.tol is not None and not finite_number("tol", self.tol) > 0:
             raise ArgumentError("tol", "a positive number", self.tol)
 
-    def integrals(self, omega: Signal, psid: Signal, *, planar: bool) -> tuple[Integral, AngleIntegral]:
-        """Return the integrals of both rates."""
-        names = self.rate_names
-        hinge = AngleIntegral(names[1], psid, self.execution)
-        if planar:
-            return AngleIntegral(names[0], omega, self.execution), hinge
-        return AttitudeIntegral(names[0], omega, self.execution, self.omega_in_body_axes), hinge
-
 
 class Solution(Deferred):
     """The motion of a pair at the instants, and estimates of its errors, made when they are first asked for.
@@ -76,12 +66,12 @@ class Solution(Deferred):
     def __init__(
         self,
         steps: Steps,
-        integrals: tuple[Integral, AngleIntegral],
+        integrals: tuple[AttitudeIntegral, AngleIntegral],
         values: tuple[Array, Array],
         errors: Mapping[Integral, StepErrors],
     ) -> None:
         self._steps, self._integrals, self._values, self._errors = steps, integrals, values, errors
-        #: of body 1: unit quaternions (N, 4) without a jump of sign; in the plane angles (N,) [rad]
+        #: of body 1: unit quaternions (N, 4) without a jump of sign
         self.orientations = steps.at_instants(values[0])
         #: hinge angles [rad]; shape (N,)
         self.psi = steps.at_instants(values[1])
@@ -124,27 +114,29 @@ def solve(
     options: SolveOptions,
     omega: Signal,
     psid: Signal,
-    start: Array | float,
+    start: Array,
     psi_0: float,
 ) -> Solution:
     """Integrate the attitude and the hinge angle of one motion (E12).
 
     Args:
         options: instants, method and tolerance.
-        omega: angular velocity of body 1, in the plane a scalar.
+        omega: angular velocity of body 1.
         psid: hinge rate.
-        start: attitude of body 1 at the first instant (3, 3), in the plane an angle [rad].
+        start: attitude of body 1 at the first instant (3, 3).
         psi_0: hinge angle at the first instant [rad].
 
     Raises:
         ArgumentError: a result overflows.
     """
-    planar = np.ndim(start) == 0
-    integrals = options.integrals(omega, psid, planar=planar)
+    names = options.rate_names
+    integrals = (
+        AttitudeIntegral(names[0], omega, options.execution, options.omega_in_body_axes),
+        AngleIntegral(names[1], psid, options.execution),
+    )
     interpolate([rate for rate in (omega, psid) if isinstance(rate, SampledSignal)])
     steps, errors = select_steps(integrals, options.t, options.tol)
-    begin: Any = start if planar else matrix_to_quaternion(np.asarray(start))
-    values = integrals[0].integrate(steps, begin), integrals[1].integrate(steps, psi_0)
+    values = integrals[0].integrate(steps, matrix_to_quaternion(start)), integrals[1].integrate(steps, psi_0)
     return Solution(steps, integrals, values, errors)
 
 
@@ -153,24 +145,19 @@ RATE_FRAME_NAMES: Final = ("world", "body")  # axes in which omega1 and alpha1 m
 
 RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
 
-# Arguments that give rates, by input of a pair's program.
-_RATE_OF_INPUT: Final = {
-    **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
-    **{"psid": "psid", "psidd": "psidd"},
-}
+_RATES: Final = ("omega1", "alpha1", "psid", "psidd")
 # Forms of the argument R1 that give an input of a plan, for messages.
 _R1_FORMS: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 
 
 def integrate(
-    pair: HingePair | PlanarPair,
+    pair: HingePair,
     t: ArrayLike,
     omega1: RateArgument,
     psid: RateArgument,
     *,
     R1: Any = None,
     S1_0: ArrayLike | None = None,
-    phi_0: float | None = None,
     psi_0: float = 0.0,
     method: str = "magnus6",
     frame: str = "world",
@@ -179,8 +166,8 @@ def integrate(
     psidd: RateArgument | None = None,
     outputs: Outputs = None,
     backend: str = "auto",
-) -> Any:
-    """Integrate the motion of a pair, in space or in the plane, over time from the angular velocity of body 1 and the
+) -> Trajectory:
+    """Integrate the motion of a pair over time from the angular velocity of body 1 and the
     hinge rate (E12).
 
     Each of the rates omega1, psid, alpha1 and psidd is one of:
@@ -193,8 +180,7 @@ def integrate(
       since 1970 as floats are rounded to 2.4e-7 s: give datetime64 or integer nanoseconds.)
 
     Args:
-        pair: a HingePair, or a PlanarPair (E11). For a PlanarPair, omega1 and alpha1 have the same forms as psid and
-            psidd, and R1, v1 and a1 have two components instead of three.
+        pair: a HingePair.
         t: instants, increasing; shape (N,): seconds (floats), datetime64, or nanoseconds since 1970 (integers).
         omega1: angular velocity of body 1 [rad/s].
         psid: hinge rate psi' [rad/s].
@@ -202,12 +188,10 @@ def integrate(
             of times (n,) that returns either; the origin by default. For velocity [m/s] and acceleration [m/s^2] too,
             a tuple (R1, v1) or (R1, v1, a1) of arrays, or a callable that returns one. If R1 is not constant and v1
             (or a1) is not given, v2 (or a2) of the result is None.
-        S1_0: attitude of body 1 at t[0], body to world, for a HingePair only; shape (3, 3); the identity by
-            default.
-        phi_0: angle of body 1 at t[0] [rad], for a PlanarPair only; 0 by default.
+        S1_0: attitude of body 1 at t[0], body to world; shape (3, 3); the identity by default.
         psi_0: hinge angle at t[0] [rad]; 0 by default.
         method: "magnus6", a Magnus series of order 6 from omega1 at three times in each step, the only one.
-        frame: axes of omega1 and alpha1: "world" (the default) or "body" (for a HingePair only).
+        frame: axes of omega1 and alpha1: "world" (the default) or "body".
         tol: largest allowed error of the attitude and of psi at any instant [rad]. By default, each interval of t is
             one step, and the error has no limit. With tol, steps are divided until the error is small enough, of a
             callable into at least about 500 in all. A jump or a kink of a callable costs about sixty further steps,
@@ -220,9 +204,8 @@ def integrate(
         backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
     Returns:
-        A `Trajectory`, for a PlanarPair a `PlanarTrajectory`: the instants `.t`, the attitude of body 1 (`.S1`,
-        `.quat_wxyz`; in the plane `.phi`), `.psi`, the outputs, such as `.R2`, and estimates of the largest error at
-        any instant, `.error_estimate` and `.psi_error_estimate` [rad].
+        A `Trajectory`: the instants `.t`, the attitude of body 1 (`.S1`, `.quat_wxyz`), `.psi`, the outputs, such as
+        `.R2`, and estimates of the largest error at any instant, `.error_estimate` and `.psi_error_estimate` [rad].
 
     Raises:
         ArgumentError: an argument cannot be used, a rate is not finite, or tol is not reached. A
@@ -241,88 +224,69 @@ def integrate(
     1.0
     """
     instants = instants_of("t", t)
-    planar = isinstance(pair, PlanarPair)
+    check_pair(pair)
     check_choice("method", method, METHODS)
-    check_choice("frame", frame, ("world",) if planar else RATE_FRAME_NAMES)
+    check_choice("frame", frame, RATE_FRAME_NAMES)
     options = SolveOptions(instants, tol, execution_of_steps(backend, len(instants)), frame == "body")
     options.check()
-    start: Any
-    if planar:
-        if S1_0 is not None:
-            raise ArgumentError("S1_0", "None for a PlanarPair, which takes phi_0", quoted(S1_0))
-        start = finite_number("phi_0", 0.0 if phi_0 is None else phi_0)
-    else:
-        check_pair(pair)
-        if phi_0 is not None:
-            raise ArgumentError("phi_0", "None for a HingePair, which takes S1_0", quoted(phi_0))
-        start = np.eye(3) if S1_0 is None else one_constant("S1_0", S1_0, 3, 3)
-        check_rotation("S1_0", start)
+    start = np.eye(3) if S1_0 is None else one_constant("S1_0", S1_0, 3, 3)
+    check_rotation("S1_0", start)
     rates = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
     signals = {
-        name: read_signal(name, value, instants, () if planar or name in {"psid", "psidd"} else (3,))
+        name: read_signal(name, value, instants, () if name in {"psid", "psidd"} else (3,))
         for name, value in rates.items()
         if value is not None or name in {"omega1", "psid"}
     }
-    size = 2 if planar else 3
-    points = read_position(np.zeros(size) if R1 is None else R1, instants, size)
+    points = read_position(np.zeros(3) if R1 is None else R1, instants)
     names = _checked_outputs(constants_of(pair), outputs, signals.keys() | points.keys())
     solution = solve(options, signals["omega1"], signals["psid"], start, finite_number("psi_0", psi_0))
     solution.check_tolerance(options)
-    orientations, psi = read_only(solution.orientations), read_only(solution.psi)
-    fields: dict[str, Any] = {
-        **{
-            "t": read_only(instants),
-            "psi": psi,
-            "method": METHODS[0],
-            "steps": solution.steps,
-            "_solution": solution,
-        },
-        "state": _state(pair, options, signals, points, orientations, psi, names),
-    }
-    if isinstance(pair, PlanarPair):
-        trajectory: Any = PlanarTrajectory(**fields, phi=orientations)
-    else:
-        where = read_only(np.broadcast_to(points["R1"], (len(instants), 3)))
-        trajectory = Trajectory(**fields, quat_wxyz=orientations, R1=where, pair=pair)
+    trajectory = Trajectory(
+        t=read_only(instants),
+        psi=read_only(solution.psi),
+        quat_wxyz=read_only(solution.orientations),
+        R1=read_only(np.broadcast_to(points["R1"], (len(instants), 3))),
+        state=_state(pair, options, signals, points, solution, names),
+        pair=pair,
+        method=method,
+        steps=solution.steps,
+        _solution=solution,
+    )
     if any(isinstance(signals[name], SampledSignal) for name in ("omega1", "psid")):
         warn_of_measurements(_instant_doubts(trajectory))
     return trajectory
 
 
-def _instant_doubts(trajectory: Any) -> list[str]:
+def _instant_doubts(trajectory: Trajectory) -> list[str]:
     """Return a sentence if the instants of sampled rates are probably not in seconds, judged by how far body 1 and
     the hinge turn from each of the first instants to the next.
     """
     t = trajectory.t[:4096]
-    turned = np.abs(np.diff(trajectory.psi[: len(t)]))
-    if isinstance(trajectory, Trajectory):
-        quats = trajectory.quat_wxyz[: len(t)]
-        turned += 2 * np.arccos(np.minimum(np.abs((quats[1:] * quats[:-1]).sum(axis=1)), 1.0))
+    quats = trajectory.quat_wxyz[: len(t)]
+    turned = 2 * np.arccos(np.minimum(np.abs((quats[1:] * quats[:-1]).sum(axis=1)), 1.0))
+    turned += np.abs(np.diff(trajectory.psi[: len(t)]))
     angle = np.concatenate(([0.0], np.cumsum(turned)))
     return suspicions("sampled motion", "t", np.stack((t, angle), axis=-1))
 
 
 def _state(
-    pair: Any,
+    pair: HingePair,
     options: SolveOptions,
     signals: Mapping[str, Signal],
     points: Mapping[str, NDArray[Any]],
-    orientations: Array,
-    psi: Array,
+    solution: Solution,
     outputs: tuple[str, ...],
 ) -> Any:
-    """Return the requested outputs at all instants as a `PairState` or `PlanarState`."""
-    constants = constants_of(pair)
+    """Return the requested outputs at all instants as a `PairState`."""
+    constants, psi = constants_of(pair), solution.psi
     if not outputs:
         return STATES[constants.kind]({}, psi.shape)
-    needed = _needed_inputs(constants, outputs)
-    S1 = None if constants.kind.planar else quaternions_to_matrices(orientations)
-    inputs: dict[str, Any] = {**points, "psi": psi, **({"phi1": orientations} if S1 is None else {"S1": S1})}
-    for name in needed & _RATE_OF_INPUT.keys():
-        argument = _RATE_OF_INPUT[name]
-        values = signals[argument].values_at(options.t)
-        turned = S1 is not None and options.omega_in_body_axes and argument in {"omega1", "alpha1"}
-        inputs[name] = rotate_to_world(S1, values) if turned and S1 is not None else values
+    needed, S1 = _needed_inputs(constants, outputs), quaternions_to_matrices(solution.orientations)
+    inputs: dict[str, Any] = {**points, "psi": psi, "S1": S1}
+    for name in needed.intersection(_RATES):
+        inputs[name] = signals[name].values_at(options.t)
+        if options.omega_in_body_axes and name in {"omega1", "alpha1"}:
+            inputs[name] = rotate_to_world(S1, inputs[name])
     inputs = {name: inputs[name] for name in inputs if name in needed}
     computation = computation_of(constants, outputs, result=STATES[constants.kind])
     call = computation.call(tuple(inputs), options.execution.backend)
@@ -331,16 +295,15 @@ def _state(
 
 def _needed_inputs(pair: Constants, outputs: tuple[str, ...]) -> set[str]:
     """Return the names of the inputs that outputs need, the constants of the pair apart."""
-    computation, attitude = computation_of(pair, outputs), "phi1" if pair.kind.planar else "S1"
-    return {name for one in outputs for name in computation.missing_inputs(one, ())} | {attitude, "psi"}
+    computation = computation_of(pair, outputs)
+    return {name for one in outputs for name in computation.missing_inputs(one, ())} | {"S1", "psi"}
 
 
 def _checked_outputs(pair: Constants, outputs: Outputs, arguments: Set[str]) -> tuple[str, ...]:
     """Return the names of the outputs, all of body 2 for which the `arguments` suffice if `outputs` is None; refuse
     those that need more.
     """
-    available = {"S1", "phi1", "psi"} | arguments
-    available |= {name for name, argument in _RATE_OF_INPUT.items() if argument in arguments}
+    available = {"S1", "psi"} | arguments
     if outputs is None:
         default = pair.kind.default_outputs(ACCELERATION)
         return tuple(name for name in default if _needed_inputs(pair, (name,)) <= available)
@@ -349,5 +312,5 @@ def _checked_outputs(pair: Constants, outputs: Outputs, arguments: Set[str]) -> 
         for missing in sorted(_needed_inputs(pair, (name,)) - available):
             expected = f"{_R1_FORMS.get(missing, 'a value')}, since output {name} needs it"
             got = f"no {missing}" if missing in _R1_FORMS else None
-            raise ArgumentError(_RATE_OF_INPUT.get(missing, "R1"), expected, got)
+            raise ArgumentError(missing if missing in _RATES else "R1", expected, got)
     return names

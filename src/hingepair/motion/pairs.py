@@ -12,24 +12,20 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, SimulationError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.bodies.hinge_load import HingeTorque, check_callable
+from hingepair.mechanism.bodies.hinge_load import HingeTorque
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.planar_pair import PLANAR_GRAVITY, PlanarPair, dynamics_in_space
 from hingepair.mechanism.pairs.requests import check_masses, pivot_limits
 from hingepair.motion.given import LoadArgument
-from hingepair.motion.loads import called_load
 from hingepair.motion.simulated import JOINT_OF_PAIR
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import check_choice, finite_number, is_zero, one_constant
+from hingepair.numeric.arrays import check_choice, is_zero
 from hingepair.tables.suspicions import suspicions
 
 BaseArgument: TypeAlias = str | Callable[[Array], BodyMotion]
 """What holds body 1, as users give it: the name of a base, or a callable of t that returns the motion of body 1."""
 BASES: Final = ("free", "pinned", "fixed")  # what may hold body 1, beside a callable
-_PLANAR_START = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # in messages
 # Names in messages about robots, and those of the same values of a pair.
 _NAMES: Final = {
     f"q0['{JOINT_OF_PAIR}']": "psi_0",
@@ -45,57 +41,54 @@ _NAMES: Final = {
 
 
 def pair_as_robot(
-    pair: HingePair | PlanarPair,
+    pair: HingePair,
     base: BaseArgument,
     body1: BodyMotion | None,
     hinge_torque: HingeTorque,
     forces: Mapping[str, LoadArgument],
-    gravity: ArrayLike | None,
-) -> tuple[HingePair, Mechanism, dict[str, Any]]:
-    """Return the pair in space, the robot of one joint, psi, and the robot's arguments.
+    gravity: ArrayLike,
+) -> tuple[Mechanism, dict[str, Any]]:
+    """Return the robot of one joint, psi, that a pair is, and the robot's arguments.
 
     Args:
         pair: a pair.
         base: what holds body 1.
         body1: its motion at the start.
         hinge_torque: torque at the hinge.
-        forces: force1, torque1, force2 and torque2; of a planar pair forces have two components, and torques one.
-        gravity: acceleration of free fall; None: the default.
+        forces: force1, torque1, force2 and torque2.
+        gravity: acceleration of free fall.
 
     Raises:
         ArgumentError: an argument cannot be used, or a body that moves lacks mass properties.
     """
-    planar = isinstance(pair, PlanarPair)
-    if not planar:
-        check_pair(pair)
+    check_pair(pair)
     check_single_pair(pair)
-    space = dynamics_in_space(pair)
     moving = callable(base)
     if not moving:
         check_choice("base", base, BASES)
-    _check_start(body1, moving, planar)
+    if moving and body1 is not None:
+        raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
+    if not moving and (not isinstance(body1, BodyMotion) or body1.shape != ()):
+        expected = "one start of body 1, such as hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
+        raise ArgumentError("body1", expected, quoted(body1))
     moves_body1 = base in ("free", "pinned")
-    bodies = ({"body1": space.body1} if moves_body1 else {}) | {"body2": space.body2}
+    bodies = ({"body1": pair.body1} if moves_body1 else {}) | {"body2": pair.body2}
     missing = {name: body for name, body in bodies.items() if body is None}  # the robot judges those that are there
     check_masses(missing, "; or base='fixed', for which body 2 suffices")
-    of_hinge, *of_body1 = pivot_limits(constants_of(space)) > 0  # sizes below which pivots are rounding
+    of_hinge, *of_body1 = pivot_limits(constants_of(pair)) > 0  # sizes below which pivots are rounding
     if of_hinge or (moves_body1 and any(of_body1)):
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError(
             "pair.body2", f"{expected} body's inertia is negligible relative to the other's", pair.body2
         )
-    robot = Mechanism(
-        [replace(space, name=JOINT_OF_PAIR)], base="free" if moves_body1 else "fixed", name=space.name or "pair"
-    )
-    gravity = (PLANAR_GRAVITY if planar else DEFAULT_GRAVITY) if gravity is None else gravity
-    given: dict[str, Any] = {"gravity": gravity, **forces}
-    if planar:
-        given = {name: _in_space(name, value) for name, value in given.items()}
-    wrench = given.pop("force2"), given.pop("torque2")
+    held = "free" if moves_body1 else "fixed"
+    robot = Mechanism([replace(pair, name=JOINT_OF_PAIR)], base=held, name=pair.name or "pair")
+    on_bodies = dict(forces)
+    wrench = on_bodies.pop("force2"), on_bodies.pop("torque2")
+    given: dict[str, Any] = {"gravity": gravity, **on_bodies, "loads": {JOINT_OF_PAIR: hinge_torque}}
     given["wrenches"] = {} if all(is_zero(load) for load in wrench) else {JOINT_OF_PAIR: wrench}
-    given["loads"] = {JOINT_OF_PAIR: hinge_torque}
     given |= {"base": "moving", "base_motion": base} if moving else {"base": base, "base_motion": body1}
-    return space, robot, given
+    return robot, given
 
 
 @contextlib.contextmanager
@@ -131,35 +124,3 @@ def doubts_of_pair(pair: HingePair, base: str) -> list[str]:
             longest = max(float(np.linalg.norm(vector)) for vector in vectors)
             sentences += suspicions("gyration", f"{name}.inertia", [radius, longest])
     return sentences
-
-
-def _check_start(body1: object, moving: bool, planar: bool) -> None:
-    """Refuse what is no start of body 1, and of a planar pair what is not in the plane."""
-    if moving:
-        if body1 is not None:
-            raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
-        return
-    example = _PLANAR_START if planar else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
-    if not isinstance(body1, BodyMotion) or body1.shape != ():
-        raise ArgumentError("body1", f"one start of body 1, such as {example}", quoted(body1))
-    if planar and body1.S is not None:
-        v, omega = (np.zeros(3) if x is None else x for x in (body1.v, body1.omega))
-        if body1.R[2] or v[2] or omega[:2].any() or body1.S[2, 2] != 1:
-            expected = f"a start in the plane, R and v with z = 0, S and omega about z, such as {example}"
-            raise ArgumentError("body1", expected, quoted(body1))
-
-
-def _in_space(name: str, load: Any) -> Any:
-    """Return a force, torque or gravity of a planar pair in space: (3,), or a callable of (t, now)."""
-    tail = () if name.startswith("torque") else (2,)
-
-    def to_space(value: Array) -> Array:
-        columns = [value[..., 0], value[..., 1], 0 * value[..., 0]] if tail else [0 * value, 0 * value, value]
-        return np.stack(columns, axis=-1)
-
-    if callable(load):
-        check_callable(name, load, "t", "now")
-        return lambda t, now: to_space(called_load(name, load, t, now, tail))
-    if is_zero(load):
-        return 0
-    return to_space(one_constant(name, load, *tail) if tail else np.array(finite_number(name, load)))

@@ -220,7 +220,7 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
             end - margin * (end in breaks),
         )  # callables are evaluated just before and after breaks, where loads jump
         while stepper.t < end:
-            attitude = motion.quat, motion.phi
+            quat = motion.quat
             try:
                 polynomial = stepper.step(end)
             except TooStiffError as error:
@@ -232,7 +232,7 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
                 next_check = stepper.trials + _TRIALS_BETWEEN_CHECKS
                 _check_memory(motion, start + stepper.t, start + span, stepper.state)
             if polynomial is not None:
-                records.append(StepRecord(polynomial, *attitude, motion.side, motion.held.copy()))
+                records.append(StepRecord(polynomial, quat, motion.side, motion.held.copy()))
                 stepper.apply_pending_event()
             if stepper.ended:
                 return records, stepper.t, events.ended_by
@@ -275,7 +275,7 @@ def _sample_steps(motion: RobotMotion, first_state: Array, steps: list[StepRecor
     elapsed, states = t - t[:1], np.tile(first_state, (len(t), 1))
     # The first instant has the state before its events.
     still = StepPolynomial(0.0, 1.0, first_state, np.zeros((NODES, len(first_state))))
-    records = [*steps[:1]] or [StepRecord(still, motion.quat, motion.phi, motion.side, motion.held)] * len(t)
+    records = [*steps[:1]] or [StepRecord(still, motion.quat, motion.side, motion.held)] * len(t)
     for step in steps:
         first = len(records)
         end = int(np.searchsorted(elapsed, step.polynomial.start + step.polynomial.length, side="right"))

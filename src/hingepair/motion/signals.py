@@ -221,8 +221,8 @@ def _call_with_times(name: str, function: Callable[[Array], Any], times: Array) 
         raise ArgumentError(name, expected, f"{type(error).__name__}: {error}") from error
 
 
-def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, NDArray[Any]]:
-    """Return the arrays R1 and, as far as they are known, v1 and a1, each of shape (dimension,) or (N, dimension).
+def read_position(R1: Any, t: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+    """Return the arrays R1 and, as far as they are known, v1 and a1, each of shape (3,) or (N, 3).
     `R1` is a point, which is at rest; points at t; a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns
     one of these.
     """
@@ -234,7 +234,7 @@ def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, 
     parts = {name: R1}
     if isinstance(R1, tuple) and 0 < len(R1) <= len(R1_PARTS) and np.ndim(R1[0]) > 0:
         if len(R1) == len(times) > 1 and all(np.ndim(part) == 1 for part in R1):
-            expected = f"an array of shape {(len(t), dimension)}, or (R1, v1) with R1 of that shape"
+            expected = f"an array of shape {(len(t), 3)}, or (R1, v1) with R1 of that shape"
             raise ArgumentError(name, expected, f"a tuple of {len(t)} points, which could be either")
         parts = {f"{name}[{i}]": part for i, part in enumerate(R1)}
     found = {}
@@ -242,11 +242,11 @@ def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, 
         if value is None:
             raise ArgumentError(label, "a point, points, or (R1, v1, a1)", None)
         points = real_array(label, value)
-        if points.shape not in {(dimension,), (len(times), dimension)}:
-            raise ShapeError(label, f"shape ({dimension},) or {(len(times), dimension)}", f"shape {points.shape}")
+        if points.shape not in {(3,), (len(times), 3)}:
+            raise ShapeError(label, f"shape (3,) or {(len(times), 3)}", f"shape {points.shape}")
         found[key] = points if points.ndim == 1 else points[: len(t)]
     if name in parts and found["R1"].ndim == 1:  # one point, at rest
-        found |= {"v1": np.zeros(dimension), "a1": np.zeros(dimension)}
+        found |= {"v1": np.zeros(3), "a1": np.zeros(3)}
     return found
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
 from typing import Any, Final, TypeAlias, cast
 
 import numpy as np
@@ -17,7 +16,6 @@ from hingepair.mechanism.bodies.hinge_load import HingeTorque, check_callable, s
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.tree import loads_note
 from hingepair.motion.equations_of_motion import REST, RobotMotion, RobotPrograms, RobotSamples
 from hingepair.motion.events import UserEvent
@@ -38,7 +36,6 @@ from hingepair.motion.run import Impact, joint_impacts, joint_range, read_option
 from hingepair.motion.simulated import (
     JOINT_OF_PAIR,
     SimulatedMotion,
-    SimulatedPlanarMotion,
     SimulatedRobotMotion,
     Simulation,
 )
@@ -55,7 +52,7 @@ BaseMotion: TypeAlias = BodyMotion | Callable[[Array], BodyMotion] | None
 
 @functools.singledispatch
 def simulate(
-    pair: HingePair | PlanarPair,
+    pair: HingePair,
     t: ArrayLike,
     body1: BodyMotion | None,
     psi_0: float | None = None,
@@ -67,7 +64,7 @@ def simulate(
     torque1: LoadArgument = 0,
     force2: LoadArgument = 0,
     torque2: LoadArgument = 0,
-    gravity: ArrayLike | None = None,
+    gravity: ArrayLike = DEFAULT_GRAVITY,
     base: BaseArgument = "free",
     breaks: ArrayLike = (),
     until: UserEvent | None = None,
@@ -75,7 +72,7 @@ def simulate(
     max_steps: int = 30_000,
     outputs: Outputs = None,
     backend: str = "auto",
-) -> SimulatedMotion | SimulatedPlanarMotion:
+) -> SimulatedMotion:
     """Simulate the motion of a pair under loads (D1-D6) at the instants t, from the state (body1, psi_0, psid_0) at
     t[0], or the motion of a robot (T1-T6) by `hp.simulate(robot, t, q0, qd0, tau=...)`, whose arguments are below.
 
@@ -92,14 +89,12 @@ def simulate(
     - `q0`: coordinates at t[0] [rad, m]; shape (dof,), or a dict by joint.
     - `qd0`: rates at t[0], in the same form; 0 by default.
     - `tau`: efforts at the joints [N m, N]: a number or shape (dof,), held; a dict by joint; a callable of (t, now)
-      that returns (n, dof), such as ``lambda t, now: -50 * (now.q - 0.3)``; or a `Feedback` with constant references.
+      that returns (n, dof), such as ``lambda t, now: -50 * (now.q - 0.3)``.
       There t is an array of n instants, and `now` has the attributes q and qd, (n, dof), R1, S1, v1 and omega1 of the
       base, and base_motion, a BodyMotion of these. The rate of the second joint is ``now.qd[:, 1]``.
     - `loads`: `HingeLoad`s by joint: springs, dampers, dry friction, stops, motors that depend on the joint alone.
       They add to tau; those of a joint that follows another act on its leader. For a slider, read m for rad and N for
       N m. `robot.joint_loads` are those that a URDF or MJCF describes, with stops at the limits.
-    - `joint_loads`: in place of `loads`, whether the springs, dampers and dry friction that a file describes act,
-      without stops, as for `inverse_dynamics`.
     - `driven`: motions of joints that move as given, by joint: callables of times (n,) that return the coordinate and
       its first two derivatives, (n,) each; the first must not jump. Their q0 and qd0 are those of the callable; no
       tau and no HingeLoad acts on them, and their part of `loads["motor"]` of the result is the effort that the
@@ -115,11 +110,6 @@ def simulate(
 
     Args:
         pair: a pair whose bodies have mass properties. If the base is fixed or a callable, only body 2 needs them.
-            For a PlanarPair, a force or gravity has shape (2,), and a callable returns (n, 2); a torque is a number,
-            and a callable returns (n,). The argument `body1` and
-            the argument `now` of callables (see `force1`) have three-dimensional quantities also for a PlanarPair: R
-            lies in the plane z = 0, and S is a rotation about z, such as hp.BodyMotion(R=(x, y, 0),
-            S=hp.rodrigues((0, 0, 1), phi)).
         t: instants, increasing; shape (N,): seconds (floats), datetime64, or nanoseconds since 1970 (integers).
             datetime64 and integer nanoseconds are converted to seconds since the first one; callables and `breaks`
             use these seconds.
@@ -140,13 +130,11 @@ def simulate(
         torque1: torque on body 1, world axes [N m]; in the same form as force1.
         force2: force on body 2 at R2, world axes [N]; in the same form as force1.
         torque2: torque on body 2, world axes [N m]; in the same form as force1.
-        gravity: acceleration of free fall, world axes [m/s^2]; (0, 0, -9.81) by default, for a PlanarPair
-            (0, -9.81).
+        gravity: acceleration of free fall, world axes [m/s^2]; (0, 0, -9.81) by default.
         base: what holds body 1, one of:
 
             - "free" (the default): nothing;
-            - "pinned": R1 stays where it is at t[0], and body 1 can turn about R1, as on a ball joint (on a pin, for
-              a PlanarPair);
+            - "pinned": R1 stays where it is at t[0], and body 1 can turn about R1, as on a ball joint;
             - "fixed": body 1 stays at its pose at t[0];
             - a callable of times (n,) that returns the BodyMotion of body 1, with v, omega, a and alpha, which must
               be the derivatives of R and S; v and omega must not jump.
@@ -172,7 +160,7 @@ def simulate(
         backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
     Returns:
-        A `SimulatedMotion`, for a PlanarPair a `SimulatedPlanarMotion`, with `.t`, `.psi`, `.psid`, `.psidd`,
+        A `SimulatedMotion` with `.t`, `.psi`, `.psid`, `.psidd`,
         `.body1`, `.loads`, `.ended_by_event`, `.energy()`, `.momentum()`, `.energy_balance()` and the outputs of body
         2, such as `.R2`. `.error_estimate` (of the attitude of body 1) and `.psi_error_estimate` [rad] come from a
         second run with a smaller tolerance, at the first access. A DynamicsWarning says that arguments seem to be in
@@ -206,7 +194,7 @@ def simulate(
     (True, 0.2)
     """
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-    space, robot, given = pair_as_robot(pair, base, body1, hinge_torque, forces, gravity)
+    robot, given = pair_as_robot(pair, base, body1, hinge_torque, forces, gravity)
     start: tuple[Any, Any] = (0.0, 0.0)
     if callable(hinge):
         check_callable("hinge", hinge, "t")
@@ -224,23 +212,22 @@ def simulate(
             robot, t, *start, **given, breaks=breaks, until=until, tol=tol, max_steps=max_steps, backend=backend,
             words=words_of_pairs,
         )  # fmt: skip
-    for sentence in doubts_of_pair(space, moved.base):
+    for sentence in doubts_of_pair(pair, moved.base):
         warn_of_dynamics(sentence)
-    body1_motion, phi = moved.base_motion, moved.base_angle
     psi, psid, psidd = (read_only(rows[:, 0]) for rows in (moved.q, moved.qd, moved.qdd))
-    fields: dict[str, Any] = {
-        **{"t": moved.t, "psi": psi, "method": "collocation", "steps": moved.steps},
-        **{"robot_motion": moved, "space": space},
-    }
-    if isinstance(pair, PlanarPair):
-        R, v, omega, a, alpha = motion_arrays("body1", body1_motion, "R", "v", "omega", "a", "alpha").values()
-        rows = zip((R, v, a), (phi, omega[:, 2], alpha[:, 2]), (psi, psid, psidd), strict=True)
-        planar = pair.forward_kinematics(
-            *((*vector.T[:2], turn, angle) for vector, turn, angle in rows), outputs=outputs, backend=backend
-        )
-        return SimulatedPlanarMotion(**fields, phi=phi, state=planar)
-    state = pair.forward_kinematics_from_body1(body1_motion, psi, psid, psidd, outputs=outputs, backend=backend)
-    return SimulatedMotion(**fields, quat_wxyz=moved.base_quat_wxyz, R1=body1_motion.R, pair=pair, state=state)
+    return SimulatedMotion(
+        t=moved.t,
+        psi=psi,
+        method="collocation",
+        steps=moved.steps,
+        robot_motion=moved,
+        quat_wxyz=moved.base_quat_wxyz,
+        R1=moved.base_motion.R,
+        pair=pair,
+        state=pair.forward_kinematics_from_body1(
+            moved.base_motion, psi, psid, psidd, outputs=outputs, backend=backend
+        ),
+    )
 
 
 def simulate_robot(
@@ -251,7 +238,6 @@ def simulate_robot(
     *,
     tau: EffortArgument = 0.0,
     loads: Mapping[str, HingeTorque] | None = None,
-    joint_loads: bool | None = None,
     driven: Mapping[str, JointCallable] | None = None,
     wrenches: Mapping[str, tuple[LoadArgument, LoadArgument]] | None = None,
     force1: LoadArgument = 0,
@@ -273,9 +259,7 @@ def simulate_robot(
     if not isinstance(robot, Mechanism):
         raise ArgumentError("robot", "a Mechanism", quoted(robot))
     tree_of(robot).single()
-    if joint_loads is not None:
-        loads = _described_loads(robot, loads, joint_loads)
-    elif loads is None and (note := loads_note(tree_of(robot))):
+    if loads is None and (note := loads_note(tree_of(robot))):
         warn_of_dynamics(f"{robot.name}: {note}; loads=robot.joint_loads counts them, loads={{}} is silent")
     kind, start = base_of(robot, base, base_motion)
     if kind in ("free", "pinned") and robot.base != "free":
@@ -321,7 +305,6 @@ def simulate_robot(
         qdd=read_only(samples.qdd),
         base_motion=samples.base,
         base_quat_wxyz=read_only(samples.quats),
-        base_angle=read_only(samples.phi),
         loads={name: read_only(np.array(load)) for name, load in samples.loads.items()},
         wrenches=acting.wrenches_of(samples.loads),
         gravity=acting.gravity,
@@ -367,13 +350,6 @@ def _unit_doubts(
         rows += [(label, sentence) for sentence in suspicions("written rates", label, omega[None])]
     found |= dict(rows)
     return found
-
-
-def _described_loads(robot: Mechanism, loads: object, joint_loads: bool) -> Mapping[str, HingeTorque]:
-    """Return the loads of joints that a file describes, without stops; none unless `joint_loads` is true."""
-    if loads is not None:
-        raise ArgumentError("joint_loads", "None beside loads", quoted(joint_loads))
-    return {name: replace(load, stops=None) for name, load in robot.joint_loads.items()} if joint_loads else {}
 
 
 def base_of(robot: Mechanism, base: str | None, base_motion: Any) -> tuple[str, Any]:

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.results import Result
 from hingepair.mechanism.states import Energy, FrameState, MechanismForces, MechanismState, Momentum
 from hingepair.motion.energy_balance import EnergyBalance, energy_balance
 from hingepair.motion.equations_of_motion import RobotMotion
 from hingepair.motion.loads import ON_BASE
 from hingepair.motion.run import Impact, RunOptions, run_motion
-from hingepair.motion.trajectory import Deferred, PlanarTrajectory, Trajectory
+from hingepair.motion.trajectory import Deferred, Trajectory
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import Frozen, read_only
 
@@ -76,8 +75,6 @@ class SimulatedRobotMotion(Frozen, Result):
     base_motion: BodyMotion
     #: attitude of the base as unit quaternions with the scalar first and without jumps of sign; shape (N, 4)
     base_quat_wxyz: Array
-    #: angle of the base about the world's z axis, which counts turns if it turns about no other [rad]; shape (N,)
-    base_angle: Array
     #: loads by name: "tau", the sum of the efforts at each joint, (N, dof); its parts "motor" and, of HingeLoads,
     #: "spring", "damper", "friction" and "stop", (N, dof); force1 and torque1 on the base, and those on links, such
     #: as force_hand and torque_hand, (N, 3)
@@ -200,14 +197,11 @@ _ON_BODIES: Final = {**{name: name for name in ON_BASE}, **_ON_BODY2}
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class _SimulatedPair:
-    """What simulated motions of spatial and of planar pairs share: those of the robot of one joint."""
+class SimulatedMotion(Trajectory):
+    """The motion of a pair, as `simulate` returns it: a `Trajectory` with rates and loads."""
 
     #: the motion as that of a robot of one joint, psi
     robot_motion: SimulatedRobotMotion
-    #: the pair; for a PlanarPair, the HingePair with the same planar dynamics
-    space: HingePair
-    psi: Array
 
     @property
     def body1(self) -> BodyMotion:
@@ -265,7 +259,7 @@ class _SimulatedPair:
 
     @property
     def error_estimate(self) -> float:
-        """Estimated error of body 1's attitude or angle phi at the worst instant [rad], from a second run with a
+        """Estimated error of body 1's attitude at the worst instant [rad], from a second run with a
         thousandth of the tolerance at first access; 0 if the base is fixed or prescribed. `psi_error_estimate` is
         that of psi.
         """
@@ -282,7 +276,7 @@ class _SimulatedPair:
 
     def energy(self) -> Energy:
         """Compute the kinetic and potential energy of all bodies that have mass properties, (N,) each."""
-        return self.space.energy(self.body1, self.psi, self.psid, gravity=self.gravity)
+        return self.pair.energy(self.body1, self.psi, self.psid, gravity=self.gravity)
 
     def energy_balance(self) -> EnergyBalance:
         """Compute the energy balance at the first call, keep it, and return this EnergyBalance: the work of each load
@@ -309,28 +303,12 @@ class _SimulatedPair:
         Raises:
             ArgumentError: a body has no mass properties.
         """
-        return self.space.momentum(self.body1, self.psi, self.psid)
-
-    def _hinge_quantities(self) -> dict[str, Array]:
-        return {"psi": self.psi, "psid": self.psid, "psidd": self.psidd, "hinge_torque": self.loads["hinge_torque"]}
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class SimulatedMotion(_SimulatedPair, Trajectory):
-    """The motion of a pair, as `simulate` returns it: a `Trajectory` with rates and loads."""
+        return self.pair.momentum(self.body1, self.psi, self.psid)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return arrays (N, ...) by name: the outputs of the state, the motion of body 1, psi, psid, psidd and
         hinge_torque.
         """
         body1 = {f"{letter}1": getattr(self.body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha")}
-        return {**self.state.arrays(), **body1, **self._hinge_quantities()}
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class SimulatedPlanarMotion(_SimulatedPair, PlanarTrajectory):
-    """The motion of a planar pair: a `PlanarTrajectory` with the further attributes of a `SimulatedMotion`."""
-
-    def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return arrays (N, ...) by name: the outputs of the state, phi, psi, psid, psidd and hinge_torque."""
-        return {**self.state.arrays(), "phi": self.phi, **self._hinge_quantities()}
+        rates = {"psi": self.psi, "psid": self.psid, "psidd": self.psidd}
+        return {**self.state.arrays(), **body1, **rates, "hinge_torque": self.loads["hinge_torque"]}

@@ -16,7 +16,7 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.results import Result
-from hingepair.mechanism.states import PairState, PlanarState
+from hingepair.mechanism.states import PairState
 from hingepair.numeric.arrays import Frozen, check_choice, read_only
 from hingepair.numeric.blocks import components_of, tabulate_one
 from hingepair.plans.pairs import unit_among
@@ -48,8 +48,21 @@ class Deferred:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class _TrajectoryBase(Frozen, Result):
-    """Instants, psi, method, steps and error estimates, and the attributes of the state."""
+class Trajectory(Frozen, Result):
+    """The motion of a pair over time, as `integrate` returns it (E12). All attributes of its `state`, such as R2, S2
+    and v2, are also attributes of the trajectory.
+
+    Attributes:
+        t: the instants [s]; shape (N,).
+        psi: hinge angle [rad]; shape (N,).
+        quat_wxyz: attitude of body 1, body to world, as unit quaternions with the scalar first and without jumps of
+            sign; shape (N, 4).
+        R1: position of the reference point of body 1, world axes [m]; shape (N, 3).
+        state: the PairState at the instants.
+        pair: the HingePair.
+        method: name of the integration method, such as "magnus6".
+        steps: number of integration steps.
+    """
 
     __signature__ = (
         Signature()
@@ -57,7 +70,10 @@ class _TrajectoryBase(Frozen, Result):
 
     t: NDArray[np.float64]
     psi: NDArray[np.float64]
-    state: Any
+    quat_wxyz: NDArray[np.float64]
+    R1: NDArray[Any]
+    state: PairState
+    pair: HingePair
     method: str
     steps: int
     _solution: Any = None  # which tells the errors
@@ -72,16 +88,13 @@ class _TrajectoryBase(Frozen, Result):
         return unit_among(self.state.outputs, name)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays by name, the instants on the first axis: the outputs that were computed, psi, and R1 and
-        S1 (in the plane phi).
-        """
-        names = ("R1", "S1", "psi") if isinstance(self, Trajectory) else ("phi", "psi")
-        return {**self.state.arrays(), **{name: getattr(self, name) for name in names}}
+        """Return the arrays by name, the instants on the first axis: the outputs that were computed, R1, S1, psi."""
+        return {**self.state.arrays(), "R1": self.R1, "S1": self.S1, "psi": self.psi}
 
     @property
     def error_estimate(self) -> float:
-        """Estimate of the largest error of the attitude of body 1 (in the plane of phi) at any instant, as an angle
-        [rad], with rounding. It is computed at the first access.
+        """Estimate of the largest error of the attitude of body 1 at any instant, as an angle [rad], with
+        rounding. It is computed at the first access.
 
         Where rates are smooth, it differs from the actual error by a few per cent. The result of each step is
         compared with that of steps of half its length or less. Of a callable that jumps or has a kink, the estimate
@@ -116,29 +129,6 @@ class _TrajectoryBase(Frozen, Result):
 
     def _available_names(self) -> Iterable[str]:
         return dir(object.__getattribute__(self, "state"))
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Trajectory(_TrajectoryBase):
-    """The motion of a pair over time, as `integrate` returns it (E12). All attributes of its `state`, such as R2, S2
-    and v2, are also attributes of the trajectory.
-
-    Attributes:
-        t: the instants [s]; shape (N,).
-        quat_wxyz: attitude of body 1, body to world, as unit quaternions with the scalar first and without jumps of
-            sign; shape (N, 4).
-        psi: hinge angle [rad]; shape (N,).
-        R1: position of the reference point of body 1, world axes [m]; shape (N, 3).
-        state: the PairState at the instants.
-        pair: the HingePair.
-        method: name of the integration method, such as "magnus6".
-        steps: number of integration steps.
-    """
-
-    quat_wxyz: NDArray[np.float64]
-    R1: NDArray[Any]
-    state: PairState
-    pair: HingePair
 
     @property
     def quat_xyzw(self) -> NDArray[np.float64]:
@@ -179,24 +169,6 @@ class Trajectory(_TrajectoryBase):
         if S is None:
             raise ArgumentError("body", "1, or S2 among the outputs", body)
         return unwrap_euler_angles(matrix_to_euler(S, sequence), proper=sequence[0] == sequence[2])
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class PlanarTrajectory(_TrajectoryBase):
-    """The motion of a planar pair over time, as `integrate` returns it (E11, E12). All attributes of its `state`,
-    such as R2, phi2 and v2, are also attributes of the trajectory.
-
-    Attributes:
-        t: the instants [s]; shape (N,).
-        phi: angle of body 1 [rad]; shape (N,). The angle of body 2 is `phi2`.
-        psi: hinge angle [rad]; shape (N,).
-        state: the PlanarState at the instants.
-        method: name of the integration method, such as "magnus6".
-        steps: number of integration steps.
-    """
-
-    phi: NDArray[np.float64]
-    state: PlanarState
 
 
 def describe_instants(t: NDArray[np.float64]) -> str:

@@ -16,7 +16,6 @@ from hingepair.mechanism.pairs.geometry import check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.results import MAX_HELD_INSTANTS
 from hingepair.mechanism.tree import Joint
-from hingepair.motion.simulated import SimulatedPlanarMotion
 from hingepair.motion.trajectory import Trajectory
 from hingepair.numeric.arrays import is_table, real_array
 from hingepair.scenes.motions.known import Known
@@ -31,7 +30,7 @@ _MAX_MARKED: Final = 200  # further instants on a page, at which something is be
 BODY2_RATES: Final = ("v2", "omega2", "a2", "alpha2")
 """Velocities, then accelerations of body 2: two for each order of derivatives."""
 
-MotionSource: TypeAlias = HingePair | Scene | SceneResult | Trajectory | SimulatedPlanarMotion
+MotionSource: TypeAlias = HingePair | Scene | SceneResult | Trajectory
 
 
 class Event(NamedTuple):
@@ -297,10 +296,8 @@ def _recorded_motion(source: object) -> _Recorded:
     if isinstance(source, Trajectory):
         recorded = source.recorded()
         return _Recorded(source.t, source.pair, BodyMotion(R=source.R1, S=source.S1), source.psi, recorded)
-    if isinstance(source, SimulatedPlanarMotion):
-        return _Recorded(source.t, source.space, source.body1, source.psi, source.recorded())
     if not isinstance(source, HingePair):
-        expected = "a pair in space, a scene, its result, or a trajectory in space or by `simulate`"
+        expected = "a pair in space, a scene, its result, or a trajectory in space"
         raise ArgumentError("source", expected, type(source).__name__)
     check_single_pair(source)
     lower, upper = source.limits or (-np.pi, np.pi)

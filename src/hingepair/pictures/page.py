@@ -62,8 +62,7 @@ def view(
     Args:
         source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair. For a pair, the
             hinge angle moves from its lower to its upper limit and back, or through a whole turn if the pair has no
-            limits. For a PlanarPair, give `pair.to_spatial()`. The result of `simulate` for a PlanarPair can be
-            shown, but the result of `integrate` for it cannot.
+            limits. For a PlanarPair, give `pair.to_spatial()`.
         path: file to write the page to, ending in .html; by default no file is written.
         q: coordinates of a robot at T instants [rad or m]; shape (T, dof), in the order of `robot.names`, or a table
             with a column for each of these names. By default the page of a robot has no motion, only sliders; a

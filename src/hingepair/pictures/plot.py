@@ -17,7 +17,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.results import MAX_HELD_INSTANTS, Record, Result
-from hingepair.motion.simulated import SimulatedMotion, SimulatedPlanarMotion, SimulatedRobotMotion
+from hingepair.motion.simulated import SimulatedMotion, SimulatedRobotMotion
 from hingepair.numeric.arrays import check_choice
 from hingepair.pictures.curves import (
     PATHS,
@@ -90,8 +90,7 @@ def plot(
         source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; a robot, with q; the result
             of `smooth`; or the forces of a scene, `scene.forces()`.
             For a pair, the hinge angle moves from its lower to its upper limit and back, or through a whole turn if
-            the pair has no limits. For a PlanarPair, give `pair.to_spatial()`. The result of
-            `simulate` for a PlanarPair can be drawn, but the result of `integrate` for it cannot.
+            the pair has no limits. For a PlanarPair, give `pair.to_spatial()`.
         outputs: names of the outputs to draw over time instead of the whole figure. For a scene, these are outputs of
             its method `evaluate` and, of a pair with masses, hinge_torque, bearing_torque, hinge_force, force1 and
             torque1; for a trajectory or the result of `smooth`, outputs that it holds; for a pair, R1,
@@ -210,7 +209,7 @@ def _loads(source: MotionSource, outputs: tuple[str, ...] | None) -> tuple[Array
         if outputs is None and known and source.samples <= MAX_HELD_INSTANTS:
             names = ["hinge_torque", "hinge_force", *["bearing_torque"] * (source.dimensions == 3)]
         return (source.t, source.arrays(names)) if names else (np.zeros(0), {})
-    if outputs is None and isinstance(source, SimulatedMotion | SimulatedPlanarMotion):
+    if outputs is None and isinstance(source, SimulatedMotion):
         return source.t, {"hinge_torque": source.recorded()["hinge_torque"]}
     return np.zeros(0), {}
 
