@@ -34,8 +34,13 @@ def knee(axes):
     """Draw the angle of a knee that was identified from recorded markers."""
     walk = runpy.run_path(str(DOCS / "gallery" / "plot_knee.py"))
     fit = walk["fit"]
-    error = np.degrees(fit.std["psi"])
-    axes.errorbar(100 * walk["share"], np.degrees(fit.psi), error, fmt=".", ms=3, ecolor="lightsteelblue")
+    axes.plot(100 * walk["share"], np.degrees(fit.psi), ".", ms=3)
+    found = {
+        "angle": f"{np.degrees(np.median(fit.std['psi'])):.2f} deg",
+        "axis": f"{np.degrees(np.linalg.norm(fit.std['n'])):.2f} deg",
+        "centre": f"{1000 * np.linalg.norm(fit.std['u1']):.1f} mm",
+    }
+    axes.text(3, 35, "\n".join(f"{name} +- {value}" for name, value in found.items()))
     axes.set(title="A knee from recordings, with +- values", xlabel="gait cycle [%]", ylabel="flexion [degrees]")
     axes.spines[["top", "right"]].set_visible(False)
 
