@@ -14,24 +14,24 @@ import hingepair as hp
 from hingepair.mechanism.pairs.accuracy import PROMISED_BOUND_BY_OUTPUT
 from support.pages import page_steps, run_page
 
-DOCS = Path(__file__).parent.parent / "docs"
-QUICK = {"index", "concepts/engine"}
-"""Pages whose code takes less than a second."""
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+TEXTS = [
+    ROOT / "README.md",
+    ROOT / "models" / "README.md",
+    *sorted(DOCS.glob("*.md")),
+    *sorted(DOCS.glob("[!_a]*/*.md")),  # not those that Sphinx makes
+]
+WITH_CODE = [page for page in TEXTS[1:] if any(step.kind != "file" for step in page_steps(page))]
 
 
-def pages():
-    """Return the pages that hold code to run, the quick ones unmarked."""
-    found = []
-    folders = ("_build", "auto_examples", "gallery")
-    for page in sorted(DOCS.rglob("*.md")):
-        name = page.relative_to(DOCS).with_suffix("").as_posix()
-        if not name.startswith(folders) and any(step.kind != "file" for step in page_steps(page)):
-            found.append(pytest.param(page, id=name, marks=[] if name in QUICK else [pytest.mark.slow(20)]))
-    return found
+def name_of(page: Path) -> str:
+    """Return the path of a page in the repository."""
+    return page.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", pages())
+@pytest.mark.slow(20)
+@pytest.mark.parametrize("page", WITH_CODE, ids=name_of)
 def test_code_prints_what_the_page_says(page, tmp_path, monkeypatch):
     if "import dask" in page.read_text(encoding="utf-8"):
         pytest.importorskip("dask", reason="the extra dask is not installed")
@@ -52,7 +52,7 @@ def test_the_classes_of_results_exist():
         assert hasattr(importlib.import_module(module), name), f"{module}.{name}"
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.glob("*/*.md")) + sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", TEXTS, ids=name_of)
 def test_names_of_the_package_exist(page):
     for name in set(re.findall(r"\bhp\.([a-zA-Z]\w*)", page.read_text(encoding="utf-8"))):
         assert hasattr(hp, name), name
@@ -70,7 +70,7 @@ def calls_of(page: Path) -> list[ast.Call]:
     return found
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.glob("*/*.md")) + sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", TEXTS, ids=name_of)
 def test_calls_in_the_text_fit_the_signatures(page):
     owners = {"hp": (hp,), "robot": (hp.Mechanism,), "pair": (hp.HingePair, hp.PlanarPair)}
     for call in calls_of(page):
@@ -86,10 +86,17 @@ def test_calls_in_the_text_fit_the_signatures(page):
         inspect.signature(function).bind(*own, *arguments, **{one.arg: None for one in call.keywords if one.arg})
 
 
-def test_links_of_the_pages_lead_to_files_of_the_repository():
-    for page in (*DOCS.glob("*.md"), *DOCS.glob("[!_ag]*/*.md")):
-        for link in re.findall(r"\]\((?!https?:)([^)#\s]+)", page.read_text(encoding="utf-8")):
-            assert (page.parent / link).exists(), (page.name, link)
+@pytest.mark.parametrize("page", TEXTS, ids=name_of)
+def test_links_lead_to_files_and_headings(page):
+    text = page.read_text(encoding="utf-8")
+    links = re.findall(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)", text)
+    for link, heading in (*links, *((file, "") for file in re.findall(r'<img src="([^"]*)"', text))):
+        target = page.parent / link if link else page
+        assert target.exists(), link
+        if heading:
+            headings = re.findall("^#+ (.*)$", target.read_text(encoding="utf-8"), re.MULTILINE)
+            anchors = [re.sub(r"[^\w -]", "", one).lower().replace(" ", "-") for one in headings]
+            assert heading in anchors, f"{link}#{heading}"
 
 
 @pytest.mark.parametrize("output", PROMISED_BOUND_BY_OUTPUT)
