@@ -74,7 +74,16 @@ def test_a_hatch_with_a_strut_is_that_of_the_library(tmp_path):
     robot = robot.with_strut("foot", "eye", "gas", force=hp.GasSpring(F1=150, F2=200, stroke=0.25), free_length=0.55)
     expected = robot.inverse_dynamics(*scene.coordinates()).tau
     np.testing.assert_allclose(scene.forces().tau, expected, rtol=0, atol=1e-12)
-    assert "lid" in run_command("forces", scene.path).stdout
+    gas = robot.struts(*scene.coordinates()[:2])["gas"]
+    result = scene.evaluate(["gas", "length"])
+    assert [*result.requested_arrays()] == ["length_gas", "rate_gas", "force_gas"]
+    for name in ("length", "rate", "force"):
+        np.testing.assert_allclose(getattr(result["gas"], name), getattr(gas, name), rtol=1e-15)
+    np.testing.assert_array_equal(scene.forces().recorded()["force_gas"], result["gas"].force)
+    assert "force_gas" in run_command("forces", scene.path).stdout
+    assert scene.unit("rate_gas") == "m/s"
+    with pytest.raises(hp.ArgumentError, match=r"nearest: length_gas"):
+        scene.evaluate(["gas.length"])
 
 
 def test_a_search_finds_where_a_strut_is_mounted(tmp_path):

@@ -174,7 +174,11 @@ class SceneResult(Frozen, Result):
         return self.known
 
     def __getitem__(self, name: str) -> Any:
-        """Return the motion of a frame or of a point by its name, such as `result["tip"].R`, or an output."""
+        """Return the motion of a frame or of a point by its name, such as `result["tip"].R`, a strut such as
+        `result["gas"].force`, or an output.
+        """
+        if name in self.computed.struts:
+            return self.computed.struts[name]
         if self.state is None:
             raise ArgumentError("frame", "no frame, since no output is of one", quoted(name))
         return self.state[name]
@@ -398,8 +402,9 @@ class Scene(Shown):
 
                 Of a robot: R, S, quat, d, v, omega, a or alpha for all frames of the scene; the name of a link, a
                 joint or another frame for all motion of it; a name such as R_tool for one quantity of one frame; q,
-                qd, qdd or tau for all joints; tau_elbow for tau of one joint; force1 and torque1, the load on the
-                base.
+                qd, qdd or tau for all joints; tau_elbow for tau of one joint; length, rate and force for all struts;
+                the name of a strut, or length_gas, rate_gas or force_gas, for one; force1 and torque1, the load on
+                the base.
 
         Returns:
             A SceneResult, whose attributes are the outputs.

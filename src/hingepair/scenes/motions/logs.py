@@ -95,7 +95,11 @@ class LogLayout:
                 self._units[joint.name + ending] = joint.unit + per
         self.hinges = [joint.name for joint in subject.joints if joint.unit == "rad"]
         self.headings = headings_among(self.arrays.get("phi", ()), sequence)
-        results = {*SPACE.levels, *PLANE.levels} if subject.pair is not None else {*FRAME_OUTPUTS, "quat", "tau"}
+        results = (
+            {*SPACE.levels, *PLANE.levels}
+            if subject.pair is not None
+            else {*FRAME_OUTPUTS, "quat", "tau", "length", "rate", "force"}
+        )
         #: beginnings (up to the first `_`) of the names of columns that hold results
         self.result_prefixes = results | {"force1", "torque1"}
 

@@ -32,19 +32,21 @@ _COORDINATES: Final = ("q", "qd", "qdd")
 _OF_JOINTS: Final = (*_COORDINATES, "tau")
 _FORCES: Final = ("tau", "force1", "torque1")
 _OF_LOGS: Final = ("columns", "ignore", "smooth", "loss", "gaps", "frame")  # keys of [motion]
-_QUANTITIES: Final = (*_OF_FRAMES, *_OF_JOINTS, *_FORCES[1:])  # all
+_OF_STRUTS: Final = {"length": "m", "rate": "m/s", "force": "N"}  # with their units
+_QUANTITIES: Final = (*_OF_FRAMES, *_OF_JOINTS, *_FORCES[1:])  # all but those of struts
 
 
 def _order(quantity: str) -> int:
-    return QUANTITIES[quantity].order
+    return int(quantity != "length") if quantity in _OF_STRUTS else QUANTITIES[quantity].order
 
 
 class Output(NamedTuple):
-    """One requested output: a quantity of some frames or joints, or of the base."""
+    """One requested output: a quantity of some frames, joints or struts, or of the base."""
 
     quantity: str
     frames: tuple[str, ...] = ()
     joints: tuple[str, ...] = ()
+    struts: tuple[str, ...] = ()
 
 
 Request = tuple[Output, ...]
@@ -70,6 +72,11 @@ class MechanismSubject(SubjectBase):
     def name(self) -> str:
         """Name of the mechanism."""
         return self.mechanism.name
+
+    @property
+    def struts(self) -> tuple[str, ...]:
+        """Names of the struts."""
+        return tuple(strut.name for strut in tree_of(self.mechanism).struts)
 
     def check_motion_keys(self, motion: Table, further: Collection[str] = ()) -> None:
         """Refuse keys of [motion] other than joints, coordinates of the base and `sequence`, with what they are."""
@@ -117,6 +124,8 @@ class MechanismSubject(SubjectBase):
     def _is_output(self, column: str) -> bool:
         """Return whether a column of a file is an output other than a joint's coordinates, such as R_tool_x."""
         quantity, _, owner = column.partition("_")
+        if quantity in _OF_STRUTS and owner in self.struts:
+            return True
         owners = {*self.mechanism.links, *tree_of(self.mechanism).frames, *self.names}
         return quantity in {*_OF_FRAMES, *_FORCES} and (
             quantity in _FORCES[1:] or bool(owners & {owner, owner.rpartition("_")[0]})
@@ -130,7 +139,8 @@ class MechanismSubject(SubjectBase):
             for ending, per in zip(RATE_SUFFIXES, ("", "/s", "/s^2"), strict=True):
                 if name == joint.name + ending:
                     return joint.unit + per
-        return unit_of(name.partition("_")[0])
+        quantity, _, owner = name.partition("_")
+        return _OF_STRUTS[quantity] if owner in self.struts and quantity in _OF_STRUTS else unit_of(quantity)
 
     def request(self, outputs: Iterable[str] | None, motion: Motion) -> Request:
         """Return the requested outputs, by default the motion of the scene's frames and of the joints that move."""
@@ -138,7 +148,7 @@ class MechanismSubject(SubjectBase):
         if outputs is None:
             of_frames = [Output(name, self.frames) for name in _FRAME_DEFAULTS if _order(name) <= level]
             of_joints = [Output(name, (), motion.moving) for name in _COORDINATES if _order(name) <= level]
-            return (*of_frames, *of_joints)
+            return (*of_frames, *of_joints, *self._of_struts(self.struts, level))
         try:
             requested = [outputs] if isinstance(outputs, str) else list(outputs)
         except TypeError:
@@ -147,8 +157,12 @@ class MechanismSubject(SubjectBase):
             raise ArgumentError("outputs", f"names out of {', '.join(_QUANTITIES)}, or of frames", quoted(outputs))
         return tuple(output for name in requested for output in self._parse_output(name, motion))
 
+    def _of_struts(self, names: tuple[str, ...], level: int) -> list[Output]:
+        """Return all quantities of struts."""
+        return [Output(kind, struts=names) for kind in _OF_STRUTS if names and _order(kind) <= level]
+
     def _parse_output(self, name: object, motion: Motion) -> Iterator[Output]:
-        """Yield what one name requests: a quantity such as R or tau, a frame, or both such as R_tool."""
+        """Yield what one name requests: a quantity such as R or tau, a frame or strut, or both such as R_tool."""
         quantity, _, owner = name.partition("_") if isinstance(name, str) else ("", "", "")
         level, robot = motion.level, self.mechanism
         if name in _OF_FRAMES:
@@ -161,9 +175,14 @@ class MechanismSubject(SubjectBase):
             requested = [Output(quantity, (owner,))]
         elif quantity == "tau" and owner in robot.names:
             requested = [Output(quantity, (), (owner,))]
+        elif name in self.struts:
+            requested = self._of_struts((str(name),), level)
+        elif quantity in _OF_STRUTS and (owner in self.struts or (self.struts and not owner)):
+            requested = [Output(quantity, struts=(owner,) if owner else self.struts)]
         else:
-            known = (*_QUANTITIES, *robot.links, *tree_of(robot).frames)
-            close = nearest(str(name), (*known, *(f"tau_{joint}" for joint in robot.names)))
+            of_struts = (f"{kind}_{strut}" for kind in _OF_STRUTS for strut in self.struts)
+            known = (*_QUANTITIES, *robot.links, *tree_of(robot).frames, *of_struts)
+            close = nearest(str(name).replace(".", "_"), (*known, *(f"tau_{joint}" for joint in robot.names)))
             several = f", or both such as R_{self.frames[0]}" if self.frames else ""
             raise ArgumentError("outputs", choices(known) + several + close, quoted(name))
         for output in requested:
@@ -187,7 +206,10 @@ class MechanismSubject(SubjectBase):
             )
         if forces:
             found = self.efforts(known, acting, forces, backend=backend)
-        return Computed(state, found)
+        of_struts = any(output.struts for output in request)
+        return Computed(
+            state, found, self.mechanism.struts(*known.arguments()[:2], backend=backend) if of_struts else {}
+        )
 
     def efforts(
         self,
@@ -227,7 +249,7 @@ class MechanismSubject(SubjectBase):
         """
         arrays: Arrays = {}
         columns = {name: i for i, name in enumerate(self.names)}
-        for quantity, frames, joints in request:
+        for quantity, frames, joints, struts in request:
             for frame in frames:
                 arrays |= _frame_arrays(computed.state, quantity, frame)
             for joint in joints:
@@ -236,6 +258,7 @@ class MechanismSubject(SubjectBase):
                 else:
                     order = _COORDINATES.index(quantity)
                     arrays[joint + RATE_SUFFIXES[order]] = known.column(order, columns[joint])
+            arrays |= {f"{quantity}_{strut}": getattr(computed.struts[strut], quantity) for strut in struts}
             if quantity in _FORCES[1:]:
                 arrays[quantity] = getattr(computed.forces, quantity)
         return arrays
@@ -297,10 +320,13 @@ class MechanismSubject(SubjectBase):
         return ()
 
     def forces(self, known: Known, acting: Acting) -> Arrays:
-        """Return tau of each joint, such as tau_elbow, and the load on the base."""
+        """Return tau of each joint, such as tau_elbow, lengths and forces of struts, and the load on the base."""
         found = self.efforts(known, acting)
         tau = np.asarray(found.tau, dtype=np.float64)
         own = {f"tau_{name}": tau[:, i] for i, name in enumerate(self.names)}
+        struts = self.mechanism.struts(*known.arguments()[:2]) if self.struts else {}
+        for name, strut in struts.items():
+            own |= {f"length_{name}": strut.length, f"force_{name}": strut.force}
         return own | {"force1": found.force1, "torque1": found.torque1}
 
     def compare(self, known: Known, acting: Acting) -> CrossValidation:

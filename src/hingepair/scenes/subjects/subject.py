@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -42,6 +42,7 @@ class Computed:
 
     state: Any = None  # PairState, PlanarState or MechanismState; None if no output needs it
     forces: Any = None  # MechanismForces; None if none was requested
+    struts: Mapping[str, Any] = field(default_factory=dict)  # StrutState by name
 
 
 class SubjectBase:

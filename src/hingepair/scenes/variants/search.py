@@ -6,9 +6,9 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -119,8 +119,6 @@ def search(
     >>> found.ok, round(found.values["pair.body2.mass"], 2)  # kg
     (True, 95.85)
     """
-    from scipy import optimize
-
     conditions = [read_condition(text) for text in ([until] if isinstance(until, str) else until)]
     if minimize is not None and maximize is not None:
         raise ArgumentError("maximize", "None beside minimize", quoted(maximize))
@@ -128,30 +126,33 @@ def search(
     if not conditions and aim is None:
         raise ArgumentError("until", 'a condition such as "psi_last = 1.5", or minimize=', "none")
     names = (*(condition.result for condition in conditions), *(() if aim is None else (aim,)))
-    variants = _Variants(scene, vary, names, units)
+    tried = _Tried(scene, vary, names, conditions, units)
     if aim is not None:
-        sign = 1.0 if maximize is None else -1.0
-        x = _smallest(optimize, variants, lambda x: sign * variants.results(x)[-1], conditions)
-    elif len(variants.keys) == 1 and len(conditions) == 1 and conditions[0].sign == "=":
-        x = _root(optimize, variants, lambda x: conditions[0].miss(variants.results(x)[0]))
+        x = _smallest(tried, 1.0 if maximize is None else -1.0)
+    elif len(tried.keys) == 1 and len(conditions) == 1 and conditions[0].sign == "=":
+        x = _root(tried)
     else:
-        x = _least_misses(optimize, variants, conditions, variants.start)
-    results = dict(zip(names, variants.results(x), strict=True))
-    held = variants.meet(x, conditions) and all(map(math.isfinite, results.values()))
-    ends = [] if aim is None else variants.at_ends(x)
-    changes = len({tuple(own) for own in variants.known.values()}) > 1 or len(variants.known) == 1
+        x = _least_misses(tried, tried.start)
+    results = dict(zip(names, tried.results(x), strict=True))
+    held = tried.meets(x) and all(map(math.isfinite, results.values()))
+    notes = [] if held else tried.doubts(x)
+    if aim is not None:
+        near = np.minimum(x - tried.low, tried.high - x) < 1e-6 * (tried.high - tried.low)
+        ended = zip(tried.keys, x, near, strict=True)
+        notes += [f"{key} = {value:.6g} is at an end of its range" for key, value, is_near in ended if is_near]
+    changes = len({tuple(own) for own in tried.known.values()}) > 1 or len(tried.known) == 1
     if not changes:
-        ends.append(f"{', '.join(names)} does not change with {', '.join(variants.keys)}")
+        notes.append(f"{', '.join(names)} does not change with {', '.join(tried.keys)}")
     return Search(
-        values=dict(zip(variants.keys, x.tolist(), strict=True)),
-        start=dict(zip(variants.keys, variants.given.tolist(), strict=True)),
+        values=dict(zip(tried.keys, x.tolist(), strict=True)),
+        start=dict(zip(tried.keys, tried.given.tolist(), strict=True)),
         results=results,
-        units=variants.units(),
+        units=tried.units(),
         conditions=tuple(map(str, conditions)),
-        notes=(*(() if held else variants.doubts(x, conditions)), *ends),
+        notes=tuple(notes),
         ok=held and changes,
-        evaluations=len(variants.known),
-        scene=variants.variants.scene_of(x.tolist()),
+        evaluations=len(tried.known),
+        scene=tried.variants.scene_of(x.tolist()),
     )
 
 
@@ -170,25 +171,26 @@ def read_condition(text: object) -> Condition:
     return Condition(match[1], match[2] if match[2] == "=" else f"{match[2][0]}=", value)
 
 
-class _Variants:
-    """The scene with other numbers, and its results, each computed once."""
+class _Tried:
+    """The numbers that were tried, with their results."""
 
     def __init__(
         self,
         scene: Scene | str | os.PathLike[str],
         vary: str | Sequence[str] | Mapping[str, Range],
         names: Sequence[str],
+        conditions: Sequence[Condition],
         units: str | None,
     ) -> None:
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
         keys = [vary] if isinstance(vary, str) else list(vary)
         if not keys:
             raise ArgumentError("vary", 'a key such as "dynamics.psi.damping"', quoted(vary))
-        self.keys: list[str] = keys
+        self.keys, self.conditions, self._names = keys, conditions, names
         ranges = [vary[key] if isinstance(vary, Mapping) else None for key in keys]
-        self._names = names
         self._columns = [_column(name) for name in names]
-        self.variants = Variants(scene, keys, self._outputs_in(scene))
+        outputs = tuple(dict.fromkeys(_output_in(scene, column) for column, _ in self._columns))
+        self.variants = Variants(scene, keys, outputs)
         self.given = np.array([number_at(scene.tables, path) for path in self.variants.paths])
         self.low, self.high = np.array([_ends(*each) for each in zip(keys, ranges, self.given, strict=True)]).T
         self.has_ranges = all(one is not None for one in ranges)
@@ -197,53 +199,33 @@ class _Variants:
         self._in_units = scene.in_units(units or "")
         self.results(self.start)  # says at once what cannot be computed
 
-    def _outputs_in(self, scene: Scene) -> tuple[str, ...]:
-        """Return the outputs whose components the results are: of each, the longest name that the scene has."""
-        found: dict[str, None] = {}
-        for name, (column, _) in zip(self._names, self._columns, strict=True):
-            parts = column.split("_")
-            refusals = []
-            for count in range(len(parts), 0, -1):
-                output = "_".join(parts[:count])
-                try:
-                    scene.check_arrays((output,))
-                except ArgumentError as error:
-                    refusals.append(error)
-                else:
-                    found[output] = None
-                    break
-            else:
-                expected = f"a component of an output of the scene ({refusals[0].expected})"
-                raise ArgumentError(name, expected, quoted(column))
-        return tuple(found)
-
     def results(self, x: Float64Array) -> list[float]:
-        """Return the results at numbers x, each computed once."""
+        """Return the results at numbers x, each computed once; NaN where that fails, but an error with the first."""
         key = np.asarray(x, np.float64).tobytes()
         if key not in self.known:
-            self.known[key] = self._computed(np.asarray(x, np.float64))
+            try:
+                with warnings.catch_warnings():
+                    if self.known:  # a result that is NaN is not found
+                        warnings.filterwarnings("ignore", ".* is beyond its stroke", DynamicsWarning)
+                    batch = self.variants.compute(np.asarray(x, np.float64).tolist())
+            except ArgumentError:
+                if not self.known:
+                    raise
+                self.known[key] = [math.nan] * len(self._names)
+                return self.known[key]
+            reductions = tuple(dict.fromkeys(reduction for _, reduction in self._columns))
+            reduced = batch.reduced(reductions, self._in_units)
+            columns = {heading.partition(" [")[0]: values for heading, values in reduced.items()}
+            for name, (_, reduction) in zip(self._names, self._columns, strict=True):
+                if name not in columns:
+                    alike = [column for column in columns if column.endswith(f"_{reduction}")]
+                    raise ArgumentError("until", choices(alike), quoted(name))
+            self.known[key] = [float(columns[name][0]) for name in self._names]
         return self.known[key]
 
-    def _computed(self, x: Float64Array) -> list[float]:
-        """Compute the results at numbers x; NaN where that fails, but an error with the first numbers."""
-        try:
-            with warnings.catch_warnings():
-                if self.known:  # a result that is NaN is not found
-                    warnings.filterwarnings("ignore", ".* is beyond its stroke", DynamicsWarning)
-                batch = self.variants.compute(x.tolist())
-        except ArgumentError:
-            if not self.known:
-                raise
-            return [math.nan] * len(self._names)
-        reductions = tuple(dict.fromkeys(reduction for _, reduction in self._columns))
-        reduced = batch.reduced(reductions, self._in_units)
-        columns = {heading.partition(" [")[0]: values for heading, values in reduced.items()}
-        for name in self._names:
-            if name not in columns:
-                reduction = _column(name)[1]
-                known = [column for column in columns if column.endswith(f"_{reduction}")]
-                raise ArgumentError("until", choices(known), quoted(name))
-        return [float(columns[name][0]) for name in self._names]
+    def misses(self, x: Float64Array) -> Float64Array:
+        """Return what the conditions miss at numbers x."""
+        return np.array([one.miss(got) for one, got in zip(self.conditions, self.results(x), strict=False)])
 
     def units(self) -> dict[str, str]:
         """Return the units of the results by name."""
@@ -251,45 +233,50 @@ class _Variants:
         columns = zip(self._names, self._columns, strict=True)
         return {name: own.unit("s" if end.startswith("t_") else si(column)) for name, (column, end) in columns}
 
-    def meet(self, x: Float64Array, conditions: Sequence[Condition], tolerance: float = _TOLERANCE) -> bool:
+    def meets(self, x: Float64Array, tolerance: float = _TOLERANCE) -> bool:
         """Return whether the conditions hold at numbers x; `tolerance` is that of inequalities."""
         return all(
             abs(one.miss(got))
             <= (_TOLERANCE if one.sign == "=" else tolerance) * max(abs(one.value) or _size(first, 0.0), 1e-9)
-            for one, got, first in zip(conditions, self.results(x), self.results(self.start), strict=False)
+            for one, got, first in zip(self.conditions, self.results(x), self.results(self.start), strict=False)
         )
 
-    def doubts(self, x: Float64Array, conditions: Sequence[Condition]) -> Iterator[str]:
-        """Yield sentences on why numbers were not found: a result without a value, an instant behind the motion, or a
-        result that jumps.
+    def doubts(self, x: Float64Array) -> list[str]:
+        """Return sentences on why numbers were not found: a result without a value, an instant behind the motion, or
+        a result that jumps.
         """
-        for name, values in dict(zip(self._names, zip(*self.known.values(), strict=True), strict=True)).items():
+        sentences = []
+        for name, *values in zip(self._names, *self.known.values(), strict=True):
             if not any(map(math.isfinite, values)):
-                one_range = len(self.keys) == 1 and self.has_ranges
-                where = (
-                    f"anywhere in {self.low[0]:g}..{self.high[0]:g}" if one_range else "at any of the numbers tried"
-                )
-                yield f"{name} has no value {where}"
-        stop, unit = (
-            self._in_units.units.factor("s") * self.variants.scene_of(x.tolist()).stop,
-            self._in_units.unit("t"),
-        )
-        for place, one in enumerate(conditions):
+                where = "at any of the numbers tried"
+                if len(self.keys) == 1 and self.has_ranges:
+                    where = f"anywhere in {self.low[0]:g}..{self.high[0]:g}"
+                sentences.append(f"{name} has no value {where}")
+        units = self._in_units.units
+        stop = units.factor("s") * self.variants.scene_of(x.tolist()).stop
+        beside = [got for key, got in self.known.items() if np.allclose(np.frombuffer(key), x, rtol=1e-9, atol=0.0)]
+        for place, one in enumerate(self.conditions):
             if self._columns[place][1].startswith("t_") and one.value >= stop:
-                yield f"{one} is not within the motion, which ends at t = {stop:.6g} {unit} (time.stop)"
-            sides = {np.sign(one.miss(got[place])) for key, got in self.known.items() if self._is_beside(key, x)}
-            if len(self.keys) == 1 and {-1.0, 1.0} <= sides:
-                yield f"{one.result} jumps past {one.value:.6g} at {self.keys[0]} = {x[0]:.6g}"
+                unit = units.unit("s")
+                sentences.append(f"{one} is not within the motion, which ends at t = {stop:.6g} {unit} (time.stop)")
+            if len(self.keys) == 1 and {-1.0, 1.0} <= {np.sign(one.miss(got[place])) for got in beside}:
+                sentences.append(f"{one.result} jumps past {one.value:.6g} at {self.keys[0]} = {x[0]:.6g}")
+        return sentences
 
-    def _is_beside(self, key: bytes, x: Float64Array) -> bool:
-        return bool(np.allclose(np.frombuffer(key), x, rtol=1e-9, atol=0.0))
 
-    def at_ends(self, x: Float64Array) -> list[str]:
-        """Return sentences on numbers that are at an end of their ranges."""
-        near = 1e-6 * (self.high - self.low)
-        is_near = (x - self.low < near) | (self.high - x < near)
-        ended = zip(self.keys, x, is_near, strict=True)
-        return [f"{key} = {value:.6g} is at an end of its range" for key, value, is_end in ended if is_end]
+def _output_in(scene: Scene, column: str) -> str:
+    """Return the output whose component a column is: the longest name that the scene has."""
+    parts, refusal = column.split("_"), None
+    for count in range(len(parts), 0, -1):
+        output = "_".join(parts[:count])
+        try:
+            scene.check_arrays((output,))
+        except ArgumentError as error:
+            refusal = refusal or error
+        else:
+            return output
+    expected = f"a component of an output of the scene ({refusal.expected if refusal else ''})"
+    raise ArgumentError("until", expected, quoted(column))
 
 
 def _column(name: str) -> tuple[str, str]:
@@ -313,31 +300,34 @@ def _ends(key: str, ends: Range, start: float) -> tuple[float, float]:
     return low, high
 
 
-def _root(optimize: Any, variants: _Variants, miss: Any) -> Float64Array:
-    """Return the number at which `miss` is 0, nearest to the start; the best one that was seen if there is none."""
-    low, high, start = float(variants.low[0]), float(variants.high[0]), float(variants.start[0])
+def _size(x: float, default: float = 1.0) -> float:
+    """Return the magnitude of a number to which others are relative; `default` for 0 and NaN."""
+    return abs(x) if math.isfinite(x) and x else default
+
+
+def _root(tried: _Tried) -> Float64Array:
+    """Return the number at which the condition holds, nearest to the start; the best one that was seen if there is
+    none.
+    """
+    from scipy import optimize
+
+    low, high, start = float(tried.low[0]), float(tried.high[0]), float(tried.start[0])
     if math.isfinite(high - low):
-        places = sorted({start, *np.linspace(low, high, _SCAN).tolist()}, key=lambda x: abs(x - start))
-    else:  # outwards by factors; from 0 by steps that grow
-        size = abs(start) or 1.0
-        grown = [size * 1.5**k for k in range(-_BRACKET_STEPS // 2, _BRACKET_STEPS)]
-        offsets = (
-            grown if start == 0 else [x - size for x in grown] + [size / 1.5**k - size for k in range(_BRACKET_STEPS)]
-        )
-        steps = [math.copysign(1.0, start) * x for x in offsets] + ([-x for x in offsets] if start == 0 else [])
-        places = [start, *sorted((start + x for x in steps), key=lambda x: abs(x - start))]
+        places = np.linspace(low, high, _SCAN).tolist()
+    else:  # outwards by factors, also across 0 where no sign is to be kept
+        factors = 1.5 ** np.arange(-_BRACKET_STEPS, _BRACKET_STEPS + 1)
+        places = (start * factors).tolist() if start else [*factors.tolist(), *(-factors).tolist()]
     seen: dict[float, float] = {}
 
     def missed(x: float) -> float:
         if x not in seen:
-            seen[x] = float(miss(np.array([x])))
+            seen[x] = float(tried.misses(np.array([x]))[0])
         return seen[x]
 
-    for x in places:
+    for x in (start, *sorted(places, key=lambda x: abs(x - start))):
         if missed(x) == 0:
             return np.array([x])
-        neighbours = max((y for y in seen if y < x), default=None), min((y for y in seen if y > x), default=None)
-        for other in neighbours:
+        for other in (max((y for y in seen if y < x), default=None), min((y for y in seen if y > x), default=None)):
             ends = None if other is None else _bracket(missed, x, other)
             if ends is not None:
                 return np.array([optimize.brentq(missed, *sorted(ends), xtol=1e-14, rtol=1e-13)])
@@ -361,89 +351,76 @@ def _bracket(missed: Callable[[float], float], x: float, y: float) -> tuple[floa
     return (at, to) if missed(at) * missed(to) <= 0 else None
 
 
-def _size(x: float, default: float = 1.0) -> float:
-    """Return the magnitude of a number to which others are relative; `default` for 0 and NaN."""
-    return abs(x) if math.isfinite(x) and x else default
-
-
-def _least_misses(
-    optimize: Any, variants: _Variants, conditions: Sequence[Condition], start: Float64Array
-) -> Float64Array:
+def _least_misses(tried: _Tried, start: Float64Array) -> Float64Array:
     """Return the numbers with the least squares of what the conditions miss, each relative to that at `start`."""
-    scales = np.array([_size(one.miss(got)) for one, got in _with_results(conditions, variants, start)])
-    size = np.where(variants.start == 0, 1.0, np.abs(variants.start))
+    from scipy import optimize
+
+    scales = np.array([_size(miss) for miss in tried.misses(start).tolist()])
+    size = np.where(tried.start == 0, 1.0, np.abs(tried.start))
 
     def solved(start: Float64Array, conditions: Sequence[Condition]) -> Float64Array:
         """Return the numbers with the least squares that a search from `start` within the ranges finds."""
 
         def residuals(x: Float64Array) -> Float64Array:
-            found = np.array([one.miss(got) for one, got in _with_results(conditions, variants, x)]) / scales
+            found = [one.miss(got) for one, got in zip(conditions, tried.results(x), strict=False)] / scales
             return np.where(np.isfinite(found), found, 1e6)
 
-        inside = np.clip(start, variants.low + 1e-9 * size, variants.high - 1e-9 * size)
-        bounds, least = (variants.low, variants.high), 1e-12
+        inside = np.clip(start, tried.low + 1e-9 * size, tried.high - 1e-9 * size)
+        bounds, least = (tried.low, tried.high), 1e-12
         found = optimize.least_squares(
             residuals, inside, bounds=bounds, x_scale=size, diff_step=1e-5, xtol=least, ftol=least, gtol=least
         )
         return np.asarray(found.x, np.float64)
 
-    x = solved(start, conditions)
+    x = solved(start, tried.conditions)
     # A search ends just outside of an inequality, whose miss has no slope within: it ends on it as an equation.
-    equations = [
-        one._replace(sign="=") if one.miss(got) else one for one, got in _with_results(conditions, variants, x)
-    ]
-    return x if equations == [*conditions] else solved(x, equations)
+    pairs = zip(tried.conditions, tried.misses(x).tolist(), strict=True)
+    equations = [one._replace(sign="=") if miss else one for one, miss in pairs]
+    return x if equations == [*tried.conditions] else solved(x, equations)
 
 
-def _with_results(
-    conditions: Sequence[Condition], variants: _Variants, x: Float64Array
-) -> Iterator[tuple[Condition, float]]:
-    """Yield the conditions with their results at numbers x; these stand first among the results."""
-    return zip(conditions, variants.results(x), strict=False)
-
-
-def _smallest(optimize: Any, variants: _Variants, aim: Any, conditions: Sequence[Condition]) -> Float64Array:
-    """Return the numbers at which `aim` is smallest while the conditions hold, of those that a scan and then a local
-    search find; those with the least misses if the conditions hold nowhere.
+def _smallest(tried: _Tried, sign: float) -> Float64Array:
+    """Return the numbers at which the last result, times `sign`, is smallest while the conditions hold, of those that
+    a scan and then a local search find; those with the least misses if the conditions hold nowhere.
     """
+    from scipy import optimize
     from scipy.stats import qmc
 
-    if not variants.has_ranges:
+    if not tried.has_ranges:
         raise ArgumentError("vary", 'ranges, as in {"dynamics.psi.damping": (0.1, 10)}, beside minimize', "none")
-    width, count = variants.high - variants.low, len(variants.keys)
+    low, width, count = tried.low, tried.high - tried.low, len(tried.keys)
     shares = np.linspace(0, 1, _SCAN)[:, None] if count == 1 else qmc.Sobol(count, seed=0).random(64)
-    tried = [variants.start, *(variants.low + share * width for share in shares)]
-    scales = np.array([_size(one.value) for one in conditions], np.float64)
-    equations = any(one.sign == "=" for one in conditions)
+    scales = np.array([_size(one.value) for one in tried.conditions], np.float64)
+    equations = any(one.sign == "=" for one in tried.conditions)
     tolerance = _TOLERANCE if equations else 0.0  # inequalities alone hold strictly
 
-    def excesses(x: Float64Array) -> Float64Array:
+    def aim(x: Float64Array) -> float:
+        return sign * tried.results(x)[-1]
+
+    def excesses(s: Float64Array) -> Float64Array:
         """Return by how much results exceed the values of conditions, or, with >=, fall short of them."""
-        signed = [
-            (-1.0 if one.sign == ">=" else 1.0) * (got - one.value)
-            for one, got in _with_results(conditions, variants, x)
-        ]
+        pairs = zip(tried.conditions, tried.results(low + s * width), strict=False)
+        signed = [(-1.0 if one.sign == ">=" else 1.0) * (got - one.value) for one, got in pairs]
         return np.nan_to_num(np.array(signed, np.float64) / scales, nan=1.0)
 
-    def missed(x: Float64Array) -> tuple[float, float]:
+    def order(x: Float64Array) -> tuple[float, float]:
         """Return what orders numbers: by how much they miss the conditions, then the aim."""
-        short = [one.miss(got) for one, got in _with_results(conditions, variants, x)] / scales
-        total = float(np.nan_to_num(np.abs(short), nan=math.inf).sum())
-        return (0.0 if variants.meet(x, conditions, tolerance) else total), float(np.nan_to_num(aim(x), nan=math.inf))
+        total = float(np.nan_to_num(np.abs(tried.misses(x) / scales), nan=math.inf).sum())
+        return (0.0 if tried.meets(x, tolerance) else total), float(np.nan_to_num(aim(x), nan=math.inf))
 
-    size = _size(next((value for value in map(aim, tried) if math.isfinite(value)), 0.0))
-    lowest = [0.0 if one.sign == "=" else -math.inf for one in conditions]
-    limits = optimize.NonlinearConstraint(lambda s: excesses(variants.low + s * width), lowest, 0.0)
+    scanned = [tried.start, *(low + share * width for share in shares)]
+    size = _size(next((value for value in map(aim, scanned) if math.isfinite(value)), 0.0))
+    least = [0.0 if one.sign == "=" else -math.inf for one in tried.conditions]
     optimize.minimize(
-        lambda s: np.nan_to_num(aim(variants.low + s * width) / size, nan=1e6),
-        (min(tried, key=missed) - variants.low) / width,
+        lambda s: np.nan_to_num(aim(low + s * width) / size, nan=1e6),
+        (min(scanned, key=order) - low) / width,
         method="COBYQA",
         bounds=[(0.0, 1.0)] * count,
-        constraints=[limits] * bool(conditions),
+        constraints=[optimize.NonlinearConstraint(excesses, least, 0.0)] * bool(least),
         options={"initial_tr_radius": 0.02, "final_tr_radius": 1e-9, "maxfev": 300},
     )
-    best = min((np.frombuffer(key) for key in variants.known), key=missed)
-    if not equations and variants.meet(best, conditions, 0.0):
+    best = min((np.frombuffer(key) for key in tried.known), key=order)
+    if not equations and tried.meets(best, 0.0):
         return best
-    nearest = _least_misses(optimize, variants, conditions, best)
-    return min(best, nearest, key=lambda x: missed(x)[0]) if not equations else nearest
+    nearest = _least_misses(tried, best)
+    return nearest if equations else min(best, nearest, key=lambda x: order(x)[0])
