@@ -59,22 +59,6 @@ def test_pieces_are_the_whole_to_the_bit(tmp_path, monkeypatch, model):
     for part in parts:
         piecewise.add(part)
     assert piecewise.ranges() == at_once.ranges()
-    assert piecewise.notes() == at_once.notes() == scene.notes()
-
-
-def test_kinks_between_pieces_are_counted_once(tmp_path, monkeypatch):
-    path = tmp_path / "kinked.toml"
-    motion = 'x = "abs(t - 1)"\ny = 0\nz = 0\nphi_x = 0\nphi_y = 0\nphi_z = 0\n'
-    psi = "psi = { t = [0.5, 1], value = [0, 1] }\n[time]\nstart = 0\nstop = 2\nsamples = 33\n"
-    path.write_text(
-        f"[pair]\nu1 = [1, 0, 0]\nu2 = [1, 0, 0]\nn = [0, 0, 1]\nlimits = [0, 0.5]\n[motion]\n{motion}{psi}"
-    )
-    scene = hp.load_scene(path)
-    whole = scene.notes()
-    assert len(whole) == 2
-    for rows in (1, 4, 7):
-        monkeypatch.setattr("hingepair.scenes.scene.RESULT_ROWS_PER_BLOCK", rows)
-        assert scene.notes() == whole
 
 
 def test_more_instants_than_memory_holds_are_refused(tmp_path):

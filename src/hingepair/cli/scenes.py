@@ -69,7 +69,7 @@ def run_command(
             if add is not None:
                 add(part.t, part.recorded())
     if as_json:
-        result = scene.facts() | {"not_finite": summary.lost, "outputs": summary.ranges(), "notes": summary.notes()}
+        result = scene.facts() | {"not_finite": summary.lost, "outputs": summary.ranges(), "notes": scene.notes(units)}
         result |= {"file": None if out is None else str(out)} | ({"plan": asdict(plan)} if plan else {})
         print(json_text(result | ({"energy_balance": balance.facts()} if balance else {})))
         return
@@ -81,7 +81,7 @@ def run_command(
     if balance:
         print(balance)
     print_lines(*left_out)
-    _print_notes(summary.notes(), out)
+    _print_notes(scene.notes(units), out)
 
 
 def check_command(source: SourceArgument, as_json: JsonOption = False) -> None:

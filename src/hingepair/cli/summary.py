@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.scenes.scene import NoteCollector, Scene, SceneResult
+from hingepair.scenes.scene import Scene, SceneResult
 from hingepair.tables.data_frames import column_names, plain_magnitudes, split_columns, with_magnitudes
 from hingepair.tables.sheets import instant_text, number_texts, offset_text, round_offset
 from hingepair.tables.units import UnitsLike
@@ -30,20 +30,17 @@ class RunSummary:
     def __init__(self, scene: Scene, names: Iterable[str] | None = None, units: UnitsLike = None) -> None:
         self._scene, self._columns = scene, scene.in_units(units)
         self._hides_matrices = names is None and scene.outputs is None
-        self._notes = NoteCollector(scene, units)
         self._instants = {0, (scene.samples - 1) // 2, scene.samples - 1}
         self._t: list[float] = []  # times of these instants, and the components at them
         self._values: list[NDArray[np.float64]] = []
         self._components: dict[str, list[str]] = {}  # by array
         self._matrices: list[str] = []
         self._smallest = self._largest = np.array(np.nan)
-        self._coincident: dict[str, str] = {}  # by frame of a robot, the earlier one that moves exactly as it
         self.lost = 0
 
     def add(self, part: SceneResult) -> None:
         """Take one block of the results into the summary."""
-        arrays, coincident = part.requested_arrays(), part.coincident_frames()
-        self._coincident = dict(coincident.items() & (self._coincident if part.first else coincident).items())
+        arrays = part.requested_arrays()
         self._matrices = [name for name, array in arrays.items() if array.ndim == 3]
         arrays = with_magnitudes(arrays, self._scene.unit)
         self._components = {}
@@ -63,11 +60,6 @@ class RunSummary:
             values[np.outer(~sure[part.first : part.first + len(values)], rate)] = np.nan
         self._smallest = np.fmin(self._smallest, np.fmin.reduce(values))
         self._largest = np.fmax(self._largest, np.fmax.reduce(values))
-        self._notes.add(part)
-
-    def notes(self) -> tuple[str, ...]:
-        """Return the notes on the run."""
-        return self._notes.sentences()
 
     def table(self) -> tuple[list[tuple[str, ...]], list[str]]:
         """Return the rows of a table, headings first, and sentences on what it leaves out.
@@ -76,15 +68,14 @@ class RunSummary:
         magnitude of a vector with several components that are not zero. Of numbers that are large against their
         variation, an offset is subtracted, which stands behind the name.
         """
-        coincident = tuple(f"_{frame}" for frame in self._coincident)
         matrices = self._matrices if self._hides_matrices else []
-        shown = [name for name in self._components if name not in matrices and not name.endswith(coincident)]
+        shown = [name for name in self._components if name not in matrices]
         rows = self._rows()
         rows = {own: rows[own] for name in shown for own in self._components[name]}
         zeros = [own for own, (_, _, *texts) in rows.items() if {*texts} == {"0"}]
         zeros = zeros if len(zeros) < len(rows) else []
         hidden = {*zeros} | plain_magnitudes(rows, zeros)
-        sentences = [f"{one} moves exactly as {other} and is not shown" for one, other in self._coincident.items()]
+        sentences = []
         if matrices:
             output = matrices[0] if len(matrices) == 1 else "S"
             sentences.append(f"not shown: {', '.join(matrices)} (--outputs {output})")

@@ -220,7 +220,9 @@ class SceneFile:
 
 
 def with_constants_evaluated(tables: Table) -> Table:
-    """Return a scene's top-level table with its constants and [let] evaluated; refuse a sweep and unknown tables."""
+    """Return a scene's top-level table with its constants and [let] evaluated, behind those that the table has
+    already; refuse a sweep and unknown tables.
+    """
     if {"scene", "vary"} <= tables.values.keys():
         raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
     if is_of_mechanism(tables):
@@ -235,7 +237,7 @@ def with_constants_evaluated(tables: Table) -> Table:
     if "constants" in tables.table("motion", required=False).values:
         tables.table("motion").refuse("constants", "constants in a table [constants]", "a table")
     constants = tables.table("constants", required=False)
-    values: dict[str, Any] = {}
+    values: dict[str, Any] = dict(tables.constants)
     for key, value in constants.values.items():
         fault = constant_name_fault(key)
         if fault:

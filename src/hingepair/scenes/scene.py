@@ -20,7 +20,7 @@ from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, VELOCITY
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
+from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS, HingeLoad, stop_range
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
@@ -33,14 +33,14 @@ from hingepair.numeric.arrays import Float64Array, Frozen, one_constant
 from hingepair.scenes import suspicions
 from hingepair.scenes.forces import SceneForces, scene_forces
 from hingepair.scenes.motions.known import Known, Rows
-from hingepair.scenes.motions.motion import Motion, kink_sentences
+from hingepair.scenes.motions.motion import Motion, limit_sentences
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers
 from hingepair.scenes.subjects.either import Subject
 from hingepair.scenes.subjects.mechanism import MechanismSubject
 from hingepair.scenes.subjects.pair import PairSubject
 from hingepair.scenes.subjects.subject import Acting, Computed
 from hingepair.scenes.tables import Table
-from hingepair.tables.sheets import Sheet, Shown, cell_text, instant_text
+from hingepair.tables.sheets import instant_text
 from hingepair.tables.units import SI, Columns, Units, UnitsLike
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ class SceneResult(Frozen, Result):
     #: index of the first instant; 0 except in blocks
     first: int = 0
     _names_hidden_from_dir: ClassVar[frozenset[str]] = Result._names_hidden_from_dir | {
-        *("coincident_frames", "computed", "energy", "energy_balance", "first", "known", "momentum", "requested"),
+        *("computed", "energy", "energy_balance", "first", "known", "momentum", "requested"),
         "requested_arrays",
     }
 
@@ -142,10 +142,6 @@ class SceneResult(Frozen, Result):
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return the requested outputs and the coordinates by name; shape (samples, ...)."""
         return self.requested_arrays() | self.known.coordinates()
-
-    def coincident_frames(self) -> dict[str, str]:
-        """Return, by frame of a robot, the earlier frame that moves exactly as it."""
-        return self.scene.subject.coincident_frames(self.requested, self.computed)
 
     def energy(self) -> Energy:
         """Compute the kinetic and potential energy [J] (equations D7, T7), in the scene's gravity."""
@@ -200,7 +196,7 @@ class SceneResult(Frozen, Result):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
-class Scene(Shown):
+class Scene:
     """Scene as read from a scene file: what moves, how, and when to look."""
 
     #: path of the scene file
@@ -599,16 +595,44 @@ class Scene(Shown):
     # ---- what is said about a scene
 
     def notes(self, units: UnitsLike = None) -> tuple[str, ...]:
-        """Evaluate the whole motion, and return sentences for readers of the results: on limits that are left, on
-        kinks, on numbers in another unit, and on doubts about the motion itself.
+        """Return sentences for readers of the results: on limits that are left, on kinks, on numbers in another unit,
+        and on doubts about the motion itself.
 
         Args:
             units: units of limits that are left, in place of SI units; by default those of the scene.
         """
-        collector = NoteCollector(self, units)
-        for block in self.blocks((self.subject.noted,)):
-            collector.add(block)
-        return collector.sentences()
+        motion, shown = self.motion, self.in_units(units).units
+        pieces = [slice(i, i + RESULT_ROWS_PER_BLOCK) for i in range(0, self.samples, RESULT_ROWS_PER_BLOCK)]
+        level = min(motion.level, VELOCITY)
+        known = [[part.array(order) for order in range(level + 1)] for part in (self.known(p, level) for p in pieces)]
+        q, *rates = (np.concatenate(own) for own in zip(*known, strict=True))
+        sentences, last = [*self.suspicions()], list[str]()
+        for i, joint in enumerate(self.subject.joints):
+            stops = stop_range(motion.loads.get(joint.name, HingeLoad()))
+            sentences += limit_sentences(joint.name, joint.position_limits, joint.unit, self.t, q[:, i], stops, shown)
+            limit = joint.rate_limit
+            for qd in rates if np.isfinite(limit) else ():
+                unit = f"{joint.unit}/s"
+                sentences += limit_sentences(f"{joint.name}'", (-limit, limit), unit, self.t, qd[:, i], units=shown)
+            last += self._stop_sentences(i, stops, q[:, i])
+        jumps = [functions.switches(self.t) for functions in motion.functions]
+        if kinks := int(np.logical_or.reduce(jumps).sum()):
+            where = f"{kinks} interval{'s' * (kinks != 1)}"
+            sentences.append(f"kinks or jumps in {where}; derivatives there are those from the right")
+        doubts = [motion.doubt] * math.isnan(motion.error_estimate)
+        return tuple(dict.fromkeys((*sentences, *last, *motion.notes, *doubts)))
+
+    def _stop_sentences(self, i: int, stops: tuple[float, float], q: Float64Array) -> Iterator[str]:
+        """Yield sentences on how deep a joint presses into soft stops, at the instants and between them."""
+        joint, unit = self.subject.joints[i], self.subject.joints[i].unit
+        shown = float(np.fmin.reduce(q)), float(np.fmax.reduce(q))
+        least, most = shown if self.motion.simulated is None else self.motion.simulated.q_range[i].tolist()
+        if soft := stop_overrun(joint.name, unit, stops, least, most):
+            yield f"{soft}; stop_stiffness hardens them"
+        at_instants, deepest = (max(stops[0] - one, other - stops[1]) for one, other in (shown, (least, most)))
+        if deepest > max(1.05 * at_instants, 1e-9):  # rad or m; less is rounding
+            depths = f"{deepest:.3g} {unit} into a stop between instants, {max(at_instants, 0):.3g} {unit} at them"
+            yield f"{joint.name} presses {depths}: more instants show the peak of its force"
 
     def suspicions(self) -> tuple[str, ...]:
         """Return sentences on numbers of the file, and on the motion at up to 101 instants, that are probably in
@@ -637,63 +661,6 @@ class Scene(Shown):
 
     def __repr__(self) -> str:
         return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
-
-    def _sheet(self) -> Sheet:
-        """Return what notebooks show."""
-        what, *more = self.subject.rows(self.motion, self.outputs)
-        rows = [
-            what,
-            ("instants", str(self.samples)),
-            ("t", self.span, "s"),
-            *more,
-            *((name, cell_text(value)) for name, value in self.constants.items()),
-        ]
-        return Sheet(self.title, (("", "value", "unit"), *((*row, "")[:3] for row in rows)))
-
-
-class NoteCollector:
-    """Collector of notes on a scene that is evaluated in blocks, in units or those of the scene."""
-
-    def __init__(self, scene: Scene, units: UnitsLike = None) -> None:
-        self._units = scene.in_units(units).units
-        self._scene, self._watches, self._kinks = scene, scene.subject.watches(scene.motion), 0
-
-    def add(self, block: SceneResult) -> None:
-        """Count kinks and instants outside limits in one block of results; the blocks come in order of time."""
-        self._kinks += self._scene.motion.count_kinks(block.first, block.first + len(block.t))
-        for watch in self._watches:
-            watch.add(block.t, block.known)
-
-    def sentences(self) -> tuple[str, ...]:
-        """Return the notes on all added blocks and on the motion itself."""
-        scene = self._scene
-        sentences = [*scene.suspicions()]
-        for watch in self._watches:
-            sentences += watch.sentences(scene.samples, self._units)
-        return tuple(dict.fromkeys((*sentences, *kink_sentences(self._kinks), *self._last_sentences())))
-
-    def _last_sentences(self) -> Iterator[str]:
-        """Yield sentences on soft stops and on the motion itself."""
-        motion, joints = self._scene.motion, self._scene.subject.joints
-        by_name = {watch.shown: watch for watch in self._watches}
-        for i, joint in enumerate(joints):
-            watch = by_name[joint.name]
-            shown = least, most = watch.least, watch.most
-            if motion.simulated is not None:  # between the instants, too
-                least, most = motion.simulated.q_range[i].tolist()
-            if soft := stop_overrun(joint.name, joint.unit, watch.stops, least, most):
-                yield f"{soft}; stop_stiffness hardens them"
-            low, high = watch.stops
-            at_instants, deepest = (max(low - one, other - high) for one, other in (shown, (least, most)))
-            if deepest > max(1.05 * at_instants, 1e-9):  # rad or m; less is rounding
-                unit = joint.unit
-                depths = (
-                    f"{deepest:.3g} {unit} into a stop between instants, {max(at_instants, 0):.3g} {unit} at them"
-                )
-                yield f"{joint.name} presses {depths}: more instants show the peak of its force"
-        yield from motion.notes
-        if math.isnan(motion.error_estimate):
-            yield motion.doubt
 
 
 def scene_of_simulation(found: SimulatedRobotMotion) -> Scene:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, Final, TypeAlias
 
@@ -51,7 +51,9 @@ class TimeFunctions:
             rows.append(tuple(map(self._rates.of, rows[-1])))
         return [_Program(sum(rows[: order + 1], ())) for order in range(3)]
 
-    def derivatives(self, t: ArrayLike, order: int = 2) -> TimeDerivatives:
+    def derivatives(
+        self, t: ArrayLike, order: int = 2, given: Mapping[str, NDArray[np.float64]] | None = None
+    ) -> TimeDerivatives:
         """Return the values and the derivatives up to `order` at the instants t: one tuple for each order, with one
         entry for each expression, an array of t's shape, or a float if it does not depend on t.
 
@@ -61,13 +63,16 @@ class TimeFunctions:
         Args:
             t: instants [s]; shape (...).
             order: order of the highest derivative, at most 2.
+            given: values of further symbols in the expressions, which do not depend on t; shape (N,), as t.
         """
         times = np.asarray(t, dtype=np.float64)
         flat, count = times.reshape(-1), len(self._expressions)
         rows: list[TimeValue] = []
         for start in range(0, max(1, flat.size), _BLOCK):
             block = slice(start, start + _BLOCK)
-            parts = self._programs[order].results({"t": flat[block]})
+            parts = self._programs[order].results(
+                {"t": flat[block], **{name: values[block] for name, values in (given or {}).items()}}
+            )
             rows = rows or [part if isinstance(part, float) else np.empty(flat.shape) for part in parts]
             for k, (row, part) in enumerate(zip(rows, parts, strict=True)):
                 if isinstance(row, np.ndarray):

@@ -36,11 +36,14 @@ class FunctionsOfTime:
     #: where they were written
     table: Table
 
-    def derivatives(self, t: ArrayLike, order: int) -> TimeDerivatives:
+    def derivatives(
+        self, t: ArrayLike, order: int, given: Mapping[str, Float64Array] | None = None
+    ) -> TimeDerivatives:
         """Return (values, first derivatives, ...) at the instants t up to `order`. The entry of each order is a tuple
-        with one array or float per function. At a kink, return the derivatives from the right.
+        with one array or float per function. At a kink, return the derivatives from the right. `given` are values of
+        further symbols, of t's shape.
         """
-        rows = iter(zip(*self._of_expressions().derivatives(t, order), strict=True))
+        rows = iter(zip(*self._of_expressions().derivatives(t, order, given), strict=True))
         columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]
         return tuple(zip(*columns, strict=True))
 
@@ -96,19 +99,28 @@ class FunctionSource:
 
     def part(self, rows: Rows, order: int) -> Known:
         """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
-        t = self.t[rows]
-        moved = self.joints.derivatives(t, order) if self.joints.names else ((),) * (order + 1)
+        return self.at(self.t[rows], order)
+
+    def at(self, t: Float64Array, order: int, given: Mapping[str, Float64Array] | None = None) -> Known:
+        """Return the motion at instants t, with derivatives up to `order`; `given` are values of further symbols."""
+        moved = self.joints.derivatives(t, order, given) if self.joints.names else ((),) * (order + 1)
         joints = []
         for k, values in enumerate(moved):
             own: dict[str, Any] = {**(self.rests if k == 0 else dict.fromkeys(self.rests, 0.0))}
             own |= dict(zip(self.joints.names, values, strict=True))
             joints.append(tuple(own[name] for name in self.names))
-        return Known(self.names, t.size, tuple(joints), base_at(self.base, self.sequence, t, order))
+        return Known(self.names, t.size, tuple(joints), base_at(self.base, self.sequence, t, order, given))
 
 
-def base_at(base: FunctionsOfTime | None, sequence: str | None, t: Float64Array, order: int) -> EulerBase | None:
+def base_at(
+    base: FunctionsOfTime | None,
+    sequence: str | None,
+    t: Float64Array,
+    order: int,
+    given: Mapping[str, Float64Array] | None = None,
+) -> EulerBase | None:
     """Return the motion of body 1 or a base at the instants t, with derivatives up to `order`."""
-    return None if base is None else EulerBase(base.derivatives(t, order), sequence)
+    return None if base is None else EulerBase(base.derivatives(t, order, given), sequence)
 
 
 def read_function_motion(tables: Table, subject: Subject) -> Motion:

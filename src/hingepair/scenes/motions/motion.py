@@ -147,76 +147,43 @@ class Motion:
             )
         return tuple(notes)
 
-    def count_kinks(self, start: int, stop: int) -> int:
-        """Return the number of intervals that end at the instants start to stop - 1 and contain a kink or a jump of a
-        function of t.
-        """
-        t = self.t[max(start - 1, 0) : stop]
-        return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
 
-
-class LimitCounter:
-    """Counter of the instants at which a quantity is outside its limits.
+def limit_sentences(
+    shown: str,
+    limits: tuple[float, float],
+    unit: str,
+    t: Float64Array,
+    values: Float64Array,
+    stops: tuple[float, float] = (-math.inf, math.inf),
+    units: Units = SI,
+) -> Iterator[str]:
+    """Yield one sentence, in `units`, if a quantity is outside its limits at some instants, otherwise nothing.
 
     Args:
         shown: name of the quantity in the sentence.
         limits: least and greatest value; infinite where there is none.
         unit: unit of both limits.
-        values: function that returns the quantity, shape (N,), of a known motion.
+        t: the instants [s]; (N,).
+        values: the quantity at them; (N,).
         stops: lower and upper stop, springs into which the quantity presses; infinite without a stop.
+        units: units of the numbers in the sentence.
     """
-
-    def __init__(
-        self,
-        shown: str,
-        limits: tuple[float, float],
-        unit: str,
-        values: Callable[[Known], Float64Array],
-        stops: tuple[float, float] = (-math.inf, math.inf),
-    ) -> None:
-        self.shown, self._limits, self._unit, self._values = shown, limits, unit, values
-        self.stops = stops
-        self._outside, self._first = 0, (math.nan, math.nan)
-        self.least, self.most = math.inf, -math.inf
-
-    def add(self, t: Float64Array, known: Known) -> None:
-        """Update the counter and the extremes with the known motion at further instants t."""
-        values = self._values(known)
-        self.least = float(np.fmin.reduce(values, initial=self.least))
-        self.most = float(np.fmax.reduce(values, initial=self.most))
-        lower, upper = self._limits
-        rounding = 1e-9 * max(1.0, *(abs(end) for end in self._limits if math.isfinite(end)), 1.0)
-        outside = np.flatnonzero((values < lower - rounding) | (values > upper + rounding))
-        if outside.size:
-            if not self._outside:
-                self._first = float(t[outside[0]]), float(values[outside[0]])
-            self._outside += outside.size
-
-    def sentences(self, instant_count: int, units: Units = SI) -> Iterator[str]:
-        """Yield one sentence, in `units`, if any value was outside the limits, otherwise nothing. `instant_count` is
-        the number of all instants.
-        """
-        if not self._outside:
-            return
-        factor, unit = units.factor(self._unit), units.unit(self._unit)
-        lower, upper = self._limits
-        when = f"at {self._outside} of {instant_count} instants"
-        if (self.least >= lower or self.stops[0] >= lower) and (self.most <= upper or self.stops[1] <= upper):
-            depth = factor * max(self.stops[0] - self.least, self.most - self.stops[1])
-            yield f"{self.shown} presses into its stops, which are springs, {when}, {depth:.3g} {unit} deep at most"
-        else:
-            t, value = self._first
-            yield (
-                f"{self.shown} leaves its limits, {factor * lower:g} to {factor * upper:g} {unit}, {when}, "
-                f"first at t = {instant_text(t)} s ({factor * value + 0.0:.6g})"
-            )
-
-
-def kink_sentences(kink_count: int) -> Iterator[str]:
-    """Yield one sentence that `kink_count` intervals contain kinks or jumps of functions of t; nothing for 0."""
-    if kink_count:
-        where = f"{kink_count} interval{'s' * (kink_count != 1)}"
-        yield f"kinks or jumps in {where}; derivatives there are those from the right"
+    lower, upper = limits
+    rounding = 1e-9 * max(1.0, *(abs(end) for end in limits if math.isfinite(end)), 1.0)
+    outside = np.flatnonzero((values < lower - rounding) | (values > upper + rounding))
+    if not outside.size:
+        return
+    least, most = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
+    factor, unit = units.factor(unit), units.unit(unit)
+    when = f"at {outside.size} of {len(t)} instants"
+    if (least >= lower or stops[0] >= lower) and (most <= upper or stops[1] <= upper):
+        depth = factor * max(stops[0] - least, most - stops[1])
+        yield f"{shown} presses into its stops, which are springs, {when}, {depth:.3g} {unit} deep at most"
+    else:
+        yield (
+            f"{shown} leaves its limits, {factor * lower:g} to {factor * upper:g} {unit}, {when}, "
+            f"first at t = {instant_text(t[outside[0]])} s ({factor * values[outside[0]] + 0.0:.6g})"
+        )
 
 
 def impact_sentences(impacts: Iterable[Impact], unit_of_joint: Mapping[str, str]) -> Iterator[str]:

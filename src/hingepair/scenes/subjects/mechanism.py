@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.equations.quantities import QUANTITIES, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
@@ -61,7 +60,6 @@ class MechanismSubject(SubjectBase):
     """
 
     max_check_instants: ClassVar[int] = 501  # of a humanoid, some seconds
-    noted: ClassVar[str] = "q"
     pair: None = None
 
     def __init__(self, mechanism: Mechanism, frames: tuple[str, ...]) -> None:
@@ -263,26 +261,6 @@ class MechanismSubject(SubjectBase):
                 arrays[quantity] = getattr(computed.forces, quantity)
         return arrays
 
-    def coincident_frames(self, request: Request, computed: Computed) -> dict[str, str]:
-        """Return, by the frame, the earlier one with which it agrees exactly in all requested outputs."""
-        motions: dict[str, list[NDArray[Any]]] = {}
-        same = {}
-        for frame in self.frames:
-            requested = [output.quantity for output in request if frame in output.frames]
-            arrays = (_frame_arrays(computed.state, quantity, frame) for quantity in requested)
-            motion = [array for own in arrays for array in own.values()]
-            alike = (
-                earlier
-                for earlier, other in motions.items()
-                if len(motion) == len(other)
-                and all(np.array_equal(a, b, equal_nan=True) for a, b in zip(motion, other, strict=True))
-            )
-            if motion and (earlier := next(alike, None)) is not None:
-                same[frame] = earlier
-            elif motion:
-                motions[frame] = motion
-        return same
-
     def attribute(self, name: str, known: Known, computed: Computed) -> Any:
         """Return coordinates, forces or an attribute of the state of the frames."""
         if name in _COORDINATES:
@@ -323,10 +301,10 @@ class MechanismSubject(SubjectBase):
         """Return tau of each joint, such as tau_elbow, lengths and forces of struts, and the load on the base."""
         found = self.efforts(known, acting)
         tau = np.asarray(found.tau, dtype=np.float64)
-        own = {f"tau_{name}": tau[:, i] for i, name in enumerate(self.names)}
+        own: Arrays = {f"tau_{name}": tau[:, i] for i, name in enumerate(self.names)}
         struts = self.mechanism.struts(*known.arguments()[:2]) if self.struts else {}
         for name, strut in struts.items():
-            own |= {f"length_{name}": strut.length, f"force_{name}": strut.force}
+            own |= {f"length_{name}": np.asarray(strut.length), f"force_{name}": np.asarray(strut.force)}
         return own | {"force1": found.force1, "torque1": found.torque1}
 
     def compare(self, known: Known, acting: Acting) -> CrossValidation:
@@ -360,16 +338,6 @@ class MechanismSubject(SubjectBase):
         robot = self.mechanism
         facts = {"name": robot.name, "base": robot.base, "joints": robot.names, "frames": self.frames}
         return {"mechanism": facts, "moving": motion.moving}
-
-    def rows(self, motion: Motion, outputs: tuple[str, ...] | None) -> list[tuple[str, str]]:
-        """Return rows of a table on the mechanism, on the motion, and on the outputs."""
-        robot = self.mechanism
-        return [
-            ("mechanism", f"{robot.name}, {_size(robot)}, {robot.base} base"),
-            ("motion", f"{motion.description}, of {', '.join(motion.moving) or 'no joint'}"),
-            ("frames", ", ".join(self.frames)),
-            ("outputs", ", ".join(outputs or ("the motion of frames and joints",))),
-        ]
 
 
 def _size(robot: Mechanism) -> str:

@@ -47,7 +47,6 @@ class PairSubject(SubjectBase):
     """A pair, whose joint is psi."""
 
     max_check_instants: ClassVar[int] = 10_001  # about a second
-    noted: ClassVar[str] = "psi"
     mechanism: None = None
 
     def __init__(self, pair: HingePair | PlanarPair) -> None:
@@ -229,18 +228,15 @@ class PairSubject(SubjectBase):
         """Return the forces of the hinge and, of a body 1 with masses, the load on body 1: what must act beside the
         loads on body 2.
         """
-        space, gravity = dynamics_in_space(self.pair), acting.gravity
-        body1, hinge = known.body1, known.hinge
-        wrench = space.hinge_wrench(body1, *hinge, gravity=gravity)
-        arrays: Arrays = {"hinge_torque": wrench.hinge_torque, "bearing_torque": wrench.bearing_torque}
-        arrays["hinge_force"] = wrench.force
+        options: dict[str, Any] = {"gravity": acting.gravity, "wrenches": acting.wrenches(known), "base_motion": known.body1}
+        wrench = self.robot.joint_wrenches(*known.arguments(), **options)[PSI[0]]
+        axis = (known.body1.S @ np.asarray(self.space.n)[..., None])[..., 0]
+        torque = (axis * wrench.torque).sum(axis=-1)
+        arrays: Arrays = {"bearing_torque": wrench.torque - axis * torque[..., None], "hinge_force": wrench.force}
         if self.pair.body1 is not None:
-            on_body1 = space.inverse_dynamics(body1, *hinge, gravity=gravity)
+            on_body1 = self.robot.inverse_dynamics(*known.arguments(), outputs=("force1", "torque1"), **options)
             arrays |= {"force1": on_body1.force1, "torque1": on_body1.torque1}
-        for force, torque in (acting.wrenches(known) or {}).values():
-            given = _supplied_by_body2(space, known, force, torque)
-            arrays = {name: array - given[name] for name, array in arrays.items()}
-        torque, motion = arrays.pop("hinge_torque"), acting.motion
+        motion = acting.motion
         parts = {f"{name}_torque": part[:, 0] for name, part in acting.parts(known).items()}
         if parts or (motion.simulated is None and motion.loads):
             simulated = motion.simulated is not None
@@ -272,10 +268,6 @@ class PairSubject(SubjectBase):
         rows = (replace(torque, output="hinge_torque"), *on_body1, *compared_rates(acting.motion, PSI))
         return replace(report, forces=tuple(replace(row, worst_part="") for row in rows))
 
-    def coincident_frames(self, *_: object) -> dict[str, str]:
-        """Return nothing: a pair has no frames that move exactly alike."""
-        return {}
-
     def describe(self, moving: tuple[str, ...]) -> str:  # noqa: ARG002
         """Return a line with the geometry of the pair."""
         keys = ("u1", "u2") if self.planar else ("u1", "u2", "n")
@@ -287,30 +279,6 @@ class PairSubject(SubjectBase):
         space = self.space
         vectors = {key: getattr(space, key).tolist() for key in ("u1", "u2", "n", "home")}
         return {"sequence": motion.source.sequence, "error_estimate": motion.error_estimate, "pair": vectors}
-
-    def rows(self, motion: Motion, outputs: tuple[str, ...] | None) -> list[tuple[str, str]]:
-        """Return rows of a table on the pair, on the motion, and on the outputs."""
-        shown = outputs or ("all of body 2", *(point.name for point in constants_of(self.pair).points))
-        return [
-            ("pair", self.pair.name),
-            ("motion", f"{motion.origin}; {motion.description}"),
-            ("outputs", ", ".join(shown)),
-        ]
-
-
-def _supplied_by_body2(pair: HingePair, known: Known, force: Any, torque: Any) -> Arrays:
-    """Return the part of each required force, by name, that a load on body 2 at R2 supplies."""
-    state = pair.forward_kinematics_from_body1(known.body1, known.psi, outputs=("S2", "d"))
-    at_hinge = torque - np.cross(state.S2 @ pair.u2, force)
-    axis = known.body1.S @ pair.n
-    axial = (axis * at_hinge).sum(axis=-1)
-    return {
-        "hinge_torque": axial,
-        "bearing_torque": at_hinge - axis * axial[:, None],
-        "hinge_force": force,
-        "force1": force,
-        "torque1": torque + np.cross(state.d, force),
-    }
 
 
 def _in_plane(arrays: Arrays) -> Arrays:

@@ -5,24 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.loops import OperationCounts
 from hingepair.equations.quantities import ACCELERATION
-from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS, HingeLoad, stop_range
+from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.scenes.motions.known import Known, Rows
-from hingepair.scenes.motions.motion import LimitCounter, Motion
+from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.tables import Table
-
-if TYPE_CHECKING:
-    pass
 
 Arrays = dict[str, NDArray[Any]]
 """Arrays by name; shape (N, ...) for N instants."""
@@ -82,19 +79,6 @@ class SubjectBase:
         """Return the joints that are keys of the Table [motion], in order."""
         return tuple(name for name in self.names if name in motion.values)
 
-    def watches(self, motion: Motion) -> list[LimitCounter]:
-        """Return counters of the joints' positions and, where they are limited, rates."""
-        watches = []
-        for i, joint in enumerate(self.joints):
-            limits = [joint.position_limits]
-            if motion.level and np.isfinite(joint.rate_limit):
-                limits.append((-joint.rate_limit, joint.rate_limit))
-            for order, own in enumerate(limits):
-                unit = joint.unit + "/s" * order
-                stops = (-np.inf, np.inf) if order else stop_range(motion.loads.get(joint.name, HingeLoad()))
-                watches.append(LimitCounter(joint.name + "'" * order, own, unit, _column(order, i), stops))
-        return watches
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Acting:
@@ -151,7 +135,3 @@ def compared_rates(motion: Motion, names: tuple[str, ...]) -> tuple[Any, ...]:
     t = np.asarray(motion.t[:])
     known = motion.source.part(slice(len(t)), ACCELERATION)
     return tuple(compare_rates(t, [known.array(order) for order in range(3)], names))
-
-
-def _column(order: int, joint: int) -> Any:
-    return lambda known: known.column(order, joint)

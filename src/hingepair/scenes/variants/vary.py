@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body_motion import motion_of_rotations
 from hingepair.numeric.arrays import Float64Array, real_array
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes.bodies import BODY_KEYS, construct_from_table, read_body, read_mechanism, with_payload
 from hingepair.scenes.load import load_scene, scene_from_tables, with_constants_evaluated
 from hingepair.scenes.motions.functions import FunctionSource, read_function_motion
-from hingepair.scenes.motions.known import EulerBase, Known
+from hingepair.scenes.motions.known import Known
 from hingepair.scenes.numbers import keep_motion, number_path, with_numbers
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.subjects.either import Subject
@@ -30,6 +29,7 @@ from hingepair.scenes.subjects.pair import PairSubject
 from hingepair.scenes.subjects.subject import Acting, Arrays
 from hingepair.scenes.tables import Table
 from hingepair.scenes.variants.reductions import Touches, check_reductions, reduce_arrays, touches_of
+from hingepair.symbolic.expressions import Expression
 from hingepair.tables.units import Columns
 
 MAX_STATES: Final = 200_000
@@ -256,17 +256,20 @@ class Variants:
         }
         return names.isdisjoint(_WORD.findall(" ".join(_texts(others))))
 
-    def _of_motions(self, numbers: Float64Array) -> Batch:
-        """Compute variants whose motions differ: their instants are those of one long motion."""
-        scene, names = self.scene, self.outputs
-        rows, level = slice(len(scene.times())), scene.motion.level
-        parts = []
-        for row in numbers.tolist():
-            tables = replace(scene.tables, values=with_numbers(scene.tables.values, self.paths, row))
-            tables = with_constants_evaluated(replace(tables, constants={}, let={}))
-            parts.append(read_function_motion(tables, scene.subject).source.part(rows, level))
-        known = _joined(parts)
-        arrays = self._arrays(scene.subject, known, names)
+    def _of_motions(self, numbers: Float64Array) -> Batch | None:
+        """Compute variants whose motions differ: the numbers are symbols of the expressions, and their instants those
+        of one long motion. None if a variant is NaN, which by itself says why.
+        """
+        scene, level = self.scene, self.scene.motion.level
+        names = [f"_varied_{k}" for k in range(len(self.paths))]
+        values = with_numbers(scene.tables.values, self.paths, names)
+        tables = replace(scene.tables, values=values, constants={name: Expression(name) for name in names}, let={})
+        source: Any = read_function_motion(with_constants_evaluated(tables), scene.subject).source
+        given = {name: np.repeat(column, scene.samples) for name, column in zip(names, numbers.T, strict=True)}
+        known = source.at(np.tile(scene.t, len(numbers)), level, given)
+        arrays = self._arrays(scene.subject, known, self.outputs)
+        if not all(np.isfinite(own).all() for own in arrays.values()):
+            return None
         shape = (len(numbers), scene.samples)
         arrays = {name: own.reshape(*shape, *own.shape[1:]) for name, own in arrays.items()}
         return Batch(scene.times(), arrays, [""] * len(numbers), [{}] * len(numbers))
@@ -408,27 +411,3 @@ def _texts(value: Any) -> Iterator[str]:
     elif isinstance(value, dict | list):
         for part in value.values() if isinstance(value, dict) else value:
             yield from _texts(part)
-
-
-def _joined(parts: Sequence[Known]) -> Known:
-    """Return motions one behind the other as one."""
-    first, counts = parts[0], [part.count for part in parts]
-
-    def columns(rows: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
-        return tuple(
-            own[0]
-            if not any(map(np.ndim, own)) and len({*own}) == 1
-            else np.concatenate([np.broadcast_to(one, (count,)) for one, count in zip(own, counts, strict=True)])
-            for own in zip(*rows, strict=True)
-        )
-
-    def derivatives(of: Sequence[Any]) -> tuple[tuple[Any, ...], ...]:
-        return tuple(columns([own[k] for own in of]) for k in range(len(of[0])))
-
-    base = first.base
-    if isinstance(base, EulerBase):
-        base = base._replace(derivatives=derivatives([part.base.derivatives for part in parts]))  # type: ignore[union-attr]
-    elif base is not None:
-        letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * (first.level + 1)]
-        base = motion_of_rotations(**{c: np.concatenate([getattr(part.base, c) for part in parts]) for c in letters})
-    return replace(first, count=sum(counts), joints=derivatives([part.joints for part in parts]), base=base)
