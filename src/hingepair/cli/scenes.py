@@ -69,7 +69,11 @@ def run_command(
             if add is not None:
                 add(part.t, part.recorded())
     if as_json:
-        result = scene.facts() | {"not_finite": summary.lost, "outputs": summary.ranges(), "notes": scene.notes(units)}
+        result = scene.facts() | {
+            "not_finite": summary.lost,
+            "outputs": summary.ranges(),
+            "notes": scene.notes(units),
+        }
         result |= {"file": None if out is None else str(out)} | ({"plan": asdict(plan)} if plan else {})
         print(json_text(result | ({"energy_balance": balance.facts()} if balance else {})))
         return

@@ -228,13 +228,15 @@ class PairSubject(SubjectBase):
         """Return the forces of the hinge and, of a body 1 with masses, the load on body 1: what must act beside the
         loads on body 2.
         """
-        options: dict[str, Any] = {"gravity": acting.gravity, "wrenches": acting.wrenches(known), "base_motion": known.body1}
-        wrench = self.robot.joint_wrenches(*known.arguments(), **options)[PSI[0]]
-        axis = (known.body1.S @ np.asarray(self.space.n)[..., None])[..., 0]
+        body1, options = known.body1, {"gravity": acting.gravity, "wrenches": acting.wrenches(known)}
+        robot: Any = self.robot
+        wrench = robot.joint_wrenches(*known.arguments(), base_motion=body1, **options)[PSI[0]]
+        axis = (body1.S @ np.asarray(self.space.n)[..., None])[..., 0]
         torque = (axis * wrench.torque).sum(axis=-1)
         arrays: Arrays = {"bearing_torque": wrench.torque - axis * torque[..., None], "hinge_force": wrench.force}
         if self.pair.body1 is not None:
-            on_body1 = self.robot.inverse_dynamics(*known.arguments(), outputs=("force1", "torque1"), **options)
+            outputs = ("force1", "torque1")
+            on_body1 = robot.inverse_dynamics(*known.arguments(), outputs=outputs, base_motion=body1, **options)
             arrays |= {"force1": on_body1.force1, "torque1": on_body1.torque1}
         motion = acting.motion
         parts = {f"{name}_torque": part[:, 0] for name, part in acting.parts(known).items()}
