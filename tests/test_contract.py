@@ -154,3 +154,29 @@ def test_what_is_not_finite_stays_in_its_sample(label, backend):
         poisoned[spoiled][5] = np.nan
         found = asked(label, poisoned, backend=backend)
         near({k: v[others] for k, v in found.items()}, {k: v[others] for k, v in expected.items()}, row.bound)
+
+
+@backends
+@pytest.mark.parametrize("frames", ["tool0", ("tool0",), ("ee_link", "tool0")], ids=str)
+def test_a_frame_by_its_name_has_no_axis_of_frames_and_those_of_a_tuple_have_one(frames, backend):
+    robot, q = hp.load_robot("ur5_robot"), np.random.default_rng(3).uniform(-1, 1, (3, 5, 6))
+    axis = () if isinstance(frames, str) else (len(frames),)
+    state = robot.forward_kinematics(*q, frames=frames, backend=backend)
+    f = robot.prepare(
+        ("q", "qd"), frames=frames, outputs=("R", "S", "jacobian", "acceleration_bias"), backend=backend
+    )
+    found = {"R": f(*q[:2]).R, **{name: getattr(state, name) for name in ("S", "alpha")}}
+    found |= {name: getattr(f(*q[:2]), name) for name in ("jacobian", "acceleration_bias")}
+    found["jacobian_rate"] = robot.jacobian_rate(*q[:2], frames, backend=backend)
+    tails = {"R": (3,), "S": (3, 3), "alpha": (3,), "acceleration_bias": (6,)}
+    for name, array in found.items():
+        assert array.shape == (5, *axis, *tails.get(name, (6, 6))), name
+    for J in (robot.jacobian(q[0], frames, backend=backend), found["jacobian"]):
+        assert J.shape == (5, *axis, 6, 6)
+    alone = robot.forward_kinematics(*q, frames="tool0", backend=backend)
+    assert state["tool0"].R.shape == alone["tool0"].R.shape == alone.R.shape == (5, 3)
+    near({"R": state["tool0"].R}, {"R": alone.R}, 4)
+    assert robot.error_bounds(q[0], frames=frames)["R"].shape == (5, *axis)
+    hand = robot.forward_kinematics(q[0, 0], frames=frames)
+    solved = robot.prepare("inverse_kinematics", frames=frames)(hand.R, hand.S, q[0, 0])
+    assert solved.position_error.shape == axis

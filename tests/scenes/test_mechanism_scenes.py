@@ -200,7 +200,7 @@ def test_a_urdf_file_beside_the_scene_is_a_robot(tmp_path: Path) -> None:
     assert scene.mechanism.names == ("boom", "stick")
     assert scene.files == (tmp_path / "digger.toml", tmp_path / "arm.urdf")
     q = np.stack([scene.t, np.full(41, -0.2), np.full(41, 0.05)], axis=1)
-    expected = by_hand().forward_kinematics(q, frames="ram").R
+    expected = by_hand().forward_kinematics(q, frames=("ram",)).R
     assert np.abs(scene.evaluate(("R_ram",)).R - expected).max() < 1e-14
 
 

@@ -380,13 +380,8 @@ def flattened(row, values):
 
 
 def arrays_of(result):
-    """The arrays of a result by output; those of one frame without its axis."""
-    arrays = {"": result} if isinstance(result, np.ndarray) else dict(result.arrays())
-    frames = getattr(type(result), "frames", ())
-    return {
-        name: value.squeeze(-3 if name == "S" else -2) if len(frames) == 1 and name in (*LETTERS, "d") else value
-        for name, value in arrays.items()
-    }
+    """The arrays of a result by output."""
+    return {"": result} if isinstance(result, np.ndarray) else dict(result.arrays())
 
 
 def errors_of(label, arrays):

@@ -65,8 +65,10 @@ class Mechanism(MechanismMethods):
       on a link sorted by name, as in Pinocchio), their time derivatives, and torques [N m] and forces [N]. Each is an
       array (..., dof); a tuple, or a dict by joint, of numbers, the same for all samples, and arrays that broadcast;
       or a table (such as a DataFrame) whose columns have the joints' names.
-    - frames: names of links, joints or added frames: a tuple, or one name; by default `tips`, the last links of all
-      branches. A name that a joint and a link share means the link. The frame of a joint moves with its child link.
+    - frames: names of links, joints or added frames. Results of a tuple have an axis of frames, also of a tuple of
+      one; those of one name alone have none. By default `tips`, the last links of all branches, a tuple; Jacobians
+      and accelerations of frames at qdd = 0 take the name of the only tip. A name that a joint and a link share means
+      the link. The frame of a joint moves with its child link.
     - base_motion: pose and motion of the base, at rest if it has only R and S, and at the origin of the world unless
       given.
     - gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).

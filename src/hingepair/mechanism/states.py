@@ -44,13 +44,13 @@ class Named(Results):
 
 @functools.lru_cache(maxsize=256)
 def with_names(
-    kind: type[Results], names: tuple[tuple[str, tuple[str, ...]], ...], further: tuple[str, ...] = ()
+    kind: type[Results], names: tuple[tuple[str, Any], ...], further: tuple[str, ...] = ()
 ) -> type[Results]:
     """Return the cached subclass of a class of results for frames or joints of these names.
 
     Args:
         kind: the class.
-        names: class attributes, and the names of frames or joints that they hold.
+        names: class attributes and their values, such as the names of frames or joints.
         further: further outputs that are attributes.
     """
     content = {"__slots__": {**kind.__slots__, **attribute_texts(further)}, "__doc__": kind.__doc__}  # type: ignore[dict-item]
@@ -96,6 +96,7 @@ class MechanismState(Named, _FrameMotion):
     frames: ClassVar[tuple[str, ...]] = ()
     _robot_frames: ClassVar[tuple[str, ...]] = ()
     """Names of all frames of the robot, computed or not."""
+    _single: ClassVar[bool] = False  # whether the arrays have no axis of frames
 
     def __getitem__(self, name: str) -> Any:
         """Return the FrameState of a frame by its name."""
@@ -106,14 +107,19 @@ class MechanismState(Named, _FrameMotion):
             else:
                 expected += nearest(str(name), self._robot_frames)
             raise ArgumentError("frame", expected, quoted(name))
-        place, axis = self.frames.index(name), len(self.shape)
         moving = {output: array for output, array in self.arrays().items() if output in FRAME_OUTPUTS}
-        arrays = {output: array[(slice(None),) * axis + (place,)] for output, array in moving.items()}
-        return FrameState(arrays, self.shape)
+        if not self._single:
+            at = (slice(None),) * len(self.shape) + (self.frames.index(name),)
+            moving = {output: array[at] for output, array in moving.items()}
+        return FrameState(moving, self.shape)
 
     def _recorded(self) -> dict[str, Any]:
         arrays = self.arrays()
         moving = {name: array for name, array in arrays.items() if name in FRAME_OUTPUTS}
+        if self._single:
+            moving = {
+                name: array[..., None, :, :] if name == "S" else array[..., None, :] for name, array in moving.items()
+            }
         return _by_place(moving, self.frames) | {name: arrays[name] for name in arrays if name not in moving}
 
     def _unit(self, name: str) -> str:

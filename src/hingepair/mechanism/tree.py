@@ -256,6 +256,13 @@ class Tree(Frozen):
         leaders = {one.name: self.joints[one.mimic.leader - 1].name for one in self.joints if one.mimic is not None}
         return CoordinateNames(tuple(one.name for one in self.coordinates), noun="joints", leaders=leaders)
 
+    def column(self, argument: str, name: object) -> int:
+        """Return the column in q of a joint, or refuse the argument that names it."""
+        names = [joint.name for joint in self.coordinates]
+        if name not in names:
+            raise ArgumentError(argument, choices(names) + nearest(str(name), names), quoted(name))
+        return names.index(str(name))
+
     def rows(self, name: str, value: Coordinates) -> Float64Array:
         """Return coordinates, or their derivatives or efforts, in any form as an array (..., dof)."""
         read, _ = read_coordinates(name, value, self.coordinate_names)

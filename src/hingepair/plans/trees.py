@@ -99,6 +99,7 @@ class Request(NamedTuple):
     joint_loads: bool = False  # whether springs, dampers and dry friction act at the joints (T14)
     varied: tuple[int, ...] = ()  # places of the constants that the input "samples" has
     shown: int | None = None  # how many frames, the first, have outputs; None: all
+    single: bool = False  # whether a frame was asked for by its name: results then have no axis of frames
 
     @property
     def shown_frames(self) -> tuple[int, ...]:
@@ -338,12 +339,12 @@ class TreeQuantities:
         return tuple(entries)
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
-        """Return the accelerations (a, alpha) of the first frame for q'' = 0, as a tuple of six numbers. A free base
-        is taken to have no acceleration; any other base has the given acceleration.
+        """Return the accelerations (a, alpha) of all frames for q'' = 0, as one flat tuple. A free base is taken to
+        have no acceleration; any other base has the given acceleration.
         """
         base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration
-        a, alpha = self._accelerations_of_frames(self._body_accelerations(self.bias_qdd, base), self.bias_qdd)[0]
-        return (*a, *alpha)
+        bodies = self._body_accelerations(self.bias_qdd, base)
+        return _chain_vectors((*a, *alpha) for a, alpha in self._accelerations_of_frames(bodies, self.bias_qdd))
 
     # ---- dynamics, base axes
 
@@ -892,14 +893,15 @@ def output_shape(name: str, form: Form, request: Request) -> ArrayShape:
     sizes |= {"struts": len(form.struts), "loops": 0 if form.closure is None else len(form.closure.loops)}
     sizes["parameters"] = 10 * (len(request.frames) - request.first_of_bodies)  # of the torque regressor
     shape = sample_shape(name, sizes)
-    shown = len(request.shown_frames)
-    return (shown, *shape) if name in FRAME_OUTPUTS or (name in JACOBIANS and shown != 1) else shape
+    return (len(request.shown_frames), *shape) if name in OF_FRAMES and not request.single else shape
 
 
 FRAME_OUTPUTS: Final = ("R", "S", "d", "v", "omega", "a", "alpha")
-"""Motion of frames, with an axis of frames."""
+"""Motion of frames."""
 JACOBIANS: Final = ("jacobian", "jacobian_in_frame", "jacobian_rate", "jacobian_in_frame_rate")
-"""Jacobians of frames; that of a single one has no axis of frames."""
+"""Jacobians of frames, and their rates."""
+OF_FRAMES: Final = (*FRAME_OUTPUTS, *JACOBIANS, "acceleration_bias")
+"""What is computed of frames: with an axis of frames, unless one was named alone."""
 DYNAMICS_MATRICES: Final = ("tau_q", "tau_qd", "tau_qdd", "qdd_q", "qdd_qd", "qdd_tau")
 """Derivatives of inverse and of forward dynamics."""
 DERIVED: Final = (*JACOBIANS[2:], "centroidal_momentum_matrix_rate", *DYNAMICS_MATRICES)

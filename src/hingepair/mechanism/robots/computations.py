@@ -37,7 +37,7 @@ from hingepair.plans.trees import (
     BASE_MOTION,
     COORDINATES,
     FRAME_OUTPUTS,
-    JACOBIANS,
+    OF_FRAMES,
     Request,
     estimated_operations,
     input_shapes,
@@ -58,8 +58,6 @@ Loads: TypeAlias = Mapping[str, tuple[Any, str]]
 """Forces and torques by input name: the value, and its name in messages."""
 
 
-ONE_FRAME: Final = ("acceleration_bias",)  # outputs that take a single frame
-OF_FRAMES: Final = (*FRAME_OUTPUTS, *JACOBIANS, *ONE_FRAME)  # outputs that take frames, and need no masses
 OF_STRUTS: Final = ROBOT_TASKS["struts"].outputs
 # These, like those of struts, need no masses.
 OF_LOOPS: Final = (*ALL_COORDINATES, "loop_gaps", "loop_jacobian", "loop_wrenches")
@@ -81,7 +79,7 @@ _PREPARED_ARGUMENTS: Final = (*COORDINATES, *BASE_MOTION, *BASE_LOADS)  # which 
 
 
 def result_class(
-    outputs: tuple[str, ...], frames: tuple[str, ...], constants: RobotConstants
+    outputs: tuple[str, ...], frames: str | tuple[str, ...], constants: RobotConstants
 ) -> type[Results] | None:
     """Return the class of a result with these outputs; None for a bare array. The first output decides."""
     kind = _RESULTS.get(outputs[0], Results)
@@ -89,7 +87,13 @@ def result_class(
         return Results if len(outputs) > 1 else None
     if kind is MechanismState:
         further = tuple(name for name in outputs if name not in FRAME_OUTPUTS)
-        return with_names(kind, (("frames", frames), ("_robot_frames", constants.tree.frame_names)), further)
+        named = (frames,) if isinstance(frames, str) else frames
+        own: Any = (
+            ("frames", named),
+            ("_robot_frames", constants.tree.frame_names),
+            ("_single", named is not frames),
+        )
+        return with_names(kind, own, further)
     if issubclass(kind, JointResults):
         all_names = tuple(joint.name for joint in constants.tree.joints)
         own = (("names", all_names if kind is JointWrenches else constants.names),)
@@ -153,6 +157,7 @@ class RobotComputation(Computation):
         result: class of the result; None to return the only output as a bare array.
         joint_loads: whether springs, dampers and dry friction act at the joints.
         shown: how many frames, the first, have outputs; by default all.
+        single: whether results have no axis of frames.
     """
 
     def __init__(
@@ -165,6 +170,7 @@ class RobotComputation(Computation):
         result: type[Results] | None,
         joint_loads: bool = False,
         shown: int | None = None,
+        single: bool = False,
     ) -> None:
         numbers = [number for frame in frames for number in frame_numbers(constants, frame)]
         if joint_loads:
@@ -178,7 +184,9 @@ class RobotComputation(Computation):
             behind = len(self.form.known)
             varied = {**constants.varied, **{behind + place: column for place, column in moved.items()}}
         bodies = tuple(frame.body for frame in frames)
-        self.request = Request(outputs, free, bodies, folded, loaded_frames, joint_loads, tuple(varied), shown)
+        self.request = Request(
+            outputs, free, bodies, folded, loaded_frames, joint_loads, tuple(varied), shown, single
+        )
         self.inputs = input_shapes(self.form, self.request)
         self.asked: tuple[Any, ...] = ()  # by which `Mechanism._computation_of` makes it anew
         known: dict[str, Any] = {
@@ -208,7 +216,7 @@ class RobotComputation(Computation):
         request = self.request
         return RobotComputation(
             constants, self.outputs, request.free, self.frames, request.loaded, self.result, request.joint_loads,
-            request.shown,
+            request.shown, request.single,
         )  # fmt: skip
 
     def _request_loop(self, outputs: tuple[str, ...], _: tuple[str, ...]) -> Loop:

@@ -10,7 +10,7 @@ import numpy as np
 
 from hingepair.engine.backend import execution_of
 from hingepair.engine.threads import run_in_threads
-from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.inverse_kinematics.goals import (
     Attitude,
     CentreOfMass,
@@ -29,14 +29,13 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.building.floating import BASE_JOINTS, on_moved_base, tree_with_base_joints
 from hingepair.mechanism.options import SEARCH_DEFAULTS, SearchOptions, check_options
 from hingepair.mechanism.robots.computations import RobotComputation
-from hingepair.mechanism.robots.constants import RobotConstants, robot_constants
+from hingepair.mechanism.robots.constants import RobotConstants, axes_along, robot_constants
 from hingepair.mechanism.states import FrameState
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import (
     Float64Array,
     broadcast_shape,
     check_choice,
-    finite_number,
     number_not_below_0,
     one_constant,
     real_array,
@@ -165,6 +164,9 @@ class PreparedInverseKinematics:
         if not isinstance(prefer := options.get("prefer"), str | None) and np.ndim(prefer) != 1:
             raise ArgumentError("prefer", "one posture", quoted(prefer))
         self._tree, self._constants, self._options = tree, constants, options
+        if frames is None and len(tree.tips) == 1:
+            frames = tree.tips[0]
+        self._single = isinstance(frames, str)  # one frame by its name: targets and errors have no axis of frames
         given = tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
         self.frames: tuple[str, ...] = given
         self._queries: dict[tuple[bool, bool], Query] = {}
@@ -186,7 +188,7 @@ class PreparedInverseKinematics:
         starts.
 
         Args:
-            R: wanted positions [m]; shape (3,) of one frame, (frames, 3) of several; or None.
+            R: wanted positions [m]; shape (3,) of a single frame, (frames, 3) of a tuple; or None.
             S: wanted rotation matrices; shape (3, 3), (frames, 3, 3), or None.
             q0: coordinates at which the search begins; shape (dof,). By default those in the middle of the limits.
             base_motion: pose of the base, or the one at which it begins where it is solved for.
@@ -195,7 +197,7 @@ class PreparedInverseKinematics:
             ArgumentError: q0 is not finite, or no target is given.
             ShapeError: R, S or q0 is not that of one target.
         """
-        query, several = self._query(R is not None, S is not None), len(self.frames) > 1
+        query, several = self._query(R is not None, S is not None), not self._single
         solver, lead = query.solver, (len(self.frames),) if several else ()
         given: list[Float64Array] = []  # by frame
         if R is not None:
@@ -229,7 +231,7 @@ class PreparedInverseKinematics:
 
 def _checked_target(name: str, value: Any, shape: tuple[int, ...]) -> Float64Array:
     array = real_array(name, value).astype(np.float64, copy=False)
-    if array.shape != shape:
+    if shape not in (array.shape, (1, *array.shape)):
         raise ShapeError(name, f"shape {shape}, one target", f"shape {array.shape}")
     return array
 
@@ -261,18 +263,21 @@ def read_query(
     workers = execution_of("auto", given["workers"]).workers
     if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
         raise ArgumentError("seed", "an integer from 0", quoted(seed))
-    solves = _solves_for_base(given["base"], constants)
+    check_choice("base", given["base"], ("hold", "solve"))
+    solves = given["base"] == "solve"
+    if solves and not constants.free:
+        raise ArgumentError("base", '"hold", since the base is fixed (with_base("free") frees it)', quoted("solve"))
     if not constants.names and not solves:
         raise ArgumentError("robot", "a joint that moves", "none")
     tolerances = [number_not_below_0(name, given[name]) for name in ("position_tolerance", "angle_tolerance")]
-    frames, targets = _read_targets(tree, R, S, given)
+    by_frame, wanted = _targets_by_frame(tree, R, S, given)
+    frames, targets = _read_targets(tree, wanted, by_frame, given)
     shapes = {one.label: one.values.shape[: one.values.ndim - len(one.goal.shape)] for one in targets}
     near = posture = None
     if q0 is not None:
         near = _read_posture("q0", q0, tree, path)
         shapes["q0"] = near.shape[:-1]
-    box = _read_limits(given["limits"], tree)
-    held = _read_held(given["held"], tree, q0)
+    box, held = _read_limits(given["limits"], tree), _read_held(given["held"], tree, q0)
     if isinstance(prefer, str):
         check_choice("prefer", prefer, ("middle",))
     elif prefer is not None:
@@ -291,11 +296,9 @@ def read_query(
     if solves and near is None:  # a solution is wanted near where the base starts
         near = solver.middle[BASE_JOINTS:]
     near, posture = (_rows_of(one, shape, solver.dof) for one in (near, posture))
-    by_frame = any(isinstance(value, Mapping) for value in (R, S, given["direction"]))
-    count = len({one.goal.frame for one in targets if one.goal.frames})
     start = (base_motion or _AT_ORIGIN) if solves else None
     return Query(
-        solver, Targets(poses, near, posture, *tolerances), shape, by_frame, count, start, int(seed), workers
+        solver, Targets(poses, near, posture, *tolerances), shape, by_frame, len(wanted), start, int(seed), workers
     )
 
 
@@ -308,24 +311,12 @@ def _rows_of(posture: Float64Array | None, shape: tuple[int, ...], size: int) ->
     return rows.reshape(-1, size)
 
 
-def _solves_for_base(base: Any, constants: RobotConstants) -> bool:
-    """Return whether the pose of the base is solved for, as the argument `base` says."""
-    check_choice("base", base, ("hold", "solve"))
-    if base == "solve" and not constants.free:
-        raise ArgumentError("base", '"hold", since the base is fixed (with_base("free") frees it)', quoted(base))
-    return bool(base == "solve")
-
-
 def _read_held(held: Any, tree: Tree, q0: Any) -> tuple[int, ...]:
     """Return the columns of the joints that do not move."""
-    names = [joint.name for joint in tree.coordinates]
-    given = (held,) if isinstance(held, str) else tuple(held)
-    for name in given:
-        if name not in names:
-            raise ArgumentError("held", choices(names) + nearest(str(name), names), quoted(name))
-    if given and q0 is None:
+    columns = {tree.column("held", name) for name in ((held,) if isinstance(held, str) else held)}
+    if columns and q0 is None:
         raise ArgumentError("q0", "coordinates, at which joints are held", None)
-    return tuple(sorted(names.index(name) for name in {*given}))
+    return tuple(sorted(columns))
 
 
 def read_solutions(solutions: Any, select: str, q0: Any) -> int | None:
@@ -341,123 +332,82 @@ def read_solutions(solutions: Any, select: str, q0: Any) -> int | None:
     return int(solutions)
 
 
-def read_max_change(max_change: Any) -> float:
-    """Return the argument `max_change`, a positive number."""
-    number = finite_number("max_change", max_change)
-    if number <= 0:
-        raise ArgumentError("max_change", "a positive number", max_change)
-    return number
+def _targets_by_frame(tree: Tree, R: Any, S: Any, given: Mapping[str, Any]) -> tuple[bool, dict[str, dict[str, Any]]]:
+    """Return whether targets were given by frame, and for each frame what was given of R, S and direction."""
+    wanted = {"R": R, "S": S, "direction": given["direction"]}
+    present = {name: value for name, value in wanted.items() if value is not None}
+    frame = given["frame"]
+    if any(isinstance(value, Mapping) for value in present.values()):
+        if frame is not None:
+            raise ArgumentError("frame", "None, since the targets are given by frame", quoted(frame))
+        for name, value in present.items():
+            if not isinstance(value, Mapping) or not value:
+                raise ArgumentError(name, "a dict by frame, as the other targets", quoted(value))
+        frames = dict.fromkeys(name for value in present.values() for name in value)
+        return True, {one: {name: value[one] for name, value in present.items() if one in value} for one in frames}
+    if not present:
+        if given["centre_of_mass"] is None and given["coordinates"] is None:
+            raise ArgumentError("R", "positions, or attitudes in S or direction", None)
+        return False, {}
+    if frame is None and len(tree.tips) != 1:
+        expected = f"the name of a link or joint, since the robot has several tips: {', '.join(tree.tips)}"
+        raise ArgumentError("frame", expected, None)
+    return False, {tree.tips[0] if frame is None else frame: present}
 
 
 def _read_targets(
-    tree: Tree, R: Any, S: Any, given: Mapping[str, Any]
+    tree: Tree, wanted: Mapping[str, Mapping[str, Any]], by_frame: bool, given: Mapping[str, Any]
 ) -> tuple[dict[tuple[str, str], Frame], list[_Target]]:
     """Return the frames that goals compare, by name and role, and all targets."""
-    wanted = {"R": R, "S": S, "direction": given["direction"]}
-    by_frame = any(isinstance(value, Mapping) for value in wanted.values())
-    others = given["centre_of_mass"] is not None or given["coordinates"] is not None
-    names = _frame_names(tree, given["frame"], wanted, others)
     frames: dict[tuple[str, str], Frame] = {}
     read = []
-    for number, name in enumerate(names):
-        frames[name, ""], own = _read_target(tree, name, R, S, given["direction"], given["axis"], by_frame)
-        read.append((number, name, own))
+    for name, own in wanted.items():
+        labels = {one: f"{one}[{name!r}]" if by_frame else one for one in ("R", "S", "direction", "axis")}
+        frames[name, ""], kinds = _read_target(tree, name, own, given["axis"], labels)
+        read.append((name, kinds))
+    relative_to = given["relative_to"]
+    for name in relative_to if isinstance(relative_to, Mapping) else ():
+        if name not in wanted:
+            raise ArgumentError("relative_to", choices(list(wanted)), quoted(name))
     targets: list[_Target] = []
-    origins = _origins(tree, given["relative_to"], names)
-    for number, name, kinds in read:
-        origin = None
-        if name in origins:
-            frames.setdefault((origins[name], "from"), tree.known_frame("relative_to", origins[name]))
-            origin = [*frames].index((origins[name], "from"))
-        targets += [_Target(kind(number, origin), label, values) for kind, label, values in kinds]
+    for number, (name, kinds) in enumerate(read):
+        origin = relative_to.get(name) if isinstance(relative_to, Mapping) else relative_to
+        place = None
+        if origin is not None:
+            frames.setdefault((origin, "from"), tree.known_frame("relative_to", origin))
+            place = [*frames].index((origin, "from"))
+        targets += [_Target(kind(number, place), label, values) for kind, label, values in kinds]
     if given["centre_of_mass"] is not None:
         tree.single()
-        values = np.asarray(_vectors_of_targets("centre_of_mass", given["centre_of_mass"], 3), np.float64)
+        values = vectors("centre_of_mass", given["centre_of_mass"], 3).astype(np.float64)
         targets.append(_Target(CentreOfMass(-1), "centre_of_mass", values))
-    columns = {joint.name: k for k, joint in enumerate(tree.coordinates)}
     for name, value in (given["coordinates"] or {}).items():
-        if name not in columns:
-            known = [*columns]
-            raise ArgumentError("coordinates", choices(known) + nearest(str(name), known), quoted(name))
-        column, label = columns[name], f"coordinates[{name!r}]"
+        column, label = tree.column("coordinates", name), f"coordinates[{name!r}]"
         kind = Displacement if tree.coordinates[column].unit == "m" else Coordinate
         targets.append(_Target(kind(column), label, real_array(label, value).astype(np.float64)))
     return frames, targets
 
 
-def _origins(tree: Tree, relative_to: Any, names: tuple[str, ...]) -> dict[str, str]:
-    """Return, by the name of a frame, the frame in whose axes and from whose origin its targets are given."""
-    origins = relative_to if isinstance(relative_to, Mapping) else dict.fromkeys(names, relative_to)
-    for name, origin in origins.items():
-        if name not in names:
-            raise ArgumentError("relative_to", choices(list(names)), quoted(name))
-        if origin is not None:
-            tree.known_frame("relative_to", origin)
-    return {name: origin for name, origin in origins.items() if origin is not None}
-
-
-def _frame_names(tree: Tree, frame: str | None, given: Mapping[str, Any], others: bool) -> tuple[str, ...]:
-    """Return the names of the frames that have targets, by default that of the only tip; none is needed if there are
-    other targets.
-    """
-    present = {name: value for name, value in given.items() if value is not None}
-    if not present:
-        if others:
-            return ()
-        raise ArgumentError("R", "positions, or attitudes in S or direction", None)
-    if not any(isinstance(value, Mapping) for value in present.values()):
-        if frame is not None:
-            return (frame,)
-        if len(tree.tips) != 1:
-            expected = f"the name of a link or joint, since the robot has several tips: {', '.join(tree.tips)}"
-            raise ArgumentError("frame", expected, None)
-        return tree.tips
-    if frame is not None:
-        raise ArgumentError("frame", "None, since the targets are given by frame", quoted(frame))
-    for name, value in present.items():
-        if not isinstance(value, Mapping) or not value:
-            raise ArgumentError(name, "a dict by frame, as the other targets", quoted(value))
-    return tuple(dict.fromkeys(name for value in present.values() for name in value))
-
-
-def _vectors_of_targets(label: str, value: Any, *tail: int) -> Any:
-    """Return positions or attitudes (..., *tail); the error on poses of other libraries says how to convert them."""
-    try:
-        return vectors(label, value, *tail)
-    except ShapeError as error:
-        shape, expected = np.shape(value), f"shape (..., {', '.join(map(str, tail))})"
-        if shape[-2:] == (4, 4):
-            expected += "; of poses T, 4 x 4, R is T[..., :3, 3] and S is T[..., :3, :3]"
-        elif shape[-1:] == (4,) and label.startswith("S"):
-            expected += "; R=hp.BodyMotion.from_quaternion_xyzw(R=..., quat_xyzw=...) takes a quaternion"
-        else:
-            raise
-        raise ShapeError(label, expected, error.got) from None
-
-
 def _read_target(
-    tree: Tree, name: str, R: Any, S: Any, direction: Any, axis: Any, by_frame: bool
+    tree: Tree, name: str, given: Mapping[str, Any], axis: Any, labels: Mapping[str, str]
 ) -> tuple[Frame, list[tuple[type[Goal], str, Float64Array]]]:
     """Return a frame, whose z axis is the one that has a direction, and its targets: what kinds, of which arguments,
-    and their numbers. `by_frame`: arguments are dicts.
+    and their numbers.
     """
     frame = tree.known_frame("frame", name)
-    labels = {one: f"{one}[{name!r}]" if by_frame else one for one in ("R", "S", "direction", "axis")}
-    given: list[Any] = [(one or {}).get(name) if by_frame else one for one in (R, S, direction)]
-    if isinstance(given[0], BodyMotion | FrameState):
-        if given[1] is not None:
-            raise ArgumentError(labels["S"], f"None, since {labels['R']} has attitudes", quoted(given[1]))
-        given[:2] = given[0].R, given[0].S
-    place, attitude, toward = given
+    R, S, toward = (given.get(one) for one in ("R", "S", "direction"))
+    if S is not None and toward is not None:
+        raise ArgumentError(labels["direction"], f"None, since {labels['S']} is given", quoted(toward))
+    if isinstance(R, BodyMotion | FrameState):
+        if S is not None:
+            raise ArgumentError(labels["S"], f"None, since {labels['R']} has attitudes", quoted(S))
+        state: Any = R
+        R, S = state.R, None if toward is not None else state.S
     found: list[tuple[type[Goal], str, Any]] = []
-    if place is not None:
-        found.append((Position, labels["R"], _vectors_of_targets(labels["R"], place, 3)))
-    if attitude is not None and toward is not None:
-        if by_frame or S is not None:
-            raise ArgumentError(labels["direction"], f"None, since {labels['S']} is given", quoted(toward))
-        attitude = None
-    if attitude is not None:
-        turns = _vectors_of_targets(labels["S"], attitude, 3, 3)
+    if R is not None:
+        found.append((Position, labels["R"], vectors(labels["R"], R, 3)))
+    if S is not None:
+        turns = vectors(labels["S"], S, 3, 3)
         check_rotation(labels["S"], turns)
         found.append((Attitude, labels["S"], turns))
     if toward is not None:
@@ -465,7 +415,7 @@ def _read_target(
         found.append((Direction, labels["direction"], ways))
         own = axis.get(name, (0, 0, 1)) if isinstance(axis, Mapping) else axis
         own = _unit_vectors(labels["axis"], one_constant(labels["axis"], own, 3))
-        frame = Frame(frame.body, frame.R, frame.S @ _axes_about(own))
+        frame = Frame(frame.body, frame.R, frame.S @ axes_along(own))
     return frame, [(kind, label, np.asarray(values, np.float64)) for kind, label, values in found]
 
 
@@ -479,13 +429,6 @@ def _unit_vectors(name: str, values: Any) -> Float64Array:
         values = values / largest
         found: Float64Array = values / row_norms(values)[..., None]
     return found
-
-
-def _axes_about(z: Float64Array) -> Float64Array:
-    """Return a rotation whose third column is a unit vector."""
-    x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def _read_posture(name: str, value: Any, tree: Tree, path: bool) -> Float64Array:
@@ -510,18 +453,16 @@ def _read_limits(limits: Any, tree: Tree) -> Float64Array:
     return array
 
 
-def _weights_of(goals: Sequence[Goal], names: Sequence[str], reaches: Sequence[float], weights: Any) -> list[float]:
-    """Return what a metre or a radian of each goal's error counts, by default 1 / reach and 1."""
-    found = []
-    for goal, reach in zip(goals, reaches, strict=True):
+def _weight(goal: Goal, names: Sequence[str], reach: float, weights: Any) -> float:
+    """Return what a metre or a radian of a goal's error counts, by default 1 / reach and 1."""
+    pair, label = weights, "weights"
+    if isinstance(weights, Mapping):
         name = names[goal.frame] if goal.frames else ""
-        pair = weights.get(name) if isinstance(weights, Mapping) else weights
-        label = f"weights[{name!r}]" if isinstance(weights, Mapping) else "weights"
-        values = (1 / reach, 1.0) if pair is None else tuple(one_constant(label, pair, 2).tolist())
-        if min(values) <= 0:
-            raise ArgumentError(label, "positive numbers", quoted(pair))
-        found.append(values[not goal.is_length])
-    return found
+        pair, label = weights.get(name), f"weights[{name!r}]"
+    values = (1 / reach, 1.0) if pair is None else tuple(one_constant(label, pair, 2).tolist())
+    if min(values) <= 0:
+        raise ArgumentError(label, "positive numbers", quoted(pair))
+    return float(values[not goal.is_length])
 
 
 def _reach(tree: Tree, frame: Frame) -> float:
@@ -566,7 +507,8 @@ def _solver(
     lengths = [_reach(tree, frame) for frame in own]
     whole = max([*lengths, *(_reach(tree, tree.known_frame("frame", tip)) for tip in tree.tips)])
     reaches = [lengths[goal.frame] if goal.frames else whole for goal in goals]
-    counts = _weights_of(goals, [name for name, _ in frames], reaches, weights)
+    names = [name for name, _ in frames]
+    counts = [_weight(goal, names, reach, weights) for goal, reach in zip(goals, reaches, strict=True)]
     axes = tuple(frame.S.tobytes() for frame in own)
     key = tuple(frames), tuple(goals), tuple(counts), limits.tobytes(), held, solves, axes
     solvers: dict[Any, Solver] = constants.cache.others.setdefault("inverse_kinematics", {})

@@ -45,7 +45,6 @@ from hingepair.mechanism.robots.computations import (
 from hingepair.mechanism.robots.conventions import StateConventions
 from hingepair.mechanism.robots.inverse_kinematics import (
     PreparedInverseKinematics,
-    read_max_change,
     read_query,
     read_solutions,
 )
@@ -62,7 +61,7 @@ from hingepair.mechanism.states import (
 )
 from hingepair.mechanism.strut_functions import function_force
 from hingepair.mechanism.tree import Tree
-from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, set_frozen
+from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, finite_number, set_frozen
 from hingepair.plans.arguments import Coordinates, renamed_out
 from hingepair.plans.prepared import Prepared
 from hingepair.rollouts.tracks import Feedback
@@ -116,12 +115,10 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             qd: time derivatives of q, which add velocities.
             qdd: second time derivatives of q, which add accelerations.
             outputs: names out of R, S, d, v, omega, a and alpha. By default, all for which the coordinates suffice.
-            out: arrays by output name, into which the results are written: (..., frames, 3, 3) of S, (..., frames, 3)
-                of others.
 
         Returns:
             The MechanismState `state`: `state.R` of all frames, shape (..., frames, 3), and `state["panda_hand"].R`
-            of one.
+            of one. With `frames="panda_hand"`, `state.R` is that of this frame, (..., 3).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -149,7 +146,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         see `Mechanism`; of `base_motion`, S is used.
 
         Args:
-            frames: one frame; or several, for an axis of frames before the last two.
+            frames: one name; or a tuple, for an axis of frames before the last two.
             axes: of v and omega: "world" (Pinocchio's LOCAL_WORLD_ALIGNED) or "frame" (LOCAL).
 
         >>> import numpy as np
@@ -195,8 +192,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         frames: str | Iterable[str] | None = None,
         **options: Unpack[BaseOptions],
     ) -> FloatArray:
-        """Compute the bias in (a, alpha) = J @ qdd + bias of one frame, with J of `jacobian`, world axes, shape (...,
-        6); for a free base in (a, alpha) = J @ (a1, alpha1, qdd) + bias (E9).
+        """Compute the bias in (a, alpha) = J @ qdd + bias of frames, with J of `jacobian`, world axes, shape (...,
+        6) or (..., frames, 6); for a free base in (a, alpha) = J @ (a1, alpha1, qdd) + bias (E9).
 
         Arguments: see `Mechanism`. Of `base_motion`, S and omega are used, and a and alpha unless the base is free.
 
@@ -309,7 +306,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         ((200, 6), True, 0)
         """
         query = read_query(self._tree, self._robot.constants, R, S, "inverse_kinematics_path", **options)
-        return query.follow(read_max_change(max_change))
+        if not finite_number("max_change", max_change) > 0:
+            raise ArgumentError("max_change", "a positive number", max_change)
+        return query.follow(max_change)
 
     def error_bounds(
         self,

@@ -34,8 +34,6 @@ from hingepair.mechanism.robots.computations import (
     ALL_OUTPUTS,
     FORCED_OUTPUTS,
     OF_BODIES,
-    OF_FRAMES,
-    ONE_FRAME,
     Loads,
     RobotComputation,
     checked_given,
@@ -54,7 +52,7 @@ from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Coordinates, requested_outputs
 from hingepair.plans.computation import Cache
 from hingepair.plans.prepared import Prepared
-from hingepair.plans.trees import DERIVED, DYNAMICS_MATRICES, FRAME_OUTPUTS
+from hingepair.plans.trees import DERIVED, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES
 
 
 class RobotRequests:
@@ -99,7 +97,7 @@ class RobotRequests:
         accepts = task.options.__annotations__
         if "force1" in accepts:
             loads = {**loads, **self._base_loads(options.get("force1", 0), options.get("torque1", 0))}
-        frames = self._task_frames(computed, options.get("frames"))
+        frames = self._frames_of(computed, options.get("frames"))
         loaded = "joint_loads" in accepts and self.counts_loads(options.get("joint_loads"))
         computation = self.computation(computed, frames, links, loaded)
         coordinates = {label: x for label, x in given.items() if x is not None}
@@ -140,8 +138,7 @@ class RobotRequests:
         if self._calls_functions(output_names):
             self.tree.refuse_functions()
         links, asked = self.loaded_frames(wrenches), {*output_names}
-        framed = not asked.isdisjoint(OF_FRAMES)
-        named = self.frame_names(frames, one=not asked.isdisjoint(ONE_FRAME)) if framed else ()
+        named = self._frames_of(output_names, frames)
         loaded = not asked.isdisjoint(("tau", *SOLVED, *DYNAMICS_MATRICES)) and self.counts_loads(joint_loads)
         computation = self.computation(output_names, named, links, loaded)
         names = checked_given(names, computation.inputs)
@@ -173,7 +170,7 @@ class RobotRequests:
             names = tuple(name for name in asked if name in group)
             if not names:
                 continue
-            computation = self.computation(names, self.frame_names(frames))
+            computation = self.computation(names, self._frames_of(names, frames))
             computation.check_given(coordinates)
             if computation.needs_masses:
                 self.check_masses()
@@ -229,23 +226,28 @@ class RobotRequests:
     def computation(
         self,
         outputs: tuple[str, ...],
-        frames: tuple[str, ...] = (),
+        frames: str | tuple[str, ...] = (),
         loaded: tuple[str, ...] = (),
         joint_loads: bool = False,
     ) -> RobotComputation:
-        """Return the computation of outputs, which is made once; wrenches act on the frames in `loaded`."""
+        """Return the computation of outputs, which is made once; wrenches act on the frames in `loaded`. Results of a
+        single name have no axis of frames.
+        """
         key = outputs, frames, loaded, joint_loads
         computations = self._cache.computations
         found: RobotComputation | None = computations.get(key)
         if found is None:
             free, constants = self.base == "free", self.constants
-            chosen = tuple(self.tree.known_frame("frames", name) for name in (*frames, *loaded))
+            shown = (frames,) if isinstance(frames, str) else frames
+            chosen = tuple(self.tree.known_frame("frames", name) for name in (*shown, *loaded))
             if not {*outputs}.isdisjoint(OF_BODIES):
                 chosen += self.tree.body_frames(free)
             if not {*outputs}.isdisjoint(ROBOT_TASKS["joint_wrenches"].outputs):
                 constants = self.whole_constants
-            kind, places = result_class(outputs, frames, constants), range(len(frames), len(frames) + len(loaded))
-            found = RobotComputation(constants, outputs, free, chosen, tuple(places), kind, joint_loads, len(frames))
+            found = RobotComputation(
+                constants, outputs, free, chosen, tuple(range(len(shown), len(shown) + len(loaded))),
+                result_class(outputs, frames, constants), joint_loads, len(shown), frames is not shown,
+            )  # fmt: skip
             found.asked = key
             computations[key] = found
         return found
@@ -271,25 +273,26 @@ class RobotRequests:
         accepted = tuple(name for name in self.available(ALL_OUTPUTS) if name not in names)
         return requested_outputs(outputs, None, accepted, default)
 
-    def _task_frames(self, outputs: tuple[str, ...], frames: str | Iterable[str] | None) -> tuple[str, ...]:
-        """Return the names of the frames whose outputs are asked for, out of the argument `frames`."""
+    def _frames_of(self, outputs: tuple[str, ...], frames: str | Iterable[str] | None) -> str | tuple[str, ...]:
+        """Return the argument `frames` of outputs, names or one name alone; () of outputs that have none. None stands
+        for the last links of all branches; Jacobians alone need one.
+        """
         if {*outputs}.isdisjoint(OF_FRAMES):
             return ()
-        if frames is None and len(self.tree.tips) != 1 and {*outputs}.isdisjoint(FRAME_OUTPUTS):
-            expected = f"the name of a link or joint, such as {', '.join(self.tree.tips[:4])}"
-            raise ArgumentError("frames", expected, None)
-        return self.frame_names(frames, one=not {*outputs}.isdisjoint(ONE_FRAME))
-
-    def frame_names(self, frames: str | Iterable[str] | None, one: bool = False) -> tuple[str, ...]:
-        """Return the names in the argument `frames`; None stands for the last links of all branches."""
+        tips = self.tree.tips
+        if frames is None and {*outputs}.isdisjoint(FRAME_OUTPUTS):
+            if len(tips) != 1:
+                expected = f"the name of a link or joint, such as {', '.join(tips[:4])}"
+                raise ArgumentError("frames", expected, None)
+            return tips[0]
+        if isinstance(frames, str):
+            return frames
         try:
-            names = self.tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
+            names = tips if frames is None else tuple(frames)
         except TypeError:
             names = ()
         if not names:
             raise ArgumentError("frames", "names of links or joints", quoted(frames))
-        if one and len(names) != 1:
-            raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
         if len({*names}) < len(names):
             raise ArgumentError("frames", "each name once", quoted(names))
         return names
