@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.measured.smoothing.finite_differences import stencils
+from hingepair.measured.smoothing.angular_velocity import stencils
 from support.states import generator
 
 U = 2.0**-53

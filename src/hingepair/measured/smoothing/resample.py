@@ -100,33 +100,20 @@ def _refuse_quaternions_that_flip(values: Float64Array) -> None:
     """Refuse unit quaternions (N, ..., 4) whose sign changes from sample to sample."""
     if values.ndim < 2 or values.shape[-1] != 4:
         return
-    quaternions = values.reshape(values.shape[0], -1, 4)
-    known = np.isfinite(quaternions).all(axis=(-2, -1))
-    quaternions = quaternions[known]
-    if not quaternions.size or np.abs(np.linalg.norm(quaternions, axis=-1) - 1).max() > 1e-2:
-        return
-    flips = np.flatnonzero(((quaternions[1:] * quaternions[:-1]).sum(axis=-1) < 0).any(axis=-1)) + 1
-    if flips.size:
-        wanted = (
-            "a BodyMotion (from_quaternion_xyzw, from_quaternion_wxyz), or quaternions whose sign does not change"
-        )
-        sample = np.flatnonzero(known)[flips[0]]
-        raise ArgumentError("values", wanted, f"quaternions of which the sign changes at sample {sample}")
+    known = values[np.isfinite(values.reshape(len(values), -1)).all(axis=1)]
+    are_units = known.size and np.abs(np.linalg.norm(known, axis=-1) - 1).max() < 1e-2
+    if are_units and ((known[1:] * known[:-1]).sum(axis=-1) < 0).any():
+        wanted = "a BodyMotion (from_quaternion_xyzw, from_quaternion_wxyz), or quaternions of one sign"
+        raise ArgumentError("values", wanted, "quaternions whose sign changes from sample to sample")
 
 
 def _wrapping_suspicions(values: Float64Array) -> list[str]:
-    """Return a sentence on the first column of `values` that jumps like a wrapped angle, by 2 pi or by 360; [] if
-    none does.
-    """
-    for index in np.ndindex(values.shape[1:]):
-        for turn, text in ((2 * np.pi, "2 pi"), (360.0, "360")):
-            if is_wrapped(values[:, *index], turn):
-                column = f", column {', '.join(map(str, index))}," if index else ""
-                how = "such as numpy.unwrap(values, axis=0) of radians"
-                return [
-                    f"values{column} jumps by nearly {text}, as a wrapped angle does: unwrap angles first, {how}."
-                ]
-    return []
+    """Return a sentence if a column of `values` jumps like a wrapped angle, by 2 pi or by 360."""
+    how = "as a wrapped angle does: unwrap angles first, such as numpy.unwrap(values, axis=0) of radians."
+    columns = values.reshape(len(values), -1).T
+    turns = (("2 pi", 2 * np.pi), ("360", 360.0))
+    found = [text for text, turn in turns if any(is_wrapped(column, turn) for column in columns)]
+    return [f"values jump by nearly {text}, {how}" for text in found[:1]]
 
 
 def interpolated(

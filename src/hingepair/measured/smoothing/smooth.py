@@ -70,8 +70,8 @@ class SmoothedMotion(OverInstants, BodyMotion):
         std: dict[str, Float64Array] = {}
         for letter, names in _QUANTITIES.items():
             noise |= _noise_by_name(names, parts[letter])
-            for name, deviations in zip(names, parts[letter].deviations, strict=True):
-                std[name] = read_only(np.broadcast_to(deviations[:, None], (t.size, 3)))
+            deviations = np.broadcast_to(parts[letter].deviations[..., None], (3, t.size, 3))
+            std |= dict(zip(names, map(read_only, deviations), strict=True))
         object.__setattr__(self, "noise", noise)
         object.__setattr__(self, "std", std)
         object.__setattr__(self, "bandwidth", {letter: part.bandwidth for letter, part in parts.items()})
@@ -227,15 +227,8 @@ def _smooth_body(
     S = np.broadcast_to(body.S, (t.size, 3, 3)).astype(np.float64)
     arrays, parts = smoothed_arrays(t, R, S, bandwidth, gaps, loss)
     motion = SmoothedMotion(t, arrays, parts)
-    sentences: list[str] = []
-    rates: tuple[str, ...] = ()
-    for letter, samples in (("R", R), ("S", S)):
-        if not _noise_is_rounding(samples, parts[letter]):
-            sentences += _residual_suspicions(
-                {"R": "positions", "S": "attitudes"}[letter], samples, parts[letter], loss
-            )
-            rates += _QUANTITIES[letter][1:]
-    warn_of_measurements([*sentences, *_noise_suspicions(rates, arrays, motion.noise)], stacklevel=4)
+    recorded = (("R", "positions", R), ("S", "attitudes", S))
+    _warn(loss, arrays, motion.noise, [(name, x, parts[key], _QUANTITIES[key]) for key, name, x in recorded])
     return motion
 
 
@@ -251,13 +244,7 @@ def smoothed_arrays(
     position_pieces = _smoothable_pieces("body.R", t, R, gaps)
     origin = R[position_pieces[0][0]]
     places = smooth_columns(t, R - origin, position_pieces, bandwidth, loss)
-    arrays = dict(
-        zip(
-            _QUANTITIES["R"],
-            (places.values[0] + origin, *places.values[1:]),
-            strict=True,
-        )
-    )
+    arrays = dict(zip(_QUANTITIES["R"], (places.values[0] + origin, *places.values[1:]), strict=True))
     turns, attitudes = _smooth_attitudes(t, S, _smoothable_pieces("body.S", t, S, gaps), gaps, bandwidth, loss)
     return arrays | turns, {"R": places, "S": attitudes}
 
@@ -345,12 +332,7 @@ def _smooth_angle(
     names = ("psi", "psid", "psidd")
     arrays = {name: read_only(array[:, 0]) for name, array in zip(names, smoothed.values, strict=True)}
     noise = _noise_by_name(names, smoothed)
-    if not _noise_is_rounding(psi, smoothed):
-        sentences = [
-            *_residual_suspicions("angle", psi, smoothed, loss),
-            *_noise_suspicions(names[1:], arrays, noise),
-        ]
-        warn_of_measurements(sentences, stacklevel=4)
+    _warn(loss, arrays, noise, [("angle", psi, smoothed, names)])
     return SmoothedAngle(
         **arrays,
         noise=noise,
@@ -376,51 +358,54 @@ def _noise_by_name(names: tuple[str, str, str], smoothed: SmoothedColumns) -> di
     return dict(zip(names, (smoothed.noise, *smoothed.median_deviations[1:].tolist()), strict=True))
 
 
-def _noise_is_rounding(samples: Float64Array, smoothed: SmoothedColumns) -> bool:
-    """Return whether rounding explains the noise."""
-    return bool(smoothed.noise <= 1e-11 * float(np.nanmax(np.abs(samples))))
+def _warn(
+    loss: Loss | None,
+    arrays: Mapping[str, NDArray[Any]],
+    noise: Mapping[str, float],
+    recorded: Sequence[tuple[str, Float64Array, SmoothedColumns, tuple[str, str, str]]],
+) -> None:
+    """Warn of earlier filtering, correlated noise and outliers of samples, and of derivatives that are mostly noise;
+    `recorded` are names of samples, the samples, what smoothing found, and the names of the results.
+    """
+    sentences, noisy = [], []
+    for what, samples, found, names in recorded:
+        if found.noise <= 1e-11 * float(np.nanmax(np.abs(samples))):  # rounding explains it
+            continue
+        sentences += [f"{what}: {sentence}" for sentence in _residual_suspicions(samples, found, loss)]
+        for name in names[1:]:
+            size = float(np.sqrt(np.nanmean(np.square(arrays[name]))))
+            if noise[name] > 0.5 * size:
+                unit = unit_of(name)
+                noisy.append(f"{name}: noise of {noise[name]:.2g} {unit} in {size:.2g} {unit}")
+    if noisy:
+        sentences.append(f"{'; '.join(noisy)} (rms of a component): a lower bandwidth leaves less")
+    warn_of_measurements(sentences, stacklevel=5)
 
 
-def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedColumns, loss: Loss | None) -> list[str]:
-    """Return sentences on earlier filtering, correlated noise and outliers, which begin with `name`."""
+def _residual_suspicions(samples: Float64Array, found: SmoothedColumns, loss: Loss | None) -> list[str]:
+    """Return sentences on earlier filtering, correlated noise and outliers."""
     count = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1).sum()
     too_small = "the noise and the standard deviations that are stated are too small"
     sentences = []
-    if smoothed.is_limited:
+    if found.is_limited:
         sentences.append(
-            f"{name}: the bandwidth is the highest that the samples allow, {smoothed.bandwidth:.3g} Hz: their noise "
-            f"cannot be told from motion, as where samples were filtered before; {too_small}. Smooth the raw samples."
+            f"the bandwidth is the highest that the samples allow, {found.bandwidth:.3g} Hz: their noise cannot be "
+            f"told from motion, as where samples were filtered before; {too_small}. Smooth the raw samples."
         )
-    elif smoothed.residual_correlation > max(0.2, 4 / np.sqrt(count)):
+    elif found.residual_correlation > max(0.2, 4 / np.sqrt(count)):
         sentences.append(
-            f"{name}: what smoothing leaves of neighbouring samples is correlated "
-            f"({smoothed.residual_correlation:.2g}): motion that the bandwidth of {smoothed.bandwidth:.3g} Hz leaves "
-            f"out, or noise with a long memory; {too_small}."
+            f"what smoothing leaves of neighbouring samples is correlated ({found.residual_correlation:.2g}): motion "
+            f"that the bandwidth of {found.bandwidth:.3g} Hz leaves out, or noise with a long memory; {too_small}."
         )
-    elif smoothed.correlation > 0.72:  # measured: below, standard deviations cover 90 to 99 %
+    elif found.correlation > 0.72:  # measured: below, standard deviations cover 90 to 99 %
         sentences.append(
-            f"{name}: the noise of neighbouring samples is correlated ({smoothed.correlation:.2g}), and slow noise "
-            f"passes for motion; {too_small}, perhaps by a factor of two or three."
+            f"the noise of neighbouring samples is correlated ({found.correlation:.2g}), and slow noise passes for "
+            f"motion; {too_small}, perhaps by a factor of two or three."
         )
-    if smoothed.outlier_share > 0 and loss is None and not smoothed.is_limited:
-        share = f"{percent(smoothed.outlier_share)} of the samples are outliers"
+    if found.outlier_share > 0 and loss is None and not found.is_limited:
         remedy = 'take them out of the recording, or call hingepair.smooth with the loss "cauchy"'
-        sentences.append(f"{name}: {share} and pull the curve: {remedy}, by which they count little.")
+        share = percent(found.outlier_share)
+        sentences.append(
+            f"{share} of the samples are outliers and pull the curve: {remedy}, by which they count little."
+        )
     return sentences
-
-
-def _noise_suspicions(
-    names: tuple[str, ...], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float]
-) -> list[str]:
-    """Return a sentence on the derivatives, among `names`, that are mostly noise."""
-    noisy_derivatives = []
-    for letter in names:
-        size = float(np.sqrt(np.nanmean(np.square(arrays[letter]))))
-        if noise[letter] > 0.5 * size:
-            unit = unit_of(letter)
-            noisy_derivatives.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
-    return (
-        [f"{'; '.join(noisy_derivatives)} (rms of a component): a lower bandwidth leaves less"]
-        if noisy_derivatives
-        else []
-    )

@@ -401,12 +401,28 @@ class SmoothingSpline:
         """Return the curves with the given B-spline coefficients at the instants of the samples."""
         return np.asarray(self.basis @ coefficients)
 
+    def _columns(self, piece: int) -> slice:
+        """Return which coefficients are those of a piece."""
+        return slice(self.ends[piece] - self.knots[piece].size + _DEGREE + 1, self.ends[piece])
+
+    def _design(self, piece: int, t: Float64Array, order: int) -> Any:
+        """Return the sparse matrix that takes coefficients of a piece to its derivative of an order at instants t."""
+        from scipy.interpolate import BSpline
+        from scipy.sparse import diags_array
+
+        knots = self.knots[piece]
+        design, width = (
+            BSpline.design_matrix(t, knots[order : knots.size - order], _DEGREE - order),
+            knots[1] - knots[0],
+        )
+        for _ in range(order):
+            size = design.shape[1]
+            design = design @ diags_array([-1 / width, 1 / width], offsets=[0, 1], shape=(size, size + 1))
+        return design
+
     def evaluate(self, coefficients: Float64Array, piece: int, t: Float64Array, order: int) -> Float64Array:
         """Return the curves, or their derivatives of an order, at instants t [s] of a piece; (N, k)."""
-        from scipy.interpolate import BSpline
-
-        piece_coefficients = coefficients[self.ends[piece] - self.knots[piece].size + _DEGREE + 1 : self.ends[piece]]
-        return np.asarray(BSpline(self.knots[piece], piece_coefficients, _DEGREE)(t, nu=order))
+        return np.asarray(self._design(piece, t, order) @ coefficients[self._columns(piece)])
 
     @lock_free_cached_property
     def covariances(self) -> Float64Array:
@@ -417,21 +433,14 @@ class SmoothingSpline:
         """Return the variances (N,) of the curve, or of its derivative, at instants of a piece, for noise of variance
         1.
         """
-        from scipy.interpolate import BSpline
+        from scipy.sparse import diags_array
 
-        knots = self.knots[piece]
-        width, first = knots[1] - knots[0], self.ends[piece] - knots.size + _DEGREE + 1
-        place = (t - knots[_DEGREE]) / width
-        start = np.clip(np.floor(place), 0, knots.size - 2 * _DEGREE - 2).astype(np.intp)
-        element = BSpline.basis_element(np.arange(_DEGREE + 2.0), extrapolate=False)
-        element = element.derivative(order) if order else element
-        inside = np.clip(place - start, 0.0, 1.0 - 1e-15)
-        values = np.nan_to_num([element(inside + _DEGREE - k) for k in range(_DEGREE + 1)])
-        total = np.zeros(t.size)
-        for i, j in itertools.combinations_with_replacement(range(_DEGREE + 1), 2):
-            share = values[i] * values[j] * self.covariances[j - i, first + start + i]
-            total += share if i == j else 2 * share
-        return np.asarray(np.maximum(total, 0.0) / width ** (2 * order))
+        design, columns = self._design(piece, t, order), self._columns(piece)
+        bands = [
+            self.covariances[abs(d), columns.start : columns.stop - abs(d)] for d in range(-_DEGREE, _DEGREE + 1)
+        ]
+        covariance = diags_array(bands, offsets=range(-_DEGREE, _DEGREE + 1))
+        return np.asarray(np.maximum((design @ covariance).multiply(design).sum(axis=1), 0.0)).ravel()
 
     def freedom(self) -> float:
         """Return the degrees of freedom, the trace of the smoother, estimated by vectors of signs (fixed seed)."""
@@ -479,21 +488,17 @@ def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
     With A = L L^T block by block, the blocks of the inverse beside the diagonal follow from the last to the first
     (Takahashi, Fagan and Chin, Proceedings of the Eighth PICA Conference, 1973, 63-69).
     """
-    size, count = matrix.shape[0], matrix.shape[1]
+    size, count = matrix.shape
     blocks = -(-count // size)
-    # Blocks on the diagonal and beside it.
-    diagonal, beside = np.zeros((2, blocks, size, size))
-    for d in range(size):
-        row = np.arange(count - d)
-        entries = matrix[size - 1 - d, d:]
-        block, i = np.divmod(row, size)
-        j = i + d
-        inner = j < size
-        diagonal[block[inner], i[inner], j[inner]] = entries[inner]
-        diagonal[block[inner], j[inner], i[inner]] = entries[inner]
-        beside[block[~inner], i[~inner], j[~inner] - size] = entries[~inner]
-    extra = np.arange(count - (blocks - 1) * size, size)
-    diagonal[-1, extra, extra] = 1.0
+    padded = np.zeros((size, (blocks + 1) * size))
+    padded[:, :count], padded[-1, count:] = matrix, 1.0
+
+    def entries(i: Any, j: Any) -> Float64Array:
+        d = abs(i - j)
+        return np.asarray(np.where(d < size, padded[np.maximum(size - 1 - d, 0), np.maximum(i, j)], 0.0))
+
+    place = np.arange(blocks * size).reshape(blocks, size)
+    diagonal, beside = (entries(place[:, :, None], place[:, None] + shift) for shift in (0, size))
     # Forwards: Schur complements. Backwards: blocks of the inverse.
     inverses, gains = np.empty_like(diagonal), np.empty_like(beside)
     schur_complement = diagonal[0]
@@ -506,17 +511,13 @@ def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
     for k in range(blocks - 2, -1, -1):
         beside_inverse[k] = -gains[k] @ diagonal_inverse[k + 1]
         diagonal_inverse[k] -= beside_inverse[k] @ gains[k].T
-    inverse = np.zeros((bands, blocks * size))
-    for d in range(bands):
-        row = np.arange(blocks * size)
-        block, i = np.divmod(row, size)
-        j = i + d
-        inverse[d] = np.where(
-            j < size,
-            diagonal_inverse[block, i, np.minimum(j, size - 1)],
-            beside_inverse[block, i, np.maximum(j - size, 0)],
-        )
-    return inverse
+    block, i = np.divmod(np.arange(blocks * size), size)
+    j = i + np.arange(bands)[:, None]
+    inner, outer = (
+        diagonal_inverse[block, i, np.minimum(j, size - 1)],
+        beside_inverse[block, i, np.maximum(j - size, 0)],
+    )
+    return np.asarray(np.where(j < size, inner, outer))
 
 
 def _extended_knots(knots: Float64Array) -> Float64Array:
