@@ -84,7 +84,7 @@ def test_what_the_fit_returns_changes_as_its_derivatives_say(gauge: str, true: H
         high, low = (hinge.moved(sign * 1e-6 * np.eye(9)[k]).in_gauge(gauge) for sign in (1, -1))
         turn = rotation_log(home_of(high) @ home_of(low).T)
         columns.append(np.concatenate((high.u1 - low.u1, high.u2 - low.u2, high.n - low.n, turn)) / 2e-6)
-    found = result_derivatives(hinge, gauge)
+    found = result_derivatives(lambda step: hinge.moved(step).results(gauge), 9)
     assert np.abs(found - np.stack(columns, axis=-1)).max() < 1e-8
 
 
@@ -152,7 +152,7 @@ def test_the_bias_of_rough_attitudes_is_taken_off(seed: int) -> None:
     """Rotations that are off at random are on average no rotations: levers come out short, by seven deviations."""
     poses = relative(40_000, 1e-3, 4e-2, seed)
     found, _ = most_likely(BodyModel.start(poses, None), lambda _, most: poses.thinned(most), STILL, None)
-    change = result_derivatives(found.model.hinge, "closest_to_R1")
+    change = result_derivatives(lambda step: found.model.hinge.moved(step).results("closest_to_R1"), 9)
     covariance = evaluate(found.model, poses, STILL, None).covariance[0]
     deviations = np.sqrt(np.diagonal(change @ covariance @ change.T))[:6]
     true = TRUE.in_gauge("closest_to_R1")

@@ -13,16 +13,14 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from hingepair.errors import FitError
-from hingepair.measured.hinge import first_axis_across, frame, sign_of, tilted
+from hingepair.measured.hinge import Results, first_axis_across, frame, sign_of, slopes, tilted
 from hingepair.measured.hinge_model import Noise
 from hingepair.measured.most_likely import Rows, noise_bias
 from hingepair.measured.relative_poses import FEW_SAMPLES, RelativePoses
 from hingepair.measured.robust import Loss, median_variance
-from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.numeric.arrays import Float64Array
 
 _TRIPLES = 300  # circles that are tried at first
-_H = 1e-6  # rad, m: step of central differences
 
 
 class Circle(NamedTuple):
@@ -163,19 +161,9 @@ class PointModel:
         turned = (poses.p**2).sum(axis=0) - (directions * poses.p).sum(axis=1) ** 2
         return self.variance / max(float(turned.mean()), 1e-300)
 
-    def pair(self, gauge: str, /) -> HingePair:
-        """Return the pair, with the hinge point that `gauge` names."""
-        u1, u2 = self.circle.levers(gauge)
-        return HingePair(u1=u1, u2=u2, n=self.circle.n)
-
-    def result_derivatives(self, gauge: str) -> Float64Array:
-        """Return the derivatives of u1, u2, n and home, which is fixed, by the parameters; (12, 6)."""
-
-        def results(circle: Circle) -> Float64Array:
-            return np.concatenate((*circle.levers(gauge), circle.n, np.zeros(3)))
-
-        ends = [(results(self.circle.moved(x)), results(self.circle.moved(-x))) for x in _H * np.eye(self.parameters)]
-        return np.stack([(high - low) / (2 * _H) for high, low in ends], axis=-1)
+    def results(self, gauge: str) -> Results:
+        """Return u1, u2, n and home, which is fixed."""
+        return *self.circle.levers(gauge), self.circle.n, np.eye(3)
 
     def psi(self, poses: RelativePoses) -> Float64Array:
         """Return the hinge angles [rad] (N,), with jumps by 2 pi."""
@@ -183,10 +171,13 @@ class PointModel:
 
     def psi_derivatives(self, poses: RelativePoses) -> Float64Array:
         """Return the derivatives of psi by the parameters and the clock; (k, N)."""
-        p = poses.p.T
-        ends = [[self.circle.moved(s * x).angles(p) for s in (1, -1)] for x in _H * np.eye(self.parameters)]
-        rows = [np.angle(np.exp(1j * (high - low))) / (2 * _H) for high, low in ends]
-        x, y, _ = self.circle.coordinates(p)
+        psi = self.psi(poses)
+
+        def off(step: Float64Array) -> Float64Array:
+            return np.sin(self.circle.moved(step).angles(poses.p.T) - psi)
+
+        rows = [*slopes(off, self.parameters).T]
+        x, y, _ = self.circle.coordinates(poses.p.T)
         for by_clock in poses.by_clock:
             dx, dy, _ = self.circle.axes.T @ by_clock[9:]
             rows.append((x * dy - y * dx) / np.maximum(x * x + y * y, 1e-300))

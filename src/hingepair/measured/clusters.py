@@ -6,7 +6,6 @@ seen, `is_seen` (N, M), 1.0 or 0.0, and `cluster` (M, 3), the places of the mark
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -49,8 +48,8 @@ class ClusterFit:
         rms: root mean square of each marker's residuals [m]; shape (M,); 0 for a marker that is never seen.
         noise: standard deviation of the noise in each coordinate of a marker's position [m], without samples that are
             far off.
-        findings: sentences on which marker moved, was exchanged with another or hidden at (0, 0, 0), and what else is
-            wrong, as those of a HingeFit.
+        findings: sentences on which marker moved, was exchanged with another, and what else is wrong, as those of
+            a HingeFit.
     """
 
     body: BodyMotion
@@ -71,8 +70,8 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     """Fit the poses of a body to the recorded positions of markers on it, by least squares (Kabsch's algorithm).
 
     Args:
-        markers: positions of the markers in world axes [m], NaN where a marker is not seen; shape (N, M, 3). There
-            must be three markers or more, not all on one line.
+        markers: positions of the markers in world axes [m], NaN or zeros where a marker is not seen; shape (N, M, 3).
+            There must be three markers or more, not all on one line.
         reference: places of the markers on the body: the vectors from the body's reference point to the markers, in
             the body's axes [m]; shape (M, 3). If it is None, the places are fitted too.
 
@@ -80,9 +79,8 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
         A ClusterFit. Its `.body` is a BodyMotion (N,) with R and S, which `fit` and `smooth` accept.
 
     Raises:
-        FitError: no sample shows three markers that are not on one line; or `reference` is None and the place of a
-            marker cannot be found, for which a sample must show it with three markers whose places have been found
-            before, from the sample that shows the most.
+        FitError: no sample shows three markers that are not on one line; or `reference` is None and no sample shows
+            all markers.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -95,38 +93,38 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     places = real_array("markers", markers).astype(np.float64)
     if places.ndim != 3 or places.shape[2] != 3 or places.shape[1] < _MIN_MARKERS:
         raise ShapeError("markers", "shape (N, M, 3) with three markers or more", f"shape {places.shape}")
-    seen: NDArray[np.bool_] = np.asarray(np.isfinite(places).all(axis=-1))
-    if not (seen.sum(axis=1) >= _MIN_MARKERS).any():
-        raise FitError("markers", "samples with three markers", "none")
-    is_used = _markers_determine_attitude(np.where(seen[..., None], places, 0.0), seen.astype(np.float64))
+    given = reference is not None
+    cluster = (
+        np.zeros(places.shape[1:]) if reference is None else real_array("reference", reference).astype(np.float64)
+    )
+    if cluster.shape != places.shape[1:] or not np.isfinite(cluster).all():
+        raise ArgumentError("reference", f"finite numbers of shape {places.shape[1:]}", f"shape {cluster.shape}")
+    zero = (places == 0).all(axis=-1)
+    every_seen: NDArray[np.bool_] = np.isfinite(places).all(axis=-1) & ~(zero & ~zero.all(axis=0))
+    places = np.where(every_seen[..., None], places, 0.0)
+    is_used = _markers_determine_attitude(places, every_seen.astype(np.float64))
     if not is_used.any():
         raise FitError("markers", "samples with three markers that are not on a line", "none")
-    reference_places = None if reference is None else real_array("reference", reference).astype(np.float64)
-    if reference_places is not None and (
-        reference_places.shape != places.shape[1:] or not np.isfinite(reference_places).all()
-    ):
-        raise ArgumentError(
-            "reference", f"finite numbers of shape {places.shape[1:]}", f"shape {reference_places.shape}"
-        )
-    seen_places, is_seen = np.where(seen[..., None], places, 0.0)[is_used], seen[is_used].astype(np.float64)
-    given = reference_places is not None
-    cluster = reference_places if reference_places is not None else _first_marker_places(seen_places, is_seen)
-    _check_not_on_line(cluster)
-    size = _size(cluster)
-    R, S, distances = _kabsch_poses(seen_places, is_seen, cluster)
+    places, is_seen = places[is_used], every_seen[is_used].astype(np.float64)
+    if not given:
+        cluster = _first_marker_places(places, is_seen)
+    widths = np.linalg.svd(cluster - cluster.mean(axis=0), compute_uv=False)
+    if widths[1] <= _MIN_WIDTH * widths[0]:  # the attitude about the line would not be determined
+        raise FitError("markers", "markers that are not on a line", f"a cluster {widths[1]:.2g} m wide")
+    size = float(np.linalg.norm(widths) / np.sqrt(len(cluster)))  # rms distance of the markers from their middle
+    R, S, distances = _kabsch_poses(places, is_seen, cluster)
     good = ~_is_outlier(distances, is_seen, size)
-    if not given:  # the places of the good samples, which may be others then
-        for _ in range(2):
-            cluster = _refined_places(seen_places[good], is_seen[good], cluster)
-            R, S, distances = _kabsch_poses(seen_places, is_seen, cluster)
-            good = ~_is_outlier(distances, is_seen, size)
+    for _ in range(0 if given else 2):  # the places of the good samples, which may be others then
+        cluster = _refined_places(places[good], is_seen[good], cluster)
+        R, S, distances = _kabsch_poses(places, is_seen, cluster)
+        good = ~_is_outlier(distances, is_seen, size)
     free = 3 * is_seen[good].sum() - 6 * good.sum() - (0 if given else 3 * cluster.shape[0] - 6)
     noise = float(np.sqrt((distances[good] ** 2).sum() / max(free, 1.0)))
     std_R, std_S = _deviations(S, is_seen, cluster, noise)
-    off = is_seen[..., None] * (np.einsum("nji,nmj->nmi", S, seen_places - R[:, None]) - cluster)  # body axes
+    off = is_seen[..., None] * (np.einsum("nji,nmj->nmi", S, places - R[:, None]) - cluster)  # body axes
     findings = [
-        *_recording_findings(seen_places, is_seen, distances, good),
-        *(_reference_findings(seen_places[good], is_seen[good], distances[good], size) if given else []),
+        *_outlier_findings(is_seen, distances, good),
+        *(_reference_findings(places[good], is_seen[good], distances[good], size) if given else []),
         *_moved_marker_findings(off[good], is_seen[good], size),
     ]
     unit = f"The markers are {size:.2g} m from their middle: are they in metres?"
@@ -136,27 +134,23 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     )
     findings += exceeded(Finding("unit", size, _MAX_SIZE, unit), Finding("attitude", attitude, _RELIABLE, known))
 
-    def of_all(values: Float64Array, rows: NDArray[np.bool_]) -> Float64Array:
-        """Return values of the used samples as those of all, NaN where they are not used or not in `rows`."""
-        whole = np.full((places.shape[0], *values.shape[1:]), np.nan)
-        whole[np.flatnonzero(is_used)[rows]] = values[rows]
+    def of_all(values: Float64Array) -> Float64Array:
+        """Return values of the used samples as those of all, NaN where they are not used."""
+        whole = np.full((is_used.size, *values.shape[1:]), np.nan)
+        whole[is_used] = values
         return read_only(whole)
 
-    every = np.ones_like(good)
+    for array in (R, S, std_R, std_S):
+        array[~good] = np.nan
     return ClusterFit(
-        body=motion_of_rotations(R=of_all(R, good), S=of_all(S, good)),
-        std={"R": of_all(std_R, good), "S": of_all(std_S, good)},
+        body=motion_of_rotations(R=of_all(R), S=of_all(S)),
+        std={"R": of_all(std_R), "S": of_all(std_S)},
         reference=read_only(cluster),
-        residuals=of_all(np.where(is_seen > 0, distances, np.nan), every),
+        residuals=of_all(np.where(is_seen > 0, distances, np.nan)),
         rms=read_only(np.sqrt((distances**2).sum(axis=0) / np.maximum(is_seen.sum(axis=0), 1.0))),
         noise=noise,
         findings=tuple(findings),
     )
-
-
-def _size(cluster: Float64Array) -> float:
-    """Return the root mean square distance of markers from their middle [m]."""
-    return float(np.sqrt(((cluster - cluster.mean(axis=0)) ** 2).sum() / cluster.shape[0]))
 
 
 def _is_outlier(distances: Float64Array, is_seen: Float64Array, size: float) -> NDArray[np.bool_]:
@@ -185,23 +179,17 @@ def _deviations(
     return np.sqrt(variance), np.sqrt(np.diagonal(turn, axis1=1, axis2=2))
 
 
-def _recording_findings(
-    places: Float64Array, is_seen: Float64Array, distances: Float64Array, good: NDArray[np.bool_]
-) -> list[Finding]:
-    """Return findings on markers that are hidden at (0, 0, 0), and on samples that are not `good`."""
-    findings = []
-    for marker, count in enumerate(((places == 0).all(axis=2) & (is_seen > 0)).sum(axis=0)):
-        text = f"Marker {marker} is at (0, 0, 0) in {count} samples: a marker that is not seen is NaN."
-        findings += exceeded(Finding("hidden", count, 1, text))
-    if not good.all():
-        worst = float(np.sqrt((distances[~good] ** 2).sum() / is_seen[~good].sum()))
-        share = float(np.mean(~good))
-        text = (
-            f"In {percent(share)} of the samples, markers are off their places by {1e3 * worst:.2g} mm rms, far more "
-            "than in the others: labels may be exchanged, or a reflection taken for a marker. Poses there are NaN."
-        )
-        findings.append(Finding("outliers", share, 0, text, harmless=share < _MOST))
-    return findings
+def _outlier_findings(is_seen: Float64Array, distances: Float64Array, good: NDArray[np.bool_]) -> list[Finding]:
+    """Return a finding on samples that are not `good`."""
+    if good.all():
+        return []
+    worst = float(np.sqrt((distances[~good] ** 2).sum() / is_seen[~good].sum()))
+    share = float(np.mean(~good))
+    text = (
+        f"In {percent(share)} of the samples, markers are off their places by {1e3 * worst:.2g} mm rms, far more "
+        "than in the others: labels may be exchanged, or a reflection taken for a marker. Poses there are NaN."
+    )
+    return [Finding("outliers", share, 0, text, harmless=share < _MOST)]
 
 
 def _reference_findings(
@@ -209,39 +197,25 @@ def _reference_findings(
 ) -> list[Finding]:
     """Return a finding if the markers are not at the places that the user gave."""
     rms = float(np.sqrt((distances**2).sum() / is_seen.sum()))
-    count = is_seen.sum(axis=1)[:, None]
-    centred = is_seen[..., None] * (places - ((is_seen[..., None] * places).sum(axis=1) / count)[:, None])
-    ratio = float(np.sqrt((centred**2).sum() / is_seen.sum())) / size
+    whole = places[is_seen.all(axis=1)]  # samples that show all markers
+    ratio = float(np.sqrt(((whole - whole.mean(axis=1, keepdims=True)) ** 2).sum(axis=-1).mean())) / size
     text = f"The markers are off the places of reference by {rms:.2g} m rms, in a cluster of the size {size:.2g} m"
     far_apart = f"; they are {ratio:.3g} times as far apart as reference says: is it in metres?"
-    text += ": labels may be exchanged." if 0.5 < ratio < 2 else far_apart
+    text += far_apart if ratio < 0.5 or ratio > 2 else ": labels may be exchanged."
     return exceeded(Finding("reference", rms, 0.05 * size, text))
 
 
 def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64Array:
-    """Return first places of the markers on the body (M, 3), about their mean: from one of the samples that show the
-    most, that whose distances between markers are nearest to the usual ones; those that it lacks from samples that
-    show them with three known ones. Raise FitError if there are none.
+    """Return first places of the markers on the body (M, 3), about their mean: those in the sample whose distances
+    between markers are nearest to the usual ones, of samples that show all.
     """
-    most = np.flatnonzero(is_seen.sum(axis=1) == is_seen.sum(axis=1).max())[:: -(-len(places) // _JUDGED_SAMPLES)]
-    shown = np.where(is_seen[most, :, None] > 0, places[most], np.nan)
-    apart = np.linalg.norm(shown[:, :, None] - shown[:, None], axis=-1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of pairs that are never seen
-        off = np.nansum((apart - np.nanmedian(apart, axis=0)) ** 2, axis=(1, 2))
-    best = int(most[np.argmin(off)])
-    there = is_seen[best] > 0
-    middle = places[best][there].mean(axis=0)
-    cluster = np.where(there[:, None], places[best] - middle, 0.0)
-    for marker in np.flatnonzero(~there):
-        R, S, _ = _kabsch_poses(places, is_seen * there, cluster)
-        rows = (is_seen[:, marker] > 0) & _markers_determine_attitude(places, is_seen * there)
-        if not rows.any():
-            raise FitError("markers", f"marker {marker} in a sample with three others", "none")
-        body_places = np.einsum("nji,nj->ni", S[rows], places[rows, marker] - R[rows])
-        cluster[marker] = np.median(body_places, axis=0)
-        there[marker] = True
-    return np.asarray(cluster - cluster.mean(axis=0))
+    whole = places[is_seen.all(axis=1)]
+    if not len(whole):
+        raise FitError("reference", "the places of the markers, since no sample shows all", None)
+    whole = whole[:: -(-len(whole) // _JUDGED_SAMPLES)]
+    apart = np.linalg.norm(whole[:, :, None] - whole[:, None], axis=-1)
+    best = whole[np.argmin(((apart - np.median(apart, axis=0)) ** 2).sum(axis=(1, 2)))]
+    return np.asarray(best - best.mean(axis=0))
 
 
 def _markers_determine_attitude(places: Float64Array, is_seen: Float64Array) -> NDArray[np.bool_]:
@@ -252,13 +226,6 @@ def _markers_determine_attitude(places: Float64Array, is_seen: Float64Array) -> 
     squared_widths = np.linalg.eigvalsh(np.einsum("nmi,nmj->nij", centred, centred))
     is_on_line = squared_widths[:, 1] <= _MIN_WIDTH**2 * squared_widths[:, 2]
     return np.asarray((count >= _MIN_MARKERS) & ~is_on_line)
-
-
-def _check_not_on_line(cluster: Float64Array) -> None:
-    """Raise FitError if the places are on a line: the attitude about it would not be determined."""
-    widths = np.linalg.svd(cluster - cluster.mean(axis=0), compute_uv=False)
-    if widths[1] <= _MIN_WIDTH * widths[0]:
-        raise FitError("markers", "markers that are not on a line", f"a cluster {widths[1]:.2g} m wide")
 
 
 def _kabsch_poses(

@@ -2,7 +2,8 @@
 
 A body has the mass m, the first moment h and the second moment N = tr(J) / 2 - J of some distribution of mass where
 its pseudo-inertia [N h; h^T m] is positive definite (Wensing, Kim, Slotine, Linear matrix inequalities for physically
-consistent inertial parameter identification, 2018). So its Cholesky factor is sought.
+consistent inertial parameter identification, 2018). The sum of squares is least there, by Newton's method with a
+logarithmic barrier (Boyd and Vandenberghe, Convex Optimization, 2004, 11.3).
 """
 
 from __future__ import annotations
@@ -10,30 +11,22 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.numeric.arrays import Float64Array
 
-_ROWS, _COLUMNS = np.tril_indices(4)  # of the entries of L
-_LEAST = 1e-6  # lowest eigenvalue of the pseudo-inertia of a body of size one: its mass is not all in a plane
+# The pseudo-inertia is linear in the parameters m, hx, hy, hz, Jxx, Jxy, Jyy, Jxz, Jyz, Jzz; (10, 4, 4).
+_OF_PARAMETERS: Final = np.zeros((10, 4, 4))
+_OF_PARAMETERS[0, 3, 3] = 1.0
+for _k in range(3):
+    _OF_PARAMETERS[1 + _k, _k, 3] = _OF_PARAMETERS[1 + _k, 3, _k] = 1.0
+for _k, (_i, _j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), 4):
+    _OF_PARAMETERS[_k, _i, _j] = _OF_PARAMETERS[_k, _j, _i] = -1.0
+    if _i == _j:
+        _OF_PARAMETERS[_k, range(3), range(3)] += 0.5
+_LEAST = 1e-6  # lowest eigenvalue of the pseudo-inertia of a body of size one that counts as rigid
 _KNOWN = 1e3  # standard deviations that a unit of a parameter counts at most
-_PULL = 0.03  # standard deviations of the combinations that a change of all parameters by their units is worth
-
-
-def _parameters_of_moments() -> NDArray[np.float64]:
-    """Return M (10, 4, 4): parameter k of a body is the sum of M[k] times its pseudo-inertia, entry by entry."""
-    M = np.zeros((10, 4, 4))
-    M[0, 3, 3] = 1.0
-    M[(1, 2, 3), (0, 1, 2), 3] = M[(1, 2, 3), 3, (0, 1, 2)] = 0.5
-    for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), 4):
-        M[k, i, j] -= 0.5
-        M[k, j, i] -= 0.5
-        if i == j:
-            M[k, range(3), range(3)] += 1.0
-    return M
-
-
-_OF_MOMENTS: Final = _parameters_of_moments()
+_PULL = 0.5  # standard deviations of the combinations that a change of all parameters by their units is worth
+_BARRIER = 1e-5  # of the squares: what the barrier costs in the end, by body
 
 
 def rigid_parameters(
@@ -42,9 +35,10 @@ def rigid_parameters(
     nearest: Float64Array,
     described: Float64Array,
     unit: Float64Array,
-) -> Float64Array:
+) -> tuple[Float64Array, float]:
     """Return the inertial parameters (10 * bodies,) of rigid bodies whose combinations differ least from those of
     `nearest`, and which are near to the described ones beside that: `nearest` itself where rigid bodies have it.
+    Also return by how much the squares grow, in variances.
 
     Args:
         weights: factor (k, B) of the squares of differences of the combinations, in standard deviations.
@@ -54,32 +48,30 @@ def rigid_parameters(
         unit: what each parameter may amount to.
     """
     from scipy.linalg import block_diag
-    from scipy.optimize import least_squares
 
-    moments = np.linalg.pinv(_OF_MOMENTS.reshape(10, 16))
-    sizes, vectors = np.linalg.eigh(((nearest / unit).reshape(-1, 10) @ moments.T).reshape(-1, 4, 4))
+    def moments(x: Float64Array) -> Float64Array:
+        return np.asarray(np.einsum("nk,kab->nab", x.reshape(-1, 10), _OF_PARAMETERS))
+
+    sizes, vectors = np.linalg.eigh(moments(nearest / unit))
     if (sizes >= _LEAST).all():
-        return nearest
+        return nearest, 0.0
     _, known, axes = np.linalg.svd(weights @ (combinations * unit), full_matrices=False)
     A = np.vstack((np.minimum(known, _KNOWN)[:, None] * axes, _PULL * np.eye(unit.size)))
-    wanted = A @ (nearest / unit)
-    wanted[known.size :] = _PULL * described / unit
-
-    def factors(x: Float64Array) -> Float64Array:
-        L = np.zeros((unit.size // 10, 4, 4))
-        L[:, _ROWS, _COLUMNS] = x.reshape(-1, 10)
-        return L
-
-    def parameters(x: Float64Array) -> Float64Array:
-        L = factors(x)
-        P = L @ np.swapaxes(L, 1, 2) + _LEAST * np.eye(4)
-        return np.asarray(np.einsum("kab,nab->nk", _OF_MOMENTS, P).ravel())
-
-    def slopes(x: Float64Array) -> Float64Array:
-        by_entry = 2 * np.einsum("kib,nbi->nki", _OF_MOMENTS[:, _ROWS], factors(x)[:, :, _COLUMNS])
-        return np.asarray(A @ block_diag(*by_entry))
-
-    start = np.linalg.cholesky((vectors * np.maximum(sizes, 0.01)[:, None]) @ np.swapaxes(vectors, 1, 2))
-    x = start[:, _ROWS, _COLUMNS].ravel()
-    found = least_squares(lambda x: A @ parameters(x) - wanted, x, slopes, method="lm", ftol=1e-6, max_nfev=100)
-    return np.asarray(unit * parameters(found.x))
+    wanted = np.concatenate((A[: known.size] @ (nearest / unit), _PULL * described / unit))
+    inside = (vectors * np.maximum(sizes, 0.1)[:, None]) @ np.swapaxes(vectors, 1, 2)
+    x = (inside.reshape(-1, 16) @ np.linalg.pinv(_OF_PARAMETERS.reshape(10, 16))).ravel()
+    barrier = max(float(((A @ x - wanted) ** 2).sum()), _BARRIER)
+    least = max(_BARRIER, 1e-7 * barrier)  # smaller ones are lost in rounding
+    while True:
+        for _ in range(100):  # damped steps of Newton, which stay inside
+            by_parameter = np.linalg.inv(moments(x))[:, None] @ _OF_PARAMETERS
+            gradient = A.T @ (A @ x - wanted) - barrier * np.trace(by_parameter, axis1=2, axis2=3).ravel()
+            bend = block_diag(*np.einsum("nkab,nlba->nkl", by_parameter, by_parameter))
+            step = -np.linalg.solve(A.T @ A + barrier * bend, gradient)
+            decrement = float(np.sqrt(max(-gradient @ step / barrier, 0.0)))
+            x = x + step / (1 + decrement)
+            if decrement < 0.1:
+                break
+        if barrier <= least:
+            return unit * x, float(((A @ x - wanted)[: known.size] ** 2).sum())
+        barrier = max(barrier / 10, least)

@@ -6,13 +6,17 @@ These are the point on the axis, the sign of (n, psi), and psi = 0.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from collections.abc import Callable
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
-from hingepair.rotations.matrices import skew
+from hingepair.rotations.matrices import rotation_vector
 
+_STEP = 1e-5  # rad, m: of derivatives
+Results: TypeAlias = tuple[Float64Array, Float64Array, Float64Array, Float64Array]
+"""u1, u2, n and home."""
 GAUGES: Final = ("closest_to_R1", "closest_to_R2")  # rules that place the hinge point along the axis
 RULE_OF_SIGN: Final = "The first component of n that is at least 0.45 times as large as the largest one is positive."
 RULE_OF_HOME: Final = (
@@ -56,6 +60,11 @@ class Hinge(NamedTuple):
     def in_gauge(self, gauge: str) -> Hinge:
         """Return the hinge with the point of its axis that the gauge names, "closest_to_R1" or "closest_to_R2"."""
         return self._with_shifted_point(-float(self.u1 @ self.n if gauge == "closest_to_R1" else self.u2 @ self.m))
+
+    def results(self, gauge: str) -> Results:
+        """Return u1, u2, n and home."""
+        there = self.in_gauge(gauge)
+        return there.u1, there.u2, there.n, home_of(there)
 
     def _with_shifted_point(self, slide: float) -> Hinge:
         return self._replace(u1=self.u1 + slide * self.n, u2=self.u2 + slide * self.m)
@@ -136,23 +145,23 @@ def _shortest_turn(m: Float64Array, n: Float64Array) -> Float64Array:
     return np.asarray(once @ (2 * np.outer(m, m) - np.eye(3)))  # after half a turn about m
 
 
-def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
-    """Return the derivatives of u1, u2, n and the rotation vector of home by the parameters of `Hinge.moved`; (12,
-    9).
+def slopes(of: Callable[[Float64Array], Float64Array], count: int) -> Float64Array:
+    """Return the derivatives of `of` by `count` numbers at 0, by central differences; the last axis is theirs."""
+    ends = [(of(step), of(-step)) for step in _STEP * np.eye(count)]
+    return np.stack([high - low for high, low in ends], axis=-1) / (2 * _STEP)
 
-    The change d of home has `d x n` as the changes of m and n ask for; about n it turns so that home's axis stays
-    across m + n. (m here is the axis after the half turn that home may begin with.)
+
+def result_derivatives(results: Callable[[Float64Array], Results], count: int) -> Float64Array:
+    """Return the derivatives of u1, u2, n and the rotation vector of home by a step of `count` parameters, of a
+    function of the step that returns u1, u2, n and home; (12, count).
     """
-    first, second, u1, u2 = hinge
-    n, m = hinge.n, hinge.m
-    home, before = home_of(hinge), _half_turn_before(hinge)
-    dn, dm, du1, du2 = np.zeros((4, 3, 9))
-    dn[:, :2], dm[:, 2:4], du1[:, 4:7], du2[:, 7:] = first[:, :2], second[:, :2], first, second[:, :2]
-    slide = -(n @ du1 + u1 @ dn) if gauge == "closest_to_R1" else -(m @ du2 + u2 @ dm)
-    to_n, from_m = skew(n) @ dn, -skew(n) @ home @ dm
-    about = before @ m @ (from_m - to_n) / float(1 + before @ m @ n)
-    rows = (du1 + np.outer(n, slide), du2 + np.outer(m, slide), dn, to_n + from_m + np.outer(n, about))
-    return np.concatenate(rows)
+    back = results(np.zeros(count))[3].T
+
+    def row(step: Float64Array) -> Float64Array:
+        *vectors, home = results(step)
+        return np.concatenate((*vectors, rotation_vector(home @ back)))
+
+    return slopes(row, count)
 
 
 def home_angle(hinge: Hinge, home: Float64Array) -> float:

@@ -13,7 +13,7 @@ from hingepair.errors import ArgumentError, FitError
 from hingepair.measured.circle_model import PointModel
 from hingepair.measured.clock import ClockedPoses
 from hingepair.measured.findings import Finding, exceeded, is_reliable, notes
-from hingepair.measured.hinge import GAUGES, RULE_OF_HOME, RULE_OF_SIGN
+from hingepair.measured.hinge import GAUGES, RULE_OF_HOME, RULE_OF_SIGN, result_derivatives
 from hingepair.measured.hinge_findings import Fitted, check_turning, judged
 from hingepair.measured.hinge_model import BodyModel
 from hingepair.measured.hinge_report import HingeReport
@@ -272,7 +272,9 @@ def _fitted(
     seen = evaluate(model, poses, estimate.clock, loss)
     random, lag = seen.covariance
     # What is not known of the noise, too.
-    k, change = model.parameters, model.result_derivatives(gauge)
+    k = model.parameters
+    change = result_derivatives(lambda step: model.moved(step).results(gauge), k)
+    u1, u2, n, home = model.results(gauge)
     doubt = np.zeros(len(random))
     doubt[:k] = np.zeros(k) if knows_split else model.doubt(poses)
     covariance = random + np.outer(doubt, doubt)
@@ -287,7 +289,7 @@ def _fitted(
         tilt=tilt,
         psi=model.psi(poses),
         psi_std=np.sqrt(model.psi_variances(poses, doubt) + np.maximum(psi_variances, 0.0)),
-        pair=model.pair(gauge),
+        pair=HingePair(u1=u1, u2=u2, n=n, home=home),
         random_covariance=change @ random[:k, :k] @ change.T,
         covariance=change @ covariance[:k, :k] @ change.T,
         clock_std=np.sqrt(np.diagonal(covariance)[k:]),

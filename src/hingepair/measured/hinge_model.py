@@ -20,11 +20,10 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from hingepair.measured.hinge import Hinge, home_angle, home_of, result_derivatives
+from hingepair.measured.hinge import Hinge, Results, home_angle, home_of, slopes
 from hingepair.measured.most_likely import Rows, noise_bias
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, robust_closed_form_hinge
 from hingepair.measured.robust import Loss, median_variance
-from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
@@ -179,13 +178,9 @@ class BodyModel:
         # The variance of a number between 0 and 1 is 1/12.
         return np.asarray((self.bias(poses, 1.0) - self.bias(poses, 0.0)) / np.sqrt(12))
 
-    def pair(self, _gauge: str, /) -> HingePair:
-        """Return the pair."""
-        return HingePair(u1=self.hinge.u1, u2=self.hinge.u2, n=self.hinge.n, home=home_of(self.hinge))
-
-    def result_derivatives(self, gauge: str) -> Float64Array:
-        """Return the derivatives of u1, u2, n and home by the parameters; (12, 9)."""
-        return result_derivatives(self.hinge, gauge)
+    def results(self, gauge: str) -> Results:
+        """Return u1, u2, n and home."""
+        return self.hinge.results(gauge)
 
     def psi(self, poses: RelativePoses) -> Float64Array:
         """Return the hinge angles [rad] (N,), with jumps by 2 pi."""
@@ -193,17 +188,20 @@ class BodyModel:
 
     def psi_derivatives(self, poses: RelativePoses) -> Float64Array:
         """Return the derivatives of psi by the parameters and the clock; (k, N)."""
-        rows = np.zeros((self.parameters + len(poses.by_clock), poses.samples))
-        size = 1e-5  # rad
-        for k in range(self.angles):  # the axes shift all angles alike
-            step = size * np.eye(self.parameters)[k]
-            high, low = (home_angle(hinge, home_of(hinge)) for hinge in map(self.hinge.moved, (step, -step)))
-            rows[k] = -np.angle(np.exp(1j * (high - low))) / (2 * size)
+
+        def zero(step: Float64Array) -> Float64Array:
+            moved = self.hinge.moved(step)
+            return np.asarray(np.exp(1j * home_angle(moved, home_of(moved))))
+
+        # The axes shift all angles alike, and levers none.
+        by_axes = -(slopes(zero, self.parameters) / zero(np.zeros(self.parameters))).imag
         q = constraints(self.hinge, poses).q
         c, s = q[0] + q[4], q[3] - q[1]
-        for k, (dq, _) in enumerate(self.clock_derivatives(poses), self.parameters):
-            rows[k] = (c * (dq[3] - dq[1]) - s * (dq[0] + dq[4])) / np.maximum(c * c + s * s, 1e-12)
-        return rows
+        by_clock = [
+            (c * (dq[3] - dq[1]) - s * (dq[0] + dq[4])) / np.maximum(c * c + s * s, 1e-12)
+            for dq, _ in self.clock_derivatives(poses)
+        ]
+        return np.stack((*np.broadcast_to(by_axes[:, None], (self.parameters, poses.samples)), *by_clock))
 
     def psi_variances(self, poses: RelativePoses, _doubt: Float64Array, /) -> Float64Array:
         """Return the variances of psi [rad^2] by the noise of each sample; (N,)."""

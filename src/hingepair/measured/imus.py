@@ -206,7 +206,7 @@ def fit_imus(
     covariance, seen = problem.covariance(x), problem.seen(x)
     estimate = _most_likely_angle(problem, seen, x, covariance, longest, np.sqrt(2) * biases[0])
     hinge, std = problem.hinge, np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    change = result_derivatives(hinge, "closest_to_R1")
+    change = result_derivatives(lambda step: hinge.moved(step).results("closest_to_R1"), 9)
     of_hinge = change @ covariance[_HINGE, _HINGE] @ change.T
     deviations = np.sqrt(np.maximum(np.diagonal(of_hinge), 0.0)).reshape(4, 3)
     rows, count, instants = problem.rows[0], t1.size, problem.instants

@@ -25,8 +25,7 @@ from hingepair.tables.sheets import percent
 _HARDLY_KNOWN, _UNKNOWN = 0.5, 2.0  # from these standard deviations on, in parts of what such a body may have
 _WORSE = 1.5  # times the error of the samples fitted to; above, the parameters do not hold for new ones
 _POOR = 0.2  # of a joint's torque: a larger rest that is not random cannot be filtered noise alone
-GROWTH = 10.0  # of the squares of what is left, in variances of noise per parameter; more is worse than by chance
-_JUDGED_STATES = 64  # states whose mass matrices are judged
+_GROWTH = 10.0  # of the squares of what is left, in variances of noise per parameter; more is worse than by chance
 _JUDGED_SAMPLES = 65536  # samples whose order is judged
 _FAR_OFF = 10.0  # squares of outliers, times those of the others; more decides on the parameters
 _DEPENDENT = 5.0  # of squares of means, times what noise makes of them
@@ -46,6 +45,7 @@ class Explained(NamedTuple):
     left: Float64Array  # of the torques; (N, dof)
     num_fitted: int
     robot: Mechanism  # with fitted masses
+    grown: float  # squares of what rigid bodies leave more, in variances
     is_robust: bool  # whether a loss made torques that are far off count little
 
     @property
@@ -69,7 +69,7 @@ class Explained(NamedTuple):
 def judged(explained: Explained) -> list[Finding]:
     """Return findings on fitted masses, the serious ones first."""
     findings = [
-        *([] if explained.recording.is_partial else mass_matrix_findings(explained)),
+        *_body_findings(explained),
         *_undetermined_findings(explained),
         *_rest_findings(explained),
         *_test_findings(explained),
@@ -274,33 +274,16 @@ def _undetermined_findings(explained: Explained) -> list[Finding]:
     return findings
 
 
-def mass_matrix_findings(explained: Explained) -> list[Finding]:
-    """Return a finding if the mass matrix at a recorded position has an eigenvalue below 0 that is not noise."""
-    recording, found, estimate = explained.recording, explained.found, explained.estimate
-    q, dof = recording.values["q"], recording.robot.dof
-    q = q[:: -(-len(q) // _JUDGED_STATES), None]
-    units, still = np.broadcast_to(np.eye(dof), (len(q), dof, dof)), np.zeros((len(q), dof, dof))
-
-    def rows(qdd: Float64Array) -> Float64Array:
-        values = {"q": np.broadcast_to(q, units.shape), "qd": still, "qdd": qdd}
-        return recording._replace(values=values).rows(slice(None))
-
-    rows_of_M = rows(units) - rows(still)  # M = rows_of_M @ parameters; gravity and offsets drop out
-    M = rows_of_M @ estimate
-    sizes, vectors = np.linalg.eigh((M + np.swapaxes(M, 1, 2)) / 2)
-    along = np.einsum("nie,nje,nijk->nek", vectors, vectors, rows_of_M)  # each size = along @ parameters
-    deviation = np.sqrt(np.maximum(np.einsum("nek,kl,nel->ne", along, found.covariance, along), 1e-300))
-    undetermined = np.abs(along[..., np.isinf(found.std)]).max(axis=-1, initial=0.0) > 1e-9 * np.abs(along).max()
-    below = np.where((sizes > -1e-9 * np.abs(sizes).max()) | undetermined, 0.0, -sizes / deviation)
-    worst = np.unravel_index(np.argmax(below), below.shape)
+def _body_findings(explained: Explained) -> list[Finding]:
+    """Return a finding if rigid bodies explain the torques less well than the parameters, and not by chance."""
+    recording = explained.recording
     known_rotors = recording.robot.armature.any() and "armature" not in recording.terms
     text = (
-        "The base parameters cannot be those of rigid bodies: in a recorded position, their mass matrix has the "
-        f"eigenvalue {sizes[worst]:.3g}, {below[worst]:.3g} standard deviations below 0: do tau and qdd have the "
-        f"same sign{', and are the rotors as light as `armature` says' if known_rotors else ''}?"
+        "The base parameters cannot be those of rigid bodies: with the nearest ones, those of `robot`, squares of "
+        f"what is left grow by {explained.grown:.3g} times the variance of the noise: do tau and qdd have the same "
+        f"sign{', and are the rotors as light as `armature` says' if known_rotors else ''}?"
     )
-    # The squares of what is left grow by at least below**2 where other parameters bring the eigenvalue to 0.
-    return exceeded(Finding("mass matrix", below[worst] ** 2, GROWTH * len(estimate), text))
+    return exceeded(Finding("bodies", explained.grown, _GROWTH * len(explained.estimate), text))
 
 
 def _motion_noise_finding(explained: Explained) -> list[Finding]:

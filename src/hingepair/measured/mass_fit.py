@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, FitError, ShapeError, nearest, quoted
 from hingepair.measured.consistency import rigid_parameters
-from hingepair.measured.findings import Finding, exceeded, is_reliable, notes
-from hingepair.measured.mass_findings import GROWTH, Explained, judged
+from hingepair.measured.findings import Finding, is_reliable, notes
+from hingepair.measured.mass_findings import Explained, judged
 from hingepair.measured.robust import LOSSES
 from hingepair.measured.torques import (
     JOINT_TERMS,
@@ -239,14 +239,9 @@ def fit_masses(
         raise FitError("q", f"more than {-(-len(names) // robot.dof)} samples to fit to", f"{count}")
     found = weighted_least_squares(recording, count, LOSSES[loss])
     estimate = described + found.step
-    fitted = _fitted_robot(recording, found, estimate)
+    fitted, grown = _fitted_robot(recording, found, estimate)
     left = recording.left(estimate)
-    findings = judged(Explained(recording, found, estimate, left, count, fitted, loss != "linear"))
-    off = found.factor[:, : len(base.names)] @ (
-        base.matrix @ fitted.inertial_parameters - estimate[: len(base.names)]
-    )
-    text = "No rigid bodies have the base parameters that explain the torques best: `robot` has masses near them."
-    findings += exceeded(Finding("bodies", float(off @ off), GROWTH * len(estimate), text, harmless=True))
+    findings = judged(Explained(recording, found, estimate, left, count, fitted, grown, loss != "linear"))
     findings.sort(key=lambda finding: finding.is_note)
     doubts = suspicions("angle", "q", np.abs(recording.values["q"]).max(axis=1))
     findings += [Finding("unit", 1, 0, text) for text in doubts]
@@ -322,10 +317,10 @@ def _arrays(robot: Mechanism, given: dict[str, Any]) -> dict[str, Float64Array]:
     }
 
 
-def _fitted_robot(recording: Recording, found: Found, estimate: Float64Array) -> Mechanism:
+def _fitted_robot(recording: Recording, found: Found, estimate: Float64Array) -> tuple[Mechanism, float]:
     """Return the robot with fitted friction and rotors, of which what is below 0 counts as none, and with the masses
     that have the fitted base parameters by the least change, in parts of what such bodies may have; where these are
-    none of rigid bodies, others near them.
+    none of rigid bodies, others near them. Also return by how many variances the squares of what is left grow so.
     """
     base, terms = recording.parts(estimate)
     start = recording.robot.inertial_parameters.copy()
@@ -335,7 +330,9 @@ def _fitted_robot(recording: Recording, found: Found, estimate: Float64Array) ->
     nearest = start + weighted.T @ np.linalg.solve(weighted @ matrix.T, base - matrix @ start)
     counts = np.repeat(np.abs(matrix).reshape(len(base), -1, 10).any(axis=(0, 2)), 10)  # bodies that are fitted
     parameters, weights = nearest.copy(), found.factor[:, : len(base)]
-    parameters[counts] = rigid_parameters(weights, *(part[..., counts] for part in (matrix, nearest, start, unit)))
+    parameters[counts], grown = rigid_parameters(
+        weights, *(part[..., counts] for part in (matrix, nearest, start, unit))
+    )
     fitted = {term: np.maximum(values, 0.0) for term, values in terms.items()}
     robot = recording.robot.with_inertial_parameters(parameters, armature=fitted.get("armature"))
     fields = {field: fitted[term] for term in fitted if (field := TERMS[term].field)}
@@ -345,4 +342,4 @@ def _fitted_robot(recording: Recording, found: Found, estimate: Float64Array) ->
         k = own.get(joint.name)
         own_load: dict[str, Any] = {field: 0.0 if k is None else values[k] for field, values in fields.items()}
         loads[joint.name] = replace(joint.load, **own_load)
-    return robot.with_joint_loads(loads)
+    return robot.with_joint_loads(loads), grown
