@@ -31,7 +31,7 @@ def test_coordinates_of_a_robot_are_drawn_with_limits_and_paths(arm):
     figure = hp.plot(arm, q=Q, t=t, tau=tau, qd=2 * Q, base_motion=hp.BodyMotion(R=(0, 0, 5), S=np.eye(3)))
     assert figure.get_suptitle() == "arm"
     *panels, paths = figure.axes
-    assert [axes.get_title() for axes in panels[:3]] == ["position", "rate", "torque or force of the motor"]
+    assert [axes.get_title() for axes in panels[:3]] == ["position", "rate", "torque or force"]
     for i, row in enumerate((panels[:3], panels[3:])):
         for axes, array in zip(row, (Q, 2 * Q, tau), strict=True):
             np.testing.assert_array_equal(axes.get_lines()[0].get_data(), (t, array[:, i]))

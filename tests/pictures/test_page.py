@@ -80,16 +80,14 @@ document.body.append(probe);
 def test_the_page_holds_the_motion_and_asks_for_nothing_else(scene):
     page = hp.view(scene)
     content = content_of(page)
-    result = scene.evaluate(("R1", "S1", "v2", "omega2", "psi"))
+    result = scene.evaluate(("R1", "S1", "psid", "omega1", "psi"))
     rows = np.searchsorted(scene.times(), content["t"])
     S, R = placements_of(content)
     np.testing.assert_array_equal(S, result.state.S1[rows])
     np.testing.assert_allclose(R + content["origin"], result.state.R1[rows], rtol=1e-15)
     np.testing.assert_array_equal(np.array(content["q"])[:, 0], result.psi[rows])
-    readings = {reading["name"]: reading for reading in content["readings"]}
-    np.testing.assert_array_equal(readings["v2"]["values"], result.state.v2[rows])
-    np.testing.assert_array_equal(readings["omega2"]["values"], result.state.omega2[rows])
-    assert (readings["psi"]["unit"], readings["omega2"]["unit"]) == ("rad", "rad/s")
+    np.testing.assert_array_equal(np.array(content["qd"])[:, 0], result.psid[rows])
+    np.testing.assert_array_equal(content["base_rates"]["omega"], result.state.omega1[rows])
     head = page.html[: page.html.index("<script>")] + page.html[page.html.index("</script>") :]
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", head)
 

@@ -249,3 +249,25 @@ def test_a_mechanism_without_masses_is_drawn_without_torques(tmp_path):
     titles = [axes.get_title() for axes in hp.plot(scene).axes]
     assert titles[:2] == ["position", "rate"]
     assert hp.view(scene).frames == 11
+
+
+@pytest.mark.parametrize("name", [r"$\frac{$", "_a", "lambda", "a\ud800"])
+def test_a_name_is_drawn_as_it_stands(name, tmp_path):
+    pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), name=name)
+    hp.plot(pair).savefig(tmp_path / "pair.png")
+    hp.plot(hp.Mechanism([pair]), q=np.zeros((3, 1))).savefig(tmp_path / "robot.png")
+    assert hp.view(pair, tmp_path / "pair.html").frames == 181
+
+
+def test_struts_are_drawn_by_length_rate_and_force():
+    lid = hp.HingePair(
+        (0, 0, 0), (0, 0, 0), (0, 1, 0), name="lid", points1={"foot": (0.1, 0, -0.25)}, points2={"eye": (0.3, 0, 0)}
+    )
+    robot = lid.with_strut("foot", "eye", "gas", force=hp.GasSpring(150, 200, 0.25), free_length=0.55)
+    q = np.linspace(0, -1.2, 11)[:, None]
+    *panels, _ = hp.plot(robot, q=q, qd=np.full((11, 1), -1.2)).axes
+    state = robot.struts(q, np.full((11, 1), -1.2))["gas"]
+    drawn = [axes.get_lines()[0].get_ydata() for axes in panels[-3:]]
+    for curve, values in zip(drawn, (state.length, state.rate, state.force), strict=True):
+        np.testing.assert_allclose(curve, values, rtol=1e-13)  # other kernels: last bits
+    assert '"struts": [{"name": "gas"' in hp.view(robot).html

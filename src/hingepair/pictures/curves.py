@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, printable
 from hingepair.motion.trajectory import unwrap_euler_angles
 from hingepair.numeric.optional import require
-from hingepair.pictures.motion_samples import Array
+from hingepair.pictures.moving import Array
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.tables.instants import break_at_gaps
 from hingepair.tables.sheets import offset_text, round_offset
@@ -126,9 +126,19 @@ def figure_class() -> type[Figure]:
     return figure
 
 
+def plain(text: str) -> str:
+    r"""Return a text that Matplotlib draws as it stands, not as a formula.
+
+    >>> plain("cost $")
+    'cost \\$'
+    """
+    shown = printable(text).replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown  # or legends leave it out
+
+
 def finish_figure(figure: Figure, title: str) -> Figure:
     """Set a figure's title, small tick labels, and a grid behind curves over time; return the figure itself."""
-    figure.suptitle(title)
+    figure.suptitle(plain(title))
     for axes in figure.axes:
         axes.tick_params(labelsize=8)
         axes.title.set_fontsize(9)
@@ -188,7 +198,8 @@ def draw_side_by_side(
     figure = figure_type(figsize=(max(4.2 * columns, 6), 2.6 * rows + 0.5), layout="constrained")
     places = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     for axes, (name, curve) in zip(places, curves.items(), strict=False):
-        draw_over_time(axes, *title_and_unit(name), curve)
+        title, unit = title_and_unit(name)
+        draw_over_time(axes, plain(title), unit, curve)
     for axes in places[len(curves) :]:
         axes.remove()
     return figure
@@ -241,7 +252,7 @@ def draw_paths(
         grid_cell: cell of the figure's grid.
         paths_by_name: the paths by name, in world axes; shape (N, 3) each.
         colours: colours of the paths, in order.
-        unit: unit of the paths; km are drawn where m would be many.
+        unit: unit of the paths.
         zoom: size of the drawing; 1 leaves space for the labels in a wide panel.
     """
     finite = [np.where(np.isfinite(path), path, np.nan) for path in paths_by_name.values()]
@@ -250,16 +261,14 @@ def draw_paths(
     variation = float((high - low).max())
     offsets = [round_offset(*own, variation) for own in zip(low.tolist(), high.tolist(), strict=True)]
     finite = [path - offsets for path in finite] if any(offsets) else finite
-    far = unit == "m" and np.nanmax(np.abs(finite[0]), initial=0.0) >= 1e4
-    paths = [path * (1e-3 if far else 1.0) for path in finite]
-    ends = np.array([(np.nanmin(path, 0), np.nanmax(path, 0)) for path in paths if not np.isnan(path).all(0).any()])
+    ends = ends - offsets if len(ends) else ends
     letters = "xy" if len(ends) and np.ptp(ends[..., 2]) == 0 else "xyz"
     axes: Any = figure.add_subplot(grid_cell, projection="3d" if letters == "xyz" else None)
-    for name, colour, path in zip(paths_by_name, colours, paths, strict=True):
+    for name, colour, path in zip(paths_by_name, colours, finite, strict=True):
         shown = path.T[: len(letters)]
-        axes.plot(*shown, color=colour, lw=1.2, label=name)
+        axes.plot(*shown, color=colour, lw=1.2, label=plain(name))
         axes.plot(*shown[:, :1], "o", color=colour, ms=3)
-    title = f"paths in space [{'km' if far else unit}], from the dots"
+    title = f"paths in space [{unit}], from the dots"
     if any(offsets):  # too long for the axes in space
         title += "\n" + ", ".join(offset_text(letter, own) for letter, own in zip(letters, offsets, strict=False))
     axes.set(title=title, **{f"{letter}label": letter for letter in letters})

@@ -68,6 +68,9 @@ function baseAt(k) {
 function framePose(poses, frame) {
   return compose(poses[frame.body], frame);
 }
+function strutLength(first, second) {
+  return Math.hypot(...first.R.map((x, i) => second.R[i] - x));
+}
 const baseRests = content.placements.length === 1;
 const isKnown = (pose) => [...pose.R, ...pose.S].every(Number.isFinite);
 const neutral = content.coordinates.map((coordinate) => coordinate.neutral);

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.mechanism import tree_of
+from hingepair.mechanism.tree import Joint
 from hingepair.pictures.curves import (
     PATHS,
     XYZ_COLOURS,
@@ -20,119 +20,103 @@ from hingepair.pictures.curves import (
     draw_side_by_side,
     figure_class,
     finish_figure,
+    plain,
 )
-from hingepair.pictures.motion_samples import Array, ShownMotion, has_efforts
-from hingepair.scenes.scene import Scene
+from hingepair.pictures.moving import Array, Moving
 from hingepair.tables.units import Columns, Units, UnitsLike
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hingepair.mechanism.tree import Joint
-
 # Columns of panels; a motion without rates has the first only, a motion without accelerations the first two.
 _QUANTITIES: Final = ("q", "qd", "tau")
 # Titles of the columns of panels.
-_TITLES: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
-_BLOCK: Final = 65_536  # instants of which the paths are computed in one call
+_TITLES: Final = {"q": "position", "qd": "rate", "tau": "torque or force"}
 # Colours of joints that share a panel, and of the paths of frames; they repeat.
 _COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
 
 
-_Piece: TypeAlias = tuple[Array, Mapping[str, Array], Sequence[Array]]
-"""Instants, q, qd and tau as far as known, (N, dof), and positions of frames, (N, 3)."""
-
-
-def plot_mechanism(scene: Scene, outputs: Iterable[str] | None, units: UnitsLike = None) -> Figure:
-    """Return a new figure of the motion of a robot: position, rate and motor torque or force of each moving joint
-    over time, and the paths of the scene's frames in space.
+def plot_mechanism(shown: Moving, outputs: Iterable[str] | None, units: UnitsLike, *, has_instants: bool) -> Figure:
+    """Return a new figure of the motion of a robot: position, rate and effort of each joint that moves and of each
+    strut over time, or over the number of the sample, and the paths of frames in space.
 
     Args:
-        scene: a scene of a mechanism.
-        outputs: names of the outputs to draw instead, as for `Scene.evaluate`.
+        shown: the robot and its motion.
+        outputs: names of outputs of a scene to draw instead, as for `Scene.evaluate`.
         units: units in place of SI units; by default those of the scene.
+        has_instants: False: over the number of the sample.
     """
-    columns = scene.in_units(units)
     if outputs is not None:
-        collector = CurveCollector()
-        for part in scene.blocks(outputs):
-            collector.add_piece(part.t, scene.samples, part.requested_arrays())
-
-        def is_attitude(name: str) -> bool:  # drawn as Euler angles
-            return name.startswith("S_") and scene.unit(name) == "1"
-
-        drawn = columns._replace(si_unit=lambda name: "rad" if is_attitude(name) else scene.unit(name))
-        figure = draw_side_by_side(
-            figure_class(),
-            collector.curves(drawn),
-            lambda name: (f"{name}, Euler angles XYZ" if is_attitude(name) else name, drawn.unit(name)),
-        )
-        return finish_figure(figure, scene.title)
-    quantities = _QUANTITIES[: 2 + has_efforts(scene)][: scene.motion.level + 1]
-    pieces = (
-        (part.t, {name: getattr(part, name) for name in quantities}, [part[frame].R for frame in scene.frames])
-        for part in scene.blocks((*quantities, *(f"R_{frame}" for frame in scene.frames)))
-    )
-    figure = _plot_joints(
-        scene.mechanism_only, scene.motion.moving, scene.frames, scene.samples, pieces, columns.units
-    )
-    return finish_figure(figure, scene.title)
-
-
-def plot_robot(robot: Mechanism, given: ShownMotion, *, has_instants: bool, units: UnitsLike = None) -> Figure:
-    """Return a new figure of coordinates of a robot and of the rates and efforts that are given, over time (over the
-    number of the sample without `has_instants`), and of the paths of its last links.
-    """
-    pieces = _given_pieces(robot, given)
-    count, shown = len(given.t), Units.of(units)
-    return finish_figure(_plot_joints(robot, robot.names, robot.tips, count, pieces, shown, has_instants), robot.name)
-
-
-def _given_pieces(robot: Mechanism, given: ShownMotion) -> Iterator[_Piece]:
-    known = {name: array for name in _QUANTITIES if (array := getattr(given, name)) is not None}
-    for start in range(0, len(given.t), _BLOCK):
-        rows = slice(start, start + _BLOCK)
-        R, S = (part[rows] if len(part) > 1 else part[0] for part in (given.R, given.S))
-        base = BodyMotion(R=R, S=S)
-        state = robot.forward_kinematics(given.q[rows], frames=robot.tips, outputs=("R",), base_motion=base)
-        yield (
-            given.t[rows],
-            {name: array[rows] for name, array in known.items()},
-            [state[tip].R for tip in robot.tips],
-        )
-
-
-def _plot_joints(
-    robot: Mechanism,
-    moving: Collection[str],
-    frames: Sequence[str],
-    samples: int,
-    pieces: Iterable[_Piece],
-    units: Units,
-    has_instants: bool = True,
-) -> Figure:
-    """Return a new figure of the joints that move, and of the paths of frames, from pieces of a motion of so many
-    samples.
-    """
-    joints = tree_of(robot).coordinates
+        return _plot_outputs(shown, outputs, units)
+    robot: Any = shown.subject
+    scene = shown.scene
+    moving = robot.names if scene is None else scene.motion.moving
+    struts = [strut for strut in tree_of(robot).struts if strut.name not in robot.names]
+    drawn = [joint for joint in tree_of(robot).coordinates if joint.name in moving]
+    drawn += [_row_of_strut(strut.name, strut.limits) for strut in struts]
+    frames = robot.tips if scene is None else scene.frames
     si_units = {"t": "s" if has_instants else "1", PATHS: "m"}
-    for joint in joints:
+    for joint in drawn:
         per = (joint.unit, f"{joint.unit}/s", joint.effort_unit)
         si_units |= {f"{name}_{joint.name}": unit for name, unit in zip(_QUANTITIES, per, strict=True)}
-    collector = CurveCollector()
-    quantities: tuple[str, ...] = ("q",)
-    for t, arrays, positions in pieces:
-        quantities = tuple(arrays)
-        by_joint = {f"{name}_{joint.name}": arrays[name][:, i] for name in arrays for i, joint in enumerate(joints)}
-        paths = {PATHS: np.concatenate(positions, axis=1)} if positions else {}
-        collector.add_piece(t, samples, by_joint | paths)
-    columns = Columns(units, si_units.__getitem__)
-    curves = collector.curves(columns, lambda _: False)  # limits are drawn beside the values
+    columns = Columns(Units.of(units) if scene is None else scene.in_units(units).units, si_units.__getitem__)
+    collector, tau, known_rates = CurveCollector(), shown.tau(), False
+    for rows, known in shown.pieces(1):
+        base = known.base_motion
+        qd = known.array(1) if known.level else shown.arrays.get("qd")
+        arrays: dict[str, Array] = {"q": known.array(0)}
+        if qd is not None:
+            known_rates = True
+            arrays["qd"] = qd if known.level else qd[rows]
+        if tau is not None:
+            arrays["tau"] = tau[rows]
+        curves = {
+            f"{quantity}_{name}": array[:, i]
+            for quantity, array in arrays.items()
+            for i, name in enumerate(robot.names)
+        }
+        if struts:
+            for name, state in robot.struts(arrays["q"], arrays.get("qd")).items():
+                own = (state.length, *((state.rate, state.force) if known_rates else ()))
+                curves |= {f"{quantity}_{name}": one for quantity, one in zip(_QUANTITIES, own, strict=False)}
+        curves = {name: curve for name, curve in curves.items() if name in si_units}
+        if frames:
+            state = robot.forward_kinematics(arrays["q"], frames=frames, outputs=("R",), base_motion=base)
+            curves[PATHS] = np.concatenate(
+                [np.broadcast_to(state[one].R, (known.count, 3)) for one in frames], axis=1
+            )
+        collector.add_piece(shown.t[rows], len(shown.t), curves)
+    found = collector.curves(columns, lambda _: False)  # limits are drawn beside the values
     if not has_instants:
-        curves = {name: curve._replace(t_label="sample") for name, curve in curves.items()}
-    shown = [joint for joint in joints if joint.name in moving]
-    return _draw_joint_panels(figure_class(), shown, frames, quantities, curves, columns)
+        found = {name: curve._replace(t_label="sample") for name, curve in found.items()}
+    quantities = tuple(one for one in _QUANTITIES if any(name.startswith(f"{one}_") for name in found))
+    return finish_figure(_draw_joint_panels(figure_class(), drawn, frames, quantities, found, columns), shown.title)
+
+
+def _row_of_strut(name: str, limits: tuple[float, float]) -> Joint:
+    """Return what panels take of a joint: a strut is drawn like a slider, by length, rate and force."""
+    return Joint(name, "slider", 0, np.zeros(3), np.eye(3), np.eye(3)[0], ZERO_MASS_PROPERTIES, limits)
+
+
+def _plot_outputs(shown: Moving, outputs: Iterable[str], units: UnitsLike) -> Figure:
+    scene: Any = shown.scene
+    collector = CurveCollector()
+    for part in scene.blocks(outputs):
+        collector.add_piece(part.t, scene.samples, part.requested_arrays())
+
+    def is_attitude(name: str) -> bool:  # drawn as Euler angles
+        return name.startswith("S_") and bool(scene.unit(name) == "1")
+
+    columns = scene.in_units(units)
+    drawn = columns._replace(si_unit=lambda name: "rad" if is_attitude(name) else scene.unit(name))
+    figure = draw_side_by_side(
+        figure_class(),
+        collector.curves(drawn),
+        lambda name: (f"{name}, Euler angles XYZ" if is_attitude(name) else name, drawn.unit(name)),
+    )
+    return finish_figure(figure, shown.title)
 
 
 def _draw_joint_panels(
@@ -157,15 +141,18 @@ def _draw_joint_panels(
         for column, quantity in enumerate(quantities):
             axes = figure.add_subplot(grid[row, column], sharex=first)
             first = first or axes
-            name = group[0].name
-            unit = shown.unit(f"{quantity}_{name}")
-            _draw_joints(axes, group, quantity, curves, shown)
+            drawn = [joint for joint in group if f"{quantity}_{joint.name}" in curves]
+            if not drawn:  # the force of a strut without rates
+                axes.remove()
+                continue
+            unit = shown.unit(f"{quantity}_{drawn[0].name}")
+            _draw_joints(axes, drawn, quantity, curves, shown)
             axes.set(title=_TITLES[quantity] if row == 0 else "", ylabel=unit)
             if row < rows - 1:
                 axes.set(xlabel="")
                 axes.tick_params(labelbottom=False)
             if column == 0:
-                label = f"{_shorten_name(name)}\n[{unit}]" if len(group) == 1 else f"[{unit}]"
+                label = f"{_shorten_name(group[0].name)}\n[{unit}]" if len(group) == 1 else f"[{unit}]"
                 axes.set_ylabel(label, fontsize=8)
                 if len(group) > 1:
                     axes.legend(fontsize=6, loc="best")
@@ -245,4 +232,4 @@ def _draw_limits(axes: Axes, limits: Sequence[float], values: Array, colour: str
 
 def _shorten_name(name: str) -> str:
     """Return a name, shortened in the middle if it has more than the 22 characters that fit beside a panel."""
-    return name if len(name) <= 22 else f"{name[:10]}…{name[-11:]}"
+    return plain(name if len(name) <= 22 else f"{name[:10]}…{name[-11:]}")

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hingepair.mechanism.bodies.shapes import Mesh
-from hingepair.pictures.motion_samples import Array
+from hingepair.pictures.moving import Array
 
 _BYTES_PER_FACE = 26.0  # on the page: three indices of 4 bytes, about 0.6 vertices of 12, and base64's third
 _MAX_FACES = 5_000_000  # of a file; more takes gigabytes

@@ -129,11 +129,11 @@ for (const frame of frames.filter((one) => content.marks.includes(one.name))) {
   frame.mark = poseGroup(frame.name);
   frame.mark.add(dot, label(frame.name));
 }
-const struts = content.struts.map(([first, second]) => {  // rods from one frame to another
+const struts = content.struts.map(({ name, frames: [first, second] }) => {  // rods from one frame to another
   const rod = new THREE.Mesh(new THREE.CylinderGeometry(0.012 * size, 0.012 * size, 1, 16),
     new THREE.MeshPhongMaterial({ color: 0x9a9fa8, specular: 0x222222 }));
   world.add(rod);
-  return { rod, first, second };
+  return { name, rod, first, second, force: content.strut_forces[name] ?? null };
 });
 function setRod(rod, from, to) {
   const start = new THREE.Vector3(...from.R), end = new THREE.Vector3(...to.R), along = end.clone().sub(start);
@@ -192,12 +192,16 @@ function formatRows(rows, width) {  // lines of names, numbers in SI units, and 
     return name.padEnd(width) + values.map((x) => formatNumber(x === null ? x : factor * x)).join("") + " " + unit;
   }).join("\n");
 }
-function formatReadings() {
-  const rows = content.readings.map(({ name, unit, values }) => [name, isManual ? [null] : [values[frame]].flat(), unit]);
-  if (!count) return formatRows(rows, 7);
-  const time = content.since.name ? `${content.since.name}${formatNumber(timeSince(frame))}`
-    : formatRows([["t", [content.t[frame]], "s"]], 7);
-  return [time, ...(rows.length ? [formatRows(rows, 7)] : [])].join("\n");
+function formatReadings(poses) {  // the instant, and of each strut its length and force
+  const width = Math.max(7, ...struts.map(({ name }) => name.length + 8)), lines = [];
+  if (count) lines.push(content.since.name ? `${content.since.name}${formatNumber(timeSince(frame))}`
+    : formatRows([["t", [content.t[frame]], "s"]], width));
+  for (const { name, first, second, force } of struts) {
+    const rows = [[`${name} length`, [strutLength(framePose(poses, first), framePose(poses, second))], "m"]];
+    if (force) rows.push([`${name} force`, [isManual ? null : force[frame]], "N"]);
+    lines.push(formatRows(rows, width));
+  }
+  return lines.join("\n");
 }
 function formatFrame(poses, shown) {  // pose and, of an instant of the motion, velocity of the selected frame
   const rows = [["R", shown.R.map((x, i) => x + content.origin[i]), "m"]];
@@ -215,7 +219,7 @@ function showEffort(i) {  // a bar of the torque or force of a joint against its
   const { bar, effort } = sliders[i], { effort_unit: si, effort_limit: limit } = content.coordinates[i];
   const value = isManual ? null : content.tau[frame][i], share = value === null || !limit ? 0 : Math.abs(value) / limit;
   const [unit, factor] = inUnit(si), text = (x) => Number((factor * x).toPrecision(4));
-  effort.textContent = `${value === null ? "-" : text(value)}${limit === null ? "" : ` of ${text(limit)}`} ${unit}`;
+  effort.textContent = `motor ${value === null ? "-" : text(value)}${limit === null ? "" : ` of ${text(limit)}`} ${unit}`;
   bar.firstChild.style.width = `${100 * Math.min(1, share)}%`;
   bar.className = share > 1 ? "bar beyond" : "bar";
   bar.hidden = limit === null;
@@ -246,7 +250,7 @@ function draw() {
     line.visible = byId("trails").checked && count > 1;
     line.geometry.setDrawRange(0, frame + 1);
   }
-  byId("numbers").textContent = formatReadings();
+  byId("numbers").textContent = formatReadings(poses);
   byId("position").textContent = formatFrame(poses, shown);
   content.coordinates.forEach(({ unit, limits: [lower, upper] }, i) => {
     const { input, output } = sliders[i], text = formatPosition(unit, q[i]);
@@ -397,7 +401,8 @@ function boxOf(k, values, relative) {  // bounding box of all bodies with a know
   world.updateMatrixWorld(true);
   for (const body of bodies.filter((one) => one.visible))
     for (const child of body.children) if (!axes.includes(child)) box.expandByObject(child);
-  for (const one of frames.filter(({ mark, body }) => mark && bodies[body].visible))
+  const ends = [...frames.filter(({ mark }) => mark), ...struts.flatMap(({ first, second }) => [first, second])];
+  for (const one of ends.filter(({ body }) => bodies[body].visible))
     box.expandByPoint(toViewerAxes(framePose(poses, one).R));
   if (relative && isKnown(base)) box.translate(toViewerAxes(base.R).negate());
   return box;

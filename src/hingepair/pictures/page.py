@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
@@ -20,29 +20,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.equations.quantities import unit_of
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, printable, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.motion.simulated import SimulatedRobotMotion
+from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import number_not_below_0
 from hingepair.pictures.curves import check_drawable
-from hingepair.pictures.motion_samples import (
-    Array,
-    MotionSource,
-    ShownMotion,
-    given_motion,
-    page_motion,
-    pair_of,
-)
+from hingepair.pictures.moving import Array, Moving, Shown, moving, shown_rows
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
-from hingepair.scenes.scene import Scene, SceneResult, scene_of_simulation
 from hingepair.tables.units import SCALES, Units, UnitsLike
 from hingepair.tables.whole_file import whole_file
 
 
 def view(
-    source: MotionSource | Mechanism | SimulatedRobotMotion,
+    source: Shown,
     path: str | os.PathLike[str] | None = None,
     q: ArrayLike | None = None,
     t: ArrayLike | None = None,
@@ -93,46 +84,26 @@ def view(
     Page(panda, joints=8)
     """
     megabytes = number_not_below_0("meshes", meshes)
-    if isinstance(source, Mechanism):
-        given = given_motion(source, q, t, base_motion, tau=tau)
-        motion = page_motion(_motion_of_all_joints(source, given), tree_of(source).own_coordinates)
-        model = robot_model(source, source.name, megabytes=megabytes)
+    shown = moving(source, q, t, base_motion, tau=tau)
+    scene, subject = shown.scene, shown.subject
+    if isinstance(subject, Mechanism):
+        if subject.loops and tau is not None:
+            expected = "None for a closed mechanism, whose other joints have no motors"
+            raise ArgumentError("tau", expected, quoted(tau))
+        tree = tree_of(subject)
+        own = () if scene is None or scene.frames == subject.tips else scene.frames
+        frame = next((name for name in own if tree.known_frame("frame", name).body), None)  # the first that moves
+        model, joints = robot_model(subject, shown.title, frame, megabytes), tree.own_coordinates
     else:
-        for name, value in (("q", q), ("t", t), ("base_motion", base_motion), ("tau", tau)):
-            if value is not None:
-                raise ArgumentError(name, "None, since only a robot (a Mechanism) takes a motion", quoted(value))
-        source = source.scene if isinstance(source, SceneResult) else source
-        source = scene_of_simulation(source) if isinstance(source, SimulatedRobotMotion) else source
-        if isinstance(source, Scene) and source.mechanism is not None:
-            robot = source.mechanism
-            frame = None if source.frames == robot.tips else next(iter(source.frames), None)
-            motion = page_motion(source, tree_of(robot).own_coordinates)
-            model = robot_model(robot, source.title, frame, megabytes)
-        else:
-            scene = source if isinstance(source, Scene) else None
-            model = pair_model(
-                *((pair := pair_of(source), pair.name) if scene is None else (scene.space, scene.title))
-            )
-            motion = page_motion(source, model.joints)
-    shown = source.in_units(units).units if isinstance(source, Scene) else Units.of(units)
-    html = _page_html(model, motion, shown)
-    page = Page(model.title, len(motion.t), motion.samples, motion.q.shape[1], html, tuple(model.notes))
+        model = pair_model(subject, shown.title)
+        joints = tuple(model.joints)
+    columns = Units.of(units) if scene is None else scene.in_units(units).units
+    content, positions = _motion_json(shown, joints, columns)
+    html = _page_html(model, content | model_json(model, positions))
+    page = Page(model.title, len(content["t"]), len(shown.t), len(joints), html, tuple(model.notes))
     if path is not None:
-        page.save(path, source.files if isinstance(source, Scene) else ())
+        page.save(path, () if scene is None else scene.files)
     return page
-
-
-def _motion_of_all_joints(robot: Mechanism, given: ShownMotion) -> ShownMotion:
-    """Return the motion of a robot that is given with the coordinates of the joints that loops close, too."""
-    if not robot.loops:
-        return given
-    if not given.samples:
-        expected = "coordinates at instants, since the joints of a closed mechanism do not move one by one"
-        raise ArgumentError("q", expected, None)
-    if given.tau is not None:
-        expected = "None for a closed mechanism, whose other joints have no motors"
-        raise ArgumentError("tau", expected, quoted(given.tau))
-    return given._replace(q=robot.all_coordinates(given.q))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -189,38 +160,55 @@ def _shown_count(count: int, samples: int) -> str:
     return f"{count} of {samples}" if count < samples else f"{count}"
 
 
-def _page_html(model: PageModel, motion: ShownMotion, units: Units) -> str:
-    """Return the HTML of a page: the viewer's code, the model and its motion as JSON, and the page's script."""
-    check_drawable("R", motion.R)
-    known = np.isfinite(motion.R).all(axis=1)
+def _motion_json(shown: Moving, joints: Sequence[Joint], units: Units) -> tuple[dict[str, Any], Array]:
+    """Return what a page holds of a motion, and the coordinates of all joints, at evenly spread instants and those at
+    which a joint is furthest beyond a limit. The events are those of all samples.
+    """
+    robot = shown.subject if isinstance(shown.subject, Mechanism) else None
+    q, tau = shown.coordinates(shown.source.part(slice(max(len(shown.t), 1)), 0))[0][: len(shown.t)], None
+    if robot is not None and not robot.loops:
+        tau = shown.tau()
+    rows, events = shown_rows(shown.t, q, tau, joints)
+    t, known = shown.t[rows], shown.source.part(rows if len(rows) else slice(1), min(shown.source.level, 1))
+    q, *rates = (own[: len(t)] for own in shown.coordinates(known))
+    base = known.base_motion
+    R, S = (np.zeros((1, 3)), np.eye(3)[None]) if base is None else (np.asarray(base.R), np.asarray(base.S))
+    check_drawable("R", R)
+    finite = np.isfinite(R).all(axis=1)
     # Positions are relative to the base's first position: a graphics processor computes with seven digits.
-    origin = motion.R[known][0] if known.any() else np.zeros(3)
-    stands = all(np.equal(places, places[:1]).all() for places in (motion.R, motion.S))
+    origin = R[finite][0] if finite.any() else np.zeros(3)
+    stands = all(np.equal(places, places[:1]).all() for places in (R, S))
     places = slice(1) if stands else slice(None)
-    offset, since = units.offset_of_instants(motion.t[0], motion.t[-1]) if len(motion.t) else (0.0, "")
-    content = model_json(model, motion.q) | {
-        "units": {si: [units.unit(si), units.factor(si)] for si in SCALES},
-        "angle": [units.over(Units("deg")).unit("rad"), units.over(Units("deg")).factor("rad")],
-        "since": {"offset": offset, "name": since},
-        "shown": _shown_count(len(motion.t), motion.samples),
-        "t": motion.t.tolist(),
-        "q": _finite_numbers_json(motion.q),
-        "placements": placements(motion.R[places] - origin, motion.S[places]),
-        "origin": origin.tolist(),
-        "qd": None if motion.qd is None else _finite_numbers_json(motion.qd),
-        "base_rates": None
-        if motion.base_rates is None
-        else {name: _finite_numbers_json(rate[places]) for name, rate in motion.base_rates.items()},
-        "tau": None if motion.tau is None else _finite_numbers_json(motion.tau),
-        "readings": [
-            {"name": name, "unit": unit_of(name), "values": _finite_numbers_json(values)}
-            for name, values in motion.readings.items()
-        ],
-        "events": [
-            {"name": event.name, "what": event.what, "first": event.first, "last": event.last}
-            for event in motion.events
-        ],
+    offset, since = units.offset_of_instants(t[0], t[-1]) if len(t) else (0.0, "")
+    degrees = units.over(Units("deg"))
+    own_rates = {
+        name: _json(np.zeros((1, 3)) if base is None else np.asarray(getattr(base, name))[places])
+        for name in ("v", "omega")
+        if rates
     }
+    forces: dict[str, Any] = {}
+    if robot is not None and rates and tree_of(robot).struts:
+        found = robot.struts(*known.arguments()[:2])
+        forces = {name: _json(np.broadcast_to(strut.force, t.shape)) for name, strut in found.items()}
+    return {
+        "units": {si: [units.unit(si), units.factor(si)] for si in SCALES},
+        "angle": [degrees.unit("rad"), degrees.factor("rad")],
+        "since": {"offset": offset, "name": since},
+        "shown": _shown_count(len(t), len(shown.t)),
+        "t": t.tolist(),
+        "q": _json(q),
+        "placements": placements(R[places] - origin, S[places]),
+        "origin": origin.tolist(),
+        "qd": _json(rates[0]) if rates else None,
+        "base_rates": own_rates or None,
+        "tau": None if tau is None else _json(tau[rows]),
+        "strut_forces": forces,
+        "events": [event._asdict() for event in events],
+    }, q
+
+
+def _page_html(model: PageModel, content: dict[str, Any]) -> str:
+    """Return the HTML of a page: the viewer's code, the model and its motion as JSON, and the page's script."""
     try:
         text = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
     except ValueError:
@@ -229,12 +217,12 @@ def _page_html(model: PageModel, motion: ShownMotion, units: Units) -> str:
     page, kinematics, script, licence, three, controls = (
         files("hingepair.pictures").joinpath(name).read_text("utf-8") for name in names
     )
-    parts = {"@TITLE@": escape(model.title), "@CONTENT@": text, "@KINEMATICS@": kinematics, "@SCRIPT@": script}
-    parts["@THREE@"] = f"/*\n{licence}*/\n{three}\n{controls}"
+    parts = {"@TITLE@": escape(printable(model.title)), "@CONTENT@": text, "@KINEMATICS@": kinematics}
+    parts |= {"@SCRIPT@": script, "@THREE@": f"/*\n{licence}*/\n{three}\n{controls}"}
     return re.sub("@[A-Z]+@", lambda match: parts[match[0]], page)
 
 
-def _finite_numbers_json(array: Array) -> list[Any]:
+def _json(array: Array) -> list[Any]:
     """Return an array as nested lists for JSON, with None for numbers that are not finite."""
     values = array.astype(object)
     values[~np.isfinite(array)] = None

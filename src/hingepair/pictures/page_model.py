@@ -25,7 +25,7 @@ from hingepair.pictures.simple_bodies import (
     robot_size,
     simple_bodies,
 )
-from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose
+from hingepair.urdf.rigid import FramePose
 
 BODY1_COLOUR, BODY2_COLOUR, AXIS_COLOUR = "#4477aa", "#ee7733", "#222222"  # of a pair
 POINT_COLOUR: Final = "#d62839"  # of the points of bodies, and of their paths
@@ -76,8 +76,8 @@ class PageModel(NamedTuple):
     notes: Sequence[str] = ()
     #: names of the frames that are marked with a dot and their name
     marks: Sequence[str] = ()
-    #: the two frames of each strut, from whose origins it is drawn
-    struts: Sequence[tuple[Frame, Frame]] = ()
+    #: the two frames of each strut, between whose origins it is drawn, by name
+    struts: Mapping[str, tuple[Frame, Frame]] = {}
 
 
 def pair_model(pair: HingePair, title: str) -> PageModel:
@@ -88,31 +88,17 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
         check_drawable(name, getattr(pair, name))
     one, two = drawn_shapes(pair)
     size = float(np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)) or 1.0
-    limits = pair.limits or (-math.inf, math.inf)
-    joint = Joint(pair.name, "hinge", 0, pair.u1, pair.home, pair.home.T @ pair.n, ZERO_MASS_PROPERTIES, limits)
-    here, still = np.zeros(3), np.eye(3)
-    frames = {
-        "body 1": Frame(0, here, still),
-        "hinge": Frame(1, here, still),
-        "body 2": Frame(1, 0.0 - pair.u2, still),
-        **{name: Frame(0, position, still) for name, position in pair.points1.items()},
-        **{name: Frame(1, position - pair.u2, still) for name, position in pair.points2.items()},
-    }
-    points = (*pair.points2, *pair.points1)
-    return PageModel(
-        title=title,
+    still, moved = np.eye(3), placed_shapes(two, FramePose(np.eye(3), 0.0 - pair.u2))
+    places = {"body 1": (0, np.zeros(3)), "hinge": (1, np.zeros(3)), "body 2": (1, 0.0 - pair.u2)}
+    points = {name: (1, position - pair.u2) for name, position in pair.points2.items()}
+    points |= {name: (0, position) for name, position in pair.points1.items()}
+    return robot_model(Mechanism([pair]), title)._replace(
         bodies=[
             DrawnBody("body1", BODY1_COLOUR, [(BODY1_COLOUR, shape) for shape in one]),
-            DrawnBody(
-                "body2",
-                BODY2_COLOUR,
-                [(BODY2_COLOUR, shape) for shape in placed_shapes(two, FramePose(still, 0.0 - pair.u2))],
-            ),
+            DrawnBody("body2", BODY2_COLOUR, [(BODY2_COLOUR, shape) for shape in moved]),
         ],
-        joints=[joint],
-        chains=[("", [1])],
-        frames=frames,
-        frame=points[0] if points else "body 2",
+        frames={name: Frame(body, R, still) for name, (body, R) in (places | points).items()},
+        frame=next(iter(points), "body 2"),
         path_colours={
             **{"body 1": BODY1_COLOUR, "hinge": AXIS_COLOUR, "body 2": BODY2_COLOUR},
             **dict.fromkeys(points, POINT_COLOUR),
@@ -123,7 +109,7 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
         size=size,
         axes_length=0.35 * size,
         opacity=0.85,
-        marks=points,
+        marks=tuple(points),
     )
 
 
@@ -174,7 +160,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None, megabyte
         opacity=1.0,
         notes=notes,
         marks=tuple(loops),
-        struts=tuple(strut.frames for strut in tree.struts),
+        struts={strut.name: strut.frames for strut in tree.struts},
     )
 
 
@@ -193,8 +179,9 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
         _coordinate_json(model.joints[number - 1], chain_of[number], model.size, positions[:, place])
         for place, number in enumerate(leaders)
     ]
+    as_they_are = ("title", "frame", "path_colours", "axes_shown", "marks", "legend", "base", "size", "axes_length")
     return {
-        "title": model.title,
+        **{name: getattr(model, name) for name in (*as_they_are, "opacity")},
         "bodies": [
             {"name": body.name, "shapes": [_shape_json(shape, colour) for colour, shape in body.shapes]}
             for body in model.bodies
@@ -212,16 +199,7 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
         "coordinates": coordinates,
         "chains": [{"name": name, "colour": model.bodies[numbers[0]].colour} for name, numbers in model.chains],
         "frames": [{"name": name, **_frame_json(frame)} for name, frame in model.frames.items()],
-        "struts": [[_frame_json(frame) for frame in pair] for pair in model.struts],
-        "frame": model.frame,
-        "path_colours": model.path_colours,
-        "axes_shown": model.axes_shown,
-        "marks": model.marks,
-        "legend": model.legend,
-        "base": model.base,
-        "size": model.size,
-        "axes_length": model.axes_length,
-        "opacity": model.opacity,
+        "struts": [{"name": name, "frames": [*map(_frame_json, ends)]} for name, ends in model.struts.items()],
     }
 
 

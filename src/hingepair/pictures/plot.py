@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -16,8 +16,6 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.results import MAX_HELD_INSTANTS, Record, Result
-from hingepair.motion.simulated import SimulatedMotion, SimulatedRobotMotion
 from hingepair.numeric.arrays import check_choice
 from hingepair.pictures.curves import (
     PATHS,
@@ -30,10 +28,9 @@ from hingepair.pictures.curves import (
     figure_class,
     finish_figure,
 )
-from hingepair.pictures.mechanism_plot import plot_mechanism, plot_robot
-from hingepair.pictures.motion_samples import Array, MotionSource, given_motion, pair_pieces
+from hingepair.pictures.mechanism_plot import plot_mechanism
+from hingepair.pictures.moving import Array, Moving, Shown, moving
 from hingepair.plans.pairs import point_outputs, unit_among
-from hingepair.scenes.scene import Scene, SceneResult, scene_of_simulation
 from hingepair.scenes.subjects.pair import PAIR_FORCES
 from hingepair.tables.units import Columns, Units
 
@@ -45,6 +42,7 @@ _PATH_COLOURS: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#22222
 _POINT_COLOURS: Final = ("#d62839", "#228833", "#aa3377", "#bbaa00")  # of the paths of points, which repeat
 # Outputs by row of panels, and in it by column.
 _PANELS: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"), ("hinge_torque", "hinge_force", "bearing_torque"))
+_RATES: Final = ("v2", "omega2", "a2", "alpha2")  # two for each order of derivatives
 _AS_ANGLES: Final = ("S1", "S2")  # drawn as Euler angles
 # Titles of the panels, by output.
 _TITLES: Final = {
@@ -65,7 +63,7 @@ _TITLES: Final = {
 
 
 def plot(
-    source: MotionSource | Mechanism | SimulatedRobotMotion | SmoothedMotion | SmoothedAngle | Record,
+    source: Shown | SmoothedMotion | SmoothedAngle,
     outputs: Iterable[str] | None = None,
     units: str | None = None,
     *,
@@ -76,7 +74,7 @@ def plot(
     tau: ArrayLike | None = None,
 ) -> Figure:
     """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair, a robot with coordinates,
-    or the result of `smooth`) or of the forces of a scene. For the motion of a pair, the figure shows position,
+    or the result of `smooth`). For the motion of a pair, the figure shows position,
     attitude, velocities and accelerations of body 2 and the hinge angle psi over time, the torque and the force of
     the hinge if body 2 has masses, and the paths of R1, R2, the hinge point and the points of the bodies. No file is
     written. For a robot or a scene of one, the figure shows position, rate
@@ -87,8 +85,8 @@ def plot(
     largest value of each of 2,000 intervals.
 
     Args:
-        source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; a robot, with q; the result
-            of `smooth`; or the forces of a scene, `scene.forces()`.
+        source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; a robot, with q; or the
+            result of `smooth`.
             For a pair, the hinge angle moves from its lower to its upper limit and back, or through a whole turn if
             the pair has no limits. For a PlanarPair, give `pair.to_spatial()`.
         outputs: names of the outputs to draw over time instead of the whole figure. For a scene, these are outputs of
@@ -122,44 +120,31 @@ def plot(
         outputs = (outputs,) if isinstance(outputs, str) else tuple(outputs)
         if not outputs:
             raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none")
-    given: dict[str, Any] = {"q": q, "t": t, "base_motion": base_motion, "qd": qd, "tau": tau}
-    if isinstance(source, Mechanism):
-        if outputs is not None:
-            raise ArgumentError("outputs", "None, since q, qd and tau of a robot are drawn as given", quoted(outputs))
-        return _plot_given(source, units, **given)
-    for name, value in given.items():
-        if value is not None:
-            raise ArgumentError(name, "None, since only a robot (a Mechanism) takes a motion", quoted(value))
     if isinstance(source, SmoothedMotion | SmoothedAngle):
         return _plot_smoothed(source, outputs, units)
-    if isinstance(source, SimulatedRobotMotion):
-        source = scene_of_simulation(source)
-    source = source.scene if isinstance(source, SceneResult) else source
-    if isinstance(source, Scene) and source.mechanism is not None:
-        return plot_mechanism(source, outputs, units)
-    points = point_outputs(constants_of(source).points) if isinstance(source, HingePair) else ()
-    columns = Columns(Units.of(units), lambda name: unit_among(points, name))
-    columns = source.in_units(units) if isinstance(source, Scene | Result) else columns
+    if isinstance(source, Mechanism) and (outputs is not None or q is None):
+        name, expected = ("q", "coordinates of the robot, as in hp.plot(robot, q=q)")
+        if outputs is not None:
+            name, expected = "outputs", "None, since q, qd and tau of a robot are drawn as given"
+        raise ArgumentError(name, expected, quoted(outputs))
+    shown = moving(source, q, t, base_motion, qd, tau)
+    if isinstance(shown.subject, Mechanism):
+        has_instants = t is not None or shown.scene is not None
+        shown = shown if has_instants else shown._replace(t=np.arange(float(len(shown.t))))
+        return plot_mechanism(shown, outputs, units, has_instants=has_instants)
+    pair, scene = shown.subject, shown.scene
+    points = point_outputs(constants_of(pair).points)
+    columns = (
+        Columns(Units.of(units), lambda name: unit_among(points, name)) if scene is None else scene.in_units(units)
+    )
     columns = columns._replace(si_unit=_drawn_unit(columns.si_unit))
-    paths: tuple[str, ...] = ()
-    if isinstance(source, Record):
-        title, collector = source.described, _collect_record(source, outputs)
-    else:
-        title, collector, paths = _collect_motion(source, outputs)
-    curves, figure_type = collector.curves(columns, lambda name: name != PATHS), figure_class()
-    if outputs is None and not isinstance(source, Record):
-        return finish_figure(_draw_motion(figure_type, curves, columns, paths), title)
-    return finish_figure(draw_side_by_side(figure_type, curves, lambda name: _title_and_unit(name, columns)), title)
-
-
-def _plot_given(
-    robot: Mechanism, units: str | None, *, q: Any, t: Any, base_motion: BodyMotion | None, **others: Any
-) -> Figure:
-    """Return the figure of the motion of a robot that is given as arrays; refuse it without q."""
-    if q is None:
-        raise ArgumentError("q", "coordinates of the robot, as in hp.plot(robot, q=q)", None)
-    motion = given_motion(robot, q, t, base_motion, rate=1.0, **others)
-    return plot_robot(robot, motion, has_instants=t is not None, units=units)
+    collector, title = CurveCollector(), shown.title if scene is not None or isinstance(source, HingePair) else ""
+    if outputs is not None:
+        _collect_outputs(shown, outputs, collector)
+        curves = collector.curves(columns)
+        return finish_figure(draw_side_by_side(figure_class(), curves, lambda n: _title_and_unit(n, columns)), title)
+    paths = _collect_motion(shown, pair, collector)
+    return finish_figure(_draw_motion(figure_class(), collector.curves(columns), columns, paths), title)
 
 
 def _drawn_unit(unit: Callable[[str], str]) -> Callable[[str], str]:
@@ -168,50 +153,48 @@ def _drawn_unit(unit: Callable[[str], str]) -> Callable[[str], str]:
     return lambda name: own.get(name) or unit(name)
 
 
-def _collect_record(source: Record, outputs: tuple[str, ...] | None) -> CurveCollector:
-    """Return the curves of the arrays of a record, or of some of them."""
-    arrays, collector = source.recorded(), CurveCollector()
-    for name in outputs or ():
+def _chosen(arrays: Mapping[str, Array], names: Iterable[str] | None) -> dict[str, Array]:
+    """Return the arrays of these names; all for None."""
+    for name in names or ():
         if name not in arrays:
             raise ArgumentError("outputs", choices(tuple(arrays)), quoted(name))
-    collector.add_piece(source.t, len(source.t), {name: arrays[name] for name in outputs or arrays})
-    return collector
+    return {name: arrays[name] for name in (arrays if names is None else names)}
 
 
-def _collect_motion(
-    source: MotionSource, outputs: tuple[str, ...] | None
-) -> tuple[str, CurveCollector, tuple[str, ...]]:
-    """Return the title of a motion, the curves of `outputs` or, if it is None, of all that a figure shows, and the
-    names of the paths.
-    """
-    collector = CurveCollector()
-    t, loads = _loads(source, outputs)
-    moving = None if outputs is None else tuple(name for name in outputs if name not in loads)
-    title = source.title if isinstance(source, Scene) else ""
-    paths: tuple[str, ...] = ()
-    for part in pair_pieces(source, moving) if moving != () else ():
-        title, paths = part.title, tuple(part.paths)
-        quantities = {**part.outputs}
-        if outputs is None:
-            path = np.concatenate([*part.paths.values()], axis=1)
-            quantities = {"R2": part.poses["R2"], "S2": part.poses["S2"], **quantities, "psi": part.psi, PATHS: path}
-        collector.add_piece(part.t, part.samples, quantities)
+def _collect_outputs(shown: Moving, outputs: tuple[str, ...], collector: CurveCollector) -> None:
+    """Collect the curves of outputs of a pair."""
+    if shown.scene is None:
+        collector.add_piece(shown.t, len(shown.t), _chosen(shown.arrays, outputs))
+        return
+    forces = [name for name in outputs if name in PAIR_FORCES]
+    if others := [name for name in outputs if name not in PAIR_FORCES]:
+        for part in shown.scene.blocks(others):
+            collector.add_piece(part.t, len(shown.t), part.requested_arrays())
+    if forces:
+        collector.add_piece(shown.t, len(shown.t), shown.scene.arrays(forces))
+
+
+def _collect_motion(shown: Moving, pair: HingePair, collector: CurveCollector) -> tuple[str, ...]:
+    """Collect all curves of a figure of a pair; return the names of the paths."""
+    points = (*pair.points1, *pair.points2)
+    for rows, known in shown.pieces(ACCELERATION):
+        names = ("R1", "S1", "R2", "S2", *points, *_RATES[: 2 * known.level])
+        arrays = pair.forward_kinematics_from_body1(known.body1, *known.hinge, outputs=names).arrays()
+        recorded = {name: shown.arrays[name][rows] for name in _RATES if name in shown.arrays}
+        rates = {name: arrays[name] for name in names[4 + len(points) :]} or recorded
+        with np.errstate(invalid="ignore"):
+            hinge = arrays["R1"] + arrays["S1"] @ pair.u1
+        path = np.concatenate([arrays["R1"], arrays["R2"], hinge, *(arrays[name] for name in points)], axis=1)
+        own = {"R2": arrays["R2"], "S2": arrays["S2"], **rates, "psi": known.psi, PATHS: path}
+        collector.add_piece(shown.t[rows], len(shown.t), own)
+    loads = {name: shown.arrays[name] for name in ("hinge_torque",) if name in shown.arrays}
+    scene = shown.scene
+    if scene is not None and pair.body2 is not None and scene.motion.level == ACCELERATION:
+        forces = ("hinge_torque", "hinge_force", *["bearing_torque"] * (scene.dimensions == 3))
+        loads = scene.arrays(forces)
     if loads:
-        collector.add_piece(t, len(t), loads)
-    return title, collector, paths
-
-
-def _loads(source: MotionSource, outputs: tuple[str, ...] | None) -> tuple[Array, dict[str, Array]]:
-    """Return instants, and of a pair with masses the forces among `outputs`, by default those of the hinge."""
-    if isinstance(source, Scene):
-        names = [name for name in outputs or () if name in PAIR_FORCES]
-        known = source.space.body2 is not None and source.motion.level == ACCELERATION
-        if outputs is None and known and source.samples <= MAX_HELD_INSTANTS:
-            names = ["hinge_torque", "hinge_force", *["bearing_torque"] * (source.dimensions == 3)]
-        return (source.t, source.arrays(names)) if names else (np.zeros(0), {})
-    if outputs is None and isinstance(source, SimulatedMotion):
-        return source.t, {"hinge_torque": source.recorded()["hinge_torque"]}
-    return np.zeros(0), {}
+        collector.add_piece(shown.t, len(shown.t), loads)
+    return ("R1", "R2", "hinge point", *points)
 
 
 def _title_and_unit(name: str, columns: Columns) -> tuple[str, str]:

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from hingepair.mechanism.bodies.body import Box, Cylinder, Shape, Sphere
-from hingepair.mechanism.tree import Joint, Tree
+from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.numeric.arrays import Float64Array
 
 _SHORTEST: Final = 1e-3  # of the robot's size; rods up to this length are not drawn
@@ -32,7 +32,7 @@ def robot_size(tree: Tree) -> float:
     for joint in tree.joints:
         shifts = [abs(joint.axis.shift(limit)) for limit in drawn_limits(joint) if math.isfinite(limit)]
         lengths.append(lengths[joint.parent] + math.hypot(*joint.u) + max(shifts, default=0.0))
-    ends = [lengths[tree.links[tip].body] + math.hypot(*tree.links[tip].R) for tip in tree.tips]
+    ends = [lengths[frame.body] + math.hypot(*frame.R) for frame in _ends(tree)]
     centres = [2 * math.hypot(*body.centre_of_mass) for body in (tree.base, *(joint.body for joint in tree.joints))]
     size = max(*lengths, *ends) or max(centres)
     return size if 1e-6 <= size <= 1e6 else 1.0
@@ -68,7 +68,7 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
     carried: list[list[int]] = [[] for _ in range(count)]
     for number, joint in enumerate(tree.joints, 1):
         carried[joint.parent].append(number)
-    ends = [_rod_ends(tree, number, size) if not carried[number] else [] for number in range(count)]
+    ends = [_rod_ends(tree, number, size, carries=bool(carried[number])) for number in range(count)]
     points = [[*(np.asarray(tree.joints[k - 1].u) for k in carried[n]), *ends[n]] for n in range(count)]
     masses = [tree.base.mass, *(joint.body.mass for joint in tree.joints)]
     lengths = [sum(math.hypot(*point) for point in body_points) for body_points in points]
@@ -107,11 +107,18 @@ def axes_along(axis: Any) -> Float64Array:
     return np.stack([across, np.cross(direction, across), direction], axis=1)
 
 
-def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
-    """Return the ends [m] of the rods of a body that carries no joints: its tips, or behind its centre of mass."""
-    tips = [np.asarray(tree.links[tip].R) for tip in tree.tips if tree.links[tip].body == body_number]
-    far = [tip for tip in tips if math.hypot(*tip) > _SHORTEST * size]
-    if far:
+def _ends(tree: Tree) -> list[Frame]:
+    """Return the frames to which rods reach: of the last links, and those that were added, such as a strut's."""
+    return [*(tree.links[tip] for tip in tree.tips), *tree.frames.values()]
+
+
+def _rod_ends(tree: Tree, body_number: int, size: float, *, carries: bool) -> list[Float64Array]:
+    """Return the ends [m] of the rods of a body beside those to joints that it carries; of a body without any, behind
+    its centre of mass.
+    """
+    ends = [np.asarray(frame.R) for frame in _ends(tree) if frame.body == body_number]
+    far = [end for end in ends if math.hypot(*end) > _SHORTEST * size]
+    if far or carries:
         return far
     masses = tree.joints[body_number - 1].body if body_number else tree.base
     beyond = 2 * masses.centre_of_mass
