@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import gc
 import pickle
-import signal
-import subprocess
 import sys
 import threading
 import time
@@ -13,7 +11,6 @@ import time
 import numpy as np
 import pytest
 
-import hingepair as hp
 from hingepair.engine import direct, ufunc
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind, bind_constant
@@ -212,11 +209,6 @@ def test_a_ufunc_lives_on_when_all_else_is_gone():
         pickle.dumps(ufunc)
 
 
-def test_a_ufunc_has_no_checked_outputs():
-    pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
-    assert pair.prepare(("S1", "psi"), outputs=("S2",)).ufunc.signature == "(3,3),()->(3,3)"
-
-
 @pytest.mark.parametrize("count", [1, 5, 8, 13])
 def test_no_numbers_raise_no_flags_and_stay_in_their_sample(count):
     one, given = call(), arrays([(count,)] * 3)
@@ -244,37 +236,6 @@ def test_few_samples_of_a_shared_call_do_not_depend_on_constants():
     assert sizes[0] == 1
 
 
-@pytest.mark.slow(2)
-@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="interrupts by a timer")
-def test_interrupted_calls_with_workers_leave_memory_alone():
-    code = """
-import signal, numpy as np, hingepair as hp
-robot = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0)).prepare("pose", outputs=("R2",), workers=8)
-q = np.ones((400_000, 7))
-wanted, caught = robot(q).R2.copy(), 0
-signal.signal(signal.SIGALRM, signal.default_int_handler)
-for k in range(60):
-    out = np.zeros((400_000, 3))
-    try:
-        try:
-            signal.setitimer(signal.ITIMER_REAL, 2e-4 * (1 + k % 20))
-            robot(q, out={"R2": out})
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
-            for _ in range(3):  # an interrupt on its way arrives here
-                pass
-    except KeyboardInterrupt:
-        caught += 1
-    out[...] = 7.0
-    assert (out == 7).all()
-assert (robot(q).R2 == wanted).all()
-print(caught)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=100)
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout) > 0
-
-
 def test_threads_that_compile_at_once_get_one_kernel():
     loop = Loop("own", product, dict(LOOP.inputs), OUTPUTS)
     given, made, gate = arrays([(50,)] * 3), [], threading.Barrier(4)
@@ -293,18 +254,6 @@ def test_threads_that_compile_at_once_get_one_kernel():
     assert len({kernel for kernel, _ in made}) == 1
     for _, y in made:
         np.testing.assert_array_equal(y, made[0][1])
-
-
-def test_a_quick_call_owns_its_machine_code():
-    """The loop, its program and its kernel may be gone: what can be called still runs."""
-    loop = Loop("gone", product, dict(LOOP.inputs), OUTPUTS)
-    one, given = Call(loop, GIVEN, CONSTANTS, Product, backend="compiled"), arrays([(5,)] * 3)
-    quick, before = one.rows, one.rows(*given).y.copy()
-    loop.program.cache_clear()
-    del loop, one
-    for _ in range(3):  # code that was freed is likely to be written over
-        Call(Loop("other", product, dict(LOOP.inputs), OUTPUTS), GIVEN, CONSTANTS, Product, backend="compiled")
-    np.testing.assert_array_equal(quick(*given).y, before)
 
 
 UNFIT = {
@@ -358,12 +307,6 @@ def test_direct_calls_broadcast_single_samples_and_refuse_shared_memory():
     y.flags.writeable = False
     assert fill(*given, y, trace) is None
     assert make(*given[:2]) is make(*given, y) is make() is None
-
-
-def test_without_the_known_offsets_numpys_ufunc_computes(monkeypatch):
-    monkeypatch.setattr(direct, "_offsets_are_known", lambda: False)
-    one, given = call(), arrays([(9,)] * 3)
-    np.testing.assert_allclose(one.rows(*given).y, expected(*given)[0], rtol=1e-14, atol=1e-14)
 
 
 def test_a_long_call_lets_other_threads_go_on():
@@ -444,17 +387,6 @@ def test_an_output_that_is_kept_does_not_hold_the_others(count):
         while isinstance(owner.base, np.ndarray):
             owner = owner.base
         assert owner.nbytes == state["trace"].nbytes
-
-
-@pytest.mark.parametrize("backend", ["auto", "compiled", "numpy"])
-@pytest.mark.parametrize("x", [1, 1.0])
-def test_python_numbers_beside_arrays_take_their_dtype(x, backend):
-    unused, m, _ = (a.astype(np.float32) for a in arrays([(4,)] * 3))
-    one = call(backend)
-    found = one.rows(unused, m, x)
-    if found is None:
-        found = one.run({"unused": unused, "m": m, "x": x}, {"unused": (4,), "m": (4,), "x": ()})
-    assert found.y.dtype == np.float32
 
 
 def test_without_numpys_tables_of_functions_kernels_compute_and_there_is_no_ufunc(monkeypatch):

@@ -14,31 +14,14 @@ import pytest
 import hingepair as hp
 from hingepair.engine.backend import Execution
 from hingepair.engine.loops import Loop
-from hingepair.plans.pairs import SPACE
 from support.sparse import sparse
 from support.states import coordinates, generator, pair
 from support.work import HANG
-
-NAMES = tuple(SPACE.levels)
 
 
 def pair_of(rng, home=True):
     u1, u2, n, C = pair(rng, home)
     return hp.HingePair(u1=u1, u2=u2, n=n, home=C)
-
-
-def both(one, *motion, **options):
-    """The state by NumPy and by the compiled kernels, after they were seen to agree."""
-    a, b = (one.forward_kinematics(*motion, backend=backend, **options) for backend in ("numpy", "compiled"))
-    assert a.outputs == b.outputs
-    assert a.shape == b.shape
-    for name in a.outputs:
-        x, y = getattr(a, name), getattr(b, name)
-        assert x.dtype == y.dtype
-        np.testing.assert_array_equal(np.isnan(x), np.isnan(y))
-        size = np.nanmax(np.abs(x), initial=1.0)
-        assert np.nanmax(np.abs(x.astype(float) - y), initial=0.0) <= 40 * np.finfo(x.dtype).eps * size, name
-    return a, b
 
 
 @pytest.mark.slow
@@ -123,21 +106,3 @@ except (hp.errors.MissingDependencyError, hp.errors.CompilationError) as error:
     print(error)
 """
     assert "llvmlite" in run(code)
-
-
-@pytest.mark.slow
-def test_one_sample_rounds_as_many_do():
-    """By whichever way it goes, at the first call and at the next: (1, 7), integers, and one of a batch."""
-    rng = generator(73)
-    many = rng.normal(size=(40, 7)) * 90
-    for own in [pair_of(rng) for _ in range(5)]:
-        whole = own.forward_kinematics(many, outputs=NAMES[:3], backend="compiled")
-        whole_ints = own.forward_kinematics(many.astype(int).astype(float), outputs=NAMES[:3], backend="compiled")
-        for expected, rows in ((whole, many), (whole_ints, many.astype(int))):
-            for i in range(len(rows)):
-                for one in (rows[i], rows[i : i + 1]):
-                    found = own.forward_kinematics(one, outputs=NAMES[:3], backend="compiled")
-                    for name in NAMES[:3]:
-                        np.testing.assert_array_equal(
-                            getattr(found, name).ravel(), getattr(expected, name)[i].ravel()
-                        )

@@ -92,13 +92,6 @@ def test_derivatives_are_those_of_sixty_digits(name, mode):
                 assert abs(value - exact) <= 16 * 2.0**-53 * scale
 
 
-@pytest.mark.slow
-def test_kernels_compute_the_derivatives_of_numpy():
-    for function in FUNCTIONS.values():
-        numpy, compiled = (gradients(function, POINTS, backend) for backend in ("numpy", "compiled"))
-        np.testing.assert_allclose(compiled, numpy, rtol=1e-9, atol=1e-14 * abs(numpy).max())
-
-
 @pytest.mark.parametrize("mode", ["backwards", "forwards"])
 def test_the_branch_not_taken_leaves_no_trace(mode):
     def root_or_0(x, y, f):

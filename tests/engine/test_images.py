@@ -85,15 +85,3 @@ def test_code_is_freed_with_its_kernel():
     assert mapped() > before
     kernels.clear()
     assert mapped() <= before
-
-
-def test_memory_that_cannot_be_made_executable_is_an_error_of_ours(monkeypatch):
-    class Library:
-        @staticmethod
-        def mprotect(*_):
-            return -1
-
-    Library.mprotect.argtypes = None
-    monkeypatch.setattr(images.ctypes, "CDLL", lambda *_, **__: Library)
-    with pytest.raises(CompilationError, match="executable"):
-        native.Kernel("references", lambda: ALL_REFERENCES)

@@ -126,27 +126,6 @@ def test_other_processors(monkeypatch, kind):
         native.can_fuse.cache_clear()
 
 
-@pytest.mark.parametrize(
-    ("features", "machine", "fuses"),
-    [("+avx,+fma", "x86_64", True), ("+avx,+fma4", "x86_64", False), ("+neon", "aarch64", True)],
-)
-def test_processors_with_an_instruction_for_it_fuse(features, machine, fuses, monkeypatch):
-    monkeypatch.setattr(native, "host_processor", lambda: ("any", features))
-    monkeypatch.setattr(platform, "machine", lambda: machine)
-    assert native.can_fuse.__wrapped__() is fuses
-
-
-def test_the_choice_of_auto_does_not_depend_on_earlier_calls():
-    loop = Loop("turned", turned, dict(MAP.inputs), dict(MAP.outputs))
-    few, many = given(20), given(90_000)
-    before = run(loop, few, (20,), execution=Execution("auto", 1))
-    run(loop, many, (90_000,), execution=Execution("auto", 1))
-    after, compiled = run(loop, few, (20,), execution=Execution("auto", 1)), run(loop, few, (20,))
-    for name in before:
-        np.testing.assert_array_equal(after[name], before[name])
-    assert any((compiled[name] != before[name]).any() for name in before)
-
-
 SHAPES = [
     ((3000, 1), (1, 2)),
     ((1, 2), (3000, 1)),

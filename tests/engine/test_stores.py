@@ -11,7 +11,7 @@ from hingepair.engine import slices
 from hingepair.engine.backend import Execution
 from hingepair.engine.llvm import arithmetic, ir, schedule
 from hingepair.engine.llvm.builder import CACHE_LINE
-from hingepair.engine.llvm.memory import MAX_STREAMED, PANEL
+from hingepair.engine.llvm.memory import MAX_STREAMED
 from hingepair.engine.llvm.schedule import MAX_NARROW
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
@@ -26,16 +26,14 @@ FAST_WIDTHS = {
     MAX_NARROW,
     MAX_NARROW + 1,
     24,
-    PANEL + 3,
+    67,
     MAX_STREAMED + 1,
 }
 WIDTHS = sorted(
     {
         *range(1, 41, 3),
         *FAST_WIDTHS,
-        PANEL - 1,
-        PANEL,
-        2 * PANEL + 5,
+        64,
         300,
         MAX_STREAMED,
         600,
@@ -127,16 +125,6 @@ def test_wide_outputs_of_constants_and_of_one_value_twice(stores):
     x, y = np.random.default_rng(1).normal(size=43), np.full((43, 42), GUARD)
     loop.run({"x": x}, {"y": y}, (43,), F8, Execution("compiled", 1))
     np.testing.assert_array_equal(y, np.stack([np.broadcast_to(c, 43) for c in filled({"x": x})["y"]], axis=-1))
-
-
-@pytest.mark.parametrize("order", ["C", "F"])
-def test_few_components_of_many(order):
-    """Those that nothing needs are not read."""
-    loop = Loop("few", lambda v: {"y": (v["x"][3] - v["x"][4], 2 * v["x"][30])}, {"x": (32,)}, {"y": (2,)})
-    x = np.asarray(np.random.default_rng(3).normal(size=(43, 32)), order=order)
-    y = np.full((43, 2), GUARD)
-    loop.run({"x": x}, {"y": y}, (43,), F8, Execution("compiled", 1))
-    np.testing.assert_array_equal(y, np.stack([x[:, 3] - x[:, 4], 2 * x[:, 30]], axis=-1))
 
 
 @pytest.mark.parametrize("dtype", [F8, F4], ids=str)

@@ -137,20 +137,6 @@ def test_no_signal_interrupts_what_is_called_apart():
     assert ended == [1]
 
 
-def test_a_small_stack_of_users_threads_is_not_that_of_ours():
-    """LLVM takes more."""
-    before = threading.stack_size(64 * 1024)
-    try:
-
-        def deep(n):
-            return n and 1 + deep(n - 1)
-
-        assert threads.call_apart(lambda: len(str(list(map(deep, [500]))))) > 0
-        assert threading.stack_size() == 64 * 1024
-    finally:
-        threading.stack_size(before)
-
-
 STACK = """
 import sys, threading, numpy as np
 from hingepair.engine.backend import Execution
@@ -176,24 +162,6 @@ thread.join()
 def test_a_large_program_computes_in_a_thread_with_a_small_stack():
     done = subprocess.run([sys.executable, "-c", STACK], check=False, timeout=HANG, capture_output=True, text=True)
     assert done.stdout.strip() == "True", (done.returncode, done.stderr)
-
-
-EXIT = """
-import threading, time, numpy as np, hingepair as hp
-f = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0)).prepare("acceleration", backend="compiled")
-q = np.zeros((300_000, 7))
-def work():
-    while True:
-        f(q, q, q)
-threading.Thread(target=work, daemon=True).start()
-time.sleep(0.1)
-"""
-
-
-@pytest.mark.slow(3)
-def test_a_process_may_end_while_a_daemon_thread_computes():
-    for _ in range(8):
-        assert subprocess.run([sys.executable, "-c", EXIT], check=False, timeout=HANG).returncode == 0
 
 
 FORK = """

@@ -109,11 +109,3 @@ def test_a_register_serves_again_once_its_value_is_not_needed():
     for _ in range(1000):
         expected = 0.7 - (expected * 0.5 + 1.0) / 2.0
     assert interpreted(chain, 2).run(0.3, 0.7) == [1.0, expected, 0.3, -expected, 2.0]
-
-
-def test_what_python_refuses_gives_nan_and_infinity():
-    run = interpreted(lambda x, y: (x.sine(), x / y, square_root(y)), 2).run
-    with np.errstate(all="ignore"):
-        assert np.isnan(run(np.float64(np.inf), np.float64(1.0))[0])
-        assert run(np.float64(3.0), np.float64(0.0))[1] == np.inf
-        assert np.isnan(run(np.float64(3.0), np.float64(-1.0))[2])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from hingepair.numeric.arrays import load, result_dtype, split_into_blocks
+from hingepair.numeric.arrays import load, split_into_blocks
 from hingepair.numeric.blocks import (
     BLOCK,
     components_of,
@@ -44,17 +44,6 @@ def test_a_component_that_broadcasts_is_loaded_where_it_differs() -> None:
     assert part.dtype == np.float32
     assert part.flags.c_contiguous
     assert load(2.5, block, np.dtype(np.float64)) == 2.5
-
-
-def test_the_dtype_follows_the_arrays() -> None:
-    single, double = np.zeros(3, np.float32), np.zeros(3)
-    assert result_dtype((single, 2.0, single)) == np.float32
-    assert (
-        result_dtype((single, double))
-        == result_dtype((2.0,))
-        == result_dtype((single, np.zeros(3, int)))
-        == np.float64
-    )
 
 
 @pytest.mark.parametrize("shape", [(), (5,), (3, 2 * BLOCK + 7), (0,)], ids=str)

@@ -105,15 +105,6 @@ def test_numbers_that_overflow_or_vanish(kind: type[Bounded]) -> None:
 
 
 @KINDS
-def test_rounded_numbers_know_how_far_they_were(kind: type[Bounded]) -> None:
-    values = np.array([1 / 3, 2.0, -math.pi])
-    found = kind.rounded(values, 0.25)
-    assert np.array_equal(found.value, values.astype(kind.dtype).astype(float))
-    assert np.array_equal(found.bound, np.abs(found.value - values) + 0.25)
-    assert kind.rounded(2.0).bound == 0
-
-
-@KINDS
 @pytest.mark.parametrize("function", ["sine", "cosine", "versine"])
 def test_bounds_of_sines_hold_and_are_not_much_more(kind: type[Bounded], function: str) -> None:
     """The bound takes an error of SINE_ULPS; a sine rounded rightly has half a unit."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import mpmath
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ from hingepair.bench.truth import DIGITS
 from hingepair.numeric.unit_vectors import (
     direction,
     polar,
-    scaled_by_power_of_two,
     unit_axis,
 )
 
@@ -70,14 +67,3 @@ def test_the_direction_of_zero_is_zero() -> None:
     assert direction((0.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
     assert [c.tolist() for c in direction(tuple(np.zeros((3, 2))))] == [[0.0, 0.0]] * 3
     assert polar((0.0, 0.0))[1].high == 0.0
-
-
-def test_moderate_vectors_are_not_scaled_and_others_are_exactly() -> None:
-    assert scaled_by_power_of_two((2.0**-9, 3.0, -1023.0)) == ((2.0**-9, 3.0, -1023.0), 0)
-    for v in ((2.0**-10, 0.0), (2.0**10, 1.0), (3e-320, 1e-324), (-1.7e308, 1e300)):
-        w, exponent = scaled_by_power_of_two(v)
-        assert 0.5 <= max(map(abs, w)) < 1
-        for x, y in zip(v, w, strict=True):
-            assert math.ldexp(y, exponent) == x or abs(y) < 2.0**-1000
-        arrays, exponents = scaled_by_power_of_two(tuple(np.array([x]) for x in v))
-        assert ([x[0] for x in arrays], exponents[0]) == (list(w), exponent)

@@ -22,7 +22,7 @@ from typing import Final
 
 from hingepair.engine.llvm.arithmetic import Arithmetic
 from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder, default_float_environment, shared_name
-from hingepair.engine.llvm.memory import MAX_STREAMED, MEMORY_FUNCTIONS, PANEL, PREFETCH_SAMPLES, memory_functions
+from hingepair.engine.llvm.memory import MAX_STREAMED, MEMORY_FUNCTIONS, PREFETCH_SAMPLES, memory_functions
 from hingepair.engine.llvm.schedule import Schedule, Step
 from hingepair.engine.llvm.sines import SINE_FUNCTIONS, lanewise_function, sine_functions
 
@@ -290,8 +290,7 @@ class _OutputWriter:
         self.takes_rows = self.dense
         if self.streamed != "false":
             self.takes_rows = f.put(f"and i1 {self.dense}, {f.put(f'xor i1 {self.streamed}, true')}")
-        staged = self.count if self.count <= MAX_STREAMED else 2 * PANEL
-        buffer = f.buffer(CACHE_LINE + LANES * staged * number_bytes)
+        buffer = f.buffer(CACHE_LINE + LANES * self.row_bytes)
         self.stage = f.pointer_at(buffer, CACHE_LINE)  # behind the rest of a line that is not full yet
 
     def begin_samples(self, i: str, samples_left: str, direct: bool) -> None:
@@ -322,13 +321,6 @@ class _OutputWriter:
         """
         f = self.f
         target = f"ptr {self.to}, i64 {self.stride}, i64 {self.step}, i64 {self.rest}"
-        if self.count > MAX_STREAMED:
-            with f.when_else(self.direct) as otherwise:
-                self.write_rows(self.to, "false")
-                otherwise()
-                source = f"ptr %frame, ptr {self.tiles}, i64 {self.count}, ptr {self.stage}"
-                self.kernel.call_shared("panels", source, target)
-            return
         if not self.group.narrow:
             filled = "false"
             if self.streamed != "false":

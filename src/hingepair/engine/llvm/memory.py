@@ -17,8 +17,7 @@ from typing import Final
 from hingepair.engine.llvm.builder import CACHE_LINE, LANES, NUMBER_BYTES, FunctionBuilder, shared_name
 
 PREFETCH_SAMPLES: Final = 2 * LANES  # that inputs are prefetched ahead: covers the latency of memory
-PANEL: Final = 64  # components of a very wide output that are staged at a time
-MAX_STREAMED: Final = 512  # most components of an output that is staged as a whole, in 32 kB; wider ones go by panels
+MAX_STREAMED: Final = 512  # most components of an output that is stored past the caches: its stage has 32 kB
 
 _LINE: Final = f"<{CACHE_LINE // 8} x i64>"  # LLVM's type of a cache line, which is copied as a whole
 _TARGET: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"  # parameters that say where samples go
@@ -26,7 +25,6 @@ MEMORY_FUNCTIONS: Final = {
     "gather": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %stride, i64 %step, i64 %rest",
     "scatter": f"ptr noalias %from, i64 %count, {_TARGET}",
     "rows": "ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %to, i64 %pitch, i1 %filled",
-    "panels": f"ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, {_TARGET}",
     "flush": "ptr noalias %stage, i64 %at, i64 %bytes, i64 %first, i1 %last",
 }
 """Parameters of the functions by name: `row` is the address of the first of eight samples, `stride` the bytes between
@@ -35,7 +33,7 @@ samples, `step` those between components, and `rest` the number of samples that 
 
 def memory_functions(float_type: str) -> list[str]:
     """Return LLVM code of the functions for numbers of type "double" or "float"."""
-    makers = (_gather, _scatter, _rows, _panels, _flush)
+    makers = (_gather, _scatter, _rows, _flush)
     declared = "declare i64 @llvm.umin.i64(i64, i64)"
     return [declared, *(make(float_type, NUMBER_BYTES[float_type]) for make in makers)]
 
@@ -116,23 +114,6 @@ def _rows(float_type: str, number_bytes: int) -> str:
             columns = [f.put(f"load {vector}, ptr {place}, align {vector_bytes}") for place in places]
             for place, row in zip(targets, f.transpose(vector, columns), strict=True):
                 f.do(f"store {vector} {row}, ptr {place}, align 1")
-    f.do("ret void")
-    return f.text()
-
-
-def _panels(float_type: str, number_bytes: int) -> str:
-    """Return the function `panels`, which stores up to eight samples of very many components into memory of any
-    strides: a panel of components at a time goes through the stage. The last may be twice as wide as the others.
-    """
-    f = _begin("panels", float_type)
-    with f.loop(f.put(f"sub i64 %count, {PANEL - 1}"), step=str(PANEL)) as c:
-        left = f.put(f"sub i64 %count, {c}")
-        count = f.put(f"select i1 {f.put(f'icmp slt i64 {left}, {2 * PANEL}')}, i64 {left}, i64 {PANEL}")
-        tiles, to = f.pointer_at("%tiles", f.multiply(c, 4)), f.pointer_at("%to", f.multiply(c, "%step"))
-        stage = f"ptr %stage, i64 {f.multiply(count, number_bytes)}"
-        f.do(f"call void {shared_name('rows', float_type)}(ptr %frame, ptr {tiles}, i64 {count}, {stage}, i1 false)")
-        target = f"ptr {to}, i64 %stride, i64 %step, i64 %rest"
-        f.do(f"call void {shared_name('scatter', float_type)}(ptr %stage, i64 {count}, {target})")
     f.do("ret void")
     return f.text()
 
