@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import mpmath
 import numpy as np
@@ -285,16 +284,6 @@ def test_instants_that_look_like_milliseconds_are_warned_of():
     with pytest.warns(hp.DynamicsWarning, match="^t steps by 10 s: is it in seconds"):
         hp.simulate(flywheel(), np.arange(20) * 10.0, STILL, 0.0, 1.0, base="fixed")
     hp.simulate(flywheel(), np.arange(20) * 10.0, STILL, 0.0, 0.01, base="fixed")
-
-
-def test_an_inertia_far_above_the_levers_is_warned_of():
-    milli = hp.Body(2.0, centre_of_mass=(0.1, 0, 0), inertia=np.diag([1e3, 4e4, 4e4]))
-    pair = hp.HingePair((0, 0, 0), (-0.2, 0, 0), (0, 1, 0), body2=milli)
-    with pytest.warns(
-        hp.DynamicsWarning, match=r"body2\.inertia: its radius of gyration is 141 m, .* kg m\^2"
-    ) as said:
-        hp.simulate(pair, [0, 0.1], STILL, 0.0, 0.0, base="fixed")
-    assert [Path(one.filename).name for one in said] == ["test_simulate.py"]
 
 
 def sum_of_errors(total, _, psi):

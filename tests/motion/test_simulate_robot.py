@@ -317,12 +317,14 @@ def test_loads_of_a_joint_that_follows_act_on_its_leader(ratio):
     assert "stop" in found.loads
 
 
-def test_stops_and_motors_of_a_joint_that_follows_act_on_its_leader():
-    stop = hp.HingeLoad(stops=(-1.0, 1.0), stop_restitution=0.0, motor=lambda t, psi, psid: 5 * psi + psid + t)
+def test_stops_of_a_joint_that_follows_act_on_its_leader():
+    stop = hp.HingeLoad(stops=(-1.0, 1.0), stop_restitution=0.0)
     robot = follower(hp.HingeLoad(), hp.HingeLoad())
     loads = {"a": hp.HingeLoad(motor=2.0), "b": stop}
     found = hp.simulate(robot, [0.0, 1.0], [0.0], [0.3], loads=loads, gravity=(0, 0, 0))
-    np.testing.assert_allclose(found.loads["motor"][0], 2.0 - 2 * (5 * 0.1 - 2 * 0.3), rtol=1e-14)
+    np.testing.assert_allclose(found.loads["motor"], 2.0, rtol=1e-14)
+    with pytest.raises(hp.ArgumentError, match=r"^loads\['b'\]: expected a load without a motor"):
+        hp.simulate(robot, [0.0, 1.0], [0.0], loads={"b": 1.0})
     assert found.q[-1, 0] == pytest.approx(0.55, abs=1e-12)  # b stands at -1
     with pytest.raises(hp.ArgumentError, match=r"^loads\['b'\]: expected no load at a joint that moves as given"):
         hp.simulate(robot, [0.0, 1.0], [0.0], loads={"b": stop}, driven={"a": lambda t: (t, 1, 0)})

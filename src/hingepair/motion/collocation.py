@@ -14,7 +14,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final, TypeAlias
+from typing import Final, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -98,12 +98,22 @@ class StepPolynomial:
         return self.state + self.length * (integration_matrix((t - self.start) / self.length) @ self.rates)
 
 
+class Events(Protocol):
+    """Events at which steps end; `motion.events` has those of joints."""
+
+    def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
+        """Return distances from the events, (m, e), positive until they happen, and sizes of their rounding, (e,)."""
+
+    def apply(self, event_index: int, t: float, state: Array) -> Array | None:
+        """Return the state after an event, or None where it ends the motion."""
+
+
 @dataclass
 class Stepper:
     """Makes steps that are as long as the tolerance allows and end at events."""
 
     rates: StateRates  # derivatives of the state
-    events: Any  # the JointEvents of `motion.events`, at which steps end; None where there are none
+    events: Events | None  # at which steps end
     t: float  # present instant [s]
     state: Array  # present state; (k,)
     sizes: Array  # scales of errors; those of velocities are divided by the length of recent steps; (k,)
@@ -213,11 +223,11 @@ class Stepper:
         if self.events is None:
             return None
 
+        events = self.events
+
         def distances(times: Array) -> tuple[Array, Array]:
-            found: tuple[Array, Array] = self.events.distances(
-                self.t + length * times, self.state + length * (integration_matrix(times) @ node_rates)
-            )
-            return found
+            states = self.state + length * (integration_matrix(times) @ node_rates)
+            return events.distances(self.t + length * times, states)
 
         times = np.unique(np.hstack([_EVENT_TIMES, extra_times]))
         values, sizes = distances(times)
@@ -403,7 +413,10 @@ class Stepper:
         return worst, float(times[first_failed - 1]) if first_failed else 0.0
 
 
-def event_margin(size: Any, slope: Any, time_rounding: float) -> Any:
+_Number = TypeVar("_Number", float, Array)
+
+
+def event_margin(size: _Number, slope: _Number, time_rounding: float) -> _Number:
     """Return the distance past an event that rounding alone may cause; closer, events cannot be told apart."""
     return 2e-15 * size + 64 * time_rounding * slope
 

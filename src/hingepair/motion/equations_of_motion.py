@@ -49,21 +49,21 @@ class RobotPrograms:
     Args:
         robot: the robot.
         base: "fixed", "free", "pinned" or "moving".
-        links: links on which wrenches act.
-        gravity: acceleration of free fall [m/s^2].
+        start: the base at the first instant, where it rests if it is fixed.
+        loads: what acts on the robot.
         backend: as for `simulate`.
     """
 
-    def __init__(
-        self, robot: Mechanism, base: str, links: tuple[str, ...], gravity: tuple[float, ...], backend: str
-    ) -> None:
-        self.has_momenta = base in ("free", "pinned")
-        self._backend, self._gravity = execution_of(backend, 1).backend, gravity
+    def __init__(self, robot: Mechanism, base: str, start: BodyMotion, loads: Loads, backend: str) -> None:
+        self.has_momenta, links = base in ("free", "pinned"), tuple(loads.wrenches)
+        self._backend = execution_of(backend, 1).backend
+        rest = dict.fromkeys((*_BASE_INPUTS, "force1", "torque1"), _ZERO) | {"S1": np.asarray(start.S)}
+        base_inputs = _BASE_INPUTS if base == "moving" else ()
         frames = tuple(tree_of(robot).known_frame("wrenches", link) for link in links)
-        constants = robot_constants(tree_of(robot), robot.base == "free")
-        loads = tuple(range(len(frames)))
-        self._computation = RobotComputation(constants, ("qdd",), self.has_momenta, frames, loads, None)
-        form, request = self._computation.form, self._computation.request
+        constants, loaded = robot_constants(tree_of(robot), robot.base == "free"), tuple(range(len(frames)))
+        computation = RobotComputation(constants, ("qdd",), self.has_momenta, frames, loaded, None)
+        form, request = computation.form, computation.request
+        self._known: dict[str, Any] = {**computation.known, **rest, "gravity": loads.gravity}
         matrices = ("mass_matrix", "bias_forces", *(("jacobian",) if frames else ()))
         if self.has_momenta:
             pinned, blank = base == "pinned", request._replace(outputs=())
@@ -73,14 +73,12 @@ class RobotPrograms:
             self._terms = self._call(terms, ("state", "S0"))
         else:
             without_loads = request._replace(outputs=matrices, loaded=())
-            self._terms = self._call(request_loop(form, without_loads), ("q", "qd", *_BASE_INPUTS))
+            self._terms = self._call(request_loop(form, without_loads), ("q", "qd", *base_inputs))
             rates = request_loop(form, request)
-        of_links = [f"{kind}_{k}" for k in loads for kind in ("force", "torque")]
-        needed = {name for name, _ in rates.inputs}
-        given = ("state", "S0", "tau", "force1", "torque1") if self.has_momenta else ("q", "qd", "tau", *_BASE_INPUTS)
-        self._rates = self._call(rates, tuple(name for name in (*given, *of_links) if name in needed))
-        self._links, self._loads = len(frames), ("force1", "torque1", *of_links)
-        self._no_force: dict[int, Array] = {}  # zeros, by the number of instants
+        acting = ("force1", "torque1") if loads.acts_on_bodies else ()
+        of_links = (f"{kind}_{k}" for k in loaded for kind in ("force", "torque"))
+        given = ("state", "S0", "tau", *acting) if self.has_momenta else ("q", "qd", "tau", *base_inputs)
+        self._rates, self._links = self._call(rates, (*given, *of_links)), len(frames)
 
     def motion(self, states: Array, S0: Array) -> Any:
         """Return R1, S1, v1 and omega1 of a free or pinned base, by name."""
@@ -102,27 +100,21 @@ class RobotPrograms:
             inputs: state, S0 and tau; otherwise q, qd, tau, S1, omega1, a1 and alpha1.
             on_bodies: force1 and torque1, shape (n, 6), and loads on links, shape (n, links, 6); None: no loads.
         """
-        n = len(inputs["tau"])
-        if on_bodies is None:
-            if n not in self._no_force:
-                self._no_force[n] = np.zeros((n, 3))
-            loads = dict.fromkeys(self._loads, self._no_force[n])
-        else:
+        if on_bodies is not None:
             base, wrenches = on_bodies
-            loads = {"force1": base[:, :3], "torque1": base[:, 3:]}
+            inputs |= {"force1": base[:, :3], "torque1": base[:, 3:]}
             for k in range(self._links):
-                loads |= {f"force_{k}": wrenches[:, k, :3], f"torque_{k}": wrenches[:, k, 3:]}
-        found: Array = _run(self._rates, inputs | loads)
+                inputs |= {f"force_{k}": wrenches[:, k, :3], f"torque_{k}": wrenches[:, k, 3:]}
+        found: Array = _run(self._rates, inputs)
         return found
 
     def _call(self, loop: Loop, given: tuple[str, ...]) -> Call:
         """Return the call of a loop with the arguments `given`, as far as it has them; other inputs are constants."""
-        known: dict[str, Any] = {**self._computation.known, "gravity": self._gravity}
         shapes = dict(loop.inputs)
         given = tuple(name for name in given if name in shapes)
         return Call(
             loop, {name: shapes[name] for name in given},
-            {name: known[name] for name in shapes if name not in given},
+            {name: self._known[name] for name in shapes if name not in given},
             None if len(loop.outputs) == 1 else Results, backend=self._backend, shared=True,
         )  # fmt: skip
 
@@ -222,13 +214,12 @@ class RobotMotion:
         self.has_momenta = base in ("free", "pinned")
         self._given_base = base_motion if isinstance(base_motion, GivenMotion) else None
         self.side: Side = (np.zeros(self.dof), np.zeros(self.dof))
-        self._resting: dict[int, dict[str, Array]] = {}  # motion of a base at rest, by the number of instants
         self.held: NDArray[np.bool_] = np.zeros(self.dof, np.bool_)
         start = REST if isinstance(base_motion, GivenMotion) else base_motion
         R, S, v, omega = (_ZERO if x is None else x for x in (start.R, start.S, start.v, start.omega))
         self._R, self._S = np.asarray(R, np.float64), np.asarray(S, np.float64)
         self.quat = matrix_to_quaternion(self._S)
-        self._S0, self._S0_rows = quaternions_to_matrices(self.quat[None]), dict[int, Array]()
+        self._S0 = quaternions_to_matrices(self.quat[None])
         self._of_joints = slice(6 * self.has_momenta, None)  # in velocities and generalized forces
         self._known = np.zeros(self.dof + 6 * self.has_momenta, np.bool_)
         self._known[:3] = base == "pinned"
@@ -307,10 +298,11 @@ class RobotMotion:
         on_bodies = self.loads.on_bodies(t, now) if self.loads.acts_on_bodies else None
         inputs = {"tau": self.loads.efforts_at(t, now, self.side)}
         if self.has_momenta:
-            inputs |= {"state": states, "S0": self._step_attitudes(len(t))}
+            inputs |= {"state": states, "S0": np.repeat(self._S0, len(t), axis=0)}
             rates: Array = self._programs.rates(inputs, on_bodies)
         else:
-            inputs |= {"q": now.q, "qd": now.qd, **self._base_inputs(t)}
+            inputs |= {"q": now.q, "qd": now.qd}
+            inputs |= self._given_base.at(t) if self._given_base is not None else {}
             rates = np.concatenate([now.qd, self._programs.rates(inputs, on_bodies)], axis=1)
         if any(held):
             rates = rates.copy()
@@ -367,7 +359,7 @@ class RobotMotion:
         if not self.has_momenta:
             return state
         self.quat = _rotate_by_cayley(state[_G], self.quat)
-        self._S0, self._S0_rows = quaternions_to_matrices(self.quat[None]), {}
+        self._S0 = quaternions_to_matrices(self.quat[None])
         state = state.copy()
         state[_G] = 0.0
         return state
@@ -435,7 +427,7 @@ class RobotMotion:
             if self._driven:
                 states = states.copy()
                 states[:, self.q], states[:, self._qd] = q, qd
-            S0 = self._step_attitudes(len(t)) if S0 is None else S0
+            S0 = np.repeat(self._S0, len(t), axis=0) if S0 is None else S0
             found, jacobians = self._programs.terms(state=states, S0=S0)
             now = MotionAtInstants(q, qd, *(found[name] for name in MOTION))
             a1 = alpha1 = np.zeros_like(now.v1)
@@ -456,14 +448,8 @@ class RobotMotion:
             return MotionAtInstants(q, qd, *(_ZERO,) * 4)
         if not self.has_momenta:
             return MotionAtInstants(q, qd, *(self._base_inputs(t)[name] for name in MOTION))
-        found = self._programs.motion(states, self._step_attitudes(len(t)))
+        found = self._programs.motion(states, np.repeat(self._S0, len(t), axis=0))
         return MotionAtInstants(q, qd, *(found[name] for name in MOTION))
-
-    def _step_attitudes(self, n: int) -> Array:
-        """Return the attitude of the base at the start of the present step, n times."""
-        if n not in self._S0_rows:
-            self._S0_rows[n] = np.tile(self._S0, (n, 1, 1))
-        return self._S0_rows[n]
 
     def _joints(self, t: Array, states: Array) -> tuple[Array, Array, Array]:
         """Return q and q', and q'' of joints that move as given; (n, dof) each."""
@@ -479,12 +465,8 @@ class RobotMotion:
         """Return the motion of a base that rests or moves as given, arrays of n rows by name."""
         if self._given_base is not None:
             return self._given_base.at(t)
-        found = self._resting.get(len(t))
-        if found is None:
-            rest = {"R1": self._R, "S1": self._S, **dict.fromkeys(("v1", "omega1", "a1", "alpha1"), _ZERO)}
-            found = {name: np.tile(value, (len(t), *[1] * value.ndim)) for name, value in rest.items()}
-            self._resting[len(t)] = found
-        return found
+        rest = {"R1": self._R, "S1": self._S, **dict.fromkeys(("v1", "omega1", "a1", "alpha1"), _ZERO)}
+        return {name: np.broadcast_to(value, (len(t), *value.shape)) for name, value in rest.items()}
 
     def _generalized(self, t: Array, terms: _Terms, side: Side) -> Array:
         """Return the generalized forces of all loads but gravity, (n, velocities)."""

@@ -104,7 +104,7 @@ class JointEvents:
         self._sign = 0.0  # of the value of the user's event; 0 while it is not known
         self._largest = 0.0  # absolute value of the user's event so far
         self.ended_by = ""  # why the motion ended; "" while it goes on
-        self._mark_signs = [float(np.sign(mark.distance(motion.state[None, motion.q])[0])) for mark in motion.marks]
+        self._mark_signs = np.sign(motion.marks.distances(motion.state[None, motion.q])[0]).tolist()
         self._passed_at = -np.inf  # when the user's event last passed 0 against its direction [s]
         self._effort_limits = [(0.0, 0.0)] * len(loads)  # of the holding efforts
         self._qd = slice(motion.q.stop, 2 * motion.q.stop - motion.q.start)
@@ -124,7 +124,7 @@ class JointEvents:
         """Whether any event can happen."""
         return bool(
             self._user_event
-            or self._motion.marks
+            or self._motion.marks.ends
             or any(stop_angles(load) or rate_kinks(load) for load in self._motion.joint_loads)
         )
 
@@ -153,8 +153,8 @@ class JointEvents:
                 size = 1 + float(np.abs(values).max())
                 rows |= {(lower, k): (values - least, size)} if least > -np.inf else {}
                 rows |= {(upper, k): (most - values, size)} if most < np.inf else {}
-        for i, (mark, sign) in enumerate(zip(motion.marks, self._mark_signs, strict=True)):
-            values = mark.distance(states[:, motion.q])
+        marks = motion.marks.distances(states[:, motion.q]) if motion.marks.ends else np.empty((len(states), 0))
+        for i, (values, sign) in enumerate(zip(marks.T, self._mark_signs, strict=True)):
             if sign:
                 rows[_MARK, i] = sign * values, 1 + float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
         if self._user_event is not None:
@@ -182,7 +182,7 @@ class JointEvents:
             self._sign, self._passed_at = -self._sign, t
             return None if self.ended_by else state
         if kind == _MARK:
-            self.ended_by = self._motion.marks[k].end if self._mark_signs[k] > 0 else ""
+            self.ended_by = self._motion.marks.ends[k] if self._mark_signs[k] > 0 else ""
             self._mark_signs[k] *= -1
             return None if self.ended_by else state
         if kind in (_LOWER_ANGLE, _UPPER_ANGLE):

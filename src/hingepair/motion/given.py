@@ -111,7 +111,10 @@ def loads_by_joint(robot: Mechanism, loads: Any) -> dict[str, HingeLoad]:
         rule = joints[name].mimic
         if rule is not None and rule.multiplier:
             leader = tree_of(robot).joints[rule.leader - 1].name
-            of_joints[leader] = _sum(_of_leader(load, rule), of_joints[leader])
+            if load.motor:
+                expected = f"a load without a motor: {name} follows {leader}, whose motor moves both"
+                raise ArgumentError(f"loads[{name!r}]", expected, quoted(load.motor))
+            of_joints[leader] = replace(_of_leader(load, rule), motor=of_joints[leader])
     return of_joints
 
 
@@ -138,14 +141,9 @@ def _hinge_load(label: str, torque: HingeTorque) -> HingeLoad:
     return HingeLoad(motor=motor)
 
 
-def _of_leader(load: HingeTorque, rule: Mimic) -> HingeTorque:
+def _of_leader(load: HingeLoad, rule: Mimic) -> HingeLoad:
     """Return the load of a joint that follows as one of its leader: the same power, at the leader's coordinate."""
     ratio, offset = rule.multiplier, rule.offset
-    if not isinstance(load, HingeLoad):
-        if callable(load):
-            motor = load
-            return lambda t, q, qd: ratio * np.asarray(motor(t, ratio * q + offset, ratio * qd))
-        return ratio * load
     stops = None if load.stops is None else sorted((stop - offset) / ratio for stop in load.stops)
     return HingeLoad(
         stiffness=ratio**2 * load.stiffness,
@@ -157,20 +155,7 @@ def _of_leader(load: HingeTorque, rule: Mimic) -> HingeTorque:
         stop_stiffness=ratio**2 * load.stop_stiffness,
         stop_damping=abs(ratio) * load.stop_damping,
         stop_restitution=load.stop_restitution,
-        motor=_of_leader(load.motor, rule),
     )
-
-
-def _sum(first: HingeTorque, second: HingeTorque) -> HingeTorque:
-    """Return the sum of two torques, in which stops and friction are known."""
-    if isinstance(first, HingeLoad):
-        return replace(first, motor=_sum(first.motor, second))
-    if isinstance(second, HingeLoad):
-        return replace(second, motor=_sum(first, second.motor))
-    if callable(first) or callable(second):
-        parts = (first, second)
-        return lambda t, q, qd: sum(np.asarray(one(t, q, qd)) if callable(one) else one for one in parts)
-    return first + second
 
 
 JointCallable: TypeAlias = Callable[[Array], Any]

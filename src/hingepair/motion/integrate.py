@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Set
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,9 +16,9 @@ from hingepair.mechanism.pairs.geometry import Constants, check_pair, constants_
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.requests import computation_of
 from hingepair.mechanism.requests import STATES
-from hingepair.motion.magnus import AngleIntegral, AttitudeIntegral, Integral, Steps
+from hingepair.motion.magnus import AngleIntegral, AttitudeIntegral
 from hingepair.motion.signals import SampledSignal, Signal, interpolate, read_position, read_signal
-from hingepair.motion.steps import StepErrors, estimate_error, select_steps
+from hingepair.motion.steps import estimate_error, select_steps
 from hingepair.motion.trajectory import (
     Deferred,
     Trajectory,
@@ -38,106 +38,54 @@ from hingepair.tables.instants import instants_of, warn_of_measurements
 from hingepair.tables.suspicions import suspicions
 
 
-class SolveOptions(NamedTuple):
-    """Options of a solver."""
-
-    t: Array  # instants [s]
-    tol: float | None  # largest error [rad]; None: one step for each interval
-    execution: Execution
-    omega_in_body_axes: bool
-    rate_names: tuple[str, str] = ("omega1", "psid")  # in errors
-
-    def check(self) -> None:
-        """Raise an ArgumentError if the tolerance cannot be used."""
-        if self.tol is not None and not finite_number("tol", self.tol) > 0:
-            raise ArgumentError("tol", "a positive number", self.tol)
-
-
 class Solution(Deferred):
-    """The motion of a pair at the instants, and estimates of its errors, made when they are first asked for.
+    """The attitude of body 1 and the hinge angle over steps, and estimates of their errors, made when they are first
+    asked for.
 
     Args:
-        steps: steps of integration.
-        integrals: those of the orientation of body 1 and of psi.
-        values: their values at the ends of the steps.
-        errors: measured errors of the steps, as far as there are.
+        integrals: those of the attitude of body 1 and of psi.
+        t: instants.
+        start: attitude of body 1 at the first instant, (3, 3).
+        psi_0: hinge angle at the first instant.
+        tol: largest error [rad]; None: one step for each interval.
+
+    Raises:
+        ArgumentError: a result overflows.
     """
 
     def __init__(
         self,
-        steps: Steps,
         integrals: tuple[AttitudeIntegral, AngleIntegral],
-        values: tuple[Array, Array],
-        errors: Mapping[Integral, StepErrors],
+        t: Array,
+        start: Array,
+        psi_0: float,
+        tol: float | None,
     ) -> None:
-        self._steps, self._integrals, self._values, self._errors = steps, integrals, values, errors
-        #: of body 1: unit quaternions (N, 4) without a jump of sign
-        self.orientations = steps.at_instants(values[0])
-        #: hinge angles [rad]; shape (N,)
-        self.psi = steps.at_instants(values[1])
+        self._integrals = integrals
+        self._steps, self._errors = select_steps(integrals, t, tol)
+        turning, hinge = integrals
+        self._values = (
+            turning.integrate(self._steps, matrix_to_quaternion(start)),
+            hinge.integrate(self._steps, psi_0),
+        )
+        #: unit quaternions of body 1, without a jump of sign, and hinge angles [rad], at the instants
+        self.quats, self.psi = (self._steps.at_instants(rows) for rows in self._values)
         #: number of steps
-        self.steps = steps.step_count
+        self.steps = self._steps.step_count
 
     @functools.cached_property
     def error(self) -> float:
-        """Estimate of the largest error of the orientations [rad]."""
-        return self._estimate(0)
+        """Estimate of the largest error of the attitude [rad]."""
+        return min(self._estimate(0), np.pi)
 
     @functools.cached_property
     def psi_error(self) -> float:
         """Estimate of the largest error of psi [rad]."""
         return self._estimate(1)
 
-    @property
-    def largest_error(self) -> float:
-        """The larger of both error estimates [rad]; NaN if one of them is."""
-        return float(np.maximum(self.error, self.psi_error))
-
     def _estimate(self, k: int) -> float:
         integral = self._integrals[k]
-        estimate = estimate_error(integral, self._steps, self._values[k], self._errors.get(integral))
-        return min(estimate, integral.max_error)
-
-    def check_tolerance(self, options: SolveOptions) -> None:
-        """Raise an ArgumentError if there is a tolerance and an error estimate is above it or NaN."""
-        if options.tol is not None and not self.largest_error <= options.tol:
-            each = ", ".join(
-                f"{name} leaves {error:.2g}"
-                for name, error in zip(options.rate_names, (self.error, self.psi_error), strict=True)
-            )
-            raise ArgumentError(
-                "tol", f"at least the error that is left, {self.largest_error:.2g} rad ({each})", options.tol
-            )
-
-
-def solve(
-    options: SolveOptions,
-    omega: Signal,
-    psid: Signal,
-    start: Array,
-    psi_0: float,
-) -> Solution:
-    """Integrate the attitude and the hinge angle of one motion (E12).
-
-    Args:
-        options: instants, method and tolerance.
-        omega: angular velocity of body 1.
-        psid: hinge rate.
-        start: attitude of body 1 at the first instant (3, 3).
-        psi_0: hinge angle at the first instant [rad].
-
-    Raises:
-        ArgumentError: a result overflows.
-    """
-    names = options.rate_names
-    integrals = (
-        AttitudeIntegral(names[0], omega, options.execution, options.omega_in_body_axes),
-        AngleIntegral(names[1], psid, options.execution),
-    )
-    interpolate([rate for rate in (omega, psid) if isinstance(rate, SampledSignal)])
-    steps, errors = select_steps(integrals, options.t, options.tol)
-    values = integrals[0].integrate(steps, matrix_to_quaternion(start)), integrals[1].integrate(steps, psi_0)
-    return Solution(steps, integrals, values, errors)
+        return estimate_error(integral, self._steps, self._values[k], self._errors.get(integral))
 
 
 METHODS: Final = ("magnus6",)  # of integration
@@ -227,8 +175,9 @@ def integrate(
     check_pair(pair)
     check_choice("method", method, METHODS)
     check_choice("frame", frame, RATE_FRAME_NAMES)
-    options = SolveOptions(instants, tol, execution_of_steps(backend, len(instants)), frame == "body")
-    options.check()
+    if tol is not None and not finite_number("tol", tol) > 0:
+        raise ArgumentError("tol", "a positive number", tol)
+    execution = execution_of_steps(backend, len(instants))
     start = np.eye(3) if S1_0 is None else one_constant("S1_0", S1_0, 3, 3)
     check_rotation("S1_0", start)
     rates = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
@@ -239,14 +188,21 @@ def integrate(
     }
     points = read_position(np.zeros(3) if R1 is None else R1, instants)
     names = _checked_outputs(constants_of(pair), outputs, signals.keys() | points.keys())
-    solution = solve(options, signals["omega1"], signals["psid"], start, finite_number("psi_0", psi_0))
-    solution.check_tolerance(options)
+    interpolate([signals[name] for name in ("omega1", "psid") if isinstance(signals[name], SampledSignal)])
+    integrals = (
+        AttitudeIntegral("omega1", signals["omega1"], execution, frame == "body"),
+        AngleIntegral("psid", signals["psid"], execution),
+    )
+    solution = Solution(integrals, instants, start, finite_number("psi_0", psi_0), tol)
+    if tol is not None and not (left := float(np.maximum(solution.error, solution.psi_error))) <= tol:
+        each = f"omega1 leaves {solution.error:.2g}, psid leaves {solution.psi_error:.2g}"
+        raise ArgumentError("tol", f"at least the error that is left, {left:.2g} rad ({each})", tol)
     trajectory = Trajectory(
         t=read_only(instants),
         psi=read_only(solution.psi),
-        quat_wxyz=read_only(solution.orientations),
+        quat_wxyz=read_only(solution.quats),
         R1=read_only(np.broadcast_to(points["R1"], (len(instants), 3))),
-        state=_state(pair, options, signals, points, solution, names),
+        state=_state(pair, frame, execution, instants, signals, points, solution, names),
         pair=pair,
         method=method,
         steps=solution.steps,
@@ -271,26 +227,28 @@ def _instant_doubts(trajectory: Trajectory) -> list[str]:
 
 def _state(
     pair: HingePair,
-    options: SolveOptions,
+    frame: str,
+    execution: Execution,
+    t: Array,
     signals: Mapping[str, Signal],
     points: Mapping[str, NDArray[Any]],
     solution: Solution,
     outputs: tuple[str, ...],
 ) -> Any:
-    """Return the requested outputs at all instants as a `PairState`."""
+    """Return the requested outputs at all instants t as a `PairState`."""
     constants, psi = constants_of(pair), solution.psi
     if not outputs:
         return STATES[constants.kind]({}, psi.shape)
-    needed, S1 = _needed_inputs(constants, outputs), quaternions_to_matrices(solution.orientations)
+    needed, S1 = _needed_inputs(constants, outputs), quaternions_to_matrices(solution.quats)
     inputs: dict[str, Any] = {**points, "psi": psi, "S1": S1}
     for name in needed.intersection(_RATES):
-        inputs[name] = signals[name].values_at(options.t)
-        if options.omega_in_body_axes and name in {"omega1", "alpha1"}:
+        inputs[name] = signals[name].values_at(t)
+        if frame == "body" and name in {"omega1", "alpha1"}:
             inputs[name] = rotate_to_world(S1, inputs[name])
     inputs = {name: inputs[name] for name in inputs if name in needed}
     computation = computation_of(constants, outputs, result=STATES[constants.kind])
-    call = computation.call(tuple(inputs), options.execution.backend)
-    return call.run(inputs, {"t": psi.shape}, workers=options.execution.workers)
+    call = computation.call(tuple(inputs), execution.backend)
+    return call.run(inputs, {"t": psi.shape}, workers=execution.workers)
 
 
 def _needed_inputs(pair: Constants, outputs: tuple[str, ...]) -> set[str]:

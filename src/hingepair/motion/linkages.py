@@ -23,48 +23,48 @@ from hingepair.numeric.arrays import Float64Array as Array
 _FASTEST: Final = 1e3  # rates of other joints by that of a coordinate, in radians: beyond, it is at a dead point
 
 
-class Mark(NamedTuple):
-    """A function of the coordinates that is 0 where the motion ends, or where a load has a kink."""
+class Marks(NamedTuple):
+    """Functions of the coordinates that are 0 where the motion ends, or where a load has a kink."""
 
-    distance: Callable[[Array], Array]  # of q, (n, dof); above 0 where the motion has not yet come to an end
-    end: str  # why the motion ends there; "" if it goes on
+    ends: tuple[str, ...]  # of each, why the motion ends there; "" if it goes on
+    distances: Callable[
+        [Array], Array
+    ]  # of q, (n, dof), (n, marks): above 0 where the motion has not yet come to an end
 
 
-def marks_of(robot: Mechanism) -> tuple[Mark, ...]:
+def marks_of(robot: Mechanism) -> Marks:
     """Return the marks of a robot: dead points of loops, ends of strokes, and kinks of the forces of struts."""
-    tree, marks = tree_of(robot), list[Mark]()
-    if tree.closure is not None and tree.closure.loops:
-        closure, transfer = tree.closure, robot.prepare("qd_all")
+    tree, ends, rows = tree_of(robot), list[str](), list[tuple[int, int, float]]()
+    closure = tree.closure if tree.closure is not None and tree.closure.loops else None
+    if closure is not None:
+        transfer = robot.prepare("qd_all")
         units, own = (
             np.array([1.0 if joint.unit == "rad" else closure.size for joint in joints])
             for joints in (tree.own_coordinates, tree.coordinates)
         )
-
-        def from_dead_point(q: Array) -> Array:
-            rates = transfer(q[:, None], np.diag(own))["qd_all"] / units
-            return np.asarray(1 / np.abs(rates).max(axis=(1, 2)) - 1 / _FASTEST)
-
         names = ", ".join(str(loop.name) for loop in closure.loops)
-        still = f"where {' and '.join(robot.names)} no longer moves the other joints"
-        marks.append(Mark(from_dead_point, f"{names} at a dead point, {still}"))
-    if tree.struts:
-        lengths = robot.prepare("struts", outputs=("strut_length",))
+        ends.append(f"{names} at a dead point, where {' and '.join(robot.names)} no longer moves the other joints")
     for k, strut in enumerate(tree.struts):
         kinks = {float(length) for length, _ in strut.law.knots}
         for sign, limit in zip((1, -1), strut.limits, strict=True):
             if np.isfinite(limit) and limit not in kinks:
+                rows.append((k, sign, limit))
+                ends.append(f"{strut.name} at the end of its stroke, {limit:.6g} m")
+        rows += [(k, 1, kink) for kink in kinks]
+        ends += [""] * len(kinks)
+    lengths = robot.prepare("struts", outputs=("strut_length",)) if rows else None
+    struts, signs, limits = (np.array(column) for column in zip(*rows, strict=True)) if rows else ((),) * 3
 
-                def from_end(q: Array, k: int = k, sign: int = sign, limit: float = limit) -> Array:
-                    return np.asarray(sign * (lengths(q, np.zeros_like(q))[..., k] - limit))
+    def distances(q: Array) -> Array:
+        parts = []
+        if closure is not None:
+            rates = transfer(q[:, None], np.diag(own))["qd_all"] / units
+            parts.append(1 / np.abs(rates).max(axis=(1, 2))[:, None] - 1 / _FASTEST)
+        if lengths is not None:
+            parts.append(signs * (lengths(q, np.zeros_like(q))[:, struts] - limits))
+        return np.concatenate([np.zeros((len(q), 0)), *parts], axis=1)
 
-                marks.append(Mark(from_end, f"{strut.name} at the end of its stroke, {limit:.6g} m"))
-        for kink in kinks:
-
-            def from_kink(q: Array, k: int = k, kink: float = kink) -> Array:
-                return np.asarray(lengths(q, np.zeros_like(q))[..., k] - kink)
-
-            marks.append(Mark(from_kink, ""))
-    return tuple(marks)
+    return Marks(tuple(ends), distances)
 
 
 def beyond_strokes(robot: Mechanism) -> Mechanism:

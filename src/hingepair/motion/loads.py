@@ -114,11 +114,6 @@ class Loads:
         return (*(load.label for load in self.callables), *self._callable_motors.values())
 
     @functools.cached_property
-    def _constant_efforts(self) -> dict[int, Array]:
-        """Constant efforts as rows, by the number of instants."""
-        return {}
-
-    @functools.cached_property
     def _callable_motors(self) -> dict[int, str]:
         return {k: name for k, name, load in self._acting if has_callable(load)}
 
@@ -130,10 +125,6 @@ class Loads:
 
     def efforts_at(self, t: Array, motion: MotionAtInstants, side: Side) -> Array:
         """Return the efforts at the joints, (n, dof); `side` selects the branches of HingeLoads."""
-        if not self._acting and not callable(self.efforts.value):
-            if len(t) not in self._constant_efforts:
-                self._constant_efforts[len(t)] = np.tile(self.efforts.value, (len(t), 1))
-            return self._constant_efforts[len(t)]
         efforts = self.efforts.at(t, motion)
         if self._acting:
             efforts = efforts.copy()

@@ -268,7 +268,6 @@ class AngleIntegral(_RateIntegral):
 
     expected_rate: ClassVar[str] = "a rate whose integral is finite"
     default_start: ClassVar[Any] = 0.0  # where only changes matter
-    max_error: ClassVar[float] = math.inf  # rad
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: float) -> Array:
@@ -322,7 +321,6 @@ class AttitudeIntegral(_RateIntegral):
     omega_in_body_axes: bool
     expected_rate: ClassVar[str] = "a rate that turns by a finite angle in each step"
     default_start: ClassVar[Any] = np.array([1.0, 0.0, 0.0, 0.0])  # where only changes matter
-    max_error: ClassVar[float] = math.pi  # rad
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Array) -> Array:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final, TypeAlias
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, SimulationError, quoted
@@ -21,7 +20,6 @@ from hingepair.motion.given import LoadArgument
 from hingepair.motion.simulated import JOINT_OF_PAIR
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, is_zero
-from hingepair.tables.suspicions import suspicions
 
 BaseArgument: TypeAlias = str | Callable[[Array], BodyMotion]
 """What holds body 1, as users give it: the name of a base, or a callable of t that returns the motion of body 1."""
@@ -110,17 +108,3 @@ def words_of_pairs(sentence: str) -> str:
     for name, of_pair in {**_NAMES, "base_motion.omega": "body1.omega"}.items():
         sentence = sentence.replace(name, of_pair) if "[" in name or "." in name else sentence
     return sentence
-
-
-def doubts_of_pair(pair: HingePair, base: str) -> list[str]:
-    """Return sentences on limits that look like degrees, and on inertias that are probably not in kg m^2."""
-    sentences = suspicions("written angles", "limits", pair.limits or ())
-    bodies = {"body1": (pair.body1, pair.u1), "body2": (pair.body2, pair.u2)}
-    for name in ("body1", "body2") if base in ("free", "pinned") else ("body2",):
-        body, lever = bodies[name]
-        if body is not None:
-            vectors = lever, body.centre_of_mass, lever - body.centre_of_mass
-            radius = np.sqrt(np.linalg.eigvalsh(body.inertia)[-1] / body.mass)
-            longest = max(float(np.linalg.norm(vector)) for vector in vectors)
-            sentences += suspicions("gyration", f"{name}.inertia", [radius, longest])
-    return sentences

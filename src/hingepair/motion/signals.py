@@ -124,8 +124,8 @@ class SampledSignal:
         return values.reshape(count, len(nodes), *tail)
 
 
-def interpolate(signals: Sequence[SampledSignal]) -> None:
-    """Compute the splines of signals with the same instants."""
+def interpolate(signals: Sequence[Any]) -> None:
+    """Compute the splines of SampledSignals with the same instants."""
     from scipy.ndimage import spline_filter1d
 
     if not signals or len(signals[0].t) < 2:

@@ -31,7 +31,7 @@ from hingepair.motion.given import (
 )
 from hingepair.motion.linkages import beyond_strokes
 from hingepair.motion.loads import Loads, check_start
-from hingepair.motion.pairs import BaseArgument, doubts_of_pair, in_words_of_pairs, pair_as_robot, words_of_pairs
+from hingepair.motion.pairs import BaseArgument, in_words_of_pairs, pair_as_robot, words_of_pairs
 from hingepair.motion.run import Impact, joint_impacts, joint_range, read_options
 from hingepair.motion.simulated import (
     JOINT_OF_PAIR,
@@ -212,8 +212,6 @@ def simulate(
             robot, t, *start, **given, breaks=breaks, until=until, tol=tol, max_steps=max_steps, backend=backend,
             words=words_of_pairs,
         )  # fmt: skip
-    for sentence in doubts_of_pair(pair, moved.base):
-        warn_of_dynamics(sentence)
     psi, psid, psidd = (read_only(rows[:, 0]) for rows in (moved.q, moved.qd, moved.qdd))
     return SimulatedMotion(
         t=moved.t,
@@ -283,7 +281,8 @@ def simulate_robot(
     if isinstance(start, GivenMotion):
         start.check(instants)
     robot.energy(q, qd)  # refuses missing masses, and warns of those that are assumed
-    programs = RobotPrograms(laws, kind, tuple(acting.wrenches), acting.gravity, backend)
+    first_base = REST if isinstance(start, GivenMotion) else start
+    programs = RobotPrograms(laws, kind, first_base, acting, backend)
     make_motion = functools.partial(RobotMotion, laws, kind, start, q, qd, acting, programs, moves)
     found = Simulation(make_motion, instants, options)
     samples, q_range, impacts, passed = found.run.samples, list[Any](), list[Impact](), list[str]()
@@ -328,27 +327,22 @@ def _unit_doubts(
     mistake in several joints is one sentence.
     """
     hinges = [k for k, joint in enumerate(tree_of(robot).coordinates) if joint.unit == "rad"]
+    names, omega = [robot.names[k] for k in hinges], getattr(start, "omega", None)
+    stops = [np.array(stop_range(loads.joint_loads[name])) for name in names]
+    moved = [np.stack((samples.t, samples.motion.q[:, k]), axis=-1) for k in hinges[:1]]
     found = dict[str, str]()
-    stops = [np.array(stop_range(load)) for load in loads.joint_loads.values()]
-    for kind, name, values in (
+    for kind, form, values in (
         ("written angles", "loads[{!r}].stops", [one[np.isfinite(one)] for one in stops]),
-        ("written angles", "q0[{!r}]", q),
-        ("written rates", "qd0[{!r}]", qd),
+        ("written angles", "q0[{!r}]", q[hinges]),
+        ("written rates", "qd0[{!r}]", qd[hinges]),
+        ("sampled motion", "t", moved),
+        ("written rates", "base_motion.omega", [] if omega is None else [omega[None]]),
     ):
-        labels = [name.format(robot.names[k]) for k in hinges]
-        rows = [
-            (one, text) for k, one in zip(hinges, labels, strict=True) for text in suspicions(kind, one, values[k])
-        ]
+        labels = [form.format(name) for name in names] if "{" in form else [form]
+        rows = [(own, text) for own, x in zip(labels, values, strict=False) for text in suspicions(kind, own, x)]
         for k, (label, sentence) in enumerate(rows):
             others = f" So do {len(rows) - 1} further ones." if len(rows) > 1 else ""
             found[label] = "" if k else sentence + others
-    instants = np.stack((samples.t, samples.motion.q[:, hinges[0]]), axis=-1) if hinges else np.empty((0, 2))
-    rows = [("t", sentence) for sentence in suspicions("sampled motion", "t", instants)]
-    omega = start.omega if isinstance(start, BodyMotion) else None
-    if omega is not None:
-        label = "base_motion.omega"
-        rows += [(label, sentence) for sentence in suspicions("written rates", label, omega[None])]
-    found |= dict(rows)
     return found
 
 

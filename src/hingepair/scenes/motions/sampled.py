@@ -12,18 +12,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.backend import execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.measured.robust import LOSSES
 from hingepair.measured.smoothing.smooth import longest_filled, smooth
 from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.motion.integrate import METHODS, RATE_FRAME_NAMES, SolveOptions, solve
-from hingepair.motion.signals import SampledSignal
-from hingepair.motion.trajectory import quaternions_to_matrices, rotate_to_world
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.motion.integrate import METHODS, RATE_FRAME_NAMES, integrate
+from hingepair.motion.trajectory import rotate_to_world
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.euler import euler_to_matrix
-from hingepair.rotations.matrices import check_rotation
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.motions.functions import base_at, base_phrase, read_base
 from hingepair.scenes.motions.known import PSI, RATE_SUFFIXES, EulerBase, Known, known_by_body1
@@ -51,7 +49,8 @@ def read_log(tables: Table, folder: Path, subject: Subject) -> Motion:
     if "time" in tables.values:
         tables.fail("time", "no such table, since the column t of motion.file has the instants")
     options: tuple[str, ...] = ("file", "columns", "ignore", "frame", *_SMOOTHING_KEYS)
-    integrated = subject.pair is not None and table.flag("integrate")
+    pair = subject.pair if isinstance(subject.pair, HingePair) and table.flag("integrate") else None
+    integrated = pair is not None
     if isinstance(subject, MechanismSubject):
         subject.check_joint_names(table, options)
         options = (*options, "sequence", *subject.base_names)
@@ -68,7 +67,7 @@ def read_log(tables: Table, folder: Path, subject: Subject) -> Motion:
     if smooths and integrated:
         table.fail("smooth", "no such key together with integrate: smoothing computes all rates")
     log = Log(log_path(table, folder), subject, table)
-    return _integrated(table, log) if integrated else _sampled(table, log, subject, smooths)
+    return _integrated(table, log, pair) if pair is not None else _sampled(table, log, subject, smooths)
 
 
 def _sampled(table: Table, log: Log, subject: Subject, smooths: bool) -> Motion:
@@ -292,7 +291,7 @@ def _missing_sample_sentences(
 # ---- integration
 
 
-def _integrated(table: Table, log: Log) -> Motion:
+def _integrated(table: Table, log: Log, pair: HingePair) -> Motion:
     """Return the motion by rates (E12); without columns of its position, body 1 stays at the origin."""
     _check_columns(
         log, (*POSITION, *QUATERNION[1:], *HINGE_NAMES[1:]), "columns of rates and of R1", "integrate"
@@ -306,17 +305,16 @@ def _integrated(table: Table, log: Log) -> Motion:
     if "v1" not in position:
         log.refuse("v1_x", "a column, since the log has x", "no such column")
     arrays = position | turning | hinge
-    in_body = _velocity_frame(table, log) == "body"
-    method = table.choice("method", METHODS)
-    options = SolveOptions(log.since, None, execution_of_steps("auto", log.t.size), in_body, ("omega1", "psi_dot"))
-    with table.naming(psid="psi_dot"):
-        options.check()
-        start = np.array(table.rotation("S1_0") if "S1_0" in table.values else np.eye(3))
-        check_rotation("S1_0", start)
-        signals = (SampledSignal(log.since, arrays["omega1"]), SampledSignal(log.since, arrays["psid"]))
-        solution = solve(options, *signals, start, table.number("psi_0", 0.0))
-    arrays |= {"psi": solution.psi, "S1": quaternions_to_matrices(solution.orientations)}
-    if in_body:
+    frame, method = _velocity_frame(table, log), table.choice("method", METHODS)
+    start = table.rotation("S1_0") if "S1_0" in table.values else None
+    with table.naming(psid="psi_dot"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeasurementWarning)  # notes say it
+        found = integrate(
+            pair, log.since, arrays["omega1"], arrays["psid"], S1_0=start, psi_0=table.number("psi_0", 0.0),
+            method=method, frame=frame, outputs=(),
+        )  # fmt: skip
+    arrays |= {"psi": found.psi, "S1": found.S1}
+    if frame == "body":
         rates = [name for name in ("omega1", "alpha1") if name in arrays]
         arrays |= {name: rotate_to_world(arrays["S1"], arrays[name]) for name in rates}
     joints = tuple((arrays[name],) for name in HINGE_NAMES if name in arrays)
@@ -326,7 +324,7 @@ def _integrated(table: Table, log: Log) -> Motion:
         moving=PSI,
         origin="integrated from rates",
         how=f"omega1 and psi' integrated by {method}",
-        errors={"rad": LazyValue(lambda: solution.largest_error)},
+        errors={"rad": LazyValue(lambda: float(np.maximum(found.error_estimate, found.psi_error_estimate)))},
         doubt="too few samples to tell how far the integration is off",
         notes=tuple(log.notes),
     )
