@@ -79,19 +79,6 @@ def test_a_scene_ends_where_until_passes_zero(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_scene_has_energy_and_momentum():
-    scene = hp.load_scene(MODELS / "thrown_flail.toml")
-    result, found = scene.evaluate(), scene.motion.simulated
-    np.testing.assert_allclose([*result.energy()], [*found.energy()], rtol=1e-14)
-    np.testing.assert_allclose([*result.momentum()], [*found.momentum()], rtol=0, atol=1e-13)
-    with pytest.raises(AttributeError, match=r"energy, .*momentum"):
-        _ = result.powers
-    with pytest.raises(hp.ArgumentError, match="second derivatives"):
-        scene.evaluate(("R2",)).energy()
-    assert f"{found.q_error_estimate[0]:.1g} rad of psi" in scene.motion.description
-
-
-@pytest.mark.slow
 def test_a_prescribed_base_carries_the_hinge(tmp_path):
     turn = "\n".join(
         f"{name} = {value}" for name, value in (("x", "'0.1*sin(6*t)'"), ("y", 0), ("z", 0), ("phi_x", 0))
@@ -148,33 +135,6 @@ def test_stops_may_be_the_limits(tmp_path):
     scene = scene_of(tmp_path, PAIR + text)
     assert np.abs(scene.motion.simulated.q).max() < 0.33
     assert np.abs(np.diff(np.sign(scene.motion.simulated.qd), axis=0)).max() == 2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("base = 'held'", r"dynamics\.base: expected one of fixed, free, pinned, prescribed"),
-        ("bass = 'free'", r"dynamics\.bass: .*unknown key|dynamics\.bass: expected"),
-        ("psi.tau = 'phi'", r"dynamics\.psi\.tau: "),
-        ("force1 = [0, 'psi_d', 0]", r"dynamics\.force1\[1\]: "),
-        ("force1 = [0, 0]", r"dynamics\.force1: expected three numbers"),
-        ("tol = 1", r"dynamics\.tol: expected a number from"),
-        ("psi.damping = -1", r"dynamics\.psi\.damping: expected 0 or above"),
-        ("gravity = 9.81", r"dynamics\.gravity: "),
-        ("base = 'pinned'\nv1_0 = [1, 0, 0]", r"dynamics\.v1_0: expected None or zeros"),
-        ("base = 'prescribed'\nR1_0 = [1, 0, 0]", r"dynamics\.R1_0: expected no such key together with base"),
-        ("base = 'prescribed'\n[motion]\nx = 0", r"motion\.y: "),
-        ("[motion]\nx = 0", r"motion\.y: expected"),
-        ("base = 'prescribed'\n[motion]\npsi = 0", r"dynamics\.base: expected another base, since"),
-        ("phi_0 = 1", r"dynamics\.phi_0: expected"),
-        ("psi.tau = 'log(0.2 - t)'", r"dynamics: expected a motion that can be followed"),
-    ],
-    ids=range(15),
-)
-def test_what_cannot_be_used_is_named(tmp_path, text, message):
-    with pytest.raises(hp.SceneError, match=message):
-        scene_of(tmp_path, PAIR + "[dynamics]\n" + text + "\n")
 
 
 def test_a_scene_has_rigid_stops_and_breaks(tmp_path):

@@ -73,27 +73,6 @@ def test_repeated_stamps_are_left_out_and_told(tmp_path: Path) -> None:
     np.testing.assert_array_equal(scene.evaluate(("R2",)).R2, plain.evaluate(("R2",)).R2)
 
 
-@pytest.mark.parametrize(
-    ("columns", "message"),
-    [
-        ('t = "Zei"', r"motion.columns.t: expected one of Zeit, Ost.* \(nearest: Zeit\), got 'Zei'"),
-        ('psy = "Knick"', r"columns.psy: expected .*\(nearest: psi\)"),
-        ('psi = { name = "Knick", unit = "degrees" }', r"columns.psi.unit: .*deg, turn, or one of them with"),
-        ('phi_z = { name = "Kurs", unit = "degrees" }', r"columns.phi_z.unit: .*deg, turn, compass"),
-        (
-            'psi = { name = "Knick", unit = "compass" }',
-            r"psi.unit: .* a turn about z is a heading, such as phi_z",
-        ),
-        ('phi_x = { name = "Kurs", unit = "compass" }', r"phi_x.unit: .* a turn about z is a heading, such as phi_z"),
-        ('x = { name = "Ost", unit = "compass" }', r"columns.x.unit: expected one of m, mm"),
-        ("x = 3", r"columns.x: expected the name of a column"),
-    ],
-)
-def test_columns_that_cannot_be_used_are_named(columns: str, message: str, tmp_path: Path) -> None:
-    with pytest.raises(hp.SceneError, match=message):
-        load(tmp_path, german(), f"[motion.columns]\n{columns}\n")
-
-
 def test_a_data_frame_stands_for_the_file_of_a_scene(tmp_path: Path) -> None:
     from_file = load(tmp_path, german(repeat=4))
     frame = pd.read_csv(tmp_path / "log.csv", sep=";", decimal=",", parse_dates=["Zeit"])

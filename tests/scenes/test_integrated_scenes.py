@@ -56,30 +56,3 @@ def test_the_gyro_log_gives_the_attitude_beside_it():
     assert off < 1e-10
     assert off / 10 <= scene.motion.error_estimate <= 50 * off
     np.testing.assert_allclose(scene.motion.source.psi, truth[:, 5], rtol=0, atol=1e-10)
-
-
-@pytest.mark.parametrize(
-    ("extra", "log", "message"),
-    [
-        ('integrate = "yes"', LOG, "motion.integrate: expected true or false"),
-        ("tol = 1e-9", LOG, "motion.tol: expected one of"),
-        ("integrate = false\npsi_0 = 1", LOG, "motion.psi_0: expected no such key without integrate = true"),
-        ("integrate = false", LOG, "phi_x: expected .* or motion.integrate = true"),
-        ('frame = "hinge"', LOG, "motion.frame: expected one of world, body"),
-        ('method = "euler"', LOG, "motion.method: expected one of magnus6"),
-        ("S1_0 = [[2,0,0],[0,1,0],[0,0,1]]", LOG, "motion.S1_0: expected rotations"),
-        ("", None, r"my.toml: motion.file: expected .*, got no such file: .*log\.csv"),
-        ("", LOG.replace(",psid", ",psidd"), "psid: expected a column, or psid = "),
-        ("", LOG.replace("omega1_z", "alpha1_z"), "log.csv: omega1_z: expected a column, since the log has omega1_x"),
-        ("", LOG.replace("psid", "psi"), "log.csv: psi: expected columns of rates and of R1"),
-        ("", LOG.replace("t,", "v1_x,", 1), "log.csv: t: expected a column"),
-        ("", with_columns("v1_x,v1_y,v1_z", "1,0,0"), "log.csv: x: expected a column"),
-        ("", LOG.replace("0.3,0,", "0.3,nan,"), "log.csv: omega1_x: expected finite numbers, to be integrated"),
-        ("", LOG.replace("0.3,", "0.1,"), "log.csv: t: expected instants that increase"),
-    ],
-)
-def test_what_is_wrong_with_a_log_is_named(tmp_path, extra, log, message):
-    key = extra.partition(" = ")[0]
-    text = "".join(line for line in LOGGED.splitlines(keepends=True) if not line.startswith((f"{key} ", f"{key}=")))
-    with pytest.raises(hp.SceneError, match=message):
-        scene_of(tmp_path, text + extra + "\n", log)

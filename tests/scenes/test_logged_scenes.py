@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 
 import numpy as np
@@ -196,16 +195,6 @@ def test_angular_velocities_beside_quaternions_say_their_axes(tmp_path):
             np.testing.assert_allclose(getattr(result, name), getattr(truth, name), rtol=0, atol=1e-14)
     with pytest.raises(hp.SceneError, match=r"motion\.frame: expected no such key, since the log has no omega1_x"):
         scene_of(tmp_path, some(logged(30), *BODY), 'frame = "body"\n')
-
-
-def test_commands_work_on_a_pose_only_log(tmp_path):
-    scene_of(tmp_path, some(logged(30), *BODY))
-    scene = tmp_path / "my.toml"
-    found = json.loads(run_command("run", scene, "--json").stdout)
-    assert found["sequence"] is None
-    assert "attitude as quaternions" in run_command("run", scene, "--explain").stdout
-    checked = json.loads(run_command("check", scene, "--json").stdout)
-    assert [row["output"] for row in checked["rows"]] == ["R2", "S2", "d"]
 
 
 @pytest.mark.slow

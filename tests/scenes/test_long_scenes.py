@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +13,8 @@ import pytest
 import hingepair as hp
 from hingepair.cli.summary import RunSummary
 from support.sparse import sparse
-from support.work import HANG
 
 MODELS = Path(__file__).parents[2] / "models"
-RUN = """
-import signal
-from hingepair.cli.main import main
-signal.signal(signal.SIGINT, signal.SIG_DFL)  # ignored in what a shell runs in the background
-main()
-"""
 PEAK = r"""
 import re, sys
 from hingepair.cli.main import main
@@ -79,26 +69,6 @@ def test_a_long_run_takes_little_memory(tmp_path):
 
     assert pyarrow.parquet.read_metadata(target).num_rows == 4_000_000
     assert "E2" in done.stdout
-
-
-@pytest.mark.slow
-def test_a_run_that_is_stopped_leaves_nothing_half_written(tmp_path):
-    target = tmp_path / "out" / "long.csv"
-    target.parent.mkdir()
-    target.write_text("before")
-    command = sys.executable, "-c", RUN, "run", str(long_scene(tmp_path, 10**7)), "--out", str(target)
-    run = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    while len(os.listdir(target.parent)) < 2 and run.poll() is None:  # the file beside it
-        time.sleep(0.05)
-    run.send_signal(signal.SIGINT)
-    try:
-        out, err = run.communicate(timeout=HANG)
-    finally:
-        run.kill()
-    assert run.returncode == 130
-    assert (out, err) == ("", "")
-    assert [path.name for path in target.parent.iterdir()] == ["long.csv"]
-    assert target.read_text() == "before"
 
 
 def test_coordinates_are_results(tmp_path):

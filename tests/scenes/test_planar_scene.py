@@ -84,23 +84,6 @@ def test_checked_against_pinocchio_and_its_constraints(tmp_path):
     assert "in the plane" in str(report)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("planar = true", "planar = 1", r"planar: expected true or false, got 1"),
-        ("u1 = [0.5, 0.2]", "u1 = [0.5, 0.2, 0]", r"pair\.u1: expected .*2"),
-        ('name = "legs"', "n = [0, 0, 1]", r"pair\.n"),
-        ('phi = "0.3*t**2"', 'phi_z = "0.3*t**2"', r"motion\.phi"),
-        ('x = "3*t"', 'x = "3*t"\nsequence = "XYZ"', r"motion\.sequence"),
-        ("[time]", '[outputs]\nnames = ["S2"]\n[time]', r"outputs\.names: expected one of R2, phi2"),
-    ],
-)
-def test_refused(tmp_path, old, new, message):
-    assert old in PLANAR_MOTION_KIND
-    with pytest.raises(hp.SceneError, match=message):
-        scene_of(tmp_path, PLANAR_MOTION_KIND.replace(old, new))
-
-
 def test_what_a_planar_scene_writes_is_a_log(tmp_path):
     scene = scene_of(tmp_path, PLANAR_MOTION_KIND)
     result = scene.evaluate(("q", "qd", "qdd"))

@@ -87,12 +87,3 @@ def test_planar_scenes_and_hinges_of_robots_have_points(tmp_path):
     )
     scene = hp.load_scene(arm)
     assert scene.evaluate(("tool",))["tool"].R[0] == pytest.approx(scene.pair.u1 - 0.3 * np.eye(3)[2], abs=1e-15)
-
-
-def test_integrated_motions_have_points(hatch):
-    pair = hp.load_scene(hatch).pair
-    t = np.linspace(0, 1, 5)
-    traj = hp.integrate(pair, t, np.zeros(3), 1.0, outputs=("handle", "handle_v"))
-    expected = pair.forward_kinematics((0, 0, 0, 0, 0, 0, t), outputs=("handle",))["handle"].R
-    assert abs(traj.state["handle"].R - expected).max() < 1e-14
-    assert [traj.unit(name) for name in ("handle_x", "handle_v", "psid")] == ["m", "m/s", "rad/s"]

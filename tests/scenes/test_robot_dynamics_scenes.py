@@ -100,34 +100,6 @@ def test_all_bases_are_compared_with_pinocchio(tmp_path, base):
     assert np.abs(found.energy_balance().residual).max() < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("[dynamics]\n[dynamics.elbow]\nfriction = 1", r"dynamics\.elbow: expected"),
-        ("[dynamics]\n[dynamics.arm]\nmass = 1", r"dynamics\.arm\.mass: expected"),
-        ("[dynamics]\n[dynamics.arm]\nfriction = -1", r"dynamics\.arm\.friction: expected 0 or above"),
-        ("[dynamics]\n[dynamics.arm]\nstops = true", r"dynamics\.arm\.stops: expected .* of a joint that has limits"),
-        ('[dynamics]\nbase = "prescribed"', r"dynamics\.base: expected"),
-        ('[dynamics]\n[dynamics.arm]\ntau = "psi"', r"dynamics\.arm\.tau: .*psi"),
-        ("[dynamics]\n[motion]\nelbow = 1", r"motion\.elbow: expected"),
-        ("[dynamics]\n[dynamics.arm]\nfriction = 1\n[motion]\narm = 1", r"dynamics\.arm: expected no such table"),
-        ('[dynamics]\n[motion]\narm = "abs(t - 0.3)"', r"motion\.arm: expected .* not jump, got .* at t = 0\.3 s"),
-        ('[dynamics]\n[motion]\nx = "abs(t - 0.3)"', r"dynamics\.base: expected .* not jump, got a jump of v"),
-        ("[dynamics.wrenches.hand]\nforce = [0, 0, 1]", r"dynamics\.wrenches: expected .*arm"),
-        ("[dynamics.wrenches.arm]\nforce = [0, 1]", r"wrenches\.arm\.force: expected three numbers"),
-        ("[dynamics.wrenches.arm]\nmoment = [0, 1, 0]", r"wrenches\.arm\.moment: expected"),
-        ('[dynamics]\nuntil = "elbow - 1"', r"dynamics\.until: .*elbow"),
-        ('[dynamics]\nuntil = "1"', r"dynamics\.until: expected an expression"),
-        ("[dynamics]\nforce1 = [1, 0, 0]", r"dynamics\.force1: expected 0"),
-        ("[dynamics.lift]\nq_0 = 2\nstops = [-1, 1]\nstop_restitution = 0", r"dynamics\.lift\.q_0: expected"),
-        ("[dynamics]\nv1_0 = [1, 0, 0]", r"dynamics\.v1_0: expected"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_used_is_named(tmp_path, text, message):
-    with pytest.raises(hp.SceneError, match=message):
-        hp.load_scene(scene(tmp_path, text))
-
-
 LOADED = """
 [dynamics]
 base = "pinned"

@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.cli.main import app
-from hingepair.scenes.load import SceneFile
 from hingepair.scenes.motions.waypoints import PROFILES, interpolate_way_points
 from hingepair.scenes.scene import Scene
 from support.work import bounded_calls
@@ -70,12 +69,6 @@ def test_sequence_names_the_angles_in_order(tmp_path: Path) -> None:
     np.testing.assert_allclose(result.S1, Rotation.from_euler("ZYX", angles).as_matrix(), rtol=0, atol=16 * U)
 
 
-def test_limits(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, GOOD.replace("[motion]\n", "limits = [-1, 2.5]\n[motion]\n"))
-    assert scene.pair.limits == (-1.0, 2.5)
-    assert scene.evaluate().R2.shape == (scene.samples, 3)
-
-
 def test_home_and_robot(tmp_path: Path) -> None:
     home = "home = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]\n"
     assert scene_of(tmp_path, GOOD.replace("[motion]\n", home + "[motion]\n")).pair.home[0, 2] == 1
@@ -87,66 +80,6 @@ def test_home_and_robot(tmp_path: Path) -> None:
 def change(old: str, new: str) -> str:
     assert GOOD.count(old) == 1, old
     return GOOD.replace(old, new)
-
-
-MALFORMED = {
-    "not TOML": ("[pair", "TOML"),
-    "empty": ("", "[pair]"),
-    "unknown table": (GOOD + "[tme]\na = 1\n", "tme"),
-    "unknown key": (change("psi =", "psy ="), "motion.psy"),
-    "missing psi": (change('psi = "pi*t"\n', ""), "motion.psi"),
-    "missing table": (change("[time]", "[times]"), "times"),
-    "two components": (change("u1 = [0.5, 0.2, 0.1]", "u1 = [0.5, 0.2]"), "pair.u1"),
-    "zero axis": (change("n = [1, 0, 0]", "n = [0, 0, 0]"), "pair.n"),
-    "no rotation": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = [[2,0,0],[0,1,0],[0,0,1]]"), "pair.home"),
-    "huge coordinate": (change("y = 0.5", "y = 1e999"), "motion.y"),
-    "unknown name": (change('psi = "pi*t"', 'psi = "sine(t)"'), "unknown name 'sine'"),
-    "sequence": (change("[motion]\n", '[motion]\nsequence = "XXY"\n'), "motion.sequence"),
-    "constant shadows": (change("w = 2", "w = 2\nsin = 3"), "constants.sin"),
-    "constant of t": (change("w = 2", 'w = "2*t"'), "constants.w"),
-    "no samples": (change("samples = 21", "samples = 0"), "time.samples"),
-    "too many samples": (change("samples = 21", "samples = 1000000000000"), "time.samples"),
-    "backwards": (change("stop = 2", "stop = -1"), "time.stop"),
-    "equal instants": (change("start = 0\nstop = 2", "start = 1e9\nstop = 1000000000.000001"), "time.samples"),
-    "unknown output": (GOOD + '[outputs]\nnames = ["R3"]\n', "outputs.names"),
-    "robot and u1": (change("n = [1, 0, 0]", 'n = [1, 0, 0]\nrobot = "a1"\njoint = "b"'), "pair.u1"),
-    "key of two lines": (GOOD + '[outputs]\n"a\\nb" = 1\n', "outputs"),
-    "span past floats": (change("start = 0\nstop = 2", "start = -1e308\nstop = 1e308"), "time.stop"),
-    "limits the wrong way round": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nlimits = [2, 1]"), "pair.limits"),
-    "no outputs": (GOOD + "[outputs]\nnames = []\n", "outputs.names"),
-    "long dotted keys": ("\n".join("a." * 2_000 + f"k{i} = 1" for i in range(200)), "16 parts"),
-    "not UTF-8": (b"\xff\xfe", "UTF-8"),
-    "large file": (b"# " + b"x" * 1_100_000, "bytes"),
-    "endless integer": (change("samples = 21", f"samples = 0x{'f' * 5_000}"), "time.samples"),
-    "terminal escapes in the title": ('title = "a\\u001b[31mb"\n' + GOOD, "printable"),
-    "one sample of a time": (change("samples = 21", "samples = 1"), "time.samples: expected at least 2"),
-    "product without a sign": (change('psi = "pi*t"', 'psi = "2t"'), "2*t"),
-    "home without an angle": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = { axis = [1, 0, 0] }"), "pair.home"),
-    "home two ways": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = { rpy = [1, 0, 0], deg = 3 }"), "pair.home"),
-    "mass": (change("[motion]\n", "[pair.body1]\nmass = -1\n[motion]\n"), "pair.body1.mass"),
-    "shape": (change("[motion]\n", "[pair.body1]\nshapes = [{ cone = 1 }]\n[motion]\n"), "pair.body1.shapes[0]"),
-    "inertia": (change("[motion]\n", "[pair.body1]\ninertia = [1, 1, 3]\n[motion]\n"), "pair.body1.inertia"),
-    "way points without values": (change('psi = "pi*t"', "psi = { t = [0, 1] }"), "motion.psi.value"),
-    "way points back in time": (change('psi = "pi*t"', "psi = { t = [0, 0], value = [0, 1] }"), "motion.psi.t"),
-    "too fast": (change('psi = "pi*t"', "psi = { t = [0, 1], value = [0, 1], speed = 0.9 }"), "motion.psi.speed"),
-    "deep": ("a = " + "[" * 50_000, "TOML"),
-    "long key": ("a" + ".a" * 100_000 + " = 1", "my.toml"),
-}
-
-
-@pytest.mark.parametrize(("text", "word"), MALFORMED.values(), ids=MALFORMED)
-def test_malformed_is_refused_in_one_line(tmp_path: Path, text: str | bytes, word: str) -> None:
-    with pytest.raises(hp.SceneError) as caught:
-        scene_of(tmp_path, text)
-    message = str(caught.value)
-    assert "my.toml" in message
-    assert word in message
-    assert "\n" not in message
-    assert ("expected" in message and "got" in message) or "known: " in message
-
-
-def test_the_good_scene_is_good(tmp_path: Path) -> None:
-    assert np.isfinite(scene_of(tmp_path, GOOD).evaluate().a2).all()
 
 
 @pytest.mark.parametrize(
@@ -210,12 +143,6 @@ shapes = [{ sphere = 0.2, center = [0, 0, 1] }]
     np.testing.assert_allclose(pair.body1.shapes[0].axes, hp.rodrigues((0, 0, 1), np.pi / 2), rtol=0, atol=4 * U)
     assert pair.body1.shapes[1].length == 2
     assert (pair.body2.inertia[0, 1], pair.body2.shapes[0].radius, pair.torque_limit) == (0.1, 0.2, 5)
-
-
-def test_a_pair_needs_no_motion(tmp_path: Path) -> None:
-    path = tmp_path / "pair.toml"
-    path.write_text(GOOD.split("[motion]", maxsplit=1)[0] + '[motion]\nfile = "not there.csv"\n')
-    assert SceneFile(path).pair.u1.tolist() == [0.5, 0.2, 0.1]
 
 
 POINTS = "{ t = [0, 0.5, 2], value = [0, -1, 'pi/2'], profile = 'PROFILE' }"

@@ -62,19 +62,6 @@ def test_a_noisy_log_is_smoothed_with_its_rates(tmp_path, quaternions):
     assert any("smoothed: noise of 0.001 m of position" in note for note in scene.motion.notes)
 
 
-@pytest.mark.parametrize(
-    ("text", "more", "words"),
-    [
-        (PAIR + "integrate = true\n", (), "motion.smooth: expected no such key together with integrate"),
-        (PAIR, ("psid",), "psid: expected samples of x, y, z, of an attitude and of psi"),
-    ],
-)
-def test_what_does_not_go_with_smoothing_is_refused(tmp_path, text, more, words):
-    path, _ = written(tmp_path, text, **dict.fromkeys(more))
-    with pytest.raises(hp.SceneError, match=words):
-        hp.load_scene(path)
-
-
 def test_the_ends_of_smoothing_are_extremes_of_poses_but_not_of_rates(tmp_path):
     path, _ = written(tmp_path)
     scene = hp.load_scene(path)

@@ -115,19 +115,6 @@ def test_a_grid_is_every_scene_with_its_numbers():
 
 
 @pytest.mark.slow
-def test_results_are_in_the_units_of_the_sweep_or_of_the_command():
-    text = 'scene = "arm.toml"\noutputs = ["R2", "psi"]\nunits = "deg, mm"\nreduce = ["max", "t_above(90)"]\n'
-    text += '[[vary]]\nkey = "pair.u1[0]"\nvalues = [1, 2]\n'
-    reduced = table(swept("units", "units.parquet", text))
-    motion = scene_with(ARM, ("u1 = [0.5,", "u1 = [2,")).evaluate(("R2", "psi"))
-    assert reduced["R2_x_max [mm]"][1] == pytest.approx(1e3 * motion.R2[:, 0].max(), rel=1e-12)
-    assert reduced["psi_t_above(90) [s]"][1] == pytest.approx(np.pi / 2)  # psi = t
-    assert reduced["pair.u1[0]"].tolist() == [1, 2]
-    with pytest.raises(hp.SceneError, match="units: expected one of"):
-        swept("bad", "bad.parquet", text.replace("deg, mm", "degrees"))
-
-
-@pytest.mark.slow
 def test_a_sobol_design_is_spread_as_it_says_and_comes_back_with_its_seed():
     text = 'scene = "arm.toml"\noutputs = ["psi"]\nreduce = ["max"]\ndesign = "sobol"\nsamples = 512\nseed = %d\n'
     text += '[[vary]]\nkey = "pair.u1[0]"\nlow = -1\nhigh = 3\n[[vary]]\nkey = "pair.u2[0]"\nmean = 2\nstd = 0.5\n'

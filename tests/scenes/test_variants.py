@@ -51,11 +51,16 @@ start = 0
 stop = 3
 samples = 31
 """
+PAYLOADS = {"mass": [0.5, 2], "centre_of_mass[1]": [0, 0.1], "inertia[2]": [0.01, 0.02]}
 TOGETHER = {
     "geometry": ("landing_gear", {"pair.u1[0]": [0.3, 0.4], "pair.n[2]": [0.1, 0.2]}, ["R2", "hinge_torque"]),
     "masses": ("landing_gear", {"pair.body2.mass": [15, 21, 30], "pair.body1.mass": [900, 1000]}, ["force1", "psi"]),
     "motion": ("reference_2d", {"constants.swing": [0.1, 0.9], "motion.x": [0, 1]}, ["R2", "psi", "q"]),
-    "payload": ("talos_lift", {"mechanism.payload.bottle.mass": [1, 2, 2.5]}, ["tau_arm_left_4_joint", "R_bottle"]),
+    "payload": (
+        "sweeps/panda_reach",
+        {f"mechanism.payload.panda_hand.{key}": own for key, own in PAYLOADS.items()},
+        ["tau", "force1", "torque1", "R", "q"],
+    ),
 }
 
 

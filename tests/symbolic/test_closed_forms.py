@@ -142,21 +142,6 @@ def test_every_form_is_that_of_sympys_own_mechanics(changes, tmp_path):
         assert largest(at(getattr(forms, name), instant) - value) <= 10 ** (5 - DIGITS) * (1 + largest(value)), name
 
 
-@pytest.mark.parametrize(
-    ("n", "expected"),
-    [
-        ((1, 1, 0), (sympy.sqrt(2) / 2, sympy.sqrt(2) / 2, 0)),
-        ((0, 0, -3), (0, 0, -1)),
-        ((2, -1, 2), (sympy.Rational(2, 3), -sympy.Rational(1, 3), sympy.Rational(2, 3))),
-        ((1, 2, 3), tuple(i / sympy.sqrt(14) for i in (1, 2, 3))),
-        ((0.6, 0, 0.8), (sympy.Rational(3, 5), 0, sympy.Rational(4, 5))),
-    ],
-    ids=str,
-)
-def test_axes_are_recognised(n, expected):
-    assert exact_axis(hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=n).n.tolist()) == expected
-
-
 def test_constants_of_a_scene_stay_letters():
     found = hp.load_scene(MODELS / "talos_elbow.toml")
     cadence = sympy.Symbol("cadence", real=True)
@@ -193,29 +178,6 @@ def test_constants_stay_letters_in_the_pair_too(tmp_path):
     assert sympy.expand(R2.subs(reach, sympy.Rational(1, 4)) - hp.derive(found).R2) == sympy.zeros(2, 1)
     other = replace(found, subject=PairSubject(hp.PlanarPair(u1=(1, 2), u2=(3, 4))))
     assert not hp.derive(other, ("reach",)).R2.has(reach)
-
-
-KINKED = {
-    "psi": '"abs(t - 1) + max(sin(t), 0.5)"',
-    "x": '"where(t < 1, t, t**2)"',
-    "phi_z": '"mod(t, 2)*sign(t - 1)"',
-}
-
-
-@pytest.mark.slow
-def test_a_module_of_kinks_agrees_with_the_library(tmp_path):
-    """Between the kinks, where both know the derivatives."""
-    found = scene(tmp_path, **KINKED, stop=2, samples=8)
-    outputs = ("R2", "v2", "a2", "omega2", "alpha2")
-    namespace = {}
-    exec(hp.derive(found).to_python(outputs), namespace)
-    result = found.evaluate(outputs)
-    for output in outputs:
-        expected = getattr(result, output)
-        assert np.isfinite(expected).all()
-        np.testing.assert_allclose(
-            namespace[output](result.t), expected, rtol=0, atol=256 * 2.0**-53 * abs(expected).max()
-        )
 
 
 def test_body_1_rests_where_psi_alone_moves(tmp_path):

@@ -10,12 +10,10 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 import sympy
 
 import hingepair as hp
-from hingepair.formats.robots import robot_urdf
 from hingepair.mechanism.mechanism import tree_of
 from support.sparse import sparse
 
@@ -164,24 +162,6 @@ def test_sympy_source_is_read_by_sympy(text, tmp_path):
         np.testing.assert_allclose(np.array(got, float), expected, rtol=0, atol=1e-12 * (1 + abs(expected).max()))
 
 
-def test_choices_with_decimals_are_written(tmp_path):
-    text = (MODELS / "reference_2d.toml").read_text()
-    text = re.sub(r"(?m)^psi = .*$", 'psi = "where(t < 1.234567, 0.7654321, t**2)"', text)
-    (tmp_path / "scene.toml").write_text(text)
-    forms = hp.derive(hp.load_scene(tmp_path / "scene.toml"))
-    assert "0.7654321" in forms.to_text(["phi2"])
-    assert "0.7654321" in forms.to_latex(["phi2"])
-
-
-def test_letters_of_sympy_s_own_names_are_symbols(tmp_path):
-    """`gamma` alone would be read as a function, `S` as a class."""
-    text = (MODELS / "reference_2d.toml").read_text().replace("swing", "gamma")
-    (tmp_path / "scene.toml").write_text(text)
-    forms = hp.derive(hp.load_scene(tmp_path / "scene.toml"), ("gamma",))
-    read = sympy.sympify(forms.to_sympy(["omega2"])["omega2"])
-    assert {symbol.name for symbol in read.free_symbols} == {"gamma", "t"}
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 @pytest.mark.parametrize("which", ["pair", "kinks", "robot"])
@@ -246,16 +226,9 @@ MIMIC = """<robot name="follower"><link name="a"/><link name="b"/><link name="c"
 
 ROBOTS = {
     "ur5": lambda: (hp.load_robot("ur5_robot", snap=SNAP), "tool0"),
-    "ur5 as written": lambda: (hp.load_robot("ur5_robot"), "tool0"),
-    "panda": lambda: (hp.load_robot("panda"), "panda_hand_tcp"),
     "panda's finger": lambda: (hp.load_robot("panda"), "panda_leftfinger"),
     "solo12": lambda: (hp.load_robot("solo12"), "FL_FOOT"),
-    "the base": lambda: (hp.load_robot("ur5_robot"), "base"),
     "followers": lambda: (hp.Mechanism.from_urdf(MIMIC), "e"),
-    "Pinocchio's numbers": lambda: (
-        hp.Mechanism.from_pinocchio(pin.buildModelFromUrdf(str(robot_urdf("ur5_robot")))),
-        "tool0",
-    ),
     **{f"oblique {seed}": lambda seed=seed: (oblique_robot(seed), "tool") for seed in (0, 3)},
 }
 

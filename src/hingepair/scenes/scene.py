@@ -23,9 +23,8 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS, HingeLoad, stop_range
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK, Result
-from hingepair.mechanism.states import Energy, Momentum
 from hingepair.motion.energy_balance import EnergyBalance
 from hingepair.motion.run import stop_overrun
 from hingepair.motion.trajectory import describe_instants
@@ -108,7 +107,7 @@ class SceneResult(Frozen, Result):
     #: index of the first instant; 0 except in blocks
     first: int = 0
     _names_hidden_from_dir: ClassVar[frozenset[str]] = Result._names_hidden_from_dir | {
-        *("computed", "energy", "energy_balance", "first", "known", "momentum", "requested"),
+        *("computed", "energy_balance", "first", "known", "requested"),
         "requested_arrays",
     }
 
@@ -143,31 +142,9 @@ class SceneResult(Frozen, Result):
         """Return the requested outputs and the coordinates by name; shape (samples, ...)."""
         return self.requested_arrays() | self.known.coordinates()
 
-    def energy(self) -> Energy:
-        """Compute the kinetic and potential energy [J] (equations D7, T7), in the scene's gravity."""
-        scene, known = self.scene, self._with_rates()
-        if scene.pair is None:
-            arguments = known.arguments()[:2]
-            return scene.mechanism_only.energy(*arguments, gravity=scene.gravity, base_motion=known.base_motion)
-        pair = dynamics_in_space(scene.pair)
-        return pair.energy(known.body1, known.psi, known.hinge[1], gravity=scene.gravity)
-
-    def momentum(self) -> Momentum:
-        """Compute the linear and angular momentum (equations D8, T8), about the world's origin."""
-        scene, known = self.scene, self._with_rates()
-        if scene.pair is None:
-            return scene.mechanism_only.momentum(*known.arguments()[:2], base_motion=known.base_motion)
-        return dynamics_in_space(scene.pair).momentum(known.body1, known.psi, known.hinge[1])
-
     def energy_balance(self) -> EnergyBalance:
         """Compute the energy balance of the whole motion, as `Scene.energy_balance`."""
         return self.scene.energy_balance()
-
-    def _with_rates(self) -> Known:
-        if self.known.level < (VELOCITY if self.scene.pair is None else ACCELERATION):
-            order = "first derivatives, such as v" if self.scene.pair is None else "second derivatives, such as a2"
-            raise ArgumentError("outputs", f"some that need {order}", "none of them")
-        return self.known
 
     def __getitem__(self, name: str) -> Any:
         """Return the motion of a frame or of a point by its name, such as `result["tip"].R`, a strut such as

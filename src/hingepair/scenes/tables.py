@@ -229,24 +229,6 @@ class Table(NamedSource):
         """
         if isinstance(self.values.get(key), list):
             return self.numbers(key, 3, 3)
-        axis, angles = self.turns(key)
-        numbers = [angle.constant for angle in angles if angle.constant is not None]
-        if axis:
-            sine, cosine = constant_sine(numbers[0]), constant_cosine(numbers[0])
-            versine = sine * sine / (1 + cosine) if cosine > 0 else 1 - cosine
-            n = unit_axis("axis", np.array([float(c) for c in axis])).tolist()
-            entries = eq.hinge_rotation(tuple(n), (sine, versine))
-        else:
-            sequence = find_sequence("xyz")
-            canonical = sequence.angles((numbers[0], numbers[1], numbers[2]))
-            trig = [(constant_sine(angle), constant_cosine(angle)) for angle in canonical]
-            entries = sequence.attitude(tuple(itertools.chain(*trig)))
-        return [list(entries[:3]), list(entries[3:6]), list(entries[6:])]
-
-    def turns(self, key: str) -> tuple[list[Expression] | None, list[Expression]]:
-        """Return (axis, angles) of the rotation { axis, deg | rad } or { rpy_deg | rpy } under a key: one angle [rad]
-        about the axis, or roll, pitch and yaw, where the axis is None.
-        """
         value = self.values.get(key)
         if not isinstance(value, dict):
             self.fail(key, "3 lists of 3 finite numbers, { axis = [...], deg = ... } or { rpy_deg = [...] }")
@@ -257,16 +239,22 @@ class Table(NamedSource):
             self.refuse(key, forms, f"a table with {', '.join(map(repr, value)) or 'nothing'}")
         (turn,) = turns
         table.check_keys(("axis", turn))
-        shape = (3,) if turn.startswith("rpy") else ()
-        written = table.expressions(turn, *shape)
-        angles = written if shape else [written]
-        if turn.endswith("deg"):
-            angles = [in_radians(angle) for angle in angles]
-        if shape:
-            return None, angles
-        with table.naming("axis"):
-            finite_axis("axis", table.numbers("axis", 3))
-        return table.expressions("axis", 3), angles
+        written = table.expressions(turn, *((3,) if turn.startswith("rpy") else ()))
+        angles = written if isinstance(written, list) else [written]
+        angles = [in_radians(angle) if turn.endswith("deg") else angle for angle in angles]
+        numbers = [angle.constant for angle in angles if angle.constant is not None]
+        if turn.startswith("rpy"):
+            sequence = find_sequence("xyz")
+            canonical = sequence.angles((numbers[0], numbers[1], numbers[2]))
+            trig = [(constant_sine(angle), constant_cosine(angle)) for angle in canonical]
+            entries = sequence.attitude(tuple(itertools.chain(*trig)))
+        else:
+            sine, cosine = constant_sine(numbers[0]), constant_cosine(numbers[0])
+            versine = sine * sine / (1 + cosine) if cosine > 0 else 1 - cosine
+            with table.naming("axis"):
+                n = unit_axis("axis", finite_axis("axis", np.array(table.numbers("axis", 3))))
+            entries = eq.hinge_rotation(tuple(n.tolist()), (sine, versine))
+        return [list(entries[:3]), list(entries[3:6]), list(entries[6:])]
 
     def _nested(self, key: str, value: Any) -> Any:
         return [self._nested(key, part) for part in value] if isinstance(value, list) else self._number(key, value)

@@ -111,6 +111,7 @@ class Linkage:
         outputs = {"gap": (targets[0], values, scale)}
         if len(joints) > 1:
             speeds = np.einsum("nij,nj->n", np.abs(J), np.abs(joints[1]))
+            speeds += self._size * np.abs(joints[1]).sum(axis=1)  # J is a difference of the motions of both frames
             outputs["gap_rate"] = targets[1], np.einsum("nij,nj->ni", J, joints[1]), speeds
         known = [*range(self._loop_rows), *(self._loop_rows + k for k in driving)]  # other struts move as they must
         if len(joints) > 2 and known:

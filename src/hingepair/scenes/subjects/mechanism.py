@@ -73,8 +73,8 @@ class MechanismSubject(SubjectBase):
 
     @property
     def struts(self) -> tuple[str, ...]:
-        """Names of the struts."""
-        return tuple(strut.name for strut in tree_of(self.mechanism).struts)
+        """Names of the struts but those that are coordinates."""
+        return tuple(s.name for s in tree_of(self.mechanism).struts if s.name not in self.names)
 
     def check_motion_keys(self, motion: Table, further: Collection[str] = ()) -> None:
         """Refuse keys of [motion] other than joints, coordinates of the base and `sequence`, with what they are."""
@@ -275,8 +275,7 @@ class MechanismSubject(SubjectBase):
     def attribute_names(self, known: Known, computed: Computed) -> Iterable[str]:
         """Return the names of the attributes of a result."""
         names = (*_COORDINATES, *_FORCES, *MechanismState.__slots__)
-        own = (name for name in names if self.attribute(name, known, computed) is not None)
-        return (*own, "energy", "momentum")
+        return tuple(name for name in names if self.attribute(name, known, computed) is not None)
 
     def plan(self, request: Request, motion: Motion) -> Plan:
         """Return the programs that compute a request."""

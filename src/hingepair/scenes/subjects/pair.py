@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 
-from hingepair.equations.quantities import ACCELERATION, QUANTITIES, Quantity
+from hingepair.equations.quantities import QUANTITIES, Quantity
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism
@@ -201,11 +201,9 @@ class PairSubject(SubjectBase):
 
     def attribute_names(self, known: Known, computed: Computed) -> Iterable[str]:
         """Return the names of the attributes of a result."""
-        bodies = {"energy": self.pair.body2, "momentum": self.pair.body1 and self.pair.body2}
-        masses = (name for name, body in bodies.items() if known.level == ACCELERATION and body is not None)
         further = self._further_outputs(known.level)
         beside = (name for name in further if self.attribute(name, known, computed) is not None)
-        return *dir(computed.state), *beside, *masses
+        return *dir(computed.state), *beside
 
     def plan(self, request: Request, motion: Motion) -> Plan:
         """Return the program that computes a request."""
