@@ -122,13 +122,3 @@ def test_a_missing_package_is_said(monkeypatch):
         assert message.startswith(
             "panda: expected a file, or the package example-robot-data (pip install 'hingepair["
         )
-
-
-@pytest.mark.usefixtures("forgotten")
-def test_a_package_without_its_files_is_said(monkeypatch):
-    class Hollow:
-        files = None
-
-    monkeypatch.setattr(importlib.metadata, "distribution", lambda _name: Hollow)
-    with pytest.raises(MissingDependencyError, match="with its robots"):
-        robot_names()

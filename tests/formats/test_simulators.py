@@ -98,41 +98,6 @@ def test_an_axis_a_hair_off_a_coordinate_axis_is_not_rounded_to_it(aside):
 # ---------------------------------------------------------------- the base
 
 
-def configuration_sizes(text):
-    import mujoco
-
-    pinocchio = pin.buildModelFromXML(text)
-    return pinocchio.nq, pinocchio.nv, mujoco.MjModel.from_xml_string(text).nq
-
-
-def test_the_base_is_what_was_asked_for():
-    import mujoco
-
-    pair = corner_pair(3, limits=(-1, 1))
-    assert configuration_sizes(hp.to_urdf(pair)) == (1, 1, 1)
-    assert configuration_sizes(hp.to_urdf(pair, base="fixed")) == (1, 1, 1)
-    assert configuration_sizes(hp.to_urdf(pair, base="floating")) == (8, 7, 8)
-    assert pin.buildModelFromXML(hp.to_urdf(pair), pin.JointModelFreeFlyer()).nq == 8
-    assert mujoco.MjModel.from_xml_string(hp.to_mjcf(pair)).nq == 8
-    assert mujoco.MjModel.from_xml_string(hp.to_mjcf(pair, base="fixed")).nq == 1
-
-
-@pytest.mark.parametrize("write", [hp.to_urdf, hp.to_mjcf])
-def test_a_fixed_base_stands_at_the_origin(write):
-    import mujoco
-
-    pair = corner_pair(5)
-    model = mujoco.MjModel.from_xml_string(write(pair, base="fixed"))
-    data = mujoco.MjData(model)
-    data.qpos[:] = 0.8
-    mujoco.mj_kinematics(model, data)
-    state = pair.forward_kinematics((0, 0, 0, 0, 0, 0, 0.8))
-    size = np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
-    assert np.abs(data.body("body2").xpos - state.R2).max() <= 16 * U * size
-    assert np.abs(data.body("body2").xmat.reshape(3, 3) - state.S2).max() <= 16 * U
-    assert np.array_equal(data.body("body1").xpos, (0, 0, 0))
-
-
 @pytest.mark.parametrize("limits", [(-1, 2), None], ids=["revolute", "continuous"])
 @pytest.mark.parametrize(
     ("torque", "rate"), [(12.5, 3.25), (0.0, 0.0), (12.5, None), (None, 3.25), (None, None)], ids=str

@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hingepair.errors import URDFError
 from hingepair.formats.model_writers import to_urdf
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.building.urdf import from_urdf
@@ -124,14 +123,3 @@ def test_what_is_fixed_to_a_body_belongs_to_it(kind):
     text = f'<robot name="r">{links}{joints}</robot>'
     assert from_urdf(text, "j").body2.mass == (7 if kind == "fixed" else 2)
     assert sum(inertia.mass for inertia in pin.buildModelFromXML(text).inertias) == 8
-
-
-@pytest.mark.parametrize(
-    ("options", "argument"),
-    [({"joint": "slide"}, "joint"), ({"joint": "elbw"}, "joint"), ({"body1_frame": "hand"}, "body1_frame"),
-     ({"body2_frame": "hand"}, "body2_frame"), ({"points": ["hand"]}, "points")],
-)  # fmt: skip
-def test_a_hinge_or_a_frame_that_is_not_there_is_named(options, argument):
-    with pytest.raises(URDFError) as raised:
-        from_urdf(ARM, **{"joint": "elbow", **options})
-    assert raised.value.name == argument

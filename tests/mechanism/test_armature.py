@@ -11,7 +11,7 @@ import pytest
 
 import hingepair as hp
 from support.exported import ARM
-from support.trees import Robot, on_free_base, random_model, record_of, with_mimics
+from support.trees import Robot, random_model, record_of, with_mimics
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no rigid body:hingepair.DynamicsWarning")
 
@@ -99,19 +99,6 @@ def test_the_twin_has_the_rotors(model, base):
     assert report.ok, report
 
 
-def test_without_rotors_nothing_is_computed_for_them():
-    """A rotor takes a product and a sum in inverse dynamics; of none there is nothing left."""
-    model = random_model(1, 7)
-    plain = hp.Mechanism.from_pinocchio(model)
-    model.armature = np.full(model.nv, 0.3)
-    moved = hp.Mechanism.from_pinocchio(model)
-    counts = [
-        robot.prepare("inverse_dynamics", outputs=("tau",), backend="numpy").operations for robot in (plain, moved)
-    ]
-    assert sum(counts[1][:2]) - sum(counts[0][:2]) == 2 * model.nv
-    assert "armature" not in str(plain)
-
-
 def test_urdf_says_which_rotors_it_leaves_out(model):
     robot = hp.Mechanism.from_pinocchio(model)
     names = [name for name, own in zip(robot.names, robot.armature, strict=True) if own]
@@ -125,13 +112,6 @@ def test_an_armature_that_no_rotor_has_is_refused(model, own):
     model.armature[2] = own
     with pytest.raises(hp.ArgumentError, match=f"joint '{model.names[3]}', armature: expected a finite number"):
         hp.Mechanism.from_pinocchio(model)
-
-
-def test_an_armature_of_the_free_base_is_refused(model):
-    flying = on_free_base(model)
-    flying.armature[:6] = 0.5
-    with pytest.raises(hp.ArgumentError, match="joint 'root', armature: expected 0"):
-        hp.Mechanism.from_pinocchio(flying)
 
 
 def test_gravity_of_the_model_is_not_dropped_without_a_word(model):

@@ -93,27 +93,3 @@ def test_other_processes_make_the_call_again():
     for state in (PAIR.forward_kinematics(q), PAIR.prepare("pose")(q)):
         here, there = (dask.compute(state.R2, scheduler=one)[0] for one in ("synchronous", "processes"))
         np.testing.assert_array_equal(here, there)
-
-
-def test_what_cannot_be_used_is_named():
-    q = chunked(RNG.normal(size=(COUNT, 7)))
-    refused = {
-        "q": [
-            lambda: PAIR.forward_kinematics(q[:, :6]),
-            lambda: PAIR.forward_kinematics(q.astype(complex)),
-            lambda: PAIR.error_bounds(q),
-            lambda: PAIR.prepare("pose").jacobian((q,)),
-        ],
-        "qd": [lambda: PAIR.forward_kinematics(q, q[:3])],
-        "q[0]": [lambda: PAIR.forward_kinematics(tuple(q.T))],
-        "out": [lambda: PAIR.forward_kinematics(q, out={})],
-        "pair": [lambda: hp.HingePair(np.zeros((2, 3)), np.zeros(3), (0, 0, 1)).forward_kinematics(q)],
-        "R": [lambda: hp.BodyMotion(R=q[:, :3])],
-        "rotvec": [lambda: hp.rotation_exp(q[:, :3])],
-        "R2": [lambda: PAIR.forward_kinematics(q).to_xarray(), lambda: PAIR.forward_kinematics(q).to_dataframe()],
-    }
-    for argument, calls in refused.items():
-        for call in calls:
-            with pytest.raises(hp.ArgumentError) as error:
-                call()
-            assert error.value.name == argument

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import copy
-import ctypes
 import pickle
-import platform
-import sys
 import warnings
 
 import numpy as np
@@ -67,20 +64,6 @@ def test_tables_and_values_by_joint_are_read_by_name(robot, motion):
 
 
 @pytest.mark.slow
-def test_one_frame_and_an_axis_of_frames(robot, motion):
-    q, qd, qdd = motion
-    state = robot.forward_kinematics(q, qd, qdd, frames=("panda_hand", "panda_joint3", "panda_link0"))
-    assert state.frames == ("panda_hand", "panda_joint3", "panda_link0")
-    assert state.S.shape == (4, 5, 3, 3, 3)
-    np.testing.assert_array_equal(state["panda_joint3"].a, state.a[..., 1, :])
-    np.testing.assert_array_equal(state["panda_link0"].S, np.broadcast_to(np.eye(3), (4, 5, 3, 3)))
-    with pytest.raises(hp.ArgumentError, match="frame: expected one of panda_hand, panda_joint3"):
-        state["panda_link7"]
-    assert robot.forward_kinematics(q).frames == robot.tips
-    assert robot.forward_kinematics(q).outputs == ("R", "S", "d")
-
-
-@pytest.mark.slow
 def test_a_free_base_needs_no_acceleration_where_it_is_not_computed_with():
     """Its velocities are enough for accelerations, biases and the bias of the centre of mass."""
     robot = hp.load_robot("solo12", base="free")
@@ -106,22 +89,6 @@ def test_a_free_base_needs_no_acceleration_where_it_is_not_computed_with():
         assert all(np.isfinite(bias).all() for bias in biases)
     with pytest.raises(hp.ArgumentError, match=r"base_motion\.a: expected a value"):
         robot.inverse_dynamics(q, q, q, base_motion=moving)
-
-
-@pytest.mark.slow
-def test_a_prepared_call_takes_the_motion_of_the_base(robot, motion):
-    base = base_motion(np.random.default_rng(9))
-    q, qd = motion[:2, 0, 0]
-    step = robot.prepare(
-        ("q", "qd", "R1", "S1", "v1", "omega1"), frames="panda_hand", outputs=("R", "v"), backend="numpy"
-    )
-    found = step(q, qd, base.R, base.S, base.v, base.omega)
-    expected = robot.forward_kinematics(q, qd, frames="panda_hand", outputs=("R", "v"), base_motion=base)
-    check_same(found.arrays(), expected.arrays())
-    with pytest.raises(hp.RotationError, match="S1"):
-        step(q, qd, base.R, 2 * base.S, base.v, base.omega)
-    with pytest.raises(hp.ArgumentError, match="expected 6 arguments"):
-        step(q, qd)
 
 
 @pytest.mark.slow
@@ -195,22 +162,6 @@ def test_a_follower_without_mass_leaves_nothing_singular():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert np.isfinite(robot.forward_dynamics(q, q, q).qdd).all()
-
-
-@pytest.mark.slow
-def test_bounds_hold_for_every_backend_of_a_mimic_robot():
-    """The angle of a follower is rounded before its sine is taken."""
-    tree = record_of(random_model(3, 8))
-    robot = Robot(with_mimics(tree, {"joint_3": ("joint_6", -0.37, 0.21)}))
-    rng = np.random.default_rng(2)
-    q = rng.uniform(-100, 100, (6, 7))
-    exact = robot.forward_kinematics(q.astype(np.float32).astype(float))
-    found = robot.forward_kinematics(q.astype(np.float32))
-    bounds = robot.error_bounds(q.astype(np.float32))
-    for name in ("R", "S", "d"):
-        off = np.abs(found.arrays()[name] - exact.arrays()[name]).reshape(*bounds[name].shape, -1).max(axis=-1)
-        assert (off <= bounds[name]).all(), name
-        assert (bounds[name] < 1e-3).all()
 
 
 @pytest.mark.slow
@@ -326,25 +277,6 @@ def test_tiny_numbers_do_not_raise_what_numpy_is_told_to_raise():
         robot.with_frame("tool", "x", R=(tiny, tiny, tiny)).with_payload("tool", body)
         hp.from_urdf(text, "x")
         hp.cross_validate(robot, one, one, one)
-
-
-@pytest.mark.skipif(
-    (sys.platform, platform.machine()) != ("linux", "x86_64"), reason="the number of the mode is glibc's"
-)
-def test_compiled_results_do_not_depend_on_the_rounding_mode_of_the_caller(robot, motion):
-    upward, libm = 0x800, ctypes.CDLL("libm.so.6")
-    q, pair = motion[0, 0], hp.HingePair((0.1, 0.2, 1), (0, 0.3, 1), (1, 2, 3))
-    step = robot.prepare("mass_matrix", backend="compiled")
-    calls = (lambda: step(q[0]), lambda: robot.mass_matrix(q, backend="compiled"))
-    calls += (lambda: pair.forward_kinematics(q, backend="compiled").R2,)
-    expected = [call().copy() for call in calls]
-    libm.fesetround(upward)
-    try:
-        found = [call().copy() for call in calls]
-        assert 1.0 + 1e-30 > 1.0, "the mode is not in force"
-    finally:
-        libm.fesetround(0)
-    assert all(np.array_equal(*both) for both in zip(found, expected, strict=True))
 
 
 BODILESS = '<robot name="x"><link name="a"/></robot>'

@@ -6,7 +6,6 @@ installed. It last did with PyTorch 2.13 on Linux, x86-64.
 
 from __future__ import annotations
 
-import pickle
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 
@@ -119,25 +118,6 @@ def test_jax_multiplies_by_the_jacobian_and_its_transpose(jax, accelerations, sl
 
 
 @pytest.mark.slow
-def test_jax_scans_over_calls(jax, accelerations):
-    """A simulation step by step has the states, and the gradient, of a rollout."""
-
-    def last(q, tau):
-        def step(state, tau):
-            q, qd = state
-            qd = qd + H * accelerations.jax(q, qd, tau).qdd
-            return (q + H * qd, qd), None
-
-        return jax.lax.scan(step, (q, 0 * q), tau)[0][0]
-
-    close(jax.jit(last)(START, EFFORTS[0]), ROLLED.q[0, -1])
-    weights = np.zeros((STEPS + 1, 3))
-    weights[-1] = 1.0
-    gradient = jax.jit(jax.grad(lambda tau: last(START, tau).sum()))(EFFORTS[0])
-    close(gradient, ROBOT.rollout(START, 0 * START, EFFORTS[0], H).vjp({"q": weights})["tau"])
-
-
-@pytest.mark.slow
 def test_attitudes_change_by_their_entries_in_jax(jax):
     call = PAIR.prepare("velocity")
     q, qd = RNG.normal(size=(2, SAMPLES, 7))
@@ -150,15 +130,6 @@ def test_attitudes_change_by_their_entries_in_jax(jax):
     S1, W = state.S2, RNG.normal(size=(SAMPLES, 3, 3))
     gradient = jax.grad(lambda S: (given.jax(S, qd[:, 0]).S2 * W).sum())(S1)
     close(gradient, W @ np.swapaxes(given(np.eye(3), qd[:, 0]).S2, 1, 2))  # of S1 S(psi)
-
-
-@pytest.mark.slow
-def test_jax_computes_in_float32(jax):
-    call = ROBOT.prepare("pose")
-    state = call.jax(jax.numpy.asarray(STATES[0], dtype="float32"))
-    assert state.S.dtype == np.float32
-    close(state.S, call(STATES[0]).S, single=True)
-    assert call.jax([1, 2, 3]).S.dtype == np.float64  # JAX's default
 
 
 @pytest.mark.slow
@@ -381,34 +352,3 @@ def test_methods_refuse_arrays_of_other_libraries(library, argument, call):
     with pytest.raises(DtypeError, match=rf"NumPy.*f\.{library}") as refused:
         call(array)
     assert refused.value.name == argument
-
-
-def test_methods_refuse_what_jax_traces(jax):
-    for transform in (jax.jit, jax.grad):
-        with pytest.raises(DtypeError, match=r"^q: .*f\.jax"):
-            transform(lambda q: ROBOT.forward_kinematics(q).R.sum())(START)
-
-
-def test_what_cannot_be_used_is_named(jax, accelerations, rolled):
-    refused = {
-        "*given": lambda: accelerations.jax(START, START),
-        "q": lambda: accelerations.jax(START[:2], START, START),
-        "qd": lambda: accelerations.jax(START, START + 0j, START),
-        "tau": lambda: rolled.jax(START, START, np.zeros((STEPS, 2))),
-        "steps": lambda: rolled.jax(START, START, START),
-        "dt": lambda: ROBOT.prepare("pose", dt=H),
-        "outputs": lambda: ROBOT.prepare("rollout", dt=H, outputs=("q",)),
-    }
-    for argument, call in refused.items():
-        with pytest.raises(hp.ArgumentError) as error:
-            call()
-        assert error.value.name == argument
-    with pytest.raises(TypeError, match="dt"):
-        ROBOT.prepare("rollout")
-    with pytest.raises(NotImplementedError, match="of rollouts there are gradients"):
-        jax.jacfwd(lambda q: rolled.jax(q, q, EFFORTS[0]).q)(START)
-
-
-def test_prepared_rollouts_are_pickled(rolled):
-    again = pickle.loads(pickle.dumps(rolled))
-    np.testing.assert_array_equal(again(START, 0 * START, EFFORTS).q, ROLLED.q)

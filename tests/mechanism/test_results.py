@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import pickle
-import re
 from pathlib import Path
 
 import numpy as np
@@ -63,19 +62,6 @@ def test_npz_and_netcdf_keep_vectors_together(result, tmp_path):
         assert data.attrs["description"] == result.scene.title
 
 
-def test_trajectories_and_the_plane_are_results_too(tmp_path):
-    pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    moved = hp.integrate(pair, np.linspace(0, 1, 5), omega1=(0, 0, 1), psid=np.cos)
-    frame = pandas.read_parquet(moved.save(tmp_path / "a.parquet"))
-    np.testing.assert_array_equal(frame["psi"], moved.psi)
-    np.testing.assert_array_equal(frame["S1_xy"], moved.S1[:, 0, 1])
-    flat = hp.load_scene(MODELS / "reference_2d.toml").evaluate(("R2", "phi2"))
-    data = flat.to_xarray()
-    assert data.R2.dims == ("time", "xy")
-    np.testing.assert_array_equal(data.phi2, flat.phi2)
-    assert "phi" in data
-
-
 def in_pieces(path, record, *counts):
     with result_file(path, len(record.t), record.described) as add:
         for start, stop in itertools.pairwise((0, *np.cumsum(counts))):
@@ -92,24 +78,6 @@ def test_a_file_is_the_same_in_pieces(tmp_path, kind, monkeypatch):
     assert in_pieces(tmp_path / f"pieces.{kind}", record, 16, 16, 8).read_bytes() == whole
     if kind == "parquet":
         assert pyarrow.parquet.ParquetFile(tmp_path / "pieces.parquet").num_row_groups == 3
-
-
-def test_what_is_held_until_the_end_is_refused_where_it_is_too_much(tmp_path):
-    with pytest.raises(hp.ArgumentError, match=r"\.csv or \.parquet for more than 10000000"):
-        result_file(tmp_path / "a.npz", 10**8).__enter__()
-    assert not list(tmp_path.iterdir())
-
-
-def test_sql_reads_a_parquet(result, tmp_path):
-    import duckdb
-
-    file = result.save(tmp_path / "a.parquet")
-    asked = f"select t, R2_z, psi from '{file}' where psi > 0.5 order by t limit 1"
-    first = np.flatnonzero(result.psi > 0.5)[0]
-    assert duckdb.sql(asked).fetchall()[0] == (result.t[first], result.R2[first, 2], result.psi[first])
-    names = [name for name, *_ in duckdb.sql(f"describe select * from '{file}'").fetchall()]
-    assert len({name.lower() for name in names}) == len(names)  # SQL takes R2_x and r2_x for one
-    assert all(re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) for name in names)  # need no quotes
 
 
 def test_a_file_that_is_left_half_way_is_not_there(tmp_path):
@@ -155,16 +123,6 @@ def test_tables_and_files_are_in_the_units_that_their_headings_name(result, tmp_
     with xarray.open_dataset(result.save(tmp_path / "a.nc", units=UNITS), engine="scipy") as data:
         np.testing.assert_allclose(data.R2, 1e3 * result.R2, rtol=1e-15)
         assert (data.R2.attrs["units"], data.v2.attrs["units"], data.time.attrs["units"]) == ("mm", "km/h", "ms")
-
-
-def test_a_scene_names_the_units_of_its_tables_and_files(tmp_path):
-    text = (MODELS / "landing_gear.toml").read_text(encoding="utf-8").partition("[outputs]")[0]
-    (tmp_path / "scene.toml").write_text(f'{text}\n[outputs]\nunits = "deg"\n', encoding="utf-8")
-    result = hp.load_scene(tmp_path / "scene.toml").evaluate(("R2",))
-    assert "psi [deg]" in result.to_dataframe()
-    assert "R2_x" in result.to_dataframe(units="")
-    assert float(result.to_xarray().psi[-1]) == pytest.approx(np.degrees(result.psi[-1]))
-    np.testing.assert_array_equal(result.R2, hp.load_scene(MODELS / "landing_gear.toml").evaluate(("R2",)).R2)
 
 
 # ---- results of one call
