@@ -422,7 +422,7 @@ CALLS = {
         ("inertia", A, C(mass=1, inertia=np.diag((1, 1, 3)))),
     ]),
     "robot.with_frame": (lambda **k: ur5().with_frame(**{"name": "tip", "link": "tool0", **k}), [
-        ("name", A, "tool0", "", 3), ("link", A, None), ("R", A, (1, 2, INF)), ("S", R, 2 * EYE),
+        ("name", A, "tool0", "", "\udc80", 3), ("link", A, None), ("R", A, (1, 2, INF)), ("S", R, 2 * EYE),
     ]),
     "masses": (lambda pairs: hp.Mechanism(pairs).mass_matrix(np.zeros(len(pairs))), [
         ("body2 of 'a'", A, C(pairs=[hp.HingePair((0, 0, 1), (0, 0, 0), (0, 1, 0), name="a")])),

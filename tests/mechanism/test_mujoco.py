@@ -26,6 +26,7 @@ def test_what_has_no_name_takes_none_that_is_in_use():
     assert robot.mass == 7
     assert len({*robot.names}) == robot.dof == 2
     assert set(robot.links) == {"world", "a", "body2", "body2_"}
+    assert hp.Mechanism.from_mjcf("<mujoco/>").tips == ("world",)
 
 
 def test_a_site_is_found_beside_a_body_and_a_joint_of_its_name():

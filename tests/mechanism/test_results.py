@@ -63,7 +63,7 @@ def test_npz_and_netcdf_keep_vectors_together(result, tmp_path):
 
 
 def in_pieces(path, record, *counts):
-    with result_file(path, len(record.t), record.described) as add:
+    with result_file(path, record.described) as add:
         for start, stop in itertools.pairwise((0, *np.cumsum(counts))):
             add(record.t[start:stop], {name: array[start:stop] for name, array in record.recorded().items()})
     return path
@@ -82,7 +82,7 @@ def test_a_file_is_the_same_in_pieces(tmp_path, kind, monkeypatch):
 
 def test_a_file_that_is_left_half_way_is_not_there(tmp_path):
     def stopped(path):
-        with result_file(path, 10) as add:
+        with result_file(path) as add:
             add(np.arange(5.0), {"psi": np.zeros(5)})
             raise KeyboardInterrupt
 

@@ -166,34 +166,6 @@ def test_a_free_base_moves_on_the_group(method):
 
 
 @pytest.mark.slow(2)
-def test_a_base_that_moves_as_given():
-    """Held over each step, at the stages of rk4, and a fall that weighs nothing."""
-    (q0, qd0), tau = samples()
-    rng = np.random.default_rng(10)
-    R, v, omega, a, alpha = rng.normal(size=(5, 2 * STEPS + 1, 3))
-    S = hp.rotation_exp(rng.normal(size=(2 * STEPS + 1, 3)))
-    every = hp.BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
-    found = ROBOT.rollout(q0, qd0, tau, H, method="rk4", base_motion=every)
-    q, qd = q0, qd0
-    for k in range(2):
-        slopes, now = [], (q, qd)
-        for half, ahead in ((0, 0.5), (1, 0.5), (1, 1.0), (2, 0.0)):
-            one = hp.BodyMotion(
-                **{x: getattr(every, x)[2 * k + half] for x in ("R", "S", "v", "omega", "a", "alpha")}
-            )
-            slopes.append((now[1], ROBOT.forward_dynamics(*now, tau[k], base_motion=one).qdd))
-            now = q + ahead * H * slopes[-1][0], qd + ahead * H * slopes[-1][1]
-        mean = [sum(c * s for c, s in zip((1, 2, 2, 1), part, strict=True)) / 6 for part in zip(*slopes, strict=True)]
-        q, qd = q + H * mean[0], qd + H * mean[1]
-    close(found.q[2], q)
-    falling = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0, 0, 0), omega=(0, 0, 0), a=(0, 0, -9.81), alpha=(0, 0, 0))
-    close(
-        ROBOT.rollout(q0, qd0, tau, H, base_motion=falling).q,
-        ROBOT.rollout(q0, qd0, tau, H, gravity=(0, 0, 0)).q,
-    )
-
-
-@pytest.mark.slow(2)
 def test_rk4_is_of_order_4_and_keeps_energy_and_momentum():
     """Of a free robot without loads; from half the step, a sixteenth of the drift."""
     robot = Robot(record_of(random_model(2, 4)), "free")

@@ -62,7 +62,7 @@ def run_command(
     balance = scene.energy_balance() if energy else None
     columns, summary = scene.in_units(units), RunSummary(scene, names, units)
     with contextlib.ExitStack() as stack:
-        file = None if out is None else result_file(out, scene.samples, scene.title, scene.files, columns)
+        file = None if out is None else result_file(out, scene.title, scene.files, columns)
         add = None if file is None else stack.enter_context(file)
         for part in with_progress_bar(scene.blocks(names), scene.samples):
             summary.add(part)

@@ -1,6 +1,6 @@
 """Meshes of a robot as assets of an MJCF, and the geoms that show them.
 
-MuJoCo knows no packages: a file is named by its path below `meshdir`, the folder that holds all of them.
+MuJoCo knows no packages: files are named by their paths.
 """
 
 from __future__ import annotations
@@ -52,20 +52,14 @@ class MjcfMeshes:
             self.sentences.append(f"{tree.name}: these meshes are not written, {reason}: {first_few(list(names))}")
 
     def add_assets(self, root: ET.Element) -> None:
-        """Add the assets, the folder of their files to the compiler, and the class of geoms for collisions."""
+        """Add the assets, and the class of geoms for collisions."""
         if self._assets:
-            folders = [str(path.parent) for path, _ in self._assets]
-            top = os.path.commonpath(folders) if len({path.anchor for path, _ in self._assets}) == 1 else None
-            compiler, asset = root.find("compiler"), add_element(root, "asset")
-            if compiler is not None and top is not None:
-                check_xml_text("the folder of the meshes", top)
-                compiler.set("meshdir", top)
+            asset = add_element(root, "asset")
             for (path, scale), name in self._assets.items():
-                file = str(path if top is None else path.relative_to(top))
-                check_xml_text("the file of a mesh", file)
+                check_xml_text("the file of a mesh", str(path))
                 scaled = {"scale": scale} if scale != (1.0, 1.0, 1.0) else {}
                 # A shell has an inertia also where the surface is open, which a volume has not.
-                add_element(asset, "mesh", name=name, file=file, **scaled, inertia="shell")
+                add_element(asset, "mesh", name=name, file=str(path), **scaled, inertia="shell")
         if any(drawing.collisions for drawing in self._tree.drawings):
             group = add_element(add_element(root, "default"), "default", **{"class": _COLLISION})
             add_element(group, "geom", **DRAWN_ONLY | {"group": "3"})

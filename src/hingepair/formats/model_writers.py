@@ -144,8 +144,8 @@ def to_mjcf(
 
     Shapes and meshes of a robot are written as geoms that do not collide: what is drawn in group 1, and shapes for
     collisions in group 3, or in group 1 where a body has nothing else. The latter have the class "collision": set
-    its contype and conaffinity to 1, and these bodies collide. Files of meshes are named by their paths below
-    `meshdir` of the compiler. MuJoCo loads STL (binary) and OBJ; a `DynamicsWarning` names meshes in other formats,
+    its contype and conaffinity to 1, and these bodies collide. Files of meshes are named by their paths.
+    MuJoCo loads STL (binary) and OBJ; a `DynamicsWarning` names meshes in other formats,
     such as DAE, and files that were not found, which are not written. Another one names moving bodies that MuJoCo
     refuses: without a mass, or with an inertia that no rigid body has.
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.trees import joints_to_base
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.chain_paths import ChainPath
 from hingepair.mechanism.robots.constants import axes_along, frame_numbers, robot_constants
 from hingepair.mechanism.tree import Frame, Tree, TreeClosure
@@ -112,13 +112,12 @@ def _read_positions(
         raise ArgumentError(label, "coordinates by joint", quoted(at))
     values, lengths = dict.fromkeys(range(len(names)), 0.0), {}
     for name, value in (at or {}).items():
+        check_choice(label, name, [*names, *struts])
+        number = finite_number(f"{label}[{name!r}]", value)
         if name in struts:
-            lengths[name] = finite_number(f"{label}[{name!r}]", value)
-        elif name in names:
-            values[names.index(name)] = finite_number(f"{label}[{name!r}]", value)
+            lengths[name] = number
         else:
-            known = [*names, *struts]
-            raise ArgumentError(label, choices(known) + nearest(str(name), known), quoted(name))
+            values[names.index(name)] = number
     return values, lengths
 
 
@@ -127,8 +126,7 @@ def _read_coordinates(tree: Tree, coordinates: str | Iterable[str]) -> tuple[str
     names = [*(joint.name for joint in tree.coordinates), *(strut.name for strut in tree.struts)]
     wanted = (coordinates,) if isinstance(coordinates, str) else tuple(coordinates)
     for name in wanted:
-        if name not in names:
-            raise ArgumentError("coordinates", choices(names) + nearest(str(name), names), quoted(name))
+        check_choice("coordinates", name, names)
     if len({*wanted}) < len(wanted):
         raise ArgumentError("coordinates", "each name once", quoted(wanted))
     return wanted

@@ -139,7 +139,7 @@ class Result(Shown):
             MissingDependencyError: the package that writes this format is not installed.
         """
         columns = self.in_units(units)
-        with result_file(path, len(self.t), self.described, (*self.inputs, *inputs), columns) as add:
+        with result_file(path, self.described, (*self.inputs, *inputs), columns) as add:
             add(self.t, self.recorded())
         return Path(path)
 
@@ -228,7 +228,6 @@ class OverInstants:
 @contextlib.contextmanager
 def result_file(
     path: str | os.PathLike[str],
-    samples: int,
     described: str = "",
     inputs: Iterable[str | os.PathLike[str]] = (),
     columns: Columns = IN_SI,
@@ -238,22 +237,17 @@ def result_file(
 
     Args:
         path: file name that ends in one of `RESULT_FILE_SUFFIXES`.
-        samples: number of instants that will be written.
         described: description of the result, for formats that store it.
         inputs: files that are being read and must not be overwritten.
         columns: units of the columns.
 
     Raises:
-        ArgumentError: the ending is unknown or does not allow so many instants, or the file cannot be written.
+        ArgumentError: the ending is unknown, or the file cannot be written.
         MissingDependencyError: the package for this kind of file is not installed.
     """
     target = Path(path)
     check_ending(target)
     kind = target.suffix.lower()
-    if samples > MAX_HELD_INSTANTS and kind in (".npz", ".nc"):
-        limit = f"more than {MAX_HELD_INSTANTS} instants, which go block by block"
-        expected = f"a name that ends in .csv or .parquet for {limit}"
-        raise ArgumentError("path", expected, quoted(str(target)))
     with whole_file(target, inputs) as file, _WRITERS[kind](file, described, columns) as add:
         yield add
 

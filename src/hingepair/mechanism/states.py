@@ -12,7 +12,7 @@ from hingepair.engine.results import Results
 from hingepair.equations.quantities import QUANTITIES, attribute_texts, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
-from hingepair.numeric.arrays import FloatArray
+from hingepair.numeric.arrays import FloatArray, check_choice
 from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE, unit_among
 from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.tables.data_frames import column_names, sample_rows, split_columns
@@ -211,8 +211,7 @@ class JointWrenches(JointResults):
     def __getitem__(self, name: str) -> Any:
         """Return the JointWrench of a joint."""
         arrays = self.arrays()
-        if name not in self.names:
-            raise ArgumentError("joint", choices(self.names) + nearest(str(name), self.names), quoted(name))
+        check_choice("joint", name, self.names)
         place = self.names.index(name)
         return JointWrench({output: array[..., place, :] for output, array in arrays.items()}, self.shape)
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.equations.series import chebyshev_integral, chebyshev_sum
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.tree import Tree, TreeStrut
+from hingepair.mechanism.tree import Tree, TreeStrut, check_name
 from hingepair.numeric.arrays import FloatArray, finite_number, number_not_below_0, one_constant, vectors
 from hingepair.plans.struts import Law
 
@@ -73,8 +73,7 @@ def add_strut(
     stop_stiffness: float,
 ) -> Tree:
     """Return a copy of a tree with a strut between two frames."""
-    if not isinstance(name, str) or not name:
-        raise ArgumentError("name", "a name", quoted(name))
+    check_name("name", name)
     if name in {strut.name for strut in tree.struts} | {joint.name for joint in tree.joints}:
         raise ArgumentError("name", "a name that no joint and no other strut has", quoted(name))
     frames = tuple(tree.known_frame(argument, end) for argument, end in zip(("frame1", "frame2"), ends, strict=True))

@@ -31,7 +31,7 @@ from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import BodyDrawing
 from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.robots.samples import Samples
-from hingepair.numeric.arrays import Float64Array, Frozen, read_only
+from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, read_only
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
 from hingepair.plans.closures import Closure
 from hingepair.plans.struts import Law
@@ -105,6 +105,12 @@ class Joint(Frozen):
 
 LOAD_FIELDS = ("stiffness", "rest", "damping", "friction")
 """What files say of the load of a joint: fields of its HingeLoad."""
+
+
+def check_name(argument: str, name: object) -> None:
+    """Refuse a name that is no text, is empty, or holds half a character (a surrogate), which no file can hold."""
+    if not isinstance(name, str) or not name.strip() or any("\ud800" <= letter <= "\udfff" for letter in name):
+        raise ArgumentError(argument, "a name, a text that is not empty", quoted(name))
 
 
 def unused_name(name: str, taken: set[str]) -> str:
@@ -259,8 +265,7 @@ class Tree(Frozen):
     def column(self, argument: str, name: object) -> int:
         """Return the column in q of a joint, or refuse the argument that names it."""
         names = [joint.name for joint in self.coordinates]
-        if name not in names:
-            raise ArgumentError(argument, choices(names) + nearest(str(name), names), quoted(name))
+        check_choice(argument, name, names)
         return names.index(str(name))
 
     def rows(self, name: str, value: Coordinates) -> Float64Array:

@@ -14,12 +14,11 @@ from hingepair.engine.outputs import Out, output_arrays
 from hingepair.engine.scans import Scan
 from hingepair.numeric.arrays import Float64Array, FloatArray, broadcast_shape
 from hingepair.plans.rollouts import RolloutStep, step_loop
-from hingepair.rollouts.tracks import MOVING_BASE, Track
+from hingepair.rollouts.tracks import Track
 
 # Of each stage of "rk4": the share of a step until the next stage, that of the stage in the mean, whether it ends a
 # step.
 _SHARES: Final = np.array([[0.5, 1 / 6, 0], [0.5, 1 / 3, 0], [1, 1 / 3, 0], [0, 1 / 6, 1]])
-_HALF_STEPS: Final = np.array([0, 1, 1, 2])  # of each stage of "rk4", from the start of the step
 
 
 class Motions:
@@ -113,10 +112,7 @@ class Motions:
             if self.tracks[name].instants == 1:
                 found[name] = own[:, :, None, None]
                 continue
-            if self.step.stages > 1 and name in MOVING_BASE:
-                own = own[:, 2 * np.arange(steps.start, steps.stop)[:, None] + _HALF_STEPS]
-            else:
-                own = own[:, steps, None]
+            own = own[:, steps, None]
             found[name] = own.reshape(len(own), records.stop - records.start, self.every, *own.shape[2:])
         if self.step.stages > 1:
             found["shares"] = _SHARES[None, None, None]

@@ -1,11 +1,11 @@
-"""What acts on motions from step to step: efforts or a controller, wrenches, and a base that moves as given."""
+"""What acts on motions from step to step: efforts or a controller, and wrenches."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import Float64Array, Frozen, own_copy, real_array, set_frozen
 from hingepair.plans.rollouts import Control
-
-MOVING_BASE: Final = ("S1", "omega1", "a1", "alpha1")
-"""Inputs of a base that moves as given, which "rk4" takes at half steps too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -145,9 +142,8 @@ def control_tracks(tau: Any, dof: int, limit: Any) -> tuple[Control, dict[str, T
     return Control("full" if full else "diagonal", bool(limited)), {**tracks, **limited}
 
 
-def count_steps(tracks: Mapping[str, Track], steps: int | None, method: str) -> int:
-    """Return the number of steps, on which all tracks agree. Those of the base have an instant for each step, those
-    of "rk4" for its start, middle and end.
+def count_steps(tracks: Mapping[str, Track], steps: int | None) -> int:
+    """Return the number of steps, on which all tracks agree.
 
     Raises:
         ArgumentError: they do not agree, or nothing says how many steps there are.
@@ -155,19 +151,13 @@ def count_steps(tracks: Mapping[str, Track], steps: int | None, method: str) -> 
     if steps is not None and (isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 0):
         raise ArgumentError("steps", "a whole number from 0", quoted(steps))
     count = None if steps is None else int(steps)
-    for name, one in tracks.items():
-        halves = name in MOVING_BASE and method == "rk4"
-        own = (one.instants - 1) / 2 if halves else one.instants
-        if one.instants == 1 or own == count:
+    for one in tracks.values():
+        if one.instants in (1, count):
             continue
-        if count is None and own == int(own):
-            count = int(own)
-            continue
-        wanted = (
-            "2 steps + 1 instants, for rk4" if count is None else f"{2 * count + 1 if halves else count} instants"
-        )
-        raise ShapeError(one.label, f"values for {wanted}, or for one", f"{one.instants}")
-    if count is None and any(one.has_steps and name not in MOVING_BASE for name, one in tracks.items()):
+        if count is not None:
+            raise ShapeError(one.label, f"values for {count} instants, or for one", f"{one.instants}")
+        count = one.instants
+    if count is None and any(one.has_steps for one in tracks.values()):
         count = 1
     if count is None:
         raise ArgumentError("steps", "a number of steps, since no argument has an axis of steps", None)

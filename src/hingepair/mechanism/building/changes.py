@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body, Shape, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import BodyDrawing, placed_shapes
@@ -24,8 +24,15 @@ from hingepair.mechanism.building.folding import (
 )
 from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
 from hingepair.mechanism.robots.samples import Payload, Samples
-from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, Tree
-from hingepair.numeric.arrays import finite_number, number_not_below_0, one_constant, read_only, real_array
+from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, Tree, check_name
+from hingepair.numeric.arrays import (
+    check_choice,
+    finite_number,
+    number_not_below_0,
+    one_constant,
+    read_only,
+    real_array,
+)
 from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import FramePose, MassProperties
@@ -95,8 +102,7 @@ def set_loads(tree: Tree, loads: Mapping[str, HingeLoad]) -> Tree:
         raise ArgumentError("loads", "HingeLoads by the joint's name", quoted(loads))
     names = [joint.name for joint in tree.joints]
     for name, load in loads.items():
-        if name not in names:
-            raise ArgumentError("loads", choices(names) + nearest(str(name), names), quoted(name))
+        check_choice("loads", name, names)
         if not isinstance(load, HingeLoad):
             raise ArgumentError(f"loads[{name!r}]", "a HingeLoad", quoted(load))
         if load != replace(NO_LOAD, stops=load.stops, **{field: getattr(load, field) for field in LOAD_FIELDS}):
@@ -112,8 +118,7 @@ def set_loads(tree: Tree, loads: Mapping[str, HingeLoad]) -> Tree:
 def set_motor(tree: Tree, name: str, armature: float, ratio: float | None) -> Tree:
     """Return a copy of a tree in which a joint has a motor with a rotor of inertia `armature` behind a gear."""
     names = [joint.name for joint in tree.joints]
-    if name not in names:
-        raise ArgumentError("joint", choices(names) + nearest(str(name), names), quoted(name))
+    check_choice("joint", name, names)
     number = names.index(name)
     turns = tree.joints[number].ratio if ratio is None else finite_number("ratio", ratio)
     if not turns:
@@ -175,8 +180,7 @@ def add_payload(tree: Tree, link: str, payload: Payload) -> Tree:
 
 def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
     """Return a copy of a tree with a frame that has origin R [m], (..., 3), and rotation S in another, `frame`."""
-    if not isinstance(name, str) or not name.strip():
-        raise ArgumentError("name", "a text that is not empty", quoted(name))
+    check_name("name", name)
     if tree.frame(name) is not None:
         raise ArgumentError("name", "a name that no link, joint or frame has", quoted(name))
     turn = one_constant("S", np.eye(3) if S is None else S, 3, 3)

@@ -91,7 +91,7 @@ class _Reader:
         model, root = self._model, self._root
         parts = [JointPart(written_joint(""), drawing=_UNKNOWN)]
         places = {root: (0, _pose())}  # part of each body, and the body's pose in it
-        carrying = {int(model.body_parentid[body]) for body in self._bodies()}
+        carrying = {int(model.body_parentid[body]) for body in self._bodies() if body}
         for body in self._bodies():
             if body != root:
                 number, pose = places[int(model.body_parentid[body])]

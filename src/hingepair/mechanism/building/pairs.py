@@ -19,10 +19,10 @@ from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
 from hingepair.mechanism.pairs.geometry import Points, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.robots.samples import JointSamples, Payload, Samples
-from hingepair.mechanism.tree import BASE_KINDS, NO_LOAD, Frame, Joint, Tree
+from hingepair.mechanism.tree import BASE_KINDS, NO_LOAD, Tree, check_name
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.urdf.rigid import IDENTITY_POSE, ZERO_MASS_PROPERTIES, FramePose, MassProperties
+from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, MassProperties
 
 BASE_LINK = "base"
 """Name of the base link of a robot that is built from pairs."""
@@ -31,8 +31,8 @@ BASE_LINK = "base"
 def tree_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None, base: str, name: str | None) -> Tree:
     """Return the tree of a robot that is given as pairs, as `Mechanism` describes."""
     check_choice("base", base, BASE_KINDS)
-    if name is not None and (not isinstance(name, str) or not name.strip()):
-        raise ArgumentError("name", "a text that is not empty", quoted(name))
+    if name is not None:
+        check_name("name", name)
     given = _numbered([*pairs]) if isinstance(pairs, Iterable) and not isinstance(pairs, str) else pairs
     single = [nominal_pair(pair) for pair in given] if isinstance(given, list) else given
     tree = fold_parts("mechanism" if name is None else name, _parts(single, parents))
@@ -60,29 +60,21 @@ def tree_of_pair(
         bodies: mass properties of body 1, and of body 2 from the hinge point, in place of those of the pair.
         drawings: of both bodies, that of body 2 from the hinge point.
     """
-    if bodies is None:
-        at = ((pair.body1, np.zeros(3)), (pair.body2, pair.u2))
-        bodies = [
-            ZERO_MASS_PROPERTIES
-            if one is None
-            else MassProperties(one.mass, one.centre_of_mass - origin, one.inertia)
-            for one, origin in at
-        ]
-    hinge = Joint(
-        "hinge", "hinge", 0, pair.u1, pair.home, read_only(pair.home.T @ pair.n), bodies[1],
-        position_limits=load.stops or pair.limits or (-np.inf, np.inf),
-        rate_limit=np.inf if pair.rate_limit is None else pair.rate_limit,
-        effort_limit=np.inf if pair.torque_limit is None else pair.torque_limit,
-        load=load,
+    at = ("body1", pair.body1, np.zeros(3)), ("body2_at_hinge", pair.body2, -pair.u2)
+    hinge = written_joint(
+        "hinge", "hinge", 0, FramePose(pair.home, pair.u1), pair.home.T @ pair.n, load.stops or pair.limits,
+        pair.torque_limit, pair.rate_limit, load=load,
     )  # fmt: skip
-    places = {"body1": (0, np.zeros(3)), "body2_at_hinge": (1, np.zeros(3)), "body2": (1, 0.0 - pair.u2)}
-    points = {name: (0, position) for name, position in pair.points1.items()}
-    points |= {name: (1, position - pair.u2) for name, position in pair.points2.items()}
-    links, frames = (
-        {name: Frame(body, read_only(R), read_only(np.eye(3))) for name, (body, R) in group.items()}
-        for group in (places, points)
-    )
-    return Tree(pair.name, (hinge,), bodies[0], links, frames, ("body2",), drawings=drawings)
+    parts = [JointPart(written_joint("")), JointPart(hinge)]
+    for part, (link, body, seat), points in zip(parts, at, (pair.points1, pair.points2), strict=True):
+        part.add_link(link, IDENTITY_POSE, None, False)
+        if bodies is not None:
+            part.masses[link] = bodies[parts.index(part)]
+        elif body is not None:
+            part.masses[link] = body_masses(body).placed(FramePose(np.eye(3), seat))
+        part.frames |= {name: FramePose(np.eye(3), position + seat) for name, position in points.items()}
+    parts[1].add_link("body2", FramePose(np.eye(3), 0.0 - pair.u2), None, True)
+    return replace(fold_parts(pair.name, parts), notes=(), base_notes=(), drawings=drawings)
 
 
 def _with_points(tree: Tree, link: str, points: Points) -> Tree:
@@ -181,6 +173,7 @@ def _checked_pairs(pairs: Iterable[RobotJoint]) -> list[RobotJoint]:
         if not isinstance(pair, tuple(JOINT_CLASSES.values())):
             hint = " (a PlanarPair's is pair.to_spatial())" if hasattr(pair, "to_spatial") else ""
             raise ArgumentError("pairs", f"HingePairs, Sliders and Screws{hint}", quoted(pair))
+        check_name("pairs", pair.name)
         if pair.name in names:
             raise ArgumentError("pairs", "a different name for each, by name=", f"{pair.name!r} twice")
         if pair.name == BASE_LINK:

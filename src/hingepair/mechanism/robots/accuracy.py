@@ -24,5 +24,6 @@ def error_bounds(
     form = computation.form._replace(known=(None,) * len(computation.form.known))
     program = functools.partial(compute_request, form, request._replace(known=(None,) * len(request.known)))
     known = {**computation.known, "gravity": gravity, "constants": Known(tuple(numbers), tuple(errors))}
-    parts = {name: 0 if request.single or name not in FRAME_OUTPUTS else len(frames) for name in request.outputs}
+    shown = 0 if request.single else len(request.shown_frames)
+    parts = {name: shown if name in FRAME_OUTPUTS else 0 for name in request.outputs}
     return output_bounds(program, values, computation.inputs, known, parts)

@@ -548,9 +548,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             joint_loads: as at `Mechanism`. Dry friction stops a joint within a step at most, so that the joint then
                 rests. With "semi_implicit", dampers act with the rate at the end of the step, which is stable for any
                 damping.
-            base_motion: the start of a free base; its R, S, v and omega are used. Of any other base the motion as
-                given, S, omega, a and alpha: one sample; or shape (..., steps), held over each step; or for "rk4"
-                (..., 2 steps + 1), at starts, middles and ends of steps.
+            base_motion: the start of a free base; its R, S, v and omega are used. Of any other base, which is at
+                rest, R and S.
 
         Returns:
             The Rollout `r`: `r.q` and `r.qd`, shape (..., steps // every + 1, dof), the start first, and their

@@ -165,18 +165,12 @@ class RobotRequests:
         without = (*ROBOT_TASKS["joint_wrenches"].outputs, *SOLVED, *DERIVED)
         accepted = tuple(name for name in self.available(ALL_OUTPUTS) if name not in without)
         asked = requested_outputs(outputs, None, accepted, ROBOT_TASKS[motion_level(coordinates)].outputs)
-        bounds: dict[str, Float64Array] = {}
-        for group in ({*asked} - {*OF_BODIES}, {*OF_BODIES}):
-            names = tuple(name for name in asked if name in group)
-            if not names:
-                continue
-            computation = self.computation(names, self._frames_of(names, frames))
-            computation.check_given(coordinates)
-            if computation.needs_masses:
-                self.check_masses()
-            values = computation.read(coordinates, base_motion, {})
-            bounds |= error_bounds(computation, values, read_gravity(gravity, DEFAULT_GRAVITY))
-        return {name: bounds[name] for name in asked}
+        computation = self.computation(asked, self._frames_of(asked, frames))
+        computation.check_given(coordinates)
+        if computation.needs_masses:
+            self.check_masses()
+        values = computation.read(coordinates, base_motion, {})
+        return error_bounds(computation, values, read_gravity(gravity, DEFAULT_GRAVITY))
 
     def watch(self, outputs: Iterable[str], plain: bool = False) -> Watch | None:
         """Return what looks at the results of a call; None where nothing can be wrong with them."""

@@ -22,7 +22,7 @@ from hingepair.plans.rollouts import BASE_STATE, METHODS, RolloutStep
 from hingepair.plans.trees import request_loop
 from hingepair.rollouts.gradients import gradients
 from hingepair.rollouts.motions import Motions
-from hingepair.rollouts.tracks import MOVING_BASE, Feedback, Track, control_tracks, count_steps, track
+from hingepair.rollouts.tracks import Feedback, Track, control_tracks, count_steps, track
 
 
 class Rollout(Results):
@@ -204,23 +204,6 @@ class PreparedRollout:
         return result
 
 
-def base_tracks(base_motion: BodyMotion | None) -> dict[str, Track]:
-    """Return the tracks S1, omega1, a1 and alpha1 of a base that moves as given; S1 alone if it has no rates."""
-    if base_motion is None:
-        return {}
-    tracks = {}
-    at_rest = all(getattr(base_motion, letter) is None for letter in ("v", "omega", "a", "alpha"))
-    for name in MOVING_BASE:
-        letter = name[:-1]
-        value = getattr(base_motion, letter)
-        if value is None and at_rest:
-            continue
-        if value is None:
-            raise ArgumentError(f"base_motion.{letter}", f"a value, as in BodyMotion(..., {letter}=...)", None)
-        tracks[name] = track("base_motion", value, *((3, 3) if name == "S1" else (3,)))
-    return tracks
-
-
 def rolled_out(
     computation: RobotComputation,
     q0: Coordinates,
@@ -262,14 +245,18 @@ def rolled_out(
         for name, tail in BASE_STATE.items():
             start = np.asarray(given[name], np.float64)
             starts[name] = start.reshape(tail) if start.size == math.prod(tail) else start
-    else:
-        tracks |= base_tracks(base_motion)
+    elif base_motion is not None:
+        if any(getattr(base_motion, rate) is not None for rate in ("v", "omega", "a", "alpha")):
+            expected = "R and S of a base that is at rest; hp.simulate moves a base"
+            raise ArgumentError("base_motion", expected, quoted(base_motion))
+        S1 = base_inputs(base_motion, ("S1",))["S1"]
+        tracks["S1"] = Track("base_motion", np.asarray(S1, np.float64)[..., None, :, :], (3, 3), False)
     if request.varied:
         samples = computation.known["samples"]
         tracks["samples"] = Track(computation.samples_name, samples[..., None, :], samples.shape[-1:], False)
     known = {name: value for name, value in known.items() if name not in tracks and name not in starts}
     step = RolloutStep(form, request._replace(outputs=()), method, control)
-    count = count_steps(tracks, steps, method)
+    count = count_steps(tracks, steps)
     motions = Motions(step, known, starts, tracks, count, int(every), execution.workers)
     t = np.arange(motions.records + 1) * (motions.every * known["h"])
     joints = tuple((joint.name, joint.unit) for joint in tree.coordinates)
