@@ -114,31 +114,6 @@ def test_a_body_2_without_attitudes_is_a_point(tmp_path: Path) -> None:
         read_recording(point, first)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (
-            "t,x1,y1,z1,x2,y2,z2\n0,1,2,3,4,5,6\n",
-            "the attitude of body 1: S1_xx, .*a body that is known by its position alone must be body 2",
-        ),
-        ("t\n0\n", "columns of body 1"),
-        ("t,x1\n0,one\n", "line 2: x1: expected a number"),
-        ("t,x1\n0,1\n0\n", "line 3: expected 2 fields"),
-        ("t,x1\n0,1\n0,1,2\n", "line 3: expected 2 fields"),
-        ("t,x1\n", "at least one sample"),
-        ("t,x1\n1700000000000000001,1\n1.5,1\n", "line 3: t: expected a whole number of nanoseconds"),
-        ("t,t\n0,1\n", "t: expected a column once"),
-    ],
-    ids=["no attitude", "no body", "text", "short row", "long row", "no rows", "no integer", "twice"],
-)
-def test_files_that_cannot_be_used_are_named(tmp_path: Path, text: str, words: str) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(text)
-    with pytest.raises(hp.ArgumentError, match=words) as caught:
-        read_recording(path)
-    assert "a.csv" in caught.value.name
-
-
 def saved(path: Path, **columns: np.ndarray) -> Path:
     if path.suffix == ".npz":
         np.savez(path, **columns)
@@ -160,17 +135,6 @@ def test_instants_of_files_stay_what_they_are(tmp_path: Path, name: str, kind: s
     assert np.flatnonzero(np.isnan(found.body1.R[:, 0])).tolist() == [7]
 
 
-@pytest.mark.parametrize(
-    ("name", "kind"), [("a.npz", "O"), ("a.npz", "M8[ns]"), ("a.npz", "U8"), ("a.parquet", "U8")]
-)
-def test_only_numbers_are_read(tmp_path: Path, name: str, kind: str) -> None:
-    others = np.arange(300).astype("i8").astype(kind)
-    path = saved(tmp_path / name, **both(), note=others)
-    assert read_recording(path, ignore=["note"]).body1.shape == (300,)  # nor is anything unpickled
-    with pytest.raises(hp.ArgumentError, match=f"{name}: x2: expected numbers"):
-        read_recording(saved(path, **both() | {"x2": others}))
-
-
 def test_attitudes_of_a_few_digits_and_of_zeros_are_read(tmp_path: Path) -> None:
     S2 = MADE.S2.round(6)
     S2[5] = 0
@@ -184,19 +148,6 @@ def test_attitudes_of_a_few_digits_and_of_zeros_are_read(tmp_path: Path) -> None
     found = read_recording(table(tmp_path / "a.csv", **columns, **places))
     assert np.isnan(found.body2.S[5]).all()
     assert np.abs(np.delete(found.body2.S - MADE.S2, 5, axis=0)).max() < 1e-6
-
-
-@pytest.mark.parametrize(("factor", "offset"), [(1e3, 0.5), (1.0, 1e4)], ids=["milliseconds", "another clock"])
-def test_recordings_that_have_no_time_in_common_are_refused(tmp_path: Path, factor: float, offset: float) -> None:
-    first = table(tmp_path / "a.csv", t=MADE.t, **pose("", MADE.R1, MADE.S1))
-    second = table(tmp_path / "b.csv", t=factor * MADE.t + offset, **pose("", MADE.R2, MADE.S2))
-    span, step = MADE.t[-1], MADE.t[1]
-    words = f"in one unit, got '?{span:.4g} s in steps of {step:.4g} s and {factor * span:.4g} s in steps of"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", hp.MeasurementWarning)  # of steps of seconds
-        with pytest.raises(hp.ArgumentError, match=words) as caught:
-            read_recording(first, second)
-    assert caught.value.name == f"{first}: t, {second}: t"
 
 
 def same_recording(found: Recording, expected: Recording) -> None:

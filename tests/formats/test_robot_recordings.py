@@ -26,8 +26,6 @@ def recording(folder: Path, *names: str) -> Path:
     ("first", "second", "columns", "words"),
     [
         ("q_elbow [deg]", "q_elbow", {}, "q_elbow: expected a column once"),
-        ("q_elbow", "q_elbow [deg]", {}, "q_elbow: expected a column once"),
-        ("tau_elbow [N mm]", "tau_elbow", {}, "tau_elbow: expected a column once"),
         ("q_elbow", "q_elbow [deg]", {"qd_elbow": {"name": "q_elbow"}}, "q_elbow: expected a column once"),
         ("q_elbow", "w", {"q_elbow": {"name": "w", "unit": "deg"}}, "q_elbow once, from columns or .* got both"),
     ],

@@ -75,19 +75,6 @@ def test_moving_samples_leaves_their_noise_as_it_is(late: float) -> None:
 
 
 @pytest.mark.slow
-def test_outliers_and_an_offset_at_once() -> None:
-    t, body1, body2 = recorded(20e-3)
-    off = np.random.default_rng(1).random(2000) < 0.1
-    R2, S2 = body2.R.copy(), body2.S.copy()
-    R2[off] += 0.3
-    S2[off] = S2[off] @ turns((0.0, 0.5, 1.0))
-    found = hp.fit(body1, hp.BodyMotion(R=R2, S=S2), loss="cauchy", t=t)
-    assert found.ok
-    assert found.clock_offset == pytest.approx(20e-3, abs=1e-3)
-    assert np.abs(point_error(found)[0]).max() < 2e-3
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("point", [False, True])
 def test_a_body_1_that_stands_still_does_not_determine_the_offset(point: bool) -> None:
     """Then a delay is a delay of psi, which the fit does not know; a delayed point runs along the same circle."""
@@ -133,31 +120,6 @@ def test_a_known_offset_is_taken_as_it_is() -> None:
         hp.fit(body1, body2, t=t, clock_offset=100.0)
 
 
-@pytest.mark.parametrize("attitudes", [True, False], ids=["body", "point"])
-def test_a_known_offset_of_too_few_samples_is_refused(attitudes: bool) -> None:
-    """Seven samples cannot be moved in time; with one clock they need not be."""
-    t, body1, body2 = (part[:7] if isinstance(part, np.ndarray) else part for part in recorded(0.0, 700, rate=5.0))
-    body1, body2 = (hp.BodyMotion(R=body.R[:7], S=body.S[:7]) for body in (body1, body2))
-    body2 = body2 if attitudes else as_point(body2)
-    with pytest.raises(hp.ArgumentError, match="clock_offset: expected 0, or a body 2 with at least 8 samples"):
-        hp.fit(body1, body2, t=t, clock_offset=0.01)
-    assert hp.fit(body1, body2, t=t, clock_offset=0.0).std["clock_offset"] == 0
-    assert hp.fit(body1, body2, t=t).std["clock_offset"] == np.inf
-
-
-@pytest.mark.slow
-def test_gaps_take_no_other_samples_from_the_fit() -> None:
-    """The hinge is the most likely one of all samples at the clock that is found."""
-    t, body1, body2 = recorded(0.0, count=200)
-    R2 = np.array(body2.R)
-    R2[60:80] = np.nan
-    body2 = hp.BodyMotion(R=R2, S=body2.S)
-    found = hp.fit(body1, body2, t=t)
-    there = hp.fit(body1, hp.BodyMotion(R=found.body2.R, S=found.body2.S))
-    assert found.samples == there.samples == hp.fit(body1, body2, t=t, clock_offset=found.clock_offset).samples
-    assert np.abs(found.pair.u1 - there.pair.u1).max() < 0.01 * found.std["u1"].max()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("point", [False, True])
 @pytest.mark.parametrize("ppm", [500.0, -50.0])
@@ -198,19 +160,6 @@ def test_an_offset_of_a_motion_that_repeats_may_be_off_by_a_period() -> None:
         assert hp.fit(*made, t=t, clock_offset=late).ok
 
 
-@pytest.mark.slow
-def test_missing_samples_stay_missing() -> None:
-    t, body1, body2 = recorded(10e-3)
-    R2 = body2.R.copy()
-    R2[700:720] = np.nan
-    found = hp.fit(body1, hp.BodyMotion(R=R2, S=body2.S), t=t)
-    lost = np.flatnonzero(np.isnan(found.psi))
-    assert 702 in lost
-    assert 722 not in lost
-    assert found.samples == 2000 - 20 - 2
-    assert found.clock_offset == pytest.approx(10e-3, abs=1e-3)
-
-
 def as_point(body: hp.BodyMotion) -> hp.BodyMotion:
     return hp.BodyMotion(R=body.R)
 
@@ -235,20 +184,3 @@ def test_an_offset_of_a_point_is_found_with_its_circle(late: float, loss: str) -
     assert (np.abs(found.pair.u1 - true_centre(N1)) < 4.5 * found.std["u1"]).all()
     assert f"ms {'later' if late > 0 else 'earlier'} than its time stamps say" in " ".join(found.findings)
     assert found.body2.S is None
-
-
-@pytest.mark.slow
-def test_an_exact_offset_of_a_point_is_exact() -> None:
-    """In the middle between samples: from step to step another sample is the nearest one."""
-    t, body1, body2 = recorded(12.5e-3, 600, noise=0.0)
-    found = hp.fit(body1, as_point(body2), t=t)
-    assert found.ok
-    assert found.clock_offset == pytest.approx(12.5e-3, abs=1e-7)
-    assert np.abs(found.pair.u1 - true_centre(N1)).max() < 1e-7
-    known = hp.fit(body1, as_point(body2), t=t, clock_offset=12.5e-3)
-    assert (known.clock_offset, known.std["clock_offset"]) == (12.5e-3, 0.0)
-    assert np.abs(known.pair.u1 - found.pair.u1).max() < 1e-7
-    with pytest.raises(
-        hp.ArgumentError, match="clock_offset: expected a time by which both recordings still overlap"
-    ):
-        hp.fit(body1, as_point(body2), t=t, clock_offset=100.0)

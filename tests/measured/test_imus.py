@@ -172,18 +172,3 @@ def test_records_that_contradict_each_other_are_not_relied_on(name: str) -> None
     found = fitted(list(CONTRADICTIONS[name](*felt(noise=1e-2))))
     assert not found.ok, found
     assert str(found).endswith("NOT RELIABLE")
-
-
-def test_what_cannot_be_used_is_named() -> None:
-    columns = felt()
-    with pytest.raises(hp.FitError, match=r"imu1: .*finite samples"):
-        fitted([np.nan * columns[0], *columns[1:]])
-    with pytest.raises(hp.FitError, match="bodies that turn"):
-        fitted([0 * column for column in columns])
-    with pytest.raises(hp.ArgumentError, match=r"imu2\.t: expected instants that overlap"):
-        fitted(columns, T, T + 100)
-    whole = {"t": T, "omega": np.zeros((1000, 3)), "force": np.zeros((1000, 3))}
-    for change in ({"omega": np.zeros((3, 3))}, {"force": np.zeros(3)}, {"t": T[::-1]}):
-        with pytest.raises(hp.ArgumentError, match=f"^{next(iter(change))}"):
-            hp.ImuRecording(**(whole | change))
-    assert not hp.ImuRecording(**whole).omega.flags.writeable

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.tables import column_file
 from hingepair.tables.column_file import file_table
 from hingepair.tables.recorded_columns import Vocabulary, read_recorded
 
@@ -40,14 +39,6 @@ def test_columns_of_a_csv_come_by_name_in_the_order_chosen(tmp_path: Path) -> No
 def test_empty_cells_and_nan_are_missing_numbers(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", "t,a\n1,\n2, \n3,nan\n4,7\n")
     assert np.array_equal(read(path)["a"], [np.nan, np.nan, np.nan, 7.0], equal_nan=True)
-
-
-def test_a_heading_may_begin_as_numpy_writes_it(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    np.savetxt(path, [[1.0, 2.0], [3.0, 4.0]], delimiter=",", header="t,a")
-    assert read(path, "t", "a")["t"].tolist() == [1, 3]
-    with pytest.raises(hp.ArgumentError, match="expected a first line of column names, got numbers"):
-        read(write(path, "0,1.5\n1,2.5\n"), "t")
 
 
 def test_instants_keep_all_their_digits(tmp_path: Path) -> None:
@@ -159,24 +150,6 @@ def test_what_cannot_be_read_of_an_npz_is_named(tmp_path: Path, arrays: dict[str
     np.savez(tmp_path / "log.npz", **arrays)
     with pytest.raises(hp.ArgumentError, match=re.escape(words)):
         read_recorded(file_table(tmp_path / "log.npz"), {}, Vocabulary((), lambda _: "1"), lambda names: names)
-
-
-def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write(tmp_path / "log.csv", "t\n1\n2\n3\n")
-    monkeypatch.setattr(column_file, "MAX_FILE_ROWS", 3)
-    assert read(path)["t"].size == 3
-    monkeypatch.setattr(column_file, "MAX_FILE_ROWS", 2)
-    with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got more lines"):
-        read(write(tmp_path / "blank.csv", "t\n\n\n1\n2\n3\n"))
-    np.savez(tmp_path / "log.npz", t=np.arange(3))
-    with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got 3"):
-        read(tmp_path / "log.npz")
-    monkeypatch.setattr(column_file, "MAX_FILE_BYTES", path.stat().st_size)
-    monkeypatch.setattr(column_file, "MAX_FILE_ROWS", 3)
-    assert read(path)["t"].size == 3
-    monkeypatch.setattr(column_file, "MAX_FILE_BYTES", path.stat().st_size - 1)
-    with pytest.raises(hp.ArgumentError, match="bytes"):
-        read(path)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.equations.quantities import unit_of
 from hingepair.tables.recorded_columns import Vocabulary, open_columns, read_recorded, read_sources
 
 VOCABULARY = Vocabulary(("t", "psi", "x"), {"t": "s", "psi": "rad", "x": "m"}.__getitem__)
@@ -56,29 +55,6 @@ def test_frame_numbers_with_a_rate_are_instants():
     np.testing.assert_allclose(t, np.arange(10, 15) / 250, rtol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("entry", "words"),
-    [
-        ({"delay": "0.12 Hz"}, r"columns\.psi\.delay: expected a time"),
-        ({"delay": "soon"}, r"columns\.psi\.delay: expected a time"),
-        ({"rate": 0}, r"columns\.psi\.rate: expected a rate above 0"),
-        ({"rate": "nan Hz"}, r"columns\.psi\.rate: expected a rate above 0"),
-        ({"late": 1}, r"columns\.psi: expected the name of a column"),
-        ({"name": 1}, r"columns\.psi: expected the name of a column"),
-    ],
-)
-def test_what_no_delay_and_no_rate_is(entry, words):
-    with pytest.raises(hp.ArgumentError, match=words):
-        read({"t": T, "psi": T}, {"psi": entry})
-
-
-def test_a_delay_needs_instants():
-    with pytest.raises(hp.ArgumentError, match=r"columns\.psi: expected a column t"):
-        read({"psi": T}, {"psi": {"delay": 0.1}})
-    with pytest.raises(hp.ArgumentError, match="at least two samples"):
-        read({"t": T, "psi": T * np.nan}, {"psi": {"delay": 0.1}})
-
-
 @pytest.mark.parametrize("heading", ["Angle [deg]", "Angle (\N{DEGREE SIGN})"])
 def test_a_unit_in_a_heading_counts_where_the_column_is_named(heading):
     assert read({"t": T, heading: 90.0 + 0 * T}, {"psi": heading})["psi"][0] == np.pi / 2
@@ -92,27 +68,3 @@ def test_a_column_comes_once_and_all_have_one_length():
         read({"t": T, "x": T[:3]}, {})
     with pytest.raises(hp.ArgumentError, match="at least one sample"):
         read({"t": T[:0], "x": T[:0]}, {})
-
-
-def test_a_scene_takes_a_late_encoder(tmp_path):
-    """The trailer's angle lags behind its GPS; the delay brings them together."""
-    t = np.arange(0, 4, 0.01)
-    np.savetxt(
-        tmp_path / "log.csv",
-        np.column_stack((np.arange(t.size), t, np.sin(t - 0.1))),
-        delimiter=";",
-        header="made by X7\nFrame;x;enc",
-        comments="",
-    )
-    (tmp_path / "s.toml").write_text(
-        "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'log.csv'\nsmooth = true\n"
-        "[motion.columns]\nt = { name = 'Frame', rate = '100 Hz' }\nx = 'x'\n"
-        "psi = { column = 'enc', delay = '0.1 s' }\n"
-    )
-    text = (tmp_path / "log.csv").read_text().replace("Frame;x;enc", "Frame;x;enc;y;phi_z")
-    lines = text.splitlines()
-    (tmp_path / "log.csv").write_text("\n".join([*lines[:2], *(f"{line};0;0" for line in lines[2:])]) + "\n")
-    result = hp.load_scene(tmp_path / "s.toml").evaluate(("psi", "psid"))
-    np.testing.assert_allclose(result.psi[:380], np.sin(t[:380]), rtol=0, atol=2e-5)
-    np.testing.assert_allclose(result.psid[20:360], np.cos(t[20:360]), rtol=0, atol=2e-3)
-    assert unit_of("psi") == "rad"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hingepair.tables.units import SCALES, Columns, Units, read_heading
+from hingepair.tables.units import SCALES, Units, read_heading
 
 
 def test_a_unit_of_lengths_or_angles_stands_for_its_rates_unless_these_have_their_own() -> None:
@@ -23,15 +23,6 @@ def test_every_heading_is_read_back_with_the_factor_that_undoes_the_conversion(s
         values = np.array([0.0, -1.75, 3e6, np.nan])
         assert name == "own"
         np.testing.assert_allclose(factor * units.converted(values, si), values, rtol=4 * np.finfo(float).eps)
-
-
-def test_headings_name_units_only_where_units_were_named() -> None:
-    assert [Columns(Units("mm")).heading(name) for name in ("R2_x", "S2_xx", "psi")] == [
-        "R2_x [mm]",
-        "S2_xx",
-        "psi [rad]",
-    ]
-    assert Columns().heading("R2_x") == "R2_x"
 
 
 def test_units_are_as_large_as_they_are_defined():

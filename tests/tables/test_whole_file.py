@@ -22,13 +22,6 @@ def write(target, content=b"new", inputs=()):
         file.write(content)
 
 
-def test_a_file_and_its_mode_are_what_open_would_make(tmp_path):
-    write(tmp_path / "a")
-    (tmp_path / "b").write_bytes(b"new")
-    assert (tmp_path / "a").read_bytes() == b"new"
-    assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
-
-
 @pytest.mark.parametrize("mode", [0o600, 0o644, 0o640, 0o755], ids=oct)
 def test_the_mode_of_what_is_replaced_is_kept(tmp_path, mode):
     target = tmp_path / "a"
@@ -37,15 +30,6 @@ def test_the_mode_of_what_is_replaced_is_kept(tmp_path, mode):
     write(target)
     assert target.read_bytes() == b"new"
     assert stat.S_IMODE(target.stat().st_mode) == mode
-
-
-def test_what_replaces_a_private_file_is_private_while_it_is_written(tmp_path):
-    target = tmp_path / "a"
-    target.write_bytes(b"old")
-    target.chmod(0o600)
-    with whole_file(target):
-        (beside,) = set(tmp_path.iterdir()) - {target}
-        assert stat.S_IMODE(beside.stat().st_mode) == 0o600
 
 
 @pytest.mark.parametrize("there", [True, False], ids=["file", "dangling"])
@@ -81,17 +65,6 @@ def test_a_device_stays_a_device():
     assert stat.S_ISCHR(os.stat(name).st_mode)
     os.close(ours)
     os.close(terminal)
-
-
-def test_what_we_may_not_write_is_not_replaced(tmp_path, monkeypatch):
-    target = tmp_path / "a"
-    target.write_bytes(b"old")
-    monkeypatch.setattr(os, "access", lambda path, mode: (str(path), mode) != (str(target), os.W_OK))
-    with pytest.raises(
-        ArgumentError, match=r"path: expected a file that can be written, got .* \(Permission denied\)"
-    ):
-        write(target)
-    assert target.read_bytes() == b"old"
 
 
 @pytest.mark.parametrize("name", [".", "no/such/folder/a", "a\0b", "file/b", "circle", "x" * 300], ids=ascii)
@@ -164,11 +137,3 @@ def test_the_standard_output_is_written_to_as_it_is(tmp_path):
     assert os.listdir(tmp_path) == ["out"]
     assert (tmp_path / "out").stat().st_ino == place
     assert (tmp_path / "out").read_text() == "long ago\nbefore\ntext\n"
-
-
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may give files away")
-def test_anothers_file_stays_his(tmp_path):
-    (tmp_path / "a").write_bytes(b"old")
-    os.chown(tmp_path / "a", 1234, 4321)
-    write(tmp_path / "a")
-    assert ((tmp_path / "a").stat().st_uid, (tmp_path / "a").stat().st_gid) == (1234, 4321)
