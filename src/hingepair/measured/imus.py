@@ -39,7 +39,7 @@ from hingepair.measured.hinge_report import HingeReport
 from hingepair.measured.robust import cauchy, loss_weights
 from hingepair.measured.smoothing.spline import MIN_PIECE, inverse_bands, smooth_columns
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
+from hingepair.numeric.arrays import Float64Array, read_only, vectors
 from hingepair.rotations.matrices import skew
 from hingepair.tables.instants import checked_gaps, elapsed_seconds, increasing_seconds, split_at_gaps
 from hingepair.tables.sheets import percent
@@ -48,7 +48,8 @@ from hingepair.tables.units import Units
 
 # Unknowns: steps of the hinge (`Hinge.moved`), biases of both gyroscopes and of both accelerometers, clock.
 _HINGE, _GYROSCOPES, _ACCELEROMETERS, _CLOCK = slice(0, 9), slice(9, 15), slice(15, 21), slice(21, 23)
-_PRIOR = np.repeat((1.0, 10.0, 1.0, 1.0, 1.0, 2e-4), (4, 5, 6, 6, 1, 1))  # rad, m, biases, s; crystals in s/s
+# Expected sizes: rad, m, biases of usual sensors in rad/s and m/s^2, s; crystals in s/s.
+_PRIOR = np.repeat((1.0, 10.0, 0.05, 0.2, 1.0, 2e-4), (4, 5, 6, 6, 1, 1))
 _STEPS = np.repeat((1e-5, 1e-5, 1e-5, 1e-5, 1e-6, 1e-8), (4, 5, 6, 6, 1, 1))  # of derivatives
 _FEW, _SOME, _MANY = 400, 2000, 20_000  # samples of starts, of the first steps, and of the last one, at most
 _MAX_SHIFT = 0.75  # time steps by which a reading of sensor 2 may be moved along its slope
@@ -147,8 +148,6 @@ def fit_imus(
     imu1: ImuRecording,
     imu2: ImuRecording,
     gaps: float = 0.05,
-    gyroscope_bias: float = 0.05,
-    accelerometer_bias: float = 0.2,
 ) -> ImuFit:
     """Fit a hinge and its angle to the records of two inertial sensors, one on each body.
 
@@ -159,9 +158,6 @@ def fit_imus(
         imu1: ImuRecording of the sensor on body 1, whose axes are those of the body.
         imu2: ImuRecording of the sensor on body 2, at instants of its own.
         gaps: longest time without a sample over which readings are smoothed and rates integrated [s].
-        gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
-            0 if the biases were subtracted from the data.
-        accelerometer_bias: expected size of the accelerometers' biases, likewise [m/s^2].
 
     Returns:
         The ImuFit, with the signs, the hinge point and the zero of psi as `fit` chooses them. Check `.ok` and
@@ -183,10 +179,6 @@ def fit_imus(
     >>> fit.ok, fit.pair.n.round(2) + 0.0, fit.pair.u1.round(2) + 0.0
     (True, array([0., 1., 0.]), array([0., 0., 0.]))
     """
-    biases = (
-        number_not_below_0("gyroscope_bias", gyroscope_bias),
-        number_not_below_0("accelerometer_bias", accelerometer_bias),
-    )
     longest = checked_gaps(gaps)
     t1, origin = increasing_seconds("imu1.t", imu1.t)
     t2, _ = elapsed_seconds("imu2.t", imu2.t, origin)
@@ -194,9 +186,7 @@ def fit_imus(
         expected = f"instants that overlap those of imu1, from {t1[0]:.6g} to {t1[-1]:.6g} s"
         raise ArgumentError("imu2.t", expected, f"{t2[0]:.6g} to {t2[-1]:.6g} s")
     sensors = _Sensor.of("imu1", t1, imu1, longest), _Sensor.of("imu2", t2, imu2, longest)
-    prior = _PRIOR.copy()
-    prior[_GYROSCOPES], prior[_ACCELEROMETERS] = (max(size, 1e-9) for size in biases)
-    problem = _Problem.started(sensors, prior)
+    problem = _Problem.started(sensors)
     # Each round with the samples of sensor 2 nearest at the last clock.
     x = np.zeros(_PRIOR.size)
     for _ in range(5):
@@ -204,7 +194,7 @@ def fit_imus(
         if moved < 0.01 * sensors[1].step:
             break
     covariance, seen = problem.covariance(x), problem.seen(x)
-    estimate = _most_likely_angle(problem, seen, x, covariance, longest, np.sqrt(2) * biases[0])
+    estimate = _most_likely_angle(problem, seen, x, covariance, longest)
     hinge, std = problem.hinge, np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     change = result_derivatives(lambda step: hinge.moved(step).results("closest_to_R1"), 9)
     of_hinge = change @ covariance[_HINGE, _HINGE] @ change.T
@@ -312,25 +302,24 @@ class _Problem(NamedTuple):
     """Least squares for the unknowns x: steps from `hinge`, biases, and changes of the clock. M samples are used."""
 
     sensors: tuple[_Sensor, _Sensor]
-    prior: Float64Array  # standard deviations of the unknowns; (23,)
     hinge: Hinge
     clock: tuple[float, float]  # offset in the middle [s] and drift, by which samples were matched
     rows: tuple[NDArray[np.intp], NDArray[np.intp]]  # the samples of both sensors that belong together; (M,) each
     gathered: tuple[Float64Array, Float64Array]  # their readings and smooth courses; (4, 2, M, 3) each
 
     @classmethod
-    def started(cls, sensors: tuple[_Sensor, _Sensor], prior: Float64Array) -> _Problem:
+    def started(cls, sensors: tuple[_Sensor, _Sensor]) -> _Problem:
         """Return the problem with a first estimate of clock, axes and levers."""
         z, none = np.array((0.0, 0.0, 1.0)), np.zeros(3)
         nowhere = np.zeros((4, 2, 0, 3))
-        problem = cls(sensors, prior, Hinge.along(z, z, none, none), (0.0, 0.0), (), (nowhere, nowhere))  # type: ignore[arg-type]
+        problem = cls(sensors, Hinge.along(z, z, none, none), (0.0, 0.0), (), (nowhere, nowhere))  # type: ignore[arg-type]
         problem, n, m = _with_start_axes(problem)
         m = m if _sign_correlation(problem, n, m) > _sign_correlation(problem, n, -m) else -m
         tried = []
         for levers in (np.zeros((2, 3)), *np.random.default_rng(0).normal(scale=0.3, size=(3, 2, 3))):
             start = Hinge.along(sign_of(n) * n, sign_of(n) * m, *levers).in_gauge("closest_to_R1")
             some = problem._replace(hinge=start).thinned(_FEW)
-            there, x, _ = some.solved(np.zeros(prior.size))
+            there, x, _ = some.solved(np.zeros(_PRIOR.size))
             left = there.seen(x).differences() if there.rows[0].size else np.full((3, 1), np.inf)
             tried.append((float((left[1:] ** 2).mean()), there.hinge))
         return problem._replace(hinge=min(tried, key=lambda each: each[0])[1])
@@ -382,7 +371,7 @@ class _Problem(NamedTuple):
         some, weights = self.thinned(_SOME), np.ones((3, 1))
 
         def residuals(y: Float64Array) -> Float64Array:
-            return np.concatenate(((weights * some.seen(y).differences()).ravel(), y / self.prior))
+            return np.concatenate(((weights * some.seen(y).differences()).ravel(), y / _PRIOR))
 
         for _ in range(2):  # each with the noise that the last one left
             weights = some.weights(x)
@@ -391,8 +380,8 @@ class _Problem(NamedTuple):
             some = self.thinned(_MANY)
             left = some.seen(x).differences()
             J, weights = some.derivatives(x, "differences"), some.weights(x)
-            normal = np.einsum("aki,bki->ab", J * weights**2, J) + np.diag(self.prior**-2.0)
-            gradient = np.einsum("aki,ki->a", J, left * weights**2) + x / self.prior**2
+            normal = np.einsum("aki,bki->ab", J * weights**2, J) + np.diag(_PRIOR**-2.0)
+            gradient = np.einsum("aki,ki->a", J, left * weights**2) + x / _PRIOR**2
             x = x - solve_semidefinite(normal, gradient)
         hinge = self.hinge.moved(x[_HINGE]).signed().in_gauge("closest_to_R1")
         offset, drift = x[_CLOCK]
@@ -448,18 +437,18 @@ class _Problem(NamedTuple):
             size = columns.stop - columns.start
             noise[columns, columns] = (whole + along * np.diag((1.0, 1.0, 0.0)))[:size, :size]
         # In units of the priors; what noise alone could make look seen stays as uncertain as before.
-        scale = np.outer(self.prior, self.prior)
+        scale = np.outer(_PRIOR, _PRIOR)
         values, vectors = np.linalg.eigh((normal - 2 * noise) * scale)
         shown = vectors[:, values > 1e-10 * values.max()]
         inverse = (
             shown @ np.linalg.inv(shown.T @ ((normal - noise) * scale) @ shown + np.eye(shown.shape[1])) @ shown.T
         )
-        covariance = inverse @ (scatter * scale + np.eye(self.prior.size)) @ inverse
-        covariance += np.eye(self.prior.size) - shown @ shown.T
+        covariance = inverse @ (scatter * scale + np.eye(_PRIOR.size)) @ inverse
+        covariance += np.eye(_PRIOR.size) - shown @ shown.T
         first, second = self.hinge.first, self.hinge.second
-        levers = np.zeros(self.prior.size)
+        levers = np.zeros(_PRIOR.size)
         levers[4:9] = np.concatenate((first.T @ self.hinge.u1, second[:, :2].T @ self.hinge.u2))
-        shrinking = inverse @ (noise @ levers * self.prior)
+        shrinking = inverse @ (noise @ levers * _PRIOR)
         return np.asarray((covariance + np.outer(shrinking, shrinking)) * scale)
 
 
@@ -578,11 +567,12 @@ def _directions(one: Float64Array, other: Float64Array) -> tuple[Float64Array, f
 
 
 def _most_likely_angle(
-    problem: _Problem, seen: _Seen, x: Float64Array, covariance: Float64Array, gaps: float, rate_bias: float
+    problem: _Problem, seen: _Seen, x: Float64Array, covariance: Float64Array, gaps: float
 ) -> _Angle:
-    """Return the angle that integrated rates, which have a constant bias of the size `rate_bias` [rad/s], and
-    directions tell together. `covariance` is that of the unknowns x.
+    """Return the angle that integrated rates, which have a constant bias, and directions tell together. `covariance`
+    is that of the unknowns x.
     """
+    rate_bias = np.sqrt(2) * _PRIOR[_GYROSCOPES][0]
     (by_turning, rate_noise), (by_pulling, _) = (_directions(*both) for both in (seen.turning, seen.pulling))
     angles, variances = seen.angles()[:2], np.stack((by_turning, by_pulling))
     dt = np.diff(problem.instants)
