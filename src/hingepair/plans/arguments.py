@@ -44,15 +44,7 @@ class CoordinateNames(NamedTuple):
     def described(self) -> str:
         """Return the names as a phrase of a message."""
         few = self.names if len(self.names) <= 8 else (*self.names[:6], "...")
-        return f"the {len(self.names)} {self.noun} {', '.join(few)}{self.follower_note()}"
-
-    def follower_note(self, name: str | None = None) -> str:
-        """Return a remark that the joint of this name, or the first such one, has no coordinate; "" if none."""
-        follower = next(iter(self.leaders), "") if name is None else name
-        if follower not in self.leaders:
-            return ""
-        more = f", one of {len(self.leaders)} that follow others," if name is None and len(self.leaders) > 1 else ""
-        return f" ({follower}{more} follows {self.leaders[follower]} and has no coordinate)"
+        return f"the {len(self.names)} {self.noun} {', '.join(few)}"
 
     def of_table(self, name: str, table: Any) -> dict[str, NDArray[Any]]:
         """Return the columns of a table that hold the argument `name`, by column name, in the order of q.
@@ -65,10 +57,7 @@ class CoordinateNames(NamedTuple):
         if self.columns:
             families = [*dict.fromkeys((self.columns[name], *families))]
         optional = {column for family in self.columns.values() for column in family}
-        try:
-            return columns_by_name(name, table, families, optional, last_family=self.names)
-        except ArgumentError as error:
-            raise ArgumentError(name, f"{error.expected}{self.follower_note()}", error.got) from None
+        return columns_by_name(name, table, families, optional, last_family=self.names)
 
 
 class Arguments(NamedTuple):
@@ -190,7 +179,9 @@ def _check_keys(name: str, values: Mapping[str, Any], coordinates: CoordinateNam
     for key in values:
         if key not in names:
             expected = choices(names) if names else "no joint, since none moves"
-            remark = coordinates.follower_note(str(key)) or nearest(str(key), names)
+            remark = nearest(str(key), names)
+            if key in coordinates.leaders:
+                remark = f" ({key} follows {coordinates.leaders[key]} and has no coordinate)"
             raise ArgumentError(name, expected + remark, quoted(key))
     absent = [one for one in names if one not in values]
     if absent:

@@ -16,7 +16,7 @@ import stat
 import time
 import warnings
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 from uuid import uuid4
 
 MAX_BYTES: Final = 256 * 2**20  # of all files; past this or MAX_FILES, the files longest unused are deleted
@@ -36,14 +36,6 @@ _MIN_USE: Final = 86400.0  # s; a use is noted at most once a day
 _OFF: Final = {"off", "0"}  # values of HINGEPAIR_CACHE
 
 _looked = False  # whether this process has looked at how full the folder is
-
-
-class _CacheFile(NamedTuple):
-    """A file of the cache."""
-
-    path: str
-    size: int  # bytes
-    used: float  # time of last use [s]
 
 
 def cache_folder() -> Path | None:
@@ -150,18 +142,6 @@ def write_object(key: str, value: bytes) -> None:
     _trim(folder)
 
 
-def _cache_files(folder: Path) -> list[_CacheFile]:
-    """Return the files of the cache in a folder, those that were not used for the longest time first."""
-    found = []
-    with contextlib.suppress(OSError), os.scandir(folder) as entries:
-        for entry in entries:
-            if entry.name.startswith(_PREFIX) and entry.name.endswith((_SUFFIX, _UNFINISHED)):
-                with contextlib.suppress(OSError):
-                    status = entry.stat(follow_symlinks=False)
-                    found.append(_CacheFile(entry.path, status.st_size, status.st_mtime))
-    return sorted(found, key=lambda file: file.used)
-
-
 def _trim(folder: Path) -> None:
     """Delete what was not used for the longest time, where the folder has become too large, and what processes that
     were killed have left. A process looks at its first write.
@@ -170,18 +150,20 @@ def _trim(folder: Path) -> None:
     if _looked:
         return
     _looked = True
-    files, now = _cache_files(folder), time.time()
-    size, count = sum(file.size for file in files), len(files)
-    share = _TRIMMED if size > MAX_BYTES or count > MAX_FILES else 1.0
-    for file in files:
-        if file.path.endswith(_UNFINISHED):
-            drop = now - file.used > _MAX_WRITE
-        else:
-            drop = size > share * MAX_BYTES or count > share * MAX_FILES
-        if drop:
+    files, now = list[tuple[float, int, Path]](), time.time()  # time of last use [s], bytes, path
+    for path in folder.glob(f"{_PREFIX}*"):
+        if path.suffix in {_SUFFIX, _UNFINISHED}:
             with contextlib.suppress(OSError):
-                os.unlink(file.path)
-                size, count = size - file.size, count - 1
+                status = path.lstat()
+                files.append((status.st_mtime, status.st_size, path))
+    total, count = sum(size for _, size, _ in files), len(files)
+    share = _TRIMMED if total > MAX_BYTES or count > MAX_FILES else 1.0
+    for used, size, path in sorted(files):
+        too_many = total > share * MAX_BYTES or count > share * MAX_FILES
+        if now - used > _MAX_WRITE if path.suffix == _UNFINISHED else too_many:
+            with contextlib.suppress(OSError):
+                path.unlink()
+                total, count = total - size, count - 1
 
 
 def _path(folder: Path, key: str) -> Path:
