@@ -41,7 +41,7 @@ from hingepair.mechanism.tree import Frame
 from timing import HINGEPAIR, Case, Job, Method, able, batch_case, parser, run
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))  # for the truth of 60 digits
-from support.exact_robot import ExactRobot
+from support.exact import Exact
 
 PREPARED, FRAX = "hingepair, prepared", "frax (JAX, one batch)"
 SLOPES = (TORQUE_SLOPES, ACCELERATION_SLOPES)
@@ -83,19 +83,20 @@ def make_task(robot: hp.Mechanism, model: Any, workload: str, count: int) -> Sta
 def exact_results(task: States) -> Array:
     """Return the exact results of the task as an array of mpf, with a row for each state."""
     tree, count = tree_of(task.robot), len(task.rows[0])
-    q, qd, w = (*task.rows, None, None)[:3]
-    if task.workload == FORWARD:
-        return ExactRobot(tree, q, qd).accelerations(w)
-    exact = ExactRobot(tree, q, qd, w)
-    if task.workload in SLOPES:
-        found = exact.acceleration_slopes(w) if task.workload == ACCELERATION_SLOPES else exact.torque_slopes()
-        return np.concatenate([one.reshape(count, -1) for one in found], axis=-1)
-    if task.workload == INVERSE:
-        return exact.forces()[2]
     body = 1 + [joint.name for joint in tree.joints].index(task.model.frames[task.frame].name)
-    motion = exact.motion(Frame(body, np.zeros(3), np.eye(3)))
+    given = dict(zip(("q", "qd", "qdd"), task.rows, strict=False))
+    exact = Exact(tree, Frame(body, np.zeros(3), np.eye(3)), False, given)
+    if task.workload == FORWARD:
+        return exact.accelerations(task.rows[2])
+    if task.workload in SLOPES:
+        of_accelerations = task.workload == ACCELERATION_SLOPES
+        found = exact.acceleration_slopes(task.rows[2]) if of_accelerations else exact.torque_slopes()
+        return np.concatenate([one.reshape(count, -1) for one in [*found.values()][:2]], axis=-1)
+    if task.workload == INVERSE:
+        return exact.forces[2]
     if task.workload == JACOBIAN:
-        return exact.jacobian(body, motion["R"]).reshape(count, -1)
+        return exact.jacobian().reshape(count, -1)
+    motion = exact.motion
     return np.concatenate([motion["R"], motion["S"].reshape(count, 9)], axis=-1)
 
 

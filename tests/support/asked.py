@@ -156,19 +156,6 @@ def momentum_of_robot(tree):
     return {"linear": linear, "angular_about_origin": angular}
 
 
-def torque_slopes(tree):
-    return {f"tau_{by}": tree.slopes(lambda at: at.forces[2], by) for by in RATES}
-
-
-def acceleration_slopes(tree):
-    """By q and qd of M^-1 (tau - bias); by tau, M^-1."""
-    with mpmath.workdps(DIGITS):
-        inverse = np.array([mpmath.inverse(mpmath.matrix(M)).tolist() for M in tree.mass_matrix().tolist()])
-        moved = tree.at(qdd=tree.accelerations(tree.inputs["tau"]))
-        found = {f"qdd_{by}": -inverse @ moved.slopes(lambda at: at.forces[2], by) for by in RATES[:2]}
-        return found | {"qdd_tau": inverse}
-
-
 def regressor(tree):
     """Pinocchio's own."""
     model = model_of("ur5").copy()
@@ -280,10 +267,11 @@ ROWS = {
     "robot.energy": of_robot("panda", "energy", RATES[:2], Exact.energy, gravity=GRAVITY),
     "robot.momentum": of_robot("panda", "momentum", RATES[:2], momentum_of_robot, prepared=False),
     "robot.inverse_dynamics_derivatives": of_robot(
-        "ur5", "inverse_dynamics_derivatives", RATES, torque_slopes, prepared=False, gravity=GRAVITY
+        "ur5", "inverse_dynamics_derivatives", RATES, Exact.torque_slopes, prepared=False, gravity=GRAVITY
     ),
     "robot.forward_dynamics_derivatives": of_robot(
-        "ur5", "forward_dynamics_derivatives", ("q", "qd", "tau"), acceleration_slopes, 64, prepared=False,
+        "ur5", "forward_dynamics_derivatives", ("q", "qd", "tau"),
+        lambda tree: tree.acceleration_slopes(tree.inputs["tau"]), 64, prepared=False,
         gravity=GRAVITY,
     ),
     "robot.torque_regressor": of_robot("ur5", "torque_regressor", RATES, regressor, gravity=GRAVITY),

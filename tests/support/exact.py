@@ -76,7 +76,7 @@ class Exact:
         gravity: (3,).
     """
 
-    def __init__(self, tree, frame, free, given, gravity):
+    def __init__(self, tree, frame, free, given, gravity=(0, 0, -9.81)):
         self.tree, self.frame, self.free, self.gravity = tree, frame, free, gravity
         self.count, self.dof = len(given["q"]), np.shape(given["q"])[1]
         self.zero = np.zeros((self.count, 3))
@@ -188,3 +188,14 @@ class Exact:
     def slopes(self, value, by):
         """The derivatives of `value(tree)`, (N, m), by one of q, qd, qdd."""
         return exact_slopes(lambda x: value(self.at(**{by: x})), (self.given[by],), 0)
+
+    def torque_slopes(self):
+        return {f"tau_{by}": self.slopes(lambda at: at.forces[2], by) for by in ("q", "qd", "qdd")}
+
+    def acceleration_slopes(self, tau):
+        """By q and qd of M^-1 (tau - bias); by tau, M^-1."""
+        with mpmath.workdps(DIGITS):
+            inverse = np.array([mpmath.inverse(mpmath.matrix(M)).tolist() for M in self.mass_matrix().tolist()])
+            moved = self.at(qdd=self.accelerations(tau))
+            found = {f"qdd_{by}": -inverse @ moved.slopes(lambda at: at.forces[2], by) for by in ("q", "qd")}
+            return found | {"qdd_tau": inverse}

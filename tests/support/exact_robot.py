@@ -84,7 +84,6 @@ class ExactRobot:
                 (exactly(np.zeros(shape)) if c is None else exactly(c))[:, self._columns] * self._ratios
                 for c in (q, qd, qdd)
             )
-            self._state = q, qd, qdd
             q = q + offsets
             self.poses = [given_motion(base)]
             self._axes = [exactly(np.zeros(3))]
@@ -132,56 +131,6 @@ class ExactRobot:
                 effort = (self._axes[k] * (joint.axis.turns * torque + joint.axis.shifts * force)).sum(axis=-1)
                 tau[:, self._columns[k - 1]] += self._ratios[k - 1] * effort
             return force1, torque1, tau
-
-    def jacobian(self, body: int, point: Array) -> Array:
-        """Return the velocity of a point (N, 3) of a body and the body's omega for unit rates; (N, 6, dof)."""
-        with mpmath.workdps(DIGITS):
-            J = exactly(np.zeros((len(point), 6, self._dof)))
-            for k in self._path(body):
-                axis = self._axes[k]
-                turns, shifts = map(mpmath.mpf, self._tree.joints[k - 1].axis)
-                parts = (turns * np.cross(axis, point - self._points[k]) + shifts * axis, turns * axis)
-                J[:, :, self._columns[k - 1]] += self._ratios[k - 1] * np.concatenate(parts, axis=-1)
-            return J
-
-    def mass_matrix(self) -> Array:
-        """Return the matrix of the kinetic energy in the rates, with the base at rest; (N, dof, dof)."""
-        with mpmath.workdps(DIGITS):
-            M = exactly(np.zeros((len(self._points[0]), self._dof, self._dof)))
-            for k, joint in enumerate(self._tree.joints, 1):
-                turn = self.poses[k][1].c0
-                J = self.jacobian(k, self._required(k).centre)
-                v, omega = J[:, :3], np.swapaxes(turn, -1, -2) @ J[:, 3:]
-                M += exactly(joint.body.mass) * np.swapaxes(v, -1, -2) @ v
-                M += np.swapaxes(omega, -1, -2) @ exactly(joint.body.inertia) @ omega
-            return M
-
-    def accelerations(self, tau: Any) -> Array:
-        """Return the qdd, (N, dof), that efforts tau cause; the robot is at rest on its base and its own qdd zero."""
-        with mpmath.workdps(DIGITS):
-            remaining, M = exactly(tau) - self.forces()[2], self.mass_matrix()
-            systems = zip(M.tolist(), remaining.tolist(), strict=True)
-            return np.array([list(mpmath.lu_solve(mpmath.matrix(A), b)) for A, b in systems], dtype=object)
-
-    def torque_slopes(self, qdd: Any = None) -> tuple[Array, Array]:
-        """Return the derivatives of tau by q and by qd, (N, dof, dof), of a robot without mimic joints at rest on its
-        base; qdd takes the place of the robot's own.
-        """
-
-        def tau(q: Any, qd: Any, qdd: Any) -> Array:
-            return ExactRobot(self._tree, q, qd, qdd, gravity=self._gravity).forces()[2]
-
-        state = (*self._state[:2], self._state[2] if qdd is None else qdd)
-        return exact_slopes(tau, state, 0), exact_slopes(tau, state, 1)
-
-    def acceleration_slopes(self, tau: Any) -> tuple[Array, Array]:
-        """Return the derivatives of the qdd that efforts tau cause, by q and by qd, (N, dof, dof)."""
-        with mpmath.workdps(DIGITS):
-            q, qd, _ = self._state
-            slopes = self.torque_slopes(ExactRobot(self._tree, q, qd, gravity=self._gravity).accelerations(tau))
-            inverse = np.array([mpmath.inverse(mpmath.matrix(M)).tolist() for M in self.mass_matrix().tolist()])
-            by_q, by_qd = (-np.stack([A @ B for A, B in zip(inverse, one, strict=True)]) for one in slopes)
-            return by_q, by_qd
 
     def _path(self, body: int) -> list[int]:
         """Return the numbers, from 1, of the joints from a body to the base."""

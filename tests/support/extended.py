@@ -9,59 +9,25 @@ from hingepair.bench.truth import skew
 LONG = np.longdouble
 
 
-def _turn(axis, f0, f1=0, f2=0):
-    """A turn by the angle f0 + f1 t + f2 t^2 about the axis of a number, or along a unit vector (3, N).
-
-    The axis, the series of the angle's sine and of 1 - cosine, and of the angular velocity.
-    """
-    s, half = np.sin(f0), np.sin(f0 / 2)
-    versine = 2 * half * half
-    c = 1 - versine
-    unit = np.eye(3, dtype=LONG)[:, axis, None] if isinstance(axis, int) else axis
-    sine = s, c * f1, c * f2 - s * f1 * f1 / 2
-    return axis, sine, (versine, s * f1, s * f2 + c * f1 * f1 / 2), (unit * f1, unit * (2 * f2))
-
-
-def _turned(vector, turns):
-    """The coefficients of a series of vectors, as many as are given, after the turns, one after the other."""
-    for axis, sine, versine, _ in turns:
-        across = [_cross(axis, v) for v in vector]
-        twice = [_cross(axis, v) for v in across]
-        parts = vector, _product(sine, across), _product(versine, twice)
-        vector = [v + x + y for v, x, y in zip(*parts, strict=True)]
-    return vector
-
-
-def _cross(axis, v):
-    """Axis x v."""
-    if isinstance(axis, int):
-        found = np.zeros_like(v)
-        found[axis - 2], found[axis - 1] = -v[axis - 1], v[axis - 2]
-        return found
-    a = axis[:, None] if v.ndim > axis.ndim else axis
-    return np.stack(np.broadcast_arrays(*(a[i - 2] * v[i - 1] - a[i - 1] * v[i - 2] for i in range(3))))
-
-
-def _product(a, b):
-    """Of two series, as far as the second goes."""
-    return [sum(a[i] * b[k - i] for i in range(k + 1)) for k in range(len(b))]
+def _turn(axis, angle):
+    """The turns (N, 3, 3) about unit axes, (3,) or (N, 3), by angles (N,): I + sin K + 2 sin^2(angle/2) K^2."""
+    K, half = skew(np.asarray(axis, LONG)), np.sin(angle / 2)
+    return np.eye(3, dtype=LONG) + np.sin(angle)[:, None, None] * K + (2 * half * half)[:, None, None] * (K @ K)
 
 
 def attitude_of_angles(phi, sequence):
     """The rotations of Euler angles, (N, 3) -> (N, 3, 3)."""
-    turns = [_turn("XYZ".index(letter.upper()), np.asarray(phi[:, i], LONG)) for i, letter in enumerate(sequence)]
-    return _attitude(reversed(turns) if sequence.isupper() else turns)
+    phi = np.asarray(phi, LONG)
+    turns = [_turn(np.eye(3)["XYZ".index(letter.upper())], phi[:, i]) for i, letter in enumerate(sequence)]
+    first, second, third = turns if sequence.isupper() else reversed(turns)
+    return first @ second @ third
 
 
 def attitude_of_rotvec(rotvec):
     """The rotations of rotation vectors, (N, 3) -> (N, 3, 3)."""
-    vector = np.asarray(rotvec, LONG).T
-    angle = np.sqrt((vector * vector).sum(axis=0))
-    return _attitude([_turn(vector / np.where(angle > 0, angle, 1), angle)])
-
-
-def _attitude(turns):
-    return np.moveaxis(_turned([np.eye(3, dtype=LONG)[..., None]], turns)[0], -1, 0)
+    vector = np.asarray(rotvec, LONG)
+    angle = np.sqrt((vector * vector).sum(axis=-1))
+    return _turn(vector / np.where(angle > 0, angle, 1)[:, None], angle)
 
 
 def attitude_of_quaternion(quat_xyzw):

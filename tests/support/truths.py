@@ -8,8 +8,7 @@ import mpmath
 import numpy as np
 
 from hingepair.bench import truth
-from hingepair.bench.truth import DIGITS, exactly, given_motion, rotation, unit
-from support.exact_robot import required
+from hingepair.bench.truth import DIGITS
 
 BOUNDS = {
     "S1": 6, "S2": 13, "d": 10, "R2": 10, "omega1": 4, "omega2": 6, "v2": 10, "alpha1": 4, "alpha2": 8, "a2": 12,
@@ -42,36 +41,6 @@ def remembered(function):
 
 
 from_euler = remembered(truth.from_euler)
-
-
-@remembered
-def forces_from_attitude(pair, bodies, body1, psi, psid, psidd, gravity):
-    """Return what must act: force1, torque1 about R1, (N, 3), and hinge_torque, (N,).
-
-    Args:
-        pair: the pair.
-        bodies: of both, mass, centre of mass and inertia about it, body axes.
-        body1: as in `from_attitude`; psi and its rates likewise.
-        psi: hinge angle.
-        psid: hinge rate.
-        psidd: hinge acceleration.
-        gravity: (3,).
-    """
-    with mpmath.workdps(DIGITS):
-        R1, S1 = given_motion(body1)
-        u1, u2 = (exactly(u)[..., None] for u in pair[:2])
-        S2 = S1 @ rotation(unit(pair[2]), (exactly(psi), exactly(psid), exactly(psidd) / 2))
-        if pair[3] is not None:
-            S2 = S2 @ exactly(pair[3])
-        hinge = R1 + S1 @ u1
-        poses = (R1, S1), (hinge - S2 @ u2, S2)
-        acting = [required(*pose, body, exactly(gravity)) for pose, body in zip(poses, bodies, strict=True)]
-        (force1, *_), (force2, *_) = acting
-        torque1 = sum(t + np.cross(x - R1.c0[..., 0], f) for f, t, x in acting)
-        force, torque, centre = acting[1]
-        moment = torque + np.cross(centre - hinge.c0[..., 0], force)
-        axis = (S1 @ unit(pair[2])[..., None]).c0[..., 0]
-        return force1 + force2, np.asarray(torque1), (axis * moment).sum(axis=-1)
 
 
 def largest_errors(got, exact, axes):

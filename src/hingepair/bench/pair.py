@@ -129,17 +129,16 @@ def _pinocchio_job(task: _Task) -> Job:
 
 
 def _numpy_job(task: _Task) -> Job:
-    """Return the job of NumPy on stacks of 3 x 3 matrices, with @ and numpy.cross."""
+    """Return the job of NumPy on stacks of 3 x 3 matrices by SciPy, with @ and numpy.cross."""
+    from scipy.spatial.transform import Rotation
+
     pair = task.pair
     motion: tuple[Any, ...] = (*task.motion, None, None)
     q, qd, qdd = motion[:3]
-    x, y, z = pair.n
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
     def compute() -> tuple[Array, ...]:
-        S1 = _turns(0, q[:, 3]) @ _turns(1, q[:, 4]) @ _turns(2, q[:, 5])
-        s, c = np.sin(q[:, 6])[:, None, None], np.cos(q[:, 6])[:, None, None]
-        S2 = S1 @ (np.eye(3) + s * K + (1 - c) * (K @ K)) @ pair.home
+        S1 = Rotation.from_euler("XYZ", q[:, 3:6]).as_matrix()
+        S2 = S1 @ Rotation.from_rotvec(q[:, 6:] * pair.n).as_matrix() @ pair.home
         r1, r2 = S1 @ pair.u1, S2 @ pair.u2
         if qd is None:
             return q[:, :3] + r1 - r2, S2
@@ -159,17 +158,6 @@ def _numpy_job(task: _Task) -> Job:
         return *outputs, a2 - np.cross(alpha2, r2) - np.cross(omega2, np.cross(omega2, r2)), alpha2
 
     return compute
-
-
-def _turns(axis: int, angle: Array) -> Array:
-    """Return the rotations (N, 3, 3) by angles (N,) about x, y or z (axis 0, 1 or 2)."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    turns = np.zeros((len(angle), 3, 3))
-    turns[:, axis, axis] = 1
-    turns[:, i, i] = turns[:, j, j] = np.cos(angle)
-    turns[:, j, i] = np.sin(angle)
-    turns[:, i, j] = -turns[:, j, i]
-    return turns
 
 
 def _copy_job(task: _Task) -> Job:
@@ -197,7 +185,7 @@ METHODS = {
     "hingepair, prepared": Method(_prepared_job),
     "hingepair, out=": Method(lambda task: _call_job(task, reuse=True), min_count=2),
     "Pinocchio, Python loop": Method(_pinocchio_job, max_count=10**4),
-    "NumPy, stacks of 3 x 3": Method(_numpy_job, max_count=10**5),
+    "NumPy and SciPy, 3 x 3": Method(_numpy_job, max_count=10**5),
     COPY: Method(_copy_job, min_count=2),
 }
 
@@ -213,21 +201,11 @@ def bench(counts: Sequence[int], level: str, repeats: int) -> Iterator[Row]:
     rng = np.random.default_rng(20)
     errors = largest_errors(random_states(rng, 40, level)), largest_errors(hard_states(rng, level))
     for count in counts:
-        yield from _rows(count, [_times_of_process(count, level) for _ in range(repeats)], errors)
-
-
-def _rows(count: int, times: Sequence[Mapping[str, Any]], errors: Sequence[Mapping[str, float]]) -> Iterator[Row]:
-    """Return the rows of one number of states.
-
-    Args:
-        count: number of states.
-        times: of each process, what `print_times` prints.
-        errors: of each method, on random and on hard states.
-    """
-    for method in times[0]["methods"]:
-        first, later = (median(one["methods"][method][k] for one in times) for k in (0, 1))
-        pin, floor = (median(one["methods"][method][1] / one[unit] for one in times) for unit in ("pin", "floor"))
-        yield Row(method, count, first, later, pin, floor, *(one.get(method) for one in errors))
+        times = [_times_of_process(count, level) for _ in range(repeats)]
+        for method in times[0]["methods"]:
+            first, later = (median(one["methods"][method][k] for one in times) for k in (0, 1))
+            pin, floor = (median(one["methods"][method][1] / one[unit] for one in times) for unit in ("pin", "floor"))
+            yield Row(method, count, first, later, pin, floor, *(one.get(method) for one in errors))
 
 
 def _times_of_process(count: int, level: str) -> dict[str, Any]:
@@ -309,14 +287,11 @@ def largest_errors(motion: tuple[Array, ...], methods: Mapping[str, Method] = ME
 
 def machine_facts() -> dict[str, Any]:
     """Return the processor, its cores, the system, and the versions of Python and of the packages measured."""
-    facts: dict[str, Any] = {
-        "processor": platform.processor(),
-        "machine": platform.machine(),
-        "cores": os.cpu_count(),
-    }
+    processor = platform.processor()
     if os.path.exists("/proc/cpuinfo"):
         with open("/proc/cpuinfo", encoding="utf-8") as lines:
             named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-            facts["processor"] = next(named, facts["processor"])
-    facts |= {"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()}
+            processor = next(named, processor)
+    facts = {"processor": processor, "machine": platform.machine(), "cores": os.cpu_count()}
+    facts |= {"system": platform.system(), "python": platform.python_version()}
     return facts | {name: version(name) for name in ("hingepair", "numpy", "llvmlite", "pin")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import mpmath
 import numpy as np
@@ -12,9 +13,10 @@ import hingepair as hp
 from hingepair.bench.truth import DIGITS, exactly, unit
 from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.planar_pair import dynamics_in_space
+from support.exact import Exact, tree_of_pair
+from support.exact_robot import LETTERS
 from support.states import body1 as random_body
 from support.states import generator
-from support.truths import forces_from_attitude
 
 EPS = 2.0**-53
 CONSTANTS = ("masses", "first_moments", "inertias", "u1", "u2", "n", "home")
@@ -117,8 +119,13 @@ def forces_of(numbers, motion, psi):
         for (i, j), entry in zip(ENTRIES, J, strict=True):
             full[i, j] = full[j, i] = entry
         bodies.append((m, c, full - m * (exactly(np.eye(3)) * (c @ c) - np.outer(c, c))))
-    parts = forces_from_attitude((u1, u2, n, home), bodies, motion, *psi, (1.0, -2.0, -9.81))
-    return dict(zip(("force1", "torque1", "hinge_torque"), parts, strict=True))
+    one, two = (SimpleNamespace(mass=m, centre_of_mass=c, inertia=J) for m, c, J in bodies)
+    pair = SimpleNamespace(u1=u1, u2=u2, n=n, home=home, body1=one, body2=two)
+    given = dict(zip(LETTERS, motion, strict=True)) | dict(
+        zip(("q", "qd", "qdd"), np.reshape(psi, (3, -1, 1)), strict=True)
+    )
+    force1, torque1, tau = Exact(*tree_of_pair(pair), True, given, (1.0, -2.0, -9.81)).forces
+    return {"force1": force1, "torque1": torque1, "hinge_torque": tau[:, 0]}
 
 
 @pytest.mark.slow(5)
