@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ import hingepair as hp
 from hingepair.mechanism.bodies.shapes import Mesh
 from hingepair.pictures.meshes import read_meshes
 from hingepair.urdf.rigid import FramePose
+from support.drawn import content_of
 
 LINK = """<link name="{name}"><visual><origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/>
   <geometry><mesh filename="{file}" scale="2 1 1"/></geometry>{colour}</visual></link>"""
@@ -36,8 +36,7 @@ def urdf_file(folder: Path, file: str, colour: str = "") -> Path:
 
 
 def shapes(page: hp.Page) -> list[dict[str, object]]:
-    content = json.loads(re.search(r'<script id="content" type="application/json">(.*?)</script>', page.html)[1])
-    return content["bodies"][1]["shapes"]
+    return content_of(page)["bodies"][1]["shapes"]
 
 
 def corners(shape: dict[str, object]) -> np.ndarray:
@@ -110,30 +109,10 @@ def test_a_body_whose_mesh_cannot_be_drawn_gets_simple_shapes_and_a_note(tmp_pat
         assert {shape["kind"] for shape in shapes(page)} <= {"box", "cylinder", "sphere"} != set()
 
 
-def test_a_payload_is_drawn_beside_the_meshes(tmp_path: Path) -> None:
-    box_file(tmp_path)
-    robot = hp.Mechanism.from_urdf(urdf_file(tmp_path, "box.stl"))
-    robot = robot.with_payload("b", hp.Body(mass=1, shapes=[hp.Sphere(0.1)]))
-    assert sorted(str(shape["kind"]) for shape in shapes(hp.view(robot))) == ["mesh", "sphere"]
-
-
 def test_every_mesh_of_a_robot_of_the_package_is_read() -> None:
     page = hp.view(hp.load_robot("solo12"), meshes=0.5)
     assert page.notes == ()
     assert page.html.count('"kind": "mesh"') == 17
-
-
-def test_a_file_is_read_once_for_all_visuals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    box_file(tmp_path)
-    read = []
-    load_scene = trimesh.load_scene
-    monkeypatch.setattr(trimesh, "load_scene", lambda *given, **how: read.append(given) or load_scene(*given, **how))
-    pose = FramePose(np.eye(3), np.zeros(3))
-    meshes = [Mesh("box.stl", tmp_path, (scale, 1.0, 1.0), pose, None) for scale in (1.0, 2.0, 3.0)]
-    pieces, notes = read_meshes(meshes, 1.0)
-    assert (len(read), notes) == (1, [])
-    widths = [np.ptp(pieces[id(mesh)][0].vertices[:, 0]) for mesh in meshes]
-    np.testing.assert_allclose(np.array(widths) / widths[0], (1, 2, 3))
 
 
 @pytest.mark.parametrize("place", [0, 1], ids=["vertices", "faces"])

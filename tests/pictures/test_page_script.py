@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.drawn import content_of
 from support.linkages import four_bar
 
 NODE = shutil.which("node")
@@ -26,12 +27,6 @@ CYLINDER = (
     '[mechanism]\ncoordinates = ["cylinder"]\nat = { a = 0.9 }\nframes = { foot = { link = "base", R = [1, 0, 0] }, '
     'eye = { link = "a", R = [0.8, 0, 0] } }\n[[strut]]\nname = "cylinder"\nframe1 = "foot"\nframe2 = "eye"\n'
 )
-
-
-def content_of(page):
-    return json.loads(
-        re.search(r'<script id="content" type="application/json">(.*?)</script>', page.html, re.DOTALL)[1]
-    )
 
 
 def computed(page, code):

@@ -128,25 +128,6 @@ def test_fast_motion_fills_the_band_between_its_extremes(text, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_picture_of_many_samples_is_that_of_all_of_them(tmp_path, monkeypatch):
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    scene = moving(tmp_path, 100_001, x="sin(2*pi*40*t)*t", psi="cos(900*t) + t", phi_x="t")
-
-    def pixels():
-        canvas = FigureCanvasAgg(hp.plot(scene, ("psi", "v2", "S2")))
-        canvas.draw()
-        return np.asarray(canvas.buffer_rgba())[..., :3].astype(int), canvas.figure
-
-    drawn, figure = pixels()
-    assert sum(len(line.get_xdata()) for axes in figure.axes for line in axes.get_lines()) < 140_000
-    monkeypatch.setattr("hingepair.pictures.curves._TIME_INTERVALS", 100_001)
-    whole, figure = pixels()
-    assert sum(len(line.get_xdata()) for axes in figure.axes for line in axes.get_lines()) == 700_007
-    assert (np.abs(drawn - whole).max(axis=2) > 60).mean() < 0.002
-
-
-@pytest.mark.slow
 def test_the_command_writes_the_figure_of_the_scene_in_the_format_of_the_name(tmp_path):
     scene, out = MODELS / "talos_elbow.toml", tmp_path / "a.svg"
     run_command("plot", scene, "--out", out)
@@ -230,14 +211,6 @@ def test_an_angle_is_drawn_with_the_band_of_its_standard_deviation(outputs):
         values, std = getattr(found, name), found.std[name]
         assert corners[:, 1].max() == pytest.approx((values + 2 * std).max())
         assert corners[:, 1].min() == pytest.approx((values - 2 * std).min())
-
-
-@pytest.mark.parametrize("source", ["smoothed", "pair"])
-def test_no_outputs_are_refused(source):
-    t = np.arange(30) / 100
-    drawn = hp.smooth(t, np.sin(t)) if source == "smoothed" else hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1))
-    with pytest.raises(hp.ArgumentError, match="outputs: expected a tuple of names"):
-        hp.plot(drawn, outputs=())
 
 
 def test_a_mechanism_without_masses_is_drawn_without_torques(tmp_path):

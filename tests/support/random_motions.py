@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from support.extended import attitude_of_angles, attitude_of_quaternion
+
 Values = Any
 
 
@@ -108,13 +110,7 @@ class Motion(NamedTuple):
     def attitude(self, t):
         """S1 in long doubles; shape (n, 3, 3)."""
         t = np.asarray(t, np.longdouble)
-        (ca, sa), (cb, sb), (cc, sc) = ((np.cos(f.value(t)), np.sin(f.value(t))) for f in self.angles)
-        rows = [
-            ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc,
-            sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc,
-            -sb, cb * sc, cb * cc,
-        ]  # fmt: skip
-        return np.stack(np.broadcast_arrays(*rows), axis=-1).reshape(-1, 3, 3)
+        return attitude_of_angles(np.stack(np.broadcast_arrays(*(f.value(t) for f in self.angles)), axis=-1), "ZYX")
 
     def omega(self, t):
         """Angular velocity, world axes: a' e_z + b' Rz e_y + c' Rz Ry e_x."""
@@ -132,14 +128,7 @@ class Motion(NamedTuple):
         """How far attitude and psi of a trajectory are off [rad] at the worst of up to 800 instants, or times t."""
         t = motion.t if t is None else t
         picked = np.unique(np.linspace(0, len(t) - 1, 800).astype(int))
-        w, x, y, z = motion.quat_wxyz[picked].astype(np.longdouble).T
-        S = self.attitude(t[picked])
-        rows = [
-            1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-        ]  # fmt: skip
-        own = np.stack(rows, axis=-1).reshape(-1, 3, 3)
+        S, own = self.attitude(t[picked]), attitude_of_quaternion(np.roll(motion.quat_wxyz[picked], -1, axis=-1))
         turn = np.einsum("nji,njk->nik", S, own)
         axis = np.stack(
             [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], -1

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 import hingepair as hp
-from hingepair.bench.truth import UNIT
+from hingepair.bench.truth import UNIT, motion_scales
+from support.extended import attitude_of_quaternion
 
 _VECTORS = {"u1": 3, "u2": 3, "n": 3, "q": 7, "qd": 7, "qdd": 7}
 _GIVEN = {"u1": 3, "u2": 3, "n": 3, "quat": 4, "R": 3, "v": 3, "omega": 3, "a": 3, "alpha": 3, "hinge": 3}
@@ -43,59 +44,35 @@ def ratios(form, state, outputs, dtype=np.float64):
     own = {k: v.astype(dtype) for k, v in state.items() if k != "home"}
     constants = {k: own[k] for k in ("u1", "u2", "n") if k in own}
     if "home" in state:
-        constants["home"] = _rotations(state["home"])
+        constants["home"] = _turns(state["home"])
     if form == "planar":
         pair, motion = hp.PlanarPair(**constants), (own["q"], own["qd"], own["qdd"])
         bounds = pair.error_bounds(*motion, outputs=outputs)
         W1, A1 = abs(own["qd"][:, 2]), abs(own["qdd"][:, 2]) + own["qd"][:, 2] ** 2
-        parts = [c[:, :2] for c in motion], own["qd"][:, 3], own["qdd"][:, 3]
+        parts = [np.column_stack((c[:, :2], 0 * c[:, 2], c[:, 3])) for c in motion]
     elif "quat" in state:
         pair, psi, psid, psidd = hp.HingePair(**constants), *own["hinge"].T
-        S = _rotations(state["quat"]).astype(dtype)
+        S = _turns(state["quat"]).astype(dtype)
         body1 = hp.BodyMotion(S=S, **{k: own[k] for k in ("R", "v", "omega", "a", "alpha")})
         bounds = pair.error_bounds(body1, psi, psid, psidd, outputs=outputs)
         W1, A1 = (np.linalg.norm(own[k], axis=-1) for k in ("omega", "alpha"))
-        parts = [own["R"], own["v"], own["a"]], psid, psidd
+        parts = [np.column_stack((own[k], c)) for k, c in (("R", psi), ("v", psid), ("a", psidd))]
     else:
         pair, motion = hp.HingePair(**constants), (own["q"], own["qd"], own["qdd"])
         sequence = "XYZ" if form.startswith("Tait") else "XYX"
         bounds = pair.error_bounds(*motion, outputs=outputs, sequence=sequence)
         W1 = abs(motion[1][:, 3:6]).sum(axis=-1)
         A1 = abs(motion[2][:, 3:6]).sum(axis=-1) + W1**2
-        parts = [c[:, :3] for c in motion], motion[1][:, 6], motion[2][:, 6]
-    scales = _scales(*(np.linalg.norm(own[k], axis=-1) for k in ("u1", "u2")), *parts, W1, A1)
+        parts = motion
+    levers = [own[k] if own[k].shape[1] == 3 else np.column_stack((own[k], 0 * own[k][:, 0])) for k in ("u1", "u2")]
+    scales = motion_scales(levers, parts, W1, A1)
     with np.errstate(all="ignore"):
         found = {name: bounds[name] / (UNIT[np.dtype(dtype)] * scales[name]) for name in outputs}
     return {name: np.where(np.isfinite(ratio), ratio, 0.0) for name, ratio in found.items()}
 
 
-def _scales(lever1, lever2, linear, psid, psidd, W1, A1):
-    R1, v1, a1 = (abs(c).max(axis=-1) for c in linear)
-    W2 = W1 + abs(psid)
-    A2 = A1 + abs(psidd) + W1 * abs(psid)
-    one = np.ones(len(R1))
-    return {
-        "S1": one,
-        "S2": one,
-        "d": lever1 + lever2,
-        "R2": R1 + lever1 + lever2,
-        "omega1": W1,
-        "omega2": W2,
-        "v2": v1 + W1 * lever1 + W2 * lever2,
-        "alpha1": A1,
-        "alpha2": A2,
-        "a2": a1 + (A1 + W1**2) * lever1 + (A2 + W2**2) * lever2,
-    }
-
-
-def _rotations(quat):
-    w, x, y, z = (quat / np.linalg.norm(quat, axis=-1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
+def _turns(quat_wxyz):
+    return attitude_of_quaternion(np.roll(quat_wxyz, -1, axis=-1)).astype(float)
 
 
 def _first(shape, rng, count):

@@ -108,7 +108,7 @@ def from_attitude(
         values = _body2(pair, *given_motion(body1), (psi, psid, psidd / 2))
     R, _, v, omega, a, alpha = (np.asarray(x, float) for x in body1)
     rates = [np.column_stack([x, c.astype(float)]) for x, c in ((R, psi), (v, psid), (a, psidd))]
-    return Truth(values, _scales(pair, rates, _length(omega), _length(alpha)))
+    return Truth(values, motion_scales(pair, rates, _length(omega), _length(alpha)))
 
 
 def given_motion(body: Sequence[Any]) -> tuple[Series, Series]:
@@ -188,11 +188,18 @@ def euler_scales(pair: Pair, q: Array, qd: Array, qdd: Array) -> dict[str, Array
     """Return the scale of every output, (N,) each, for coordinates of shape (N, 7)."""
     W1 = abs(qd[:, 3:6]).sum(axis=-1)
     A1 = abs(qdd[:, 3:6]).sum(axis=-1) + W1**2
-    return _scales(pair, (q, qd, qdd), W1, A1)
+    return motion_scales(pair, (q, qd, qdd), W1, A1)
 
 
-def _scales(pair: Pair, coordinates: Sequence[Array], W1: Array, A1: Array) -> dict[str, Array]:
-    """Return the size of the terms before they cancel, per sample (docs/concepts/accuracy.md)."""
+def motion_scales(pair: Sequence[Any], coordinates: Sequence[Array], W1: Array, A1: Array) -> dict[str, Array]:
+    """Return the size of the terms before they cancel, per sample (docs/concepts/accuracy.md).
+
+    Args:
+        pair: u1, u2.
+        coordinates: positions and hinge angle, and their rates and accelerations; (N, 4) or (N, 7) each.
+        W1: size of the angular velocity of body 1; (N,).
+        A1: that of its angular acceleration.
+    """
     lever1, lever2 = (_length(np.asarray(u, float)) for u in pair[:2])
     R1, v1, a1 = (abs(c[:, :3]).max(axis=-1) for c in coordinates)
     psid, psidd = (abs(c[:, -1]) for c in coordinates[1:])

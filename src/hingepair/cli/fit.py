@@ -27,6 +27,7 @@ from hingepair.tables.units import Units
 from hingepair.tables.whole_file import whole_file
 
 _ENDINGS = (*RESULT_FILE_SUFFIXES, *PICTURE_SUFFIXES, ".toml")
+_GAPS = 0.05  # longest gap between samples over which one clock's poses are interpolated to the other [s]
 # What messages on columns advise.
 _ADVICE = ColumnAdvice("--column '{ours}={name}'", "--column '{ours}={name}:{unit}'", "--ignore {name!r}")
 
@@ -52,13 +53,6 @@ def fit_command(
             help="Axes of the Euler angles phi_x, phi_y, phi_z, such as ZYX of yaw, pitch, roll; default: XYZ."
         ),
     ] = None,
-    gaps: Annotated[
-        float,
-        typer.Option(
-            metavar="SECONDS",
-            help="Longest gap between samples over which one clock's poses are interpolated to the other clock.",
-        ),
-    ] = 0.05,
     out: Annotated[
         list[Path] | None,
         out_option(
@@ -107,9 +101,9 @@ def fit_command(
             for name, value in of_poses.items():
                 if value not in (None, False, []):
                     raise ArgumentError(name, "recordings of poses", "inertial sensors")
-            fitted = fit_imus(*read_imus(files, columns), gaps)
+            fitted = fit_imus(*read_imus(files, columns))
         else:
-            recording = read_poses(files, columns, ignore or (), gaps, sequence, _ADVICE)
+            recording = read_poses(files, columns, ignore or (), _GAPS, sequence, _ADVICE)
             body1, body2, t = recording.body1, recording.body2, recording.t
             if scenes and t is None:
                 raise ArgumentError("out", "a recording with a column t for a scene", "none")
