@@ -27,14 +27,6 @@ body2 = { mass = 1.5, centre_of_mass = [0.05, 0, 0], inertia = [0.1, 0.2, 0.25] 
 """
 TIME = "[time]\nstart = 0\nstop = 1\nsamples = 11\n"
 START = "R1_0 = [1, 2, 3]\nS1_0 = { axis = [1, 2, 0.5], deg = 70 }\n"
-PLANE = """
-planar = true
-[pair]
-u1 = [1, 0]
-u2 = [-0.3, 0]
-body1 = { mass = 1.3, centre_of_mass = [0.5, 0, 0], inertia = [0.1, 0.1, 0.12] }
-body2 = { mass = 0.7, centre_of_mass = [0.4, 0, 0], inertia = [0.05, 0.08, 0.09] }
-"""
 
 
 def exported(folder, command, text, *options, left_out=None):
@@ -153,27 +145,6 @@ def test_the_base_is_that_of_the_scene_or_listed(tmp_path, command, base, expect
 
 
 BEAM = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1))
-
-
-def drop(key, text=PAIR):
-    return re.sub(rf"^{key} = .*\n", "", text, flags=re.MULTILINE)
-
-
-@pytest.mark.parametrize(
-    ("text", "options", "gravity", "free"),
-    [
-        (PAIR, (), "0.0 0.0 -9.81", True),
-        (drop("body1"), (), "0.0 0.0 -9.81", False),
-        (drop("body1"), ("--base", "free", "--gravity", "0,0,-1.6"), "0.0 0.0 -1.6", True),
-        (PAIR, ("--base", "fixed", "--gravity", "1,0,0"), "1.0 0.0 0.0", False),
-        (PLANE, (), "0.0 -9.81 0.0", True),
-    ],
-)
-def test_mjcf_has_the_gravity_and_the_base_of_every_command(tmp_path, text, options, gravity, free):
-    (tmp_path / "scene.toml").write_text(text)
-    root = ET.fromstring(run_command("mjcf", tmp_path / "scene.toml", *options).stdout)
-    assert root.find("option").get("gravity") == gravity
-    assert (root.find(".//freejoint") is not None) is free
 
 
 @pytest.mark.parametrize("write", [hp.to_urdf, hp.to_mjcf])

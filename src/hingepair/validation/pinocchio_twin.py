@@ -305,6 +305,15 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Twin:
     return tree_twin(tree_of(robot).plain(), is_free, is_free if has_free_flyer is None else has_free_flyer)
 
 
+def data_of(model: Any) -> Any:
+    """Return Pinocchio's data of a model; refuse one for which the memory does not suffice."""
+    try:
+        return model.createData()
+    except MemoryError:
+        expected = "fewer joints, since Pinocchio's data grow with the cube of their number"
+        raise ArgumentError("robot", expected, f"{model.nv} coordinates") from None
+
+
 def tree_twin(tree: Tree, is_free: bool, has_free_flyer: bool) -> Twin:
     """Build a robot as a Pinocchio model, without the mass of a fixed base, which has no effect."""
     pin = import_pinocchio("to_pinocchio")
@@ -334,7 +343,7 @@ def tree_twin(tree: Tree, is_free: bool, has_free_flyer: bool) -> Twin:
     # After all frames, because addFrame rounds the masses.
     for number, masses in enumerate((base, *(joint.body for joint in tree.joints)), root):
         model.inertias[number] = _inertia(pin, masses)
-    return Twin(model, model.createData(), has_free_flyer, *joint_rules(tree))
+    return Twin(model, data_of(model), has_free_flyer, *joint_rules(tree))
 
 
 def joint_rules(tree: Tree) -> tuple[Float64Array, Float64Array]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.validation.pinocchio_twin import Twin, import_pinocchio, robot_twin
+from hingepair.validation.pinocchio_twin import Twin, data_of, import_pinocchio, robot_twin
 
 
 def urdf_twin(robot: Mechanism) -> tuple[Twin, str, tuple[str, ...]]:
@@ -56,7 +56,7 @@ def urdf_twin(robot: Mechanism) -> tuple[Twin, str, tuple[str, ...]]:
         for number in range(1, model.njoints):
             if moving.isdisjoint(model.supports[number]):
                 model.inertias[number] = pin.Inertia.Zero()
-    return Twin(model, model.createData(), True, ratios, offsets), "Pinocchio's reading of the URDF", (*unknown,)
+    return Twin(model, data_of(model), True, ratios, offsets), "Pinocchio's reading of the URDF", (*unknown,)
 
 
 def _mimic_rules(root: ET.Element, names: set[str]) -> dict[str, tuple[str, float, float]]:

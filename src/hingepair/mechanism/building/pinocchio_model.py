@@ -28,17 +28,14 @@ from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, MassProperties, exact_quarter_turns
 
 _COMPOSITE = "JointModelComposite"
-# Names of the joint types that are hinges.
-_HINGES = {
-    *(f"JointModelR{axis}" for axis in "XYZ"),
-    *(f"JointModelRUB{axis}" for axis in "XYZ"),
-    "JointModelRevoluteUnaligned",
-    "JointModelRevoluteUnboundedUnaligned",
+_KINDS: Mapping[str, JointKind] = {  # by the name of Pinocchio's type
+    **{f"JointModel{name}{axis}": "hinge" for name in ("R", "RUB") for axis in "XYZ"},
+    **dict.fromkeys(("JointModelRevoluteUnaligned", "JointModelRevoluteUnboundedUnaligned"), "hinge"),
+    **{f"JointModelP{axis}": "slider" for axis in "XYZ"},
+    "JointModelPrismaticUnaligned": "slider",
+    **{f"JointModelH{axis}": "screw" for axis in "XYZ"},
+    "JointModelHelicalUnaligned": "screw",
 }
-# Names of the joint types that are sliders.
-_SLIDERS = {*(f"JointModelP{axis}" for axis in "XYZ"), "JointModelPrismaticUnaligned"}
-# Names of the joint types that are screws.
-_SCREWS = {*(f"JointModelH{axis}" for axis in "XYZ"), "JointModelHelicalUnaligned"}
 
 
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
@@ -125,18 +122,19 @@ def _part_of_joint(
     idx_v: int,
 ) -> JointPart:
     """Return a joint, or one of a composite joint, as a part that another carries."""
-    kind = joint.shortname()
-    if kind not in {*_HINGES, *_SLIDERS, *_SCREWS, "JointModelMimic"}:
+    name_of_kind = joint.shortname()
+    kind = _KINDS.get(name_of_kind)
+    if kind is None and name_of_kind != "JointModelMimic":
         raise _unsupported_joint_error(
             model, joint_number, "a revolute, prismatic, helical or mimic joint, or a free-flyer at the root"
         )
     motion = np.ravel(joint.createData().S)
     pitch = 0.0
-    if kind in _SCREWS:
+    if kind == "screw":
         own = joint.extract() if hasattr(joint, "extract") else joint
-        axis = own.axis if hasattr(own, "axis") else np.eye(3)["XYZ".index(kind[-1])]
+        axis = own.axis if hasattr(own, "axis") else np.eye(3)["XYZ".index(name_of_kind[-1])]
         motion, pitch = np.concatenate([np.zeros(3), axis]), float(own.pitch)
-    if kind == "JointModelMimic":
+    if kind is None:
         mimic = joint.extract()
         if mimic.scaling == 0:
             raise _unsupported_joint_error(model, joint_number, "a mimic joint that moves")
@@ -152,7 +150,7 @@ def _part_of_joint(
     if not 0 <= armature < np.inf:
         raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
     own_joint = written_joint(
-        name, "hinge" if kind in _HINGES else "screw" if kind in _SCREWS else "slider", parent_part, pose,
+        name, kind, parent_part, pose,
         _unit_axis(motion), limits, rate_limit=limit_or_infinity(model.upperVelocityLimit[idx_v]),
         **_effort(float(model.lowerEffortLimit[idx_v]), float(model.upperEffortLimit[idx_v])),
         armature=armature, load=_load(name, float(model.damping[idx_v]), float(model.upperDryFrictionLimit[idx_v])),
