@@ -454,7 +454,6 @@ CALLS = {
     ]),
     "from_urdf": (lambda **k: hp.from_urdf(**{"path_or_text": ARM, "joint": "elbow", **k}), [
         ("joint", errors.URDFError, "weld", "knee", "", None), ("body1_frame", errors.URDFError, "hand"),
-        ("points", errors.URDFError, ("lid",)),
         ("path_or_text", errors.URDFError, "", "no/such.urdf", "a\x00b", None, 3.5),
     ]),
     "to_urdf": (lambda pair=PAIR, **k: hp.to_urdf(pair, **k), [

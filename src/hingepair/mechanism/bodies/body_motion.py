@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,15 @@ MOTION_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
     "S": (3, 3),
 }
 """Shape of one sample of each array of a motion."""
+
+
+class MotionRates(TypedDict, total=False):
+    """Velocities and accelerations of a body, as of `BodyMotion`."""
+
+    v: ArrayLike | None
+    omega: ArrayLike | None
+    a: ArrayLike | None
+    alpha: ArrayLike | None
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -92,10 +101,7 @@ class BodyMotion(Frozen):
         *,
         R: ArrayLike,
         quat_xyzw: ArrayLike,
-        v: ArrayLike | None = None,
-        omega: ArrayLike | None = None,
-        a: ArrayLike | None = None,
-        alpha: ArrayLike | None = None,
+        **rates: Unpack[MotionRates],
     ) -> BodyMotion:
         """Return a BodyMotion whose attitude is quaternions (x, y, z, w), scalar last as in Pinocchio, SciPy and ROS,
         of any non-zero length, from body axes to world axes; shape (..., 4). S is NaN where one is not finite. The
@@ -111,7 +117,7 @@ class BodyMotion(Frozen):
                [0., 0., 1.]])
         """
         S = quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False)
-        return _motion_with_attitude(S, R=R, v=v, omega=omega, a=a, alpha=alpha)
+        return _motion_with_attitude(S, R=R, **rates)
 
     @classmethod
     def from_quaternion_wxyz(
@@ -119,10 +125,7 @@ class BodyMotion(Frozen):
         *,
         R: ArrayLike,
         quat_wxyz: ArrayLike,
-        v: ArrayLike | None = None,
-        omega: ArrayLike | None = None,
-        a: ArrayLike | None = None,
-        alpha: ArrayLike | None = None,
+        **rates: Unpack[MotionRates],
     ) -> BodyMotion:
         """Return a BodyMotion whose attitude is quaternions (w, x, y, z), scalar first as in MuJoCo; otherwise as
         `from_quaternion_xyzw`.
@@ -137,7 +140,7 @@ class BodyMotion(Frozen):
                [0., 0., 1.]])
         """
         S = quaternion_to_matrix("quat_wxyz", quat_wxyz, scalar_first=True)
-        return _motion_with_attitude(S, R=R, v=v, omega=omega, a=a, alpha=alpha)
+        return _motion_with_attitude(S, R=R, **rates)
 
     @classmethod
     def from_rotvec(
@@ -145,10 +148,7 @@ class BodyMotion(Frozen):
         *,
         R: ArrayLike,
         rotvec: ArrayLike,
-        v: ArrayLike | None = None,
-        omega: ArrayLike | None = None,
-        a: ArrayLike | None = None,
-        alpha: ArrayLike | None = None,
+        **rates: Unpack[MotionRates],
     ) -> BodyMotion:
         """Return a BodyMotion whose attitude is rotation vectors, unit axis times angle [rad], shape (..., 3), that
         turn the world's axes into the body's. The other arguments are those of `BodyMotion`.
@@ -159,7 +159,7 @@ class BodyMotion(Frozen):
                [ 0., -1.,  0.],
                [ 0.,  0.,  1.]])
         """
-        return _motion_with_attitude(rotation_exp(rotvec), R=R, v=v, omega=omega, a=a, alpha=alpha)
+        return _motion_with_attitude(rotation_exp(rotvec), R=R, **rates)
 
 
 def motion_of_rotations(**arrays: Any) -> BodyMotion:
@@ -169,8 +169,11 @@ def motion_of_rotations(**arrays: Any) -> BodyMotion:
     return body
 
 
-def _motion_with_attitude(S: Any, **users_arrays: Any) -> BodyMotion:
+def _motion_with_attitude(
+    S: Any, *, R: Any, v: Any = None, omega: Any = None, a: Any = None, alpha: Any = None
+) -> BodyMotion:
     """Return the BodyMotion of computed rotations S and of copies of the user's other arrays."""
+    users_arrays = {"R": R, "v": v, "omega": omega, "a": a, "alpha": alpha}
     body: BodyMotion = object.__new__(BodyMotion)
     _set_arrays(body, {"S": S, **users_arrays}, users_arrays)
     return body

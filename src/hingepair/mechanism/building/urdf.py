@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -102,8 +102,6 @@ def from_urdf(
     joint: str,
     body1_frame: str | None = None,
     body2_frame: str | None = None,
-    *,
-    points: Iterable[str] = (),
 ) -> HingePair:
     """Read one hinge of a robot from a URDF file or from URDF text.
 
@@ -116,7 +114,6 @@ def from_urdf(
             rigidly fixed to it.
         body2_frame: name of the link whose frame is (R2, S2): the child link of the joint (default), or one that is
             rigidly fixed to it. With "body2", a pair that `to_urdf` wrote has the same u2 again.
-        points: names of links that are rigidly fixed to either body. Their origins become points of the pair.
 
     Returns:
         The HingePair, which has the name of the joint. With the default frames, u1 and home are the position and the
@@ -137,7 +134,7 @@ def from_urdf(
     >>> hp.from_urdf(hp.to_urdf(pair), joint="hinge", body2_frame="body2").u2.tolist()
     [-0.25, 0.1, 0.0]
     """
-    return hinge_of_urdf(path_or_text, joint, body1_frame, body2_frame, points=points, warns=True)
+    return hinge_of_urdf(path_or_text, joint, body1_frame, body2_frame, warns=True)
 
 
 def hinge_of_urdf(
@@ -146,7 +143,6 @@ def hinge_of_urdf(
     body1_frame: str | None = None,
     body2_frame: str | None = None,
     *,
-    points: Iterable[str] = (),
     name: str | None = None,
     warns: bool = False,
 ) -> HingePair:
@@ -162,11 +158,6 @@ def hinge_of_urdf(
     number, record = hinges[joint], next(one for one in robot.joints if one.name == joint)
     one = _Side.of(tree, "body1_frame", tree.joints[number - 1].parent, record.parent, body1_frame)
     two = _Side.of(tree, "body2_frame", number, record.child, body2_frame)
-    points = (points,) if isinstance(points, str) else tuple(points)
-    for link in points:
-        if link not in {**one.places, **two.places}:
-            expected = f"links fixed to either body: {choices((*one.places, *two.places))}"
-            raise URDFError("points", expected, quoted(link))
     home, u1 = one.seat.seen(record.pose)
     with np.errstate(all="ignore"):
         n = home @ tree.joints[number - 1].n + 0.0
@@ -179,8 +170,6 @@ def hinge_of_urdf(
         **limits_of_pair(tree.joints[number - 1]),
         body1=one.body(tree, warns),
         body2=two.body(tree, warns),
-        points1={link: one.places[link].origin + 0.0 for link in points if link in one.places},
-        points2={link: two.places[link].origin + 0.0 for link in points if link in two.places},
     )
 
 
