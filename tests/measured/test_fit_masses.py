@@ -124,7 +124,8 @@ def test_intervals_cover_the_parameters(seconds, runs, correlation):
     exact = np.concatenate((panda().base_parameters().values, VISCOUS, COULOMB))
     inside = []
     for seed in range(runs):
-        low, high = hp.fit_masses(panda(), q, qd, qdd, tau + noise(q.shape, seed, correlation)).intervals.T
+        fit = hp.fit_masses(panda(), q, qd, qdd, tau + noise(q.shape, seed, correlation))
+        low, high = fit.values - 1.96 * fit.std, fit.values + 1.96 * fit.std
         inside.append((low <= exact) & (exact <= high))
     share = np.mean(inside, axis=0)[:43].mean()
     assert 0.92 <= share <= 0.98

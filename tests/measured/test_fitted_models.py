@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from hingepair.measured.circle_model import PointModel
-from hingepair.measured.covariance import neighbours_to_sum, sandwich
 from hingepair.measured.hinge import Hinge, home_of, result_derivatives, sign_of
 from hingepair.measured.hinge_model import BodyModel, Noise
 from hingepair.measured.most_likely import Model, evaluate, most_likely
 from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
-from hingepair.measured.robust import LOSSES, cauchy, loss_weights, median_variance
+from hingepair.measured.statistics import LOSSES, cauchy, loss_weights, median_variance, neighbours_to_sum, sandwich
 from hingepair.rotations.matrices import rotation_log
 from support.recorded import HOME, N1, U1, U2, recording, turns
 

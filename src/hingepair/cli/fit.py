@@ -13,12 +13,11 @@ import typer
 from hingepair.cli.options import PICTURE_SUFFIXES, ColumnOption, JsonOption, out_option, parse_columns
 from hingepair.cli.output import check_output, save_figure
 from hingepair.errors import ArgumentError, FitError, quoted
-from hingepair.formats.imu_recordings import are_imus, read_imus
-from hingepair.formats.recordings import ColumnAdvice, no_body_error, read_poses
+from hingepair.formats.recordings import ColumnAdvice, are_imus, no_body_error, read_imus, read_poses
 from hingepair.measured.hinge_fit import HingeFit, fit
 from hingepair.measured.hinge_report import HingeReport
 from hingepair.measured.imus import fit_imus
-from hingepair.measured.robust import LOSSES
+from hingepair.measured.statistics import LOSSES
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.results import RESULT_FILE_SUFFIXES, Record
 from hingepair.rotations.matrices import rotation_vector

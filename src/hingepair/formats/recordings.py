@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, RotationError, nearest, nearest_name
+from hingepair.measured.imus import ImuRecording
 from hingepair.measured.smoothing.resample import resample
 from hingepair.measured.smoothing.smooth import smooth
 from hingepair.mechanism.bodies.body_motion import BodyMotion
@@ -39,7 +40,7 @@ from hingepair.tables.recorded_columns import (
     read_recorded,
     read_sources,
 )
-from hingepair.tables.units import SCALES
+from hingepair.tables.units import SCALES, read_heading
 
 # Columns that results have and a recording of poses does not need.
 _IGNORED_COLUMNS = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
@@ -62,12 +63,6 @@ class Recording(NamedTuple):
     body1: BodyMotion
     body2: BodyMotion | None
     t: NDArray[Any] | None
-
-    def __repr__(self) -> str:
-        """Say how many instants there are, and of what."""
-        parts = {"body1": self.body1, "body2": self.body2, "t": self.t}
-        held = ", ".join(name for name, part in parts.items() if part is not None)
-        return f"Recording({self.body1.shape[0]} instants: {held})"
 
 
 class ColumnAdvice(NamedTuple):
@@ -476,3 +471,56 @@ def read_robot_recording(
         every = dict(zip(rows, zip(*smoothed, strict=True), strict=False))
         recorded |= {name: np.stack(every[name], axis=-1) for name in ("q", *derived)}
     return t, recorded
+
+
+# ---- inertial sensors
+
+_IMU_UNITS: Final = {
+    "t": "s",
+    **{f"omega_{c}": "rad/s" for c in "xyz"},
+    **{f"force_{c}": "m/s^2" for c in "xyz"},
+}
+
+
+_IMU_VOCABULARY: Final = Vocabulary(tuple(_IMU_UNITS), lambda name: _IMU_UNITS.get(name, "1"))
+
+
+def are_imus(sources: Sequence[Any], columns: Mapping[str, Any]) -> bool:
+    """Return whether recordings are those of inertial sensors: the specific force of each is recorded."""
+    shown = [
+        {read_heading(heading, _IMU_VOCABULARY.unit_of)[0] for heading in open_columns(source).shapes}
+        for source in sources
+    ]
+    return "force_x" in columns or all("force_x" in names for names in shown)
+
+
+def read_imus(sources: Sequence[Any], columns: Mapping[str, Any]) -> tuple[ImuRecording, ImuRecording]:
+    """Read the recordings of two sensors, columns t, omega_x, ..., force_z.
+
+    Args:
+        sources: a recording of each, as for `read_recording`.
+        columns: names and units of columns that have others, as there.
+
+    Raises:
+        ArgumentError: a file or a column cannot be used, or there are not two.
+    """
+    if len(sources) != 2:
+        raise ArgumentError("FILE", "two files of inertial sensors, one on each body", f"{len(sources)}")
+    recordings: list[ImuRecording] = []
+    for source in sources:
+        with _naming(source):
+            recordings.append(_read_imu(source, columns))
+    return recordings[0], recordings[1]
+
+
+def _read_imu(source: Any, columns: Mapping[str, Any]) -> ImuRecording:
+    table = open_columns(source)
+    places = read_sources(columns, _IMU_VOCABULARY, table.units)
+    check_sources(places, table.shapes)
+    wanted = {*_IMU_UNITS, *(place.column for place in places.values())}
+    found, _ = read_recorded(table, places, _IMU_VOCABULARY, lambda names: [name for name in names if name in wanted])
+    for name in _IMU_UNITS:
+        if name not in found:
+            raise ArgumentError(name, f"a column of this name{nearest(name, tuple(table.shapes))}", "none")
+    omega, force = (np.stack([found[f"{name}_{c}"] for c in "xyz"], axis=-1) for name in ("omega", "force"))
+    return ImuRecording(found["t"], omega, force)

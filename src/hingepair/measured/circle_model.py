@@ -17,7 +17,7 @@ from hingepair.measured.hinge import Results, first_axis_across, frame, sign_of,
 from hingepair.measured.hinge_model import Noise
 from hingepair.measured.most_likely import Rows, noise_bias
 from hingepair.measured.relative_poses import FEW_SAMPLES, RelativePoses
-from hingepair.measured.robust import Loss, median_variance
+from hingepair.measured.statistics import Loss, median_variance
 from hingepair.numeric.arrays import Float64Array
 
 _TRIPLES = 300  # circles that are tried at first

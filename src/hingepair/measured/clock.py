@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from hingepair.measured.findings import Finding
 from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
-from hingepair.measured.robust import Loss
 from hingepair.measured.samples import Samples
 from hingepair.measured.smoothing.smooth import smoothed_arrays
 from hingepair.measured.smoothing.spline import MIN_PIECE
+from hingepair.measured.statistics import Loss
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import rotation_exp, skew

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.covariance import neighbour_correlation
 from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable
-from hingepair.measured.robust import OUTLIER
+from hingepair.measured.statistics import OUTLIER, neighbour_correlation
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
 from hingepair.rotations.matrices import skew

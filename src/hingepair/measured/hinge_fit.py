@@ -14,15 +14,14 @@ from hingepair.measured.circle_model import PointModel
 from hingepair.measured.clock import ClockedPoses
 from hingepair.measured.findings import Finding, exceeded, is_reliable, notes
 from hingepair.measured.hinge import GAUGES, RULE_OF_HOME, RULE_OF_SIGN, result_derivatives
-from hingepair.measured.hinge_findings import Fitted, check_turning, judged
+from hingepair.measured.hinge_findings import BodyPoses, Fitted, check_turning, judged, probable_mistakes
 from hingepair.measured.hinge_model import BodyModel
 from hingepair.measured.hinge_report import HingeReport
-from hingepair.measured.mistakes import BodyPoses, probable_mistakes
 from hingepair.measured.most_likely import Estimate, evaluate, most_likely, shows_offset
 from hingepair.measured.relative_poses import RelativePoses
-from hingepair.measured.robust import LOSSES, Loss
 from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.smoothing.spline import MIN_PIECE
+from hingepair.measured.statistics import LOSSES, Loss
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.numeric.arrays import Float64Array, check_choice, read_only
@@ -205,7 +204,7 @@ def fit(
     check_choice("loss", loss, LOSSES)
     check_choice("gauge", gauge, GAUGES)
     samples = checked_samples(body1, body2, t, weights, clock_offset, noise1, noise2)
-    if samples.is_point and samples.mean_noise is not None:
+    if samples.is_point and (noise1 is not None or noise2 is not None):
         raise ArgumentError("noise1", "None, since body 2 has no attitudes", "values")
     used = samples.known1 & samples.known2
     if used.sum() < 2:
@@ -364,7 +363,7 @@ def _recording_findings(
         doubts += suspicions("instants", "t", samples.t)
         findings += notes("gaps", [f"{text}." for text in gap_sentences("t", samples.t)])
     findings += [Finding("unit", 1, 0, text) for text in doubts]
-    return findings + samples.findings(fitted.model.noise)
+    return findings + samples.findings()
 
 
 def _turn_findings(psi: Float64Array, instants: NDArray[Any], good: NDArray[np.bool_]) -> list[Finding]:

@@ -23,7 +23,7 @@ import numpy as np
 from hingepair.measured.hinge import Hinge, Results, home_angle, home_of, slopes
 from hingepair.measured.most_likely import Rows, noise_bias
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, robust_closed_form_hinge
-from hingepair.measured.robust import Loss, median_variance
+from hingepair.measured.statistics import Loss, median_variance
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 

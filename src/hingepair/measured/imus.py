@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.covariance import neighbour_correlation, score_scatter, solve_semidefinite
 from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded
 from hingepair.measured.hinge import (
     RULE_OF_HOME,
@@ -36,8 +35,14 @@ from hingepair.measured.hinge import (
     tilted,
 )
 from hingepair.measured.hinge_report import HingeReport
-from hingepair.measured.robust import cauchy, loss_weights
 from hingepair.measured.smoothing.spline import MIN_PIECE, inverse_bands, smooth_columns
+from hingepair.measured.statistics import (
+    cauchy,
+    loss_weights,
+    neighbour_correlation,
+    score_scatter,
+    solve_semidefinite,
+)
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.numeric.arrays import Float64Array, read_only, vectors
 from hingepair.rotations.matrices import skew

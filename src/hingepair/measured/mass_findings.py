@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hingepair.measured.covariance import neighbour_correlation, score_scatter
 from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, notes
-from hingepair.measured.robust import OUTLIER, median_variance
+from hingepair.measured.statistics import OUTLIER, median_variance, neighbour_correlation, score_scatter
 from hingepair.measured.torques import TERMS, Found, Recording, column_rms, inertial_units
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.robots.inertial_parameters import body_names

@@ -13,7 +13,7 @@ from hingepair.errors import ArgumentError, FitError, ShapeError, nearest, quote
 from hingepair.measured.consistency import rigid_parameters
 from hingepair.measured.findings import Finding, is_reliable, notes
 from hingepair.measured.mass_findings import Explained, judged
-from hingepair.measured.robust import LOSSES
+from hingepair.measured.statistics import LOSSES
 from hingepair.measured.torques import (
     JOINT_TERMS,
     TERMS,
@@ -32,8 +32,6 @@ from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, chec
 from hingepair.plans.arguments import Coordinates, read_arguments
 from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text, json_text
 from hingepair.tables.suspicions import suspicions
-
-_NORMAL_95 = 1.959963984540054  # standard deviations: 95 % of a normal distribution are within
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,12 +82,6 @@ class MassFit(Frozen, Shown):
     def ok(self) -> bool:
         """Whether no finding says that a number may be wrong by more than its standard deviations."""
         return is_reliable(self.findings)
-
-    @property
-    def intervals(self) -> Float64Array:
-        """Lower and upper ends of the 95 % confidence intervals of `values`; shape (B + F, 2)."""
-        reach = _NORMAL_95 * self.std
-        return read_only(np.stack((self.values - reach, self.values + reach), axis=1))
 
     def torques(self, q: Coordinates, qd: Coordinates, qdd: Coordinates) -> Float64Array:
         """Return the torques of any motion by the fitted parameters, joint terms included; shape (..., dof). The

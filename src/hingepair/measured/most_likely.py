@@ -14,9 +14,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from hingepair.measured.covariance import sandwich, solve_semidefinite
 from hingepair.measured.relative_poses import FEW_SAMPLES, RelativePoses
-from hingepair.measured.robust import Loss, loss_weights
+from hingepair.measured.statistics import Loss, loss_weights, sandwich, solve_semidefinite
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp
 

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.measured.findings import Finding
-from hingepair.measured.hinge_model import Noise
 from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses, equal_noise
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
@@ -32,7 +31,6 @@ class Samples(NamedTuple):
     # variances of positions and of attitudes divided by typical ones, and body 1's share of the latter; shape (3, N)
     noise: Float64Array
     knows_split: bool  # whether body 1's share is known
-    mean_noise: Noise | None  # the means of these variances
     is_point: bool  # whether body 2 has no attitudes
     frozen: tuple[int, int]  # samples of either body that repeat the one before, which count as missing
 
@@ -42,28 +40,14 @@ class Samples(NamedTuple):
         R1, S1, R2, S2 = (array[rows] for array in (self.R1, self.S1, self.R2, self.S2))
         return compute_relative_poses(R1, S1, R2, S2, self.noise[:, rows])
 
-    def findings(self, noise: Noise) -> list[Finding]:
-        """Return findings on samples that were left out, and on noise that differs from what `noise1` and `noise2`
-        state by a factor of 1.5 or more.
-        """
-        found = []
-        for body, count in enumerate(self.frozen, 1):
-            text = (
-                f"{count} samples of body {body} repeat the one before while the other body moves, as of a tracker "
-            )
-            text += "that lost it; they are left out."
-            found += [Finding("frozen", count, 0, text, harmless=True)] if count else []
-        if self.mean_noise is None:
-            return found
-        ratios = {
-            "Positions": np.sqrt(noise.place / self.mean_noise.place),
-            "Attitudes": np.sqrt(noise.attitude / self.mean_noise.attitude),
-        }
-        for name, ratio in ratios.items():
-            text = f"{name} scatter {ratio:.2g} times as much as noise1 and noise2 say."
-            size = max(ratio, 1 / ratio)
-            found += [Finding("noise", size, 1.5, text, harmless=True)] if size >= 1.5 else []
-        return found
+    def findings(self) -> list[Finding]:
+        """Return findings on samples that were left out."""
+        text = (
+            "{} samples of body {} repeat the one before while the other body moves, as of a tracker that lost it; "
+        )
+        text += "they are left out."
+        counts = [(count, body) for body, count in enumerate(self.frozen, 1) if count]
+        return [Finding("frozen", each[0], 0, text.format(*each), harmless=True) for each in counts]
 
 
 def checked_samples(
@@ -108,7 +92,7 @@ def checked_samples(
     frozen = _frozen_samples(full_arrays)
     for digit, rows in frozen.items():
         known[digit] &= ~rows
-    sample_noise, mean_noise = _checked_noise(noise1, noise2, shape)
+    sample_noise = _checked_noise(noise1, noise2, shape)
     share = 0.5
     if not is_point and sample_noise is None:
         share = 0.0 if _is_constant(full_arrays["S1"]) else 1.0 if _is_constant(full_arrays["S2"]) else 0.5
@@ -126,7 +110,6 @@ def checked_samples(
         weights=sample_weights,
         noise=sample_noise,
         knows_split=knows_split,
-        mean_noise=mean_noise,
         is_point=is_point,
         frozen=(int(frozen["1"].sum()), int(frozen["2"].sum())),
     )
@@ -178,12 +161,12 @@ def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Arra
 
 def _checked_noise(
     noise1: tuple[ArrayLike, ArrayLike] | None, noise2: tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...]
-) -> tuple[Float64Array | None, Noise | None]:
-    """Return the variances of position and attitude (3, N), over their means, with body 1's part of the latter, and
-    the means; (None, None) if no noise is given.
+) -> Float64Array | None:
+    """Return the variances of position and attitude (3, N), over their means, with body 1's part of the latter; None
+    if no noise is given.
     """
     if noise1 is None and noise2 is None:
-        return None, None
+        return None
     parts = []
     for name, noise in (("noise1", noise1), ("noise2", noise2)):
         expected = "two standard deviations, of positions [m] and of attitudes [rad]"
@@ -201,5 +184,4 @@ def _checked_noise(
         raise ArgumentError(
             "noise1, noise2", "standard deviations above 0 for at least one body in every sample", "0 for both"
         )
-    mean = Noise(float(place.mean()), float(attitude.mean()))
-    return np.stack((place / mean.place, attitude / mean.attitude, parts[1] / attitude)), mean
+    return np.stack((place / place.mean(), attitude / attitude.mean(), parts[1] / attitude))

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import FitError
-from hingepair.measured.covariance import sandwich
-from hingepair.measured.robust import Loss, loss_weights, median_variance
+from hingepair.measured.statistics import Loss, loss_weights, median_variance, sandwich
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.robots.inertial_parameters import BaseParameters, inertia_matrices
 from hingepair.numeric.arrays import Float64Array

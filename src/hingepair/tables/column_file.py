@@ -32,8 +32,7 @@ _MAX_PREAMBLE: Final = 100  # lines above the names
 _ROWS_PER_BLOCK: Final = 65_536  # of a .csv whose text is in memory at a time
 _COMMENT: Final = re.compile(r"\s*(#|//|%)")  # beginning of a line above the names
 
-# A date of ISO 8601: day, time, and sign, hours and minutes of a zone.
-_DATE: Final = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)\s*(?:Z|([+-])(\d\d):?(\d\d)?)?")
+_DATE: Final = re.compile(r"\d{4}-\d\d-\d\d[T ]\d")  # beginning of a date of ISO 8601
 _DATE_FORMS: Final = (  # for messages
     "a date such as 2026-11-23T10:00:00.25+01:00 (ISO 8601) or 23.11.2026 10:00:00,25 (DD.MM.YYYY HH:MM:SS)"
 )
@@ -220,9 +219,14 @@ def _numbers(texts: Sequence[str], form: _CsvForm, marks: set[str]) -> NDArray[n
 
 
 def _instants(texts: Sequence[str], form: _CsvForm) -> NDArray[Any]:
-    """Return the instants in cells: dates, integers that a double would round, or numbers."""
+    """Return the instants in cells: dates (UTC where they name no zone), integers that a double would round, or
+    numbers.
+    """
     if _DATE.match(_iso_date(texts[0])):
-        return np.array([_date(text) for text in texts], "datetime64[ns]")
+        import pandas
+
+        dates = pandas.to_datetime([_iso_date(text) for text in texts], utc=True, format="ISO8601")
+        return np.asarray(dates.tz_localize(None).to_numpy("datetime64[ns]"))
     numbers = _numbers(texts, form, set())
     largest = float(np.abs(numbers).max(initial=0.0))
     if largest > 1e14:  # integers: nanoseconds, which a float rounds
@@ -277,18 +281,6 @@ def _iso_date(cell: str) -> str:
     '2026-11-23 10:00:00.25'
     """
     return re.sub(r"^(\d\d)\.(\d\d)\.(\d{4})\b", r"\3-\2-\1", cell.strip().replace(",", "."))
-
-
-def _date(cell: str) -> np.datetime64:
-    """Return the date in a cell, in UTC; without a zone, it is taken for UTC. Raise a ValueError if it is none."""
-    match = _DATE.fullmatch(_iso_date(cell))
-    if match is None:
-        raise ValueError
-    date = np.datetime64(f"{match[1]}T{match[2]}", "ns")
-    if match[3]:
-        minutes = 60 * int(match[4]) + int(match[5] or 0)
-        date -= np.timedelta64(minutes if match[3] == "+" else -minutes, "m")
-    return date
 
 
 # ---- other files

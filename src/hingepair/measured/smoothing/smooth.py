@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, ShapeError
-from hingepair.measured.robust import LOSSES, Loss
 from hingepair.measured.smoothing.angular_velocity import angular_velocity_from_samples, spins_about_body_axis
 from hingepair.measured.smoothing.resample import interpolated
 from hingepair.measured.smoothing.spline import MIN_PIECE, SmoothedColumns, smooth_columns
+from hingepair.measured.statistics import LOSSES, Loss
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.results import OverInstants, Record
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, finite_number, read_only, real_array

@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError
-from hingepair.measured.robust import OUTLIER, Loss, loss_weights, median_variance
 from hingepair.measured.smoothing.resample import interpolated, lagrange_weights
+from hingepair.measured.statistics import OUTLIER, Loss, loss_weights, median_variance
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.equations.quantities import ACCELERATION
-from hingepair.measured.robust import LOSSES
 from hingepair.measured.smoothing.smooth import longest_filled, smooth
 from hingepair.measured.smoothing.spline import MIN_PIECE
+from hingepair.measured.statistics import LOSSES
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.motion.integrate import METHODS, RATE_FRAME_NAMES, integrate
