@@ -145,7 +145,7 @@ def test_one_target_is_reached_from_coordinates_near_it():
     low, high = PANDA.position_limits.T
     q = rng.uniform(low, high, (60, 7))
     target = PANDA.forward_kinematics(q, frames="panda_hand")["panda_hand"]
-    solve = PANDA.prepare("inverse_kinematics", frames=("panda_hand",))
+    solve = PANDA.prepare("inverse_kinematics", frames="panda_hand")
     for k in range(len(q)):
         s = solve(target.R[k], target.S[k], q[k] + 0.1 * rng.normal(size=7))
         there = PANDA.forward_kinematics(s.q, frames="panda_hand")["panda_hand"]

@@ -27,12 +27,26 @@ def solve_one(
     """
     if not np.isfinite(pose).all():
         return Solutions.nothing((1,), solver), 0, 0
-    targets = Targets(pose[None], q0[None], None if posture is None else posture[None], *tolerances)
-    plain, pulling = targets.options(), targets.options(pull=1.0)
+    near = None if posture is None else posture[None]
+    targets = Targets(pose[None], q0[None], near, *tolerances)
+    ends, steps = _steps_from(solver, q0, targets)
+    if ends.ok[0]:
+        return ends, steps, 1
+    ends, more, starts = solver.first(targets._replace(posture=None), seed)
+    steps += int(more[0])
+    if posture is not None and ends.ok[0]:
+        nearer, more_steps = _steps_from(solver, ends.q[0], targets)
+        return (nearer if nearer.ok[0] else ends), steps + more_steps, int(starts[0])
+    return ends, steps, int(starts[0])
+
+
+def _steps_from(solver: Solver, q0: Float64Array, targets: Targets) -> tuple[Solutions, int]:
+    """Return where steps from q0 lead, first also towards the posture, and their count."""
+    plain, pulling, pose = targets.options(), targets.options(pull=1.0), targets.poses[0]
     q, steps = np.minimum(np.maximum(q0, solver.low), solver.high), 0
-    if posture is not None:
+    if targets.posture is not None:
         for _ in range(_PULLS):
-            before, q = q, solver.step_to_posture(q, pose, pulling, posture)["q_new"]
+            before, q = q, solver.step_to_posture(q, pose, pulling, targets.posture[0])["q_new"]
             steps += 1
             if np.abs(q - before).max() < _AT_REST:
                 break
@@ -42,8 +56,4 @@ def solve_one(
         steps += 1
         if unmet == 0:
             break
-    ends = solver.measure(q[None], targets)
-    if ends.ok[0]:
-        return ends, steps, 1
-    ends, more, starts = solver.first(targets, seed)
-    return ends, steps + int(more[0]), int(starts[0])
+    return solver.measure(q[None], targets), steps
