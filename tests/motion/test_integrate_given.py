@@ -39,19 +39,6 @@ def test_samples_keep_order_6(spin, even):
     assert errors[1] < 1e-12
 
 
-def test_samples_are_interpolated_exactly_where_they_are_polynomials():
-    """Omega about one axis, of degree 5: the angle is its integral, at either end too, even or not."""
-    t = np.cumsum(generator(130).uniform(0.02, 0.1, 30))
-    for times in (t, np.linspace(0, 2, 40)):
-        rate = np.stack([0 * times, 0 * times, 1 + times**5 - times**2], axis=-1)
-        motion = hp.integrate(PAIR, times, rate, rate[:, 2], outputs=())
-        exact = times + times**6 / 6 - times**3 / 3
-        exact -= exact[0]
-        np.testing.assert_allclose(motion.psi, exact, rtol=0, atol=40 * U * exact[-1])
-        turned = motion.euler_angles(1)[:, 2]
-        np.testing.assert_allclose(turned, exact, rtol=0, atol=1000 * U * exact[-1])
-
-
 @spins
 @pytest.mark.parametrize("kind", ["callable", "samples"])
 def test_error_estimate_is_honest(spin, kind):
@@ -96,12 +83,6 @@ def test_outputs_follow_what_is_known():
         hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=lambda _: point, outputs=("v2",))
     with pytest.raises(hp.ArgumentError, match="alpha1: expected a value, since output alpha2 needs it"):
         hp.integrate(PAIR, T, (0, 0, 1), 1.0, psidd=0.0, outputs=("alpha2",))
-
-
-def test_body_2_keeps_the_hinge_point():
-    motion = hp.integrate(PAIR, T, TURNED.omega, np.cos, R1=np.stack([T, T**2, T**3], -1), outputs=("R1", "R2", "S2"))
-    gap = motion.R1 + motion.S1 @ PAIR.u1 - motion.R2 - motion.S2 @ PAIR.u2
-    assert np.abs(gap).max() <= 20 * U
 
 
 @pytest.mark.slow

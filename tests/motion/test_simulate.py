@@ -10,7 +10,7 @@ import pytest
 
 import hingepair as hp
 from support.sparse import sparse
-from support.states import generator, rotations
+from support.states import rotations
 
 STILL = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
 WEIGHTLESS = (0.0, 0.0, 0.0)
@@ -65,41 +65,6 @@ def test_a_symmetric_top_precesses():
     axis = np.stack([hp.rotation_exp(x * rate) @ (0, 0, 1) for x in t])
     np.testing.assert_allclose(top.S1[:, :, 2], axis, rtol=0, atol=2e-13)
     np.testing.assert_allclose(top.psi, -1.5 * t, rtol=0, atol=2e-13)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", sparse(range(3), 3))
-def test_a_free_pair_keeps_its_momenta_and_its_energy(seed):
-    rng = generator(30, seed)
-    pair, start = heavy(rng), thrown(rng)
-    free = hp.simulate(pair, np.linspace(0, 4, 81), start, 0.3, 1.0, gravity=WEIGHTLESS, tol=1e-12)
-    motion = free.body1, free.psi, free.psid
-    momentum, energy = pair.momentum(*motion), pair.energy(*motion, gravity=WEIGHTLESS).kinetic
-    size = 1 + np.abs(free.body1.R).max() * np.abs(momentum.linear).max() + np.abs(momentum.angular).max()
-    assert np.ptp(momentum.linear, axis=0).max() <= 4e-15 * size
-    assert np.ptp(momentum.angular, axis=0).max() <= 2e-14 * size
-    assert np.ptp(energy) <= 2e-13 * energy.max()
-
-
-@pytest.mark.slow
-def test_forces_are_found_again_from_the_motion():
-    rng = generator(31)
-    pair, start = heavy(rng), thrown(rng)
-    t = np.linspace(0, 3, 31)
-
-    def thrust(t, now):
-        return np.stack([np.sin(t), -now.v1[:, 1], now.psi], axis=-1)
-
-    def motor(t, psi, psid):
-        return 0.3 * np.cos(t) - 0.1 * psid - 0.5 * np.sin(psi)
-
-    loads = {"force1": thrust, "torque1": (0.1, 0, -0.2), "hinge_torque": motor}
-    moved = hp.simulate(pair, t, start, 0.3, 1.0, **loads, tol=1e-12)
-    forces = pair.inverse_dynamics(moved.body1, moved.psi, moved.psid, moved.psidd)
-    expected = np.stack([np.sin(t), -moved.body1.v[:, 1], moved.psi], axis=-1)
-    np.testing.assert_allclose(forces.force1, expected, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(forces.torque1, np.broadcast_to((0.1, 0, -0.2), (31, 3)), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(forces.hinge_torque, motor(t, moved.psi, moved.psid), rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow

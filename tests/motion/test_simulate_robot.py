@@ -330,13 +330,6 @@ def test_stops_of_a_joint_that_follows_act_on_its_leader():
         hp.simulate(robot, [0.0, 1.0], [0.0], loads={"b": stop}, driven={"a": lambda t: (t, 1, 0)})
 
 
-@pytest.mark.slow
-def test_what_a_file_says_of_the_panda_can_be_simulated():
-    robot = hp.load_robot("panda")
-    found = hp.simulate(robot, [0.0, 0.01], robot.position_limits.mean(1), loads=robot.joint_loads)
-    assert {"damper", "stop"} <= {*found.loads}
-
-
 def test_what_a_file_describes_is_handed_on_as_it_is():
     hinge = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), body2=ROD, name="j", limits=(-1, 2))
     robot = hp.Mechanism([hinge]).with_joint_loads({"j": hp.HingeLoad(damping=0.3, friction=0.1)})

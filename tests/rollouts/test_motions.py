@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -211,17 +209,6 @@ def test_a_free_base_starts_with_all_that_is_given_or_at_rest(missing):
         robot.rollout([0.0], [0.0], 0.0, 1e-2, steps=1, base_motion=base)
     still = robot.rollout([0.0], [0.0], 0.0, 1e-2, steps=1, base_motion=hp.BodyMotion(R=(0, 0, 1), S=np.eye(3)))
     assert (still.v1[0] == 0).all()
-
-
-def test_tables_have_instants_and_names_of_joints():
-    """Also of a pickle, which holds them."""
-    rolled = ROBOT.rollout(np.zeros(DOF), np.ones(DOF), 0, H, steps=3)
-    for one in (rolled, pickle.loads(pickle.dumps(rolled))):
-        frame = one.to_dataframe()
-        assert list(frame.columns) == ["t", *ROBOT.names, *(f"{name}d" for name in ROBOT.names)]
-        np.testing.assert_array_equal(frame["t"], H * np.arange(4))
-        np.testing.assert_array_equal(frame[ROBOT.names[1]], rolled.q[:, 1])
-    assert frame.attrs["units"][f"{ROBOT.names[0]}d"] == f"{frame.attrs['units'][ROBOT.names[0]]}/s"
 
 
 BODY = hp.Body(2.0, centre_of_mass=(0.1, -0.2, 0.3), inertia=(1, 2, 2.5))

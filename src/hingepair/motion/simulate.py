@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeAlias, cast
 
 import numpy as np
@@ -106,7 +106,6 @@ def simulate(
       default that of the robot, or "moving" if `base_motion` is a callable.
     - `base_motion`: the base at t[0]: a BodyMotion of R and S, of a free base also v and omega; at rest at the origin
       by default. Of a moving base, a callable of times (n,) that returns a BodyMotion with all derivatives.
-    - `frames`: names of the frames that `.state()` of the result computes by default; the last links unless given.
 
     Args:
         pair: a pair whose bodies have mass properties. If the base is fixed or a callable, only body 2 needs them.
@@ -247,7 +246,6 @@ def simulate_robot(
     until: UserEvent | None = None,
     tol: float = 1e-10,
     max_steps: int = 30_000,
-    frames: str | Iterable[str] | None = None,
     backend: str = "auto",
     words: Callable[[str], str] = str,
 ) -> SimulatedRobotMotion:
@@ -312,7 +310,6 @@ def simulate_robot(
         impacts=tuple(sorted(impacts, key=lambda impact: impact.t)),
         steps=samples.steps,
         ended_by_event=bool(found.run.ended_by),
-        _frames=None if frames is None else tuple([frames] if isinstance(frames, str) else frames),
         _simulation=found,
     )
 

@@ -94,7 +94,6 @@ class SimulatedRobotMotion(Frozen, Result):
     steps: int
     #: whether `until`, a dead point or the end of a strut's stroke ended the motion before the last instant
     ended_by_event: bool
-    _frames: tuple[str, ...] | None
     _simulation: Simulation
 
     @property
@@ -125,11 +124,8 @@ class SimulatedRobotMotion(Frozen, Result):
         return float(self._simulation.errors.max())
 
     def state(self, frames: str | Iterable[str] | None = None) -> MechanismState:
-        """Compute the motion of frames at the instants, with accelerations; by default those that `simulate` was
-        given.
-        """
-        wanted = self._frames if frames is None else frames
-        return self.robot.forward_kinematics(self.q, self.qd, self.qdd, frames=wanted, base_motion=self.base_motion)
+        """Compute the motion of frames at the instants, with accelerations; by default of the last links."""
+        return self.robot.forward_kinematics(self.q, self.qd, self.qdd, frames=frames, base_motion=self.base_motion)
 
     def __getitem__(self, frame: str) -> FrameState:
         """Compute the motion of one frame."""
