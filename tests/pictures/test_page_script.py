@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 import subprocess
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -80,10 +78,42 @@ def test_the_page_computes_the_poses_that_the_mechanism_has(name):
             np.testing.assert_allclose(np.reshape(pose["S"], (3, 3)), state[frame].S[k], rtol=0, atol=400 * U)
 
 
-def four_bar_of_the_documentation():
-    page = (Path(__file__).parents[2] / "docs" / "scenes.md").read_text(encoding="utf-8")
-    (scene,) = (text for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL) if "[[loop]]" in text)
-    return scene
+FOUR_BAR = """
+[mechanism]
+coordinates = ["crank"]
+at = { crank = 0.3, coupler = 0.8, rocker = 1.9 }
+[mechanism.frames]
+a = { link = "coupler", R = [0.9, 0, 0] }
+b = { link = "rocker", R = [0.7, 0, 0] }
+[[joint]]
+name = "crank"
+u1 = [0, 0, 0]
+u2 = [0, 0, 0]
+n = [0, 0, 1]
+body2 = { mass = 0.6, centre_of_mass = [0.15, 0, 0], inertia = [0.01, 0.01, 0.01] }
+[[joint]]
+name = "coupler"
+parent = "crank"
+u1 = [0.3, 0, 0]
+u2 = [0, 0, 0]
+n = [0, 0, 1]
+body2 = { mass = 1.8, centre_of_mass = [0.45, 0, 0], inertia = [0.12, 0.12, 0.12] }
+[[joint]]
+name = "rocker"
+u1 = [1, 0, 0]
+u2 = [0, 0, 0]
+n = [0, 0, 1]
+body2 = { mass = 1.4, centre_of_mass = [0.35, 0, 0], inertia = [0.06, 0.06, 0.06] }
+[[loop]]
+frame1 = "a"
+frame2 = "b"
+[motion]
+crank = "2*pi*t"
+[time]
+start = 0
+stop = 1
+samples = 101
+"""
 
 
 @by_node
@@ -93,10 +123,9 @@ def test_the_page_moves_what_loops_close(kind, tmp_path):
         source = found = hp.simulate(four_bar(base="free"), np.linspace(0, 1, 6), [0.3], [2.0])
         robot, q, qd, base = found.robot, found.q, found.qd, found.base_motion
     else:
-        given = four_bar_of_the_documentation()
-        simulated = given.replace('[motion]\ncrank = "2*pi*t"', "[dynamics.crank]\nq_0 = 0.3\nqd_0 = 2")
+        simulated = FOUR_BAR.replace('[motion]\ncrank = "2*pi*t"', "[dynamics.crank]\nq_0 = 0.3\nqd_0 = 2")
         cylinder = CYLINDER + TURN + '[motion]\ncylinder = "0.8 + 0.2*t"\n' + SECOND
-        texts = {"given": given, "simulated": simulated, "with a cylinder": cylinder}
+        texts = {"given": FOUR_BAR, "simulated": simulated, "with a cylinder": cylinder}
         (tmp_path / "s.toml").write_text(texts[kind])
         source = hp.load_scene(tmp_path / "s.toml")
         robot, (q, qd, _), base = source.mechanism, source.coordinates(), None

@@ -224,7 +224,7 @@ def test_a_mechanism_without_masses_is_drawn_without_torques(tmp_path):
     assert hp.view(scene).frames == 11
 
 
-@pytest.mark.parametrize("name", [r"$\frac{$", "_a", "lambda", "a\ud800"])
+@pytest.mark.parametrize("name", [r"$\frac{$", "_a", "lambda"])
 def test_a_name_is_drawn_as_it_stands(name, tmp_path):
     pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), name=name)
     hp.plot(pair).savefig(tmp_path / "pair.png")
