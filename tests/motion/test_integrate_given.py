@@ -146,20 +146,6 @@ def test_pickling_computes_no_estimate_and_keeps_those_computed():
     assert pickle.loads(pickle.dumps(motion)).error_estimate == estimate > 0
 
 
-def test_error_estimate_knows_that_equal_steps_round_alike():
-    """A constant omega over thousands of radians: rounding adds up, and the estimate says so."""
-    t = np.linspace(0, 3000, 200_001)
-    motion = hp.integrate(PAIR, t, (1.1, -2.3, 0.7), 0.0, outputs=())
-    with mpmath.workdps(DIGITS):
-        w = [mpmath.mpf(x) for x in (1.1, -2.3, 0.7)]
-        size = mpmath.sqrt(sum(x * x for x in w))
-        exact = [mpmath.cos(1500 * size), *(x / size * mpmath.sin(1500 * size) for x in w)]
-        q = [mpmath.mpf(float(x)) for x in motion.quat_wxyz[-1]]
-        sine = mpmath.sqrt(sum((q[i] * exact[0] - q[0] * exact[i]) ** 2 for i in (1, 2, 3)))
-    true = float(2 * sine)
-    assert true / 10 <= motion.error_estimate <= 10 * true
-
-
 @pytest.mark.proof
 @pytest.mark.parametrize("name", [*SPINS][1:])
 def test_a_million_steps_do_not_drift(name):

@@ -199,18 +199,6 @@ def test_a_diagonal_for_each_motion_is_the_controller_of_each():
         robot.rollout(q[:5], np.zeros(6), hp.Feedback(K[:5], D[:5], 0.1), 1e-3, steps=5)
 
 
-@pytest.mark.parametrize("missing", ["S", "omega", "v"])
-def test_a_free_base_starts_with_all_that_is_given_or_at_rest(missing):
-    body = hp.Body(mass=2, inertia=(1, 1, 1))
-    pair = hp.HingePair((0.2, 0, 0), (-1, 0, 0), (0, 1, 0), name="h", body1=body, body2=body)
-    robot, full = hp.Mechanism([pair], base="free"), {"S": np.eye(3), "v": (1, 0, 0), "omega": (0, 0, 1)}
-    base = hp.BodyMotion(R=(0, 0, 1), **{name: value for name, value in full.items() if name != missing})
-    with pytest.raises(hp.ArgumentError, match=rf"^base_motion\.{missing}: expected a value"):
-        robot.rollout([0.0], [0.0], 0.0, 1e-2, steps=1, base_motion=base)
-    still = robot.rollout([0.0], [0.0], 0.0, 1e-2, steps=1, base_motion=hp.BodyMotion(R=(0, 0, 1), S=np.eye(3)))
-    assert (still.v1[0] == 0).all()
-
-
 BODY = hp.Body(2.0, centre_of_mass=(0.1, -0.2, 0.3), inertia=(1, 2, 2.5))
 
 

@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations import spatial as eq
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.results import Result
 from hingepair.mechanism.states import PairState
-from hingepair.numeric.arrays import Frozen, check_choice, read_only
+from hingepair.numeric.arrays import Frozen, read_only
 from hingepair.numeric.blocks import components_of, tabulate_one
 from hingepair.plans.pairs import unit_among
-from hingepair.rotations.euler import matrix_to_euler
-from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.tables.sheets import instant_text
 
 
@@ -145,31 +143,6 @@ class Trajectory(Frozen, Result):
             return S1
         return read_only(quaternions_to_matrices(self.quat_wxyz))
 
-    def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:
-        """Return the Euler angles of body 1 or 2, without jumps between instants.
-
-        At the first instant they are those of `matrix_to_euler`; at each later one, of the two triples that describe
-        the attitude, with whole turns added, the one nearest to the instant before. This is right if each angle
-        changes by less than half a turn from one instant to the next, which is not checked, also where the middle
-        angle passes through gimbal lock between two instants. At an instant at gimbal lock, the first and the third
-        angle may jump.
-
-        Args:
-            body: 1 or 2; for 2, S2 must be among the outputs.
-            sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about
-                the axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
-
-        Returns:
-            Angles in the order of the sequence's letters [rad]; shape (N, 3).
-        """
-        check_choice("sequence", sequence, SEQUENCE_NAMES)
-        if body not in {1, 2}:
-            raise ArgumentError("body", "1 or 2", quoted(body))
-        S = self.S1 if body == 1 else self.state.S2
-        if S is None:
-            raise ArgumentError("body", "1, or S2 among the outputs", body)
-        return unwrap_euler_angles(matrix_to_euler(S, sequence), proper=sequence[0] == sequence[2])
-
 
 def describe_instants(t: NDArray[np.float64]) -> str:
     """Return text on instants.
@@ -203,15 +176,15 @@ def rotate_to_world(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[n
     return tabulate_one(lambda v: eq.rotate(v["S1"], v["w"]), parts, (3,), np.dtype(np.float64))
 
 
-def unwrap_euler_angles(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
-    """Return Euler angles (..., N, 3) of the same attitudes, continuous from sample to sample. `proper`: the first
-    and the third axis of the sequence coincide.
+def unwrap_euler_angles(phi: NDArray[Any]) -> NDArray[np.float64]:
+    """Return Euler angles (..., N, 3) of the same attitudes, continuous from sample to sample, of a sequence whose
+    axes differ.
 
-    (a, b, c) and (a + pi, pi - b, c + pi) are one attitude; of a proper sequence, (a, b, c) and (a + pi, -b, c + pi).
+    (a, b, c) and (a + pi, pi - b, c + pi) are one attitude.
     To exchange both of two neighbours does not change their distance, so that each pair of neighbours is decided on
     its own: stay, or change to the other triple.
     """
-    other = np.stack([phi[..., 0] + np.pi, (0.0 if proper else np.pi) - phi[..., 1], phi[..., 2] + np.pi], axis=-1)
+    other = np.stack([phi[..., 0] + np.pi, np.pi - phi[..., 1], phi[..., 2] + np.pi], axis=-1)
     before = phi[..., :-1, :]
     steps = (np.remainder(kind[..., 1:, :] - before + np.pi, 2 * np.pi) - np.pi for kind in (phi, other))
     stay, change = (np.abs(step).sum(axis=-1) for step in steps)

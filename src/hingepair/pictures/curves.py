@@ -155,7 +155,7 @@ def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
         angles = np.array(matrix_to_euler(S))
     finite = np.isfinite(angles).all(axis=1)
     if finite.any():
-        angles[finite] = unwrap_euler_angles(np.concatenate([previous_angles, angles[finite]]), proper=False)[
+        angles[finite] = unwrap_euler_angles(np.concatenate([previous_angles, angles[finite]]))[
             len(previous_angles) :
         ]
     return angles
