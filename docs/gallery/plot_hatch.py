@@ -25,7 +25,7 @@ for side, y in (("left", 0.6), ("right", -0.6)):
     body = body.with_frame(f"foot {side}", "base", R=(0.058, y, -0.54)).with_frame(
         f"eye {side}", "hatch", R=(0.03, y, -0.26)
     )
-gas = hp.GasSpring(F1=300, F2=1.35 * 300, stroke=0.33, friction=30, exponent=1.2)
+gas = hp.GasSpring(F1=300, F2=1.35 * 300, stroke=0.33, friction=30)
 with_springs = body
 for side in ("left", "right"):
     ends = f"foot {side}", f"eye {side}"

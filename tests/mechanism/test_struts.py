@@ -13,22 +13,18 @@ HATCH = hp.Mechanism([LID]).with_frame("a", "base", R=(0.3, 0, -0.2)).with_frame
 Q = np.linspace(-1.2, 0.3, 31)[:, None]
 FORCES = {
     "gas": {"force": hp.GasSpring(300, 400, 0.6, friction=20), "free_length": 0.7},
-    "nitrogen": {"force": hp.GasSpring(300, 400, 0.6, exponent=1.3), "free_length": 0.7},
     "stops": {"limits": (0.3, 0.6), "stop_stiffness": 9e3},
     "spring": {"stiffness": 900.0, "free_length": 0.5, "damping": 30.0},
     "table": {"force": ([0.1, 0.2, 0.4, 0.7], [500, 300, 320, 100])},
 }
 
 
-FREE = {"gas": 0.7, "nitrogen": 0.7, "stops": 0.45, "spring": 0.5}  # m
+FREE = {"gas": 0.7, "stops": 0.45, "spring": 0.5}  # m
 
 
 def by_hand(kind: str, length: np.ndarray, rate: np.ndarray) -> np.ndarray:
     if kind == "gas":  # the data sheet's line on extension; friction adds to it on compression
         return 300 + 100 * (0.7 - length) / 0.6 + np.where(rate < 0, 20, 0)
-    if kind == "nitrogen":  # p V^1.3 is constant; the cylinder takes the volume V1 (1 - share) when compressed
-        share = 1 - (300 / 400) ** (1 / 1.3)
-        return 300 * (1 - share * (0.7 - length) / 0.6) ** -1.3
     if kind == "stops":
         return 9e3 * (np.maximum(0.3 - length, 0) - np.maximum(length - 0.6, 0))
     if kind == "spring":
@@ -154,7 +150,6 @@ def test_the_stroke_of_a_gas_spring_is_its_limits() -> None:
 
 BEYOND = {
     "gas": {"force": hp.GasSpring(300, 400, 0.2), "free_length": 0.6},
-    "nitrogen": {"force": hp.GasSpring(300, 400, 0.2, exponent=1.3), "free_length": 0.6},
     "function": {"force": springy, "limits": (0.4, 0.6)},
 }
 ASKED = {
@@ -209,7 +204,6 @@ REFUSED = {
     ),
     "limits": (lambda: HATCH.with_strut("a", "b", "strut", limits=(0.4, 0.3)), "limits"),
     "stops": (lambda: HATCH.with_strut("a", "b", "strut", stop_stiffness=1e4), "limits"),
-    "exponent": (lambda: hp.GasSpring(300, 400, 0.2, exponent=0.1), "exponent"),
     "one body": (lambda: HATCH.with_strut("b", "lid", "strut"), "frame2"),
     "name": (lambda: HATCH.with_strut("a", "b", "lid"), "name"),
     "frame": (lambda: HATCH.with_strut("a", "c", "strut"), "frame2"),

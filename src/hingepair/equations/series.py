@@ -21,15 +21,3 @@ def clenshaw(coefficients: Sequence[Scalar], x: Scalar) -> tuple[Scalar, Scalar]
     for a in reversed(coefficients):
         now, after = a + (double * now - after), now
     return now, after
-
-
-def chebyshev_integral(terms: Sequence[Scalar]) -> list[Scalar]:
-    """Return the coefficients of the integral of a sum of Chebyshev polynomials: of T_j, T_(j+1) / (2 j + 2) less
-    T_(j-1) / (2 j - 2).
-    """
-    sums: list[Scalar] = [0.0] * (len(terms) + 1)
-    for j, term in enumerate(terms):
-        sums[j + 1] = sums[j + 1] + term * (1.0 if j == 0 else 0.5 / (j + 1))
-        if j > 1:
-            sums[j - 1] = sums[j - 1] - term * (0.5 / (j - 1))
-    return sums

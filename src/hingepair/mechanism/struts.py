@@ -9,14 +9,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.equations.series import chebyshev_integral, chebyshev_sum
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.tree import Tree, TreeStrut, check_name
 from hingepair.numeric.arrays import FloatArray, finite_number, number_not_below_0, one_constant, vectors
 from hingepair.plans.struts import Law
 
-_MAX_TERMS: Final = 60  # of the series of a gas law
-_SERIES_ERROR: Final = 1e-15  # of F2
 _SLACK: Final = 1e-6  # of the stroke: so far beyond its ends a motion may be that ends there
 
 
@@ -26,16 +23,13 @@ class GasSpring:
 
     The force on extension falls from F2, compressed by the stroke, to F1, extended; on compression it is larger by
     `friction`, and at rest by half of it, which changes over rates below 0.1 mm/s. Between F1 and F2 it is linear in
-    the length, as data sheets draw it, or with an exponent that of the enclosed gas, F1 (V1 / V)^exponent, whose
-    volume V1 is such that F2 is met. Beyond the stroke it is NaN, unless elastic stops stand there.
+    the length, as data sheets draw it. Beyond the stroke it is NaN, unless elastic stops stand there.
 
     Args:
         F1: force [N] extended, that is, at the `free_length` of the strut.
         F2: force [N] compressed by `stroke`.
         stroke: by how much it is compressed there [m].
         friction: force [N] by which compression exceeds extension.
-        exponent: polytropic exponent: 1 of slow motions, in which the gas keeps its temperature, to 1.4 of quick
-            ones; None for a linear force.
 
     >>> import hingepair as hp
     >>> hp.GasSpring(F1=300, F2=400, stroke=0.2).stroke
@@ -46,7 +40,6 @@ class GasSpring:
     F2: float
     stroke: float
     friction: float = 0.0
-    exponent: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("F1", "F2", "stroke", "friction"):
@@ -55,10 +48,6 @@ class GasSpring:
             raise ArgumentError("stroke", "a length above 0", quoted(self.stroke))
         if self.F2 < self.F1:
             raise ArgumentError("F2", "at least F1, since a compressed gas pushes harder", quoted(self.F2))
-        if self.exponent is not None and not finite_number("exponent", self.exponent) >= 0.5:
-            raise ArgumentError("exponent", "a number from 1 to 1.4, or None", quoted(self.exponent))
-        if self.exponent is not None and not 0 < self.F1 * 100 >= self.F2:
-            raise ArgumentError("F1", "a force above F2 / 100, since the gas has a law", quoted(self.F1))
 
 
 def add_strut(
@@ -171,22 +160,12 @@ def _law(force: Any, stiffness: float, free_length: float | None, damping: float
 
 def _gas_law(law: Law, gas: GasSpring, extended: float) -> Law:
     """Return a law with the force of a gas spring."""
-    law = law._replace(at_zero=law.at_zero + gas.friction / 2, friction=gas.friction / 2)
-    if gas.exponent is None or gas.F1 == gas.F2:
-        slope = (gas.F2 - gas.F1) / gas.stroke
-        return law._replace(at_zero=law.at_zero + gas.F1 + slope * extended, slope=law.slope - slope)
-    power, rest = gas.exponent, 1 - (gas.F1 / gas.F2) ** (1 / gas.exponent)  # of the volume, what the stroke takes
-
-    def force(x: Any) -> Any:
-        return gas.F1 * (1 - rest * (1 - x) / 2) ** -power
-
-    for count in range(4, _MAX_TERMS + 1, 4):
-        terms = np.polynomial.chebyshev.chebinterpolate(force, count - 1)
-        if np.abs(terms[-2:]).max() < _SERIES_ERROR * gas.F2:
-            break
-    law = law._replace(middle=extended - gas.stroke / 2, scale=2 / gas.stroke, terms=tuple(terms.tolist()))
-    work = chebyshev_sum(chebyshev_integral(terms.tolist()), 1.0) * gas.stroke / 2
-    return law._replace(energy=law.energy + float(work))
+    slope = (gas.F2 - gas.F1) / gas.stroke
+    return law._replace(
+        at_zero=law.at_zero + gas.friction / 2 + gas.F1 + slope * extended,
+        slope=law.slope - slope,
+        friction=gas.friction / 2,
+    )
 
 
 def _table(force: ArrayLike) -> tuple[Any, Any]:

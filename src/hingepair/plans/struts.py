@@ -2,12 +2,11 @@
 
 The force of a strut of the length l pushes its points apart where it is positive:
 
-    F = c0 + c1 l + sum of d_k max(l - l_k, 0) + sum of b_j T_j(x) - damping l' - friction s(l')
+    F = c0 + c1 l + sum of d_k max(l - l_k, 0) - damping l' - friction s(l')
 
 which is a spring, a gas spring, a table of forces by length, stops, and what opposes the motion. s is the sign of the
-rate, but below 0.1 mm/s in proportion to it, so that a motion in time can come to rest there. T_j are Chebyshev
-polynomials of x, which is the length between -1 and 1 over the stroke, and stays there beyond. Beyond the limits
-of the law the force is NaN.
+rate, but below 0.1 mm/s in proportion to it, so that a motion in time can come to rest there. Beyond the limits of
+the law the force is NaN.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from hingepair.engine.trace import square_root, where_less
-from hingepair.equations.series import chebyshev_integral, chebyshev_sum
 from hingepair.equations.spatial import Scalar, Vector, dot, scale, subtract
 
 
@@ -26,13 +24,12 @@ class StrutForm(NamedTuple):
 
     bodies: tuple[int, int]  # numbers of the bodies of its points
     knots: int  # lengths at which the slope of the force changes
-    terms: int  # polynomials
     limited: bool  # whether its force is unknown beyond limits
 
     @property
     def size(self) -> int:
         """How many numbers it has: both points, those of a `Law`."""
-        return 6 + 7 + 2 * self.knots + self.terms + 2 * self.limited
+        return 6 + 5 + 2 * self.knots + 2 * self.limited
 
 
 _CREEP = 1e-4  # m/s: below this rate of a strut, its friction is in proportion to the rate
@@ -46,15 +43,12 @@ class Law(NamedTuple):
     damping: Scalar = 0.0  # [N s/m]
     friction: Scalar = 0.0  # [N]
     energy: Scalar = 0.0  # constant of the potential energy [J]
-    middle: Scalar = 0.0  # length [m] where x is 0
-    scale: Scalar = 0.0  # of x [1/m]
     knots: tuple[tuple[Scalar, Scalar], ...] = ()  # l_k [m] and d_k [N/m]
-    terms: tuple[Scalar, ...] = ()  # b_j [N]
     limits: tuple[Scalar, ...] = ()  # lengths [m] between which the force is known; (): everywhere
 
     def flat(self) -> list[Scalar]:
         """Return all numbers in a row."""
-        return [*self[:7], *(number for knot in self.knots for number in knot), *self.terms, *self.limits]
+        return [*self[:5], *(number for knot in self.knots for number in knot), *self.limits]
 
 
 class Strut(NamedTuple):
@@ -69,10 +63,9 @@ class Strut(NamedTuple):
     def of_numbers(cls, form: StrutForm, numbers: Sequence[Scalar]) -> Strut:
         """Return a strut from its numbers in order."""
         x1, y1, z1, x2, y2, z2, *law = numbers
-        plain, knots, rest = law[:7], law[7 : 7 + 2 * form.knots], law[7 + 2 * form.knots :]
+        plain, knots, limits = law[:5], law[5 : 5 + 2 * form.knots], law[5 + 2 * form.knots :]
         pairs = tuple(zip(knots[::2], knots[1::2], strict=True))
-        terms, limits = tuple(rest[: form.terms]), tuple(rest[form.terms :])
-        return cls(form, (x1, y1, z1), (x2, y2, z2), Law._make([*plain, pairs, terms, limits]))
+        return cls(form, (x1, y1, z1), (x2, y2, z2), Law._make([*plain, pairs, tuple(limits)]))
 
     def points(self) -> tuple[tuple[int, Vector], tuple[int, Vector]]:
         """Return the bodies of both points, and the points in their axes."""
@@ -84,8 +77,6 @@ class Strut(NamedTuple):
         force = law.at_zero + law.slope * length - law.damping * rate + self._doubt(length)
         for knot, change in law.knots:
             force = force + change * _above(length, knot)
-        if law.terms:
-            force = force + chebyshev_sum(law.terms, self._place(length))
         if type(law.friction) is float and law.friction == 0:
             return force
         share = rate / _CREEP
@@ -99,11 +90,6 @@ class Strut(NamedTuple):
         for knot, change in law.knots:
             above = _above(length, knot)
             work = work + change * (above * above * 0.5)
-        if law.terms:
-            x = self._place(length)
-            beyond = (length - law.middle) - x / law.scale
-            work = work + chebyshev_sum(chebyshev_integral(law.terms), x) / law.scale
-            work = work + chebyshev_sum(law.terms, x) * beyond
         return law.energy - work + self._doubt(length)
 
     def _doubt(self, length: Scalar) -> Scalar:
@@ -112,11 +98,6 @@ class Strut(NamedTuple):
             return 0.0
         low, high = self.law.limits
         return where_less(length, low, math.nan, where_less(high, length, math.nan, 0.0))
-
-    def _place(self, length: Scalar) -> Scalar:
-        """Return x of a length, between -1 and 1."""
-        x = (length - self.law.middle) * self.law.scale
-        return where_less(x, -1.0, -1.0, where_less(1.0, x, 1.0, x))
 
 
 def _above(length: Scalar, knot: Scalar) -> Scalar:

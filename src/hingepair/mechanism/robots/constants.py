@@ -114,7 +114,6 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
             StrutForm(
                 (one.frames[0].body, one.frames[1].body),
                 len(one.law.knots),
-                len(one.law.terms),
                 bool(one.law.limits),
             )
             for one in tree.struts
