@@ -434,7 +434,7 @@ CALLS = {
         ("seed", A, 0.5),
         ("limits", A, 3, np.tile((1.0, -1.0), (6, 1))), ("direction", A, (0, 0, 0)),
         ("direction", A, C(direction=(0, 0, 1), S=EYE)),
-        ("weights", A, (0, 1)), ("weights", S, 2), ("prefer", A, "home"), ("solutions", A, 0), ("workers", A, 0),
+        ("prefer", A, "home"), ("solutions", A, 0), ("workers", A, 0),
         ("base_motion", A, POINT),
     ]),
     "inverse_kinematics_path": (lambda **k: ur5().inverse_kinematics_path(**{"R": TWO, "frame": "tool0", **k}), [

@@ -272,20 +272,6 @@ def test_several_frames_reach_their_targets_at_once():
     assert np.array_equal(one.q, alone.q)
 
 
-def test_weights_say_which_error_counts():
-    robot = robot_of("ur5_robot")
-    R, S = (0.7, 0.2, 0.9), np.diag([1.0, -1, -1])  # beyond reach with this attitude
-    errors = np.array([
-        [found.position_error, found.angle_error]
-        for found in (
-            robot.inverse_kinematics(R, S, frame="tool0", weights=weights) for weights in ((100, 1), (1, 1), (1, 100))
-        )
-    ])  # fmt: skip
-    assert not errors[:, 0].min() <= 1e-9
-    assert (np.diff(errors[:, 0]) > 0).all()
-    assert (np.diff(errors[:, 1]) < 0).all()
-
-
 @pytest.mark.slow
 def test_a_posture_is_approached_where_the_frame_leaves_it_free():
     robot = robot_of("panda")

@@ -121,7 +121,6 @@ class SearchOptions(TypedDict, total=False):
     base: str
     limits: bool | ArrayLike
     prefer: str | Coordinates | None
-    weights: Any
     position_tolerance: float
     angle_tolerance: float
     base_motion: BodyMotion | None
@@ -136,7 +135,7 @@ SEARCH_DEFAULTS: Final[dict[str, Any]] = {
     "held": (),
     "base": "hold",
     "limits": True,
-    **dict.fromkeys(("prefer", "weights")),
+    "prefer": None,
     "position_tolerance": 1e-9,
     "angle_tolerance": 1e-9,
     "base_motion": None,

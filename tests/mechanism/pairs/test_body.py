@@ -38,8 +38,6 @@ def test_the_centre_of_mass_is_that_of_the_shapes_whether_or_not_an_inertia_is_g
     free, given = hp.Body(20, shapes=shapes), hp.Body(20, inertia=(7, 8, 1.4), shapes=shapes)
     assert given.centre_of_mass.tolist() == free.centre_of_mass.tolist() == [0.45, 0, 1]
     assert free.assumed == ()
-    (told,) = given.assumed
-    assert "(0.45, 0, 1) m" in told
     assert hp.Body(20, (0, 0, 0), (7, 8, 1.4), shapes).centre_of_mass.tolist() == [0, 0, 0]
     assert hp.Body(20, (0, 0, 0), (7, 8, 1.4), shapes).assumed == ()
 

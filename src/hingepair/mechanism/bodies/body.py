@@ -237,12 +237,6 @@ class Body(Frozen):
                 "no inertia is given, a radius of gyration of 0.1 m is taken; Body(inertia=...) or Body(shapes=...) "
                 "gives it, in a scene the key inertia or shapes of the body"
             )
-        if "centre_of_mass" in self._computed and "inertia" not in self._computed and self.centre_of_mass.any():
-            centre = ", ".join(f"{component:.4g}" for component in self.centre_of_mass + 0.0)
-            sentences.append(
-                f"no centre_of_mass is given beside inertia, that of the shapes is taken, ({centre}) m; "
-                "centre_of_mass gives it"
-            )
         return tuple(sentences)
 
     def __repr__(self) -> str:

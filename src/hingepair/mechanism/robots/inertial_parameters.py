@@ -17,7 +17,6 @@ from hingepair.mechanism.building.folding import unphysical_reason
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.rotations.matrices import skew
-from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text
 from hingepair.urdf.rigid import MassProperties
 
 PARAMETERS: Final = ("m", "hx", "hy", "hz", "Jxx", "Jxy", "Jyy", "Jxz", "Jyz", "Jzz")
@@ -87,7 +86,7 @@ def tree_with_parameters(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BaseParameters(Frozen, Shown):
+class BaseParameters(Frozen):
     """The base parameters of a robot: the fewest combinations of its inertial parameters that torques depend on.
 
     For the regressor Y of `torque_regressor` and the inertial parameters p, Y @ p = Y[..., columns] @ (matrix @ p).
@@ -109,32 +108,6 @@ class BaseParameters(Frozen, Shown):
     matrix: Float64Array
     values: Float64Array
     parameter_names: tuple[str, ...]
-
-    def combination(self, index: int) -> str:
-        """Return one combination as text.
-
-        >>> import hingepair as hp
-        >>> base = hp.load_robot("ur5_robot").base_parameters()
-        >>> base.combination(base.names.index("wrist_1_link hz"))
-        'wrist_1_link hz + wrist_2_link hz + 0.09465 wrist_3_link m'
-        """
-        terms = []
-        for k in sorted(np.flatnonzero(self.matrix[index]).tolist(), key=lambda k: k != self.columns[index]):
-            factor, sign = abs(self.matrix[index, k]), "-" if self.matrix[index, k] < 0 else "+"
-            terms.append(f"{sign} {'' if factor == 1 else f'{factor:.4g} '}{self.parameter_names[k]}")
-        return " ".join(terms).removeprefix("+ ")
-
-    def _sheet(self) -> Sheet:
-        """Return the printed table: name, value and combination."""
-        rows = [("base parameter", "value", "combination")]
-        for k, name in enumerate(self.names):
-            rows.append((name, cell_text(self.values[k]), self.combination(k)))
-        title = f"{len(self.names)} base parameters of {len(self.parameter_names)} inertial parameters"
-        return Sheet(title, rows)
-
-    def __str__(self) -> str:
-        title, rows, _ = self._sheet()
-        return "\n".join((title, *align_columns(rows, {1})))
 
 
 def find_base_parameters(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Final, NamedTuple, Unpack
 
@@ -188,7 +188,8 @@ class PreparedInverseKinematics:
         starts.
 
         Args:
-            R: wanted positions [m]; shape (3,) of a single frame, (frames, 3) of a tuple; or None.
+            R: wanted positions [m]; shape (3,) of a single frame, (frames, 3) of a tuple; or None. Errors have an
+                axis of frames where targets have one.
             S: wanted rotation matrices; shape (3, 3), (frames, 3, 3), or None.
             q0: coordinates at which the search begins; shape (dof,). By default those in the middle of the limits.
             base_motion: pose of the base, or the one at which it begins where it is solved for.
@@ -197,8 +198,8 @@ class PreparedInverseKinematics:
             ArgumentError: q0 is not finite, or no target is given.
             ShapeError: R, S or q0 is not that of one target.
         """
-        query, several = self._query(R is not None, S is not None), not self._single
-        solver, lead = query.solver, (len(self.frames),) if several else ()
+        query = self._query(R is not None, S is not None)
+        solver, lead = query.solver, () if self._single else (len(self.frames),)
         given: list[Float64Array] = []  # by frame
         if R is not None:
             given.append(_checked_target("R", R, (*lead, 3)).reshape(len(self.frames), 3))
@@ -222,7 +223,7 @@ class PreparedInverseKinematics:
         tolerances = rows.position_tolerance, rows.angle_tolerance
         found, steps, starts = solve_one(solver, pose, near, posture, tolerances, query.seed)
         start = None if query.base is None else base_motion or query.base
-        arrays = query._replace(by_frame=several, base=start).result_arrays(found, ())
+        arrays = query._replace(by_frame=np.ndim(R) == 2 or np.ndim(S) == 3, base=start).result_arrays(found, ())
         return InverseKinematics({**arrays, "steps": np.int64(steps), "starts": np.int64(starts)}, ())
 
     def __repr__(self) -> str:
@@ -289,7 +290,7 @@ def read_query(
     if path and not shape:
         raise ShapeError("R", "an axis of samples, shape (..., samples, 3)", "one target")
 
-    solver = _solver(constants, frames, [one.goal for one in targets], box, given["weights"], held, solves)
+    solver = _solver(constants, frames, [one.goal for one in targets], box, held, solves)
     poses = np.concatenate([_in_base_axes(one, base_motion, shape) for one in targets], axis=1)
     if isinstance(prefer, str):
         posture = solver.middle[solver.dof - len(constants.names) :]
@@ -453,18 +454,6 @@ def _read_limits(limits: Any, tree: Tree) -> Float64Array:
     return array
 
 
-def _weight(goal: Goal, names: Sequence[str], reach: float, weights: Any) -> float:
-    """Return what a metre or a radian of a goal's error counts, by default 1 / reach and 1."""
-    pair, label = weights, "weights"
-    if isinstance(weights, Mapping):
-        name = names[goal.frame] if goal.frames else ""
-        pair, label = weights.get(name), f"weights[{name!r}]"
-    values = (1 / reach, 1.0) if pair is None else tuple(one_constant(label, pair, 2).tolist())
-    if min(values) <= 0:
-        raise ArgumentError(label, "positive numbers", quoted(pair))
-    return float(values[not goal.is_length])
-
-
 def _reach(tree: Tree, frame: Frame) -> float:
     """Return the stretched length of the chain that carries a frame [m]; 1 if it is 0."""
     lengths, travels, body = float(np.linalg.norm(frame.R)), [], frame.body
@@ -498,19 +487,18 @@ def _solver(
     frames: Mapping[tuple[str, str], Frame],
     goals: list[Goal],
     limits: Float64Array,
-    weights: Any,
     held: tuple[int, ...],
     solves: bool,
 ) -> Solver:
-    """Return the Solver of these goals, limits and weights, which is made at its first use and cached."""
+    """Return the Solver of these goals and limits, which is made at its first use and cached."""
     tree, own = constants.tree, [*frames.values()]
     lengths = [_reach(tree, frame) for frame in own]
     whole = max([*lengths, *(_reach(tree, tree.known_frame("frame", tip)) for tip in tree.tips)])
     reaches = [lengths[goal.frame] if goal.frames else whole for goal in goals]
-    names = [name for name, _ in frames]
-    counts = [_weight(goal, names, reach, weights) for goal, reach in zip(goals, reaches, strict=True)]
+    # A metre of error counts as a radian where it is as long as the chain is.
+    counts = [1 / reach if goal.is_length else 1.0 for goal, reach in zip(goals, reaches, strict=True)]
     axes = tuple(frame.S.tobytes() for frame in own)
-    key = tuple(frames), tuple(goals), tuple(counts), limits.tobytes(), held, solves, axes
+    key = tuple(frames), tuple(goals), limits.tobytes(), held, solves, axes
     solvers: dict[Any, Solver] = constants.cache.others.setdefault("inverse_kinematics", {})
     solver = solvers.get(key)
     if solver is None:

@@ -244,8 +244,6 @@ class MechanismMethods(StateConventions, Frozen, Shown):
                 of squares of q - q0, which takes some twenty times longer.
             solutions: number of distinct solutions to return, those nearest to q0 first, or to `prefer`, or to the
                 middle of the limits. The results have an axis for them.
-            weights: what a metre and a radian of the errors count where both cannot vanish, a pair; a dict by frame.
-                By default, the stretched length of the chain counts as much as a radian.
             position_tolerance: greatest distance from R [m] of a solution. Solutions are exact to about 1e-15 times
                 the size of the robot where its Jacobian is regular.
             angle_tolerance: greatest angle [rad] of a solution.
