@@ -100,14 +100,6 @@ def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
     assert 'smooth = true\nloss = "cauchy"\n' in (tmp_path / "robust.toml").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
-def test_a_known_clock_offset_is_printed_and_a_scene_needs_instants(tmp_path):
-    made = recording(300, 1e-3, 2e-3)
-    file = saved(tmp_path / "a.npz", made)
-    assert "clock offset: " in fit(file)
-    assert refused(file, "--out", "x.json").startswith("--out: ")
-
-
 def saved_columns(path, made, **columns):
     """Poses of body 1, and of body 2 what is given."""
     return Record(made.t, {"R1": made.R1, "S1": made.S1} | columns).save(path)
@@ -116,13 +108,14 @@ def saved_columns(path, made, **columns):
 @pytest.mark.slow
 def test_a_point_is_fitted_reported_and_moved_in_a_scene(tmp_path):
     made = recording(600, 1e-3, 2e-3)
+    made.R2[200:203] = np.nan
     file = saved_columns(tmp_path / "a.npz", made, R2=made.R2)
     scene, out = tmp_path / "fitted.toml", tmp_path / "psi.csv"
     done = fit(file, "--out", scene, "--out", out)
     assert "body 2 is a point" in done
     assert "tilt" not in np.genfromtxt(out, delimiter=",", names=True).dtype.names
     result = hp.load_scene(scene).evaluate(outputs=("R2",))
-    assert np.sqrt(np.mean((result.R2 - recording(600).R2)[50:-50] ** 2)) < 3e-3
+    assert np.sqrt(np.nanmean((result.R2 - recording(600).R2)[50:-50] ** 2)) < 3e-3
 
 
 @pytest.mark.parametrize("existing", ["door.toml", "door.csv"])
@@ -133,16 +126,6 @@ def test_a_scene_that_exists_is_kept_and_nothing_is_written(tmp_path, existing):
     assert str(error).startswith("--out: expected the name of new files")
     assert (tmp_path / existing).read_text() == "kept"
     assert {path.name for path in tmp_path.iterdir()} == {"poses.npz", existing}
-
-
-@pytest.mark.slow
-def test_a_scene_of_a_recording_with_missing_samples_moves(tmp_path):
-    made = recording(600, 1e-3, 2e-3)
-    made.R2[200:203] = np.nan
-    scene = tmp_path / "fitted.toml"
-    fit(saved(tmp_path / "a.npz", made), "--out", scene, "--clock-offset", 0)
-    result = hp.load_scene(scene).evaluate(outputs=("R2",))
-    assert np.nanmax(np.abs(result.R2 - recording(600).R2)) < 0.02
 
 
 @pytest.mark.slow

@@ -29,16 +29,6 @@ def test_forces_of_a_scene_are_those_of_its_motion():
     assert (units["force1"], units["torque1"]) == ("N", "N m")
 
 
-@pytest.mark.slow
-def test_the_command_writes_them(tmp_path):
-    scene, out = MODELS / "landing_gear.toml", tmp_path / "forces.csv"
-    told(scene, "--out", out)
-    columns = np.genfromtxt(out, delimiter=",", names=True)
-    np.testing.assert_array_equal(columns["hinge_torque"], hp.load_scene(scene).forces().hinge_torque)
-    report = json.loads(told(scene, "--gravity", "0,0,0", "--json"))
-    assert report["outputs"]["force1_x"]["first"] == pytest.approx(1171 * 1.6, rel=0.1)
-
-
 def scene_file(folder, text, log=None):
     """A scene of the given tables, beside a log of the given columns."""
     if log is not None:
