@@ -266,7 +266,7 @@ CALLS = {
         ("q", S, np.zeros((5, 7))), ("outputs", A, ("S2",)), ("qd", A, C(qdd=np.zeros(4))),
     ]),
     "pair.from_body1": (lambda **k: PAIR.forward_kinematics_from_body1(**{"body1": POSE, "psi": 0.0, **k}), [
-        ("body1", A, 3, None), ("psi", D, "x"), ("psi", A, None), ("psid", A, C(psidd=0.0)),
+        ("body1", A, 3), ("psi", D, "x"), ("psi", A, None), ("psid", A, C(psidd=0.0)),
         ("body1.omega", A, C(psid=0.0, outputs=("v2",))), ("body1.S", A, C(body1=POINT)),
     ]),
     "pair.dynamics": (
@@ -331,7 +331,7 @@ CALLS = {
     "simulate": (lambda pair=PAIR, t=T, **k: hp.simulate(
         pair, t, **{"body1": POSE, "psi_0": 0.0, "psid_0": 0.0, "base": "fixed", **k}
     ), [
-        ("t", A, (0, 0)), ("tol", A, 0), ("base", A, "held"), ("body1", A, None), ("psi_0", A, NAN, None),
+        ("t", A, (0, 0)), ("tol", A, 0), ("base", A, "held"), ("body1", A, 3), ("psi_0", A, NAN, None),
         ("gravity", S, (0, 0)), ("force2", S, (1, 2)), ("force2", A, lambda t, _: (0, 0, 1) if t < 1 else (0, 0, 0)),
         ("force1", A, (1, 0, 0)), ("torque1", A, lambda t, _: np.zeros((len(t), 3))),
         ("hinge_torque", A, lambda *_: "much", lambda *_: None, lambda _t, psi, _: 3.0 if psi < 1 else 0.0, RIGID),
@@ -402,6 +402,7 @@ CALLS = {
     ]),
     "robot": (lambda **k: {
         "joint": lambda x: ur5()[x], "frame": lambda x: ur5().forward_kinematics(Q6)[x],
+        "output": lambda x: PAIR.forward_kinematics(np.zeros(7))[x],
         "frames": lambda x: ur5().jacobian(Q6, x), "axes": lambda x: ur5().jacobian(Q6, "tool0", axes=x),
         "about": lambda x: ur5().momentum(Q6, Q6, about=x), "gravity": lambda x: ur5().gravity_forces(Q6, gravity=x),
         "wrenches": lambda x: ur5().inverse_dynamics(Q6, Q6, Q6, wrenches=x),
@@ -410,7 +411,8 @@ CALLS = {
         "joint_loads": lambda x: ur5().inverse_dynamics(Q6, Q6, Q6, joint_loads=x),
         "parameters": ur5().with_inertial_parameters, "loads": ur5().with_joint_loads, "locked": ur5().with_locked,
     }[next(iter(k))](*k.values()), [
-        ("joint", A, "elbow", 3), ("frame", A, "tool1"), ("frames", A, "tool1"), ("axes", A, "local"),
+        ("frame", errors.UnknownOutputError, "tool1"), ("output", errors.UnknownOutputError, "R3"),
+        ("joint", A, "elbow", 3), ("frames", A, "tool1"), ("axes", A, "local"),
         ("about", A, "hand"), ("gravity", S, (1, 2)), ("wrenches", A, {"x": (0, 0)}, {"tool0": 0}), ("qdd", A, None),
         ("force1", A, (1, 2, 3)), ("given", A, "x", ("q", "x"), ("q", "q")), ("joint_loads", A, "yes"),
         ("parameters", S, Q6),

@@ -46,6 +46,12 @@ class ArgumentError(HingePairError, ValueError):
         return error
 
 
+class UnknownOutputError(ArgumentError, KeyError):
+    """A result has no output, frame or point of this name. The attributes are those of `ArgumentError`: `expected`
+    lists the names that there are.
+    """
+
+
 class AxisError(ArgumentError):
     """An axis, such as a hinge axis, is zero or not finite. The attributes `name`, `expected` and `got` are those of
     `ArgumentError`.
@@ -188,6 +194,9 @@ def nearest_name(name: str, known_names: Collection[str]) -> str:
     """
     import difflib
 
+    for known_name in known_names:
+        if known_name.lower() == name.lower():
+            return known_name
     is_quick = len(known_names) <= 2000  # the search for similar names takes long among more
     near = difflib.get_close_matches(name[:40], known_names, 1, cutoff=0.5) if is_quick else []
     if not near and len(name) >= 3:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from hingepair.equations.quantities import unit_of
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, UnknownOutputError, choices, nearest, quoted
 from hingepair.numeric.arrays import FloatArray, read_only, real_array
 from hingepair.tables.data_frames import data_frame, dataset, sample_rows
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
@@ -114,10 +114,11 @@ class Results(Shown):
         """Return an output by its name; outputs that are not attributes of the class are available here only.
 
         Raises:
-            KeyError: the output was not computed.
+            UnknownOutputError: the output was not computed.
         """
-        if name not in self._content[0]:
-            raise KeyError(name)
+        names = self._content[0]
+        if name not in names:
+            raise UnknownOutputError("output", choices(names) + nearest(str(name), names), quoted(name))
         return self._output(name)
 
     def _output(self, name: str) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from hingepair.engine.results import Results
 from hingepair.equations.quantities import QUANTITIES, attribute_texts, unit_of
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, UnknownOutputError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.numeric.arrays import FloatArray, check_choice
 from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE, unit_among
@@ -106,7 +106,7 @@ class MechanismState(Named, _FrameMotion):
                 expected += f", since {name!r} was not computed: ask for it with frames=({name!r},)"
             else:
                 expected += nearest(str(name), self._robot_frames)
-            raise ArgumentError("frame", expected, quoted(name))
+            raise UnknownOutputError("frame", expected, quoted(name))
         moving = {output: array for output, array in self.arrays().items() if output in FRAME_OUTPUTS}
         if not self._single:
             at = (slice(None),) * len(self.shape) + (self.frames.index(name),)
@@ -280,7 +280,7 @@ class _StateWithPoints(Results):
         """Return an output by its name, or the PointState of a point.
 
         Raises:
-            KeyError: the output was not computed.
+            UnknownOutputError: the output was not computed.
         """
         if name not in QUANTITIES:
             outputs = {letter: f"{name}{ending}" for letter, ending in POINT_ENDINGS.items()}

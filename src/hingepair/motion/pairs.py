@@ -10,7 +10,7 @@ from typing import Any, Final, TypeAlias
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, SimulationError, quoted
-from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeTorque
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair, constants_of
@@ -51,7 +51,7 @@ def pair_as_robot(
     Args:
         pair: a pair.
         base: what holds body 1.
-        body1: its motion at the start.
+        body1: its motion at the start; at rest at the origin unless given.
         hinge_torque: torque at the hinge.
         forces: force1, torque1, force2 and torque2.
         gravity: acceleration of free fall.
@@ -66,6 +66,7 @@ def pair_as_robot(
         check_choice("base", base, BASES)
     if moving and body1 is not None:
         raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
+    body1 = AT_REST if body1 is None and not moving else body1
     if not moving and (not isinstance(body1, BodyMotion) or body1.shape != ()):
         expected = "one start of body 1, such as hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
         raise ArgumentError("body1", expected, quoted(body1))

@@ -112,8 +112,8 @@ def simulate(
         t: instants, increasing; shape (N,): seconds (floats), datetime64, or nanoseconds since 1970 (integers).
             datetime64 and integer nanoseconds are converted to seconds since the first one; callables and `breaks`
             use these seconds.
-        body1: motion of body 1 at t[0] as a BodyMotion: R and S; v and omega are zero by default. None if `base` is a
-            callable.
+        body1: motion of body 1 at t[0] as a BodyMotion: R and S; v and omega are zero by default. None: at rest at
+            the origin, or moved as `base` says, if that is a callable.
         psi_0: hinge angle at t[0] [rad]; required, except if `hinge` is a callable.
         psid_0: hinge rate at t[0] [rad/s]; required, except if `hinge` is a callable.
         hinge: "free" (the default): the loads determine the motion of the hinge. A callable of times (n,) that

@@ -199,10 +199,10 @@ def _components(values: Mapping[str, Any]) -> tuple[Any, ArrayShape]:
 
 
 def check_outputs(
-    outputs: Any, known_names: Collection[str], remark: Callable[[str], str] = lambda _: ""
+    outputs: Any, known_names: Collection[str], remark: Callable[[str], str] | None = None
 ) -> tuple[str, ...]:
     """Return the names of the argument `outputs`, or the only one, as a tuple without repetitions. `remark` returns
-    what the message on an unknown name adds.
+    what the message on an unknown name adds, by default the nearest name.
 
     Raises:
         ArgumentError: not a collection of known names.
@@ -216,7 +216,8 @@ def check_outputs(
         raise ArgumentError("outputs", f"a tuple of names such as {known[:2]}", quoted(outputs))
     for name in names:
         if name not in known:
-            raise ArgumentError("outputs", choices(known) + remark(str(name)), quoted(name))
+            added = nearest(str(name), known) if remark is None else remark(str(name))
+            raise ArgumentError("outputs", choices(known) + added, quoted(name))
     return names
 
 

@@ -203,14 +203,21 @@ def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
         raise
 
 
+AT_REST: Final = BodyMotion.at_rest()
+"""What None stands for where a body may rest."""
+
+
 def motion_inputs(
     name: str, body: object, letters: Iterable[str] = ("R", "S", "v", "omega", "a", "alpha")
 ) -> dict[str, Any]:
-    """Return the arrays of a BodyMotion that it has, by input name, such as S1 for S of the argument "body1".
+    """Return the arrays of a BodyMotion that it has, by input name, such as S1 for S of the argument "body1"; those
+    of a body at rest at the origin in place of None.
 
     Raises:
         ArgumentError: the body is not a BodyMotion.
     """
+    if body is None:
+        body = AT_REST
     if not isinstance(body, BodyMotion):
         raise ArgumentError(name, "a BodyMotion", quoted(body))
     digit = name[-1]

@@ -25,7 +25,7 @@ from hingepair.inverse_kinematics.one_target import solve_one
 from hingepair.inverse_kinematics.paths import follow
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.inverse_kinematics.search import MAX_TRIALS, Solutions, Solver, Targets
-from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
 from hingepair.mechanism.building.floating import BASE_JOINTS, on_moved_base, tree_with_base_joints
 from hingepair.mechanism.options import SEARCH_DEFAULTS, SearchOptions, check_options
 from hingepair.mechanism.robots.computations import RobotComputation
@@ -47,7 +47,6 @@ from hingepair.rotations.matrices import check_rotation
 
 _MAX_SOLVERS: Final = 32  # that a robot keeps; one more replaces all
 _OF_CALLS: Final = {"frame", "q0", "direction", "centre_of_mass", "coordinates", "relative_to", "base_motion"}
-_AT_ORIGIN: Final = BodyMotion(R=np.zeros(3), S=np.eye(3))
 
 
 class Query(NamedTuple):
@@ -297,7 +296,7 @@ def read_query(
     if solves and near is None:  # a solution is wanted near where the base starts
         near = solver.middle[BASE_JOINTS:]
     near, posture = (_rows_of(one, shape, solver.dof) for one in (near, posture))
-    start = (base_motion or _AT_ORIGIN) if solves else None
+    start = (base_motion or AT_REST) if solves else None
     return Query(
         solver, Targets(poses, near, posture, *tolerances), shape, by_frame, len(wanted), start, int(seed), workers
     )
