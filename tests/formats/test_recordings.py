@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import xarray
 
@@ -75,16 +73,6 @@ def test_what_the_library_saved_is_read(tmp_path: Path) -> None:
         assert (found.body1.R == MADE.R1).all()
 
 
-def test_empty_cells_and_nan_are_missing(tmp_path: Path) -> None:
-    columns = both()
-    columns["x1"] = np.where(np.arange(300) == 7, np.nan, columns["x1"])
-    columns["qy2"] = np.where(np.arange(300) == 9, np.nan, columns["qy2"])
-    found = read_recording(table(tmp_path / "a.csv", **columns))
-    assert np.flatnonzero(np.isnan(found.body1.R[:, 0])).tolist() == [7]
-    assert np.flatnonzero(np.isnan(found.body2.S).all(axis=(1, 2))).tolist() == [9]
-    assert hp.fit(found.body1, found.body2).samples == 298
-
-
 @pytest.mark.slow
 def test_two_files_with_clocks_of_their_own_meet(tmp_path: Path) -> None:
     fast, slow = recording(1000), recording(1000)
@@ -112,27 +100,6 @@ def test_a_body_2_without_attitudes_is_a_point(tmp_path: Path) -> None:
     assert read_recording(first, point).body2.shape == (150,)
     with pytest.raises(hp.ArgumentError, match=r"two\.csv: expected columns of the attitude of body 1: S_xx"):
         read_recording(point, first)
-
-
-def saved(path: Path, **columns: np.ndarray) -> Path:
-    if path.suffix == ".npz":
-        np.savez(path, **columns)
-    else:
-        pq.write_table(pa.table(columns), path)
-    return path
-
-
-@pytest.mark.parametrize("name", ["a.npz", "a.parquet"])
-@pytest.mark.parametrize("kind", ["M8[ns]", "m8[us]", "i8"])
-def test_instants_of_files_stay_what_they_are(tmp_path: Path, name: str, kind: str) -> None:
-    stamps = (1_700_000_000_000_000_001 + np.round(1e9 * MADE.t).astype(np.int64)).astype(kind)
-    columns = both() | {"t": stamps}
-    columns["x1"] = np.where(np.arange(300) == 7, np.nan, columns["x1"])
-    found = read_recording(saved(tmp_path / name, **columns))
-    assert found.t is not None
-    assert found.t.dtype == stamps.dtype
-    assert (found.t == stamps).all()
-    assert np.flatnonzero(np.isnan(found.body1.R[:, 0])).tolist() == [7]
 
 
 def test_attitudes_of_a_few_digits_and_of_zeros_are_read(tmp_path: Path) -> None:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import hingepair as hp
 from hingepair.formats.recordings import read_robot_recording
 
 ARM = hp.Mechanism([hp.HingePair((0, 0, 1), (-1, 0, 0), (0, 1, 0), name="elbow")])
-NAMES = ("t", "q_elbow", "qd_elbow", "qdd_elbow", "tau_elbow")
 
 
 def recording(folder: Path, *names: str) -> Path:
@@ -20,22 +18,6 @@ def recording(folder: Path, *names: str) -> Path:
     path = folder / "log.csv"
     np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
     return path
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "columns", "words"),
-    [
-        ("q_elbow [deg]", "q_elbow", {}, "q_elbow: expected a column once"),
-        ("q_elbow", "q_elbow [deg]", {"qd_elbow": {"name": "q_elbow"}}, "q_elbow: expected a column once"),
-        ("q_elbow", "w", {"q_elbow": {"name": "w", "unit": "deg"}}, "q_elbow once, from columns or .* got both"),
-    ],
-)
-def test_a_column_is_read_once(
-    first: str, second: str, columns: dict[str, dict[str, str]], words: str, tmp_path: Path
-) -> None:
-    others = [name for name in NAMES if name not in {first.split(maxsplit=1)[0], second.split(maxsplit=1)[0]}]
-    with pytest.raises(hp.ArgumentError, match=words):
-        read_robot_recording(recording(tmp_path, *others, first, second), ARM, columns=columns)
 
 
 def test_columns_of_other_names_are_those_of_ours(tmp_path: Path) -> None:

@@ -269,18 +269,6 @@ def test_jax_takes_second_derivatives(jax, accelerations, second, order):
     np.testing.assert_allclose(found, second[0], rtol=0, atol=second[1])
 
 
-@pytest.mark.slow
-def test_jax_differentiates_attitudes_thrice(jax):
-    """The rotation by Rodrigues' formula is minus its own third derivative but one."""
-    call = PAIR.prepare(("S1", "psi"), outputs=("S2",))
-
-    def turned(psi):
-        return call.jax(np.eye(3), psi).S2
-
-    thrice = jax.jacfwd(jax.jacfwd(jax.jacfwd(turned)))(0.7)
-    close(thrice, -jax.jacfwd(turned)(0.7))
-
-
 @pytest.mark.parametrize("order", ["fwd of fwd", "fwd of rev", "rev of fwd", "rev of rev"])
 def test_torch_func_takes_second_derivatives(torch, accelerations, second, order):
     outer, inner = (getattr(torch.func, f"jac{one}") for one in order.split(" of "))
