@@ -2,9 +2,9 @@
 
     python tests/mutants.py --count 60 --seed 1 --jobs 2 equations pair cli
 
-A mutant is the package with one operator, number, condition or statement changed. The tests of its package run first,
-then all fast tests, then the slow tests of its package. Mutants that survive are printed; some may be equivalent to
-the original.
+A mutant is the package with one operator, number, condition or statement changed. The fast tests of its package run
+first, then the slow ones, then the fast tests of all others. Mutants that survive are printed; some may be equivalent
+to the original.
 """
 
 from __future__ import annotations
@@ -115,11 +115,13 @@ def draw(packages: list[str], count: int, seed: int) -> list[Mutant]:
 
 def stages(mutant: Mutant) -> dict[str, list[str]]:
     """Return the arguments of pytest for each run of tests, by its name."""
-    own = f"tests/{mutant.file.parts[2]}"
-    every = {"all fast tests": ["-n", "0"]}
-    if not (ROOT / own).is_dir():  # of plans, whose tests are those of pairs and robots, and of single modules
-        return every
-    return {"its package": [own, "-n", "0"], **every, "slow tests of its package": [own, "-n", "0", "-m", "slow"]}
+    package = mutant.file.parts[2]
+    folders = [package, *(["mechanism"] if package in {"equations", "plans"} else [])]  # pairs and robots test them
+    own = [f"tests/{folder}" for folder in folders if (ROOT / "tests" / folder).is_dir()]
+    others = {"fast tests of others": ["-n", "0", *(f"--ignore={folder}" for folder in own)]}
+    if not own:  # of single modules
+        return others
+    return {"its package": [*own, "-n", "0"], "its slow tests": [*own, "-n", "0", "-m", "slow"], **others}
 
 
 def noticed(mutant: Mutant, tree: Path, number: int) -> str:
