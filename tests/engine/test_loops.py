@@ -167,7 +167,7 @@ def test_more_arrays_than_a_ufunc_takes(inputs, outputs, dtype):
     values = {name: np.arange(50.0).reshape(10, 5)[:: 1 + 9 * (k % 2)] * k for k, name in enumerate(names)}
     found, expected = (run(loop, values, (10, 5), dtype, execution) for execution in (COMPILED, NUMPY))
     for name, array in found.items():
-        np.testing.assert_allclose(array, expected[name], rtol=1e-5 if dtype == F4 else 1e-14)
+        np.testing.assert_allclose(array, expected[name], rtol=(inputs + 2) * np.finfo(dtype).eps)
 
 
 @pytest.mark.parametrize("tail", [(), (2,), (4,), (3, 3)])

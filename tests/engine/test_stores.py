@@ -179,9 +179,8 @@ def test_constants_are_numbers_and_vectors(dtype):
     loop.run({"x": x, "c": tuple(constants)}, {"y": y, "z": z}, (19,), dtype, Execution("compiled", 1))
     a, b, *c = constants
     expected = [np.sin(a) * x, b * x + c[0], *(np.full(19, number) for number in c[: count - 2])]
-    np.testing.assert_allclose(
-        y, np.stack(expected, axis=-1), rtol=4 * np.finfo(dtype).eps, atol=1e-6 if dtype == F4 else 1e-15
-    )
+    eps = np.finfo(dtype).eps
+    np.testing.assert_allclose(y, np.stack(expected, axis=-1), rtol=4 * eps, atol=4 * eps)
     np.testing.assert_array_equal(z, np.stack([x * dtype.type(c[-1]), np.full(19, b, dtype)], axis=-1))
 
 

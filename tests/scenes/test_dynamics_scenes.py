@@ -10,6 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
+from support.near import U, assert_near
 
 MODELS = Path(__file__).parents[2] / "models"
 PAIR = """
@@ -56,13 +57,14 @@ def test_a_free_scene_moves_as_simulate_says(tmp_path):
         torque2=lambda _, now: np.stack([0 * now.psi, 0.1 * now.psi, 0.2 + 0 * now.psi], -1),
         force2=lambda _, now: np.stack([0.3 + 0 * now.psi, 0 * now.psi, 0.1 * now.psid], -1),
     )  # fmt: skip
-    np.testing.assert_allclose(scene.evaluate().R2, found.R2, rtol=0, atol=1e-12)
+    assert_near(scene.evaluate().R2, found.R2, 16)
+    weight = 1.7 * 9.81  # N, of both bodies; levers are shorter than 1 m
     forces = scene.forces()  # what acted on body 2 is not asked of the hinge or of body 1 again
-    np.testing.assert_allclose(forces.hinge_torque, found.loads["hinge_torque"], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(forces.force1, found.loads["force1"], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(forces.torque1, 0, rtol=0, atol=1e-12)
+    assert_near(forces.hinge_torque, found.loads["hinge_torque"], 32, weight)
+    assert_near(forces.force1, found.loads["force1"], 32, weight)
+    assert_near(forces.torque1, 0, 32, weight)
     axis = found.S1 @ scene.pair.n
-    np.testing.assert_allclose((forces.bearing_torque * axis).sum(-1), 0, rtol=0, atol=1e-12)
+    assert_near((forces.bearing_torque * axis).sum(-1), 0, 32, weight)
     assert scene.cross_validate().ok
     assert "base free" in scene.motion.description
 
@@ -72,7 +74,7 @@ def test_a_scene_ends_where_until_passes_zero(tmp_path):
     text = PAIR + '[dynamics]\nbase = "fixed"\npsi.qd_0 = -1\nuntil = "psi - 0.5"\n'
     scene = scene_of(tmp_path, text)
     assert scene.samples < 11
-    np.testing.assert_allclose(scene.evaluate(["R2"]).psi[-1], 0.5, rtol=1e-9)
+    assert_near(scene.evaluate(["R2"]).psi[-1], 0.5, 64)
     assert scene.notes()[-1] == f"until ends the motion at t = {scene.stop:.6g} s"
     with pytest.raises(hp.SceneError, match=r"dynamics\.until: expected an expression in t, psi and psid"):
         scene_of(tmp_path, PAIR + "[dynamics]\nuntil = 3\n")
@@ -88,12 +90,12 @@ def test_a_prescribed_base_carries_the_hinge(tmp_path):
     scene = scene_of(tmp_path, PAIR + motion + load)
     forces, spring = scene.forces(), hp.HingeLoad(stiffness=2, rest=0.2)
     psi = scene.motion.simulated.q[:, 0]
-    np.testing.assert_allclose(forces.hinge_torque, spring(0, psi, 0), rtol=0, atol=1e-12)
+    assert_near(forces.hinge_torque, spring(0, psi, 0), 32)
     other = "[motion]\nsequence = 'ZYX'\n" + turn + "\nphi_y = '0.4*t'\nphi_z = 't'\npsi = 0\n"
     expected = scene_of(tmp_path, PAIR + other).evaluate(("R1", "S1", "a1"))
     found = scene.evaluate(("R1", "S1", "a1"))
     for name in ("R1", "S1", "a1"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0, atol=1e-13)
+        assert_near(getattr(found, name), getattr(expected, name), 16)
     with pytest.raises(hp.ArgumentError, match="gravity: expected None, since"):
         scene.forces((0, 0, 0))
 
@@ -108,8 +110,9 @@ def test_a_double_pendulum_in_the_plane(tmp_path):
     np.testing.assert_array_equal(scene.motion.simulated.base_motion.R, 0)
     forces = scene.forces()
     assert forces.force1.shape == (11, 2)
-    np.testing.assert_allclose(forces.hinge_torque, 0, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(forces.torque1, 0.1 * scene.motion.t, rtol=0, atol=1e-12)
+    weight = 1.7 * 9.81  # N; levers are shorter than 1 m
+    assert_near(forces.hinge_torque, 0, 16, weight)
+    assert_near(forces.torque1, 0.1 * scene.motion.t, 16, weight)
     assert scene.cross_validate().ok
 
 
@@ -122,9 +125,10 @@ def test_all_that_hangs_on_talos_elbow_is_body2():
     arm = data.Ycrb[model.getJointId("arm_left_4_joint")]
     scene = hp.load_scene(MODELS / "talos_elbow.toml")
     body2 = scene.pair.body2
-    assert body2.mass == pytest.approx(arm.mass, abs=1e-6)
-    np.testing.assert_allclose(body2.centre_of_mass, arm.lever, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(body2.inertia, arm.inertia, rtol=0, atol=1e-6)
+    digits = 1e-7  # of the scene's file
+    assert body2.mass == pytest.approx(arm.mass, abs=digits)
+    np.testing.assert_allclose(body2.centre_of_mass, arm.lever, rtol=0, atol=digits)
+    np.testing.assert_allclose(body2.inertia, arm.inertia, rtol=0, atol=digits)
     assert 10 < np.abs(scene.forces().hinge_torque).max() < scene.pair.torque_limit
 
 
@@ -142,7 +146,7 @@ def test_a_scene_has_rigid_stops_and_breaks(tmp_path):
     keys = "psi.stops = [-1, 1]\npsi.stop_restitution = 0.0\nbreaks = [0.25]\n"
     found = scene_of(tmp_path, PAIR + motion.format(1) + keys).motion.simulated
     slow, quick = (float(found.qdd[found.t.searchsorted(t), 0]) for t in (0.2, 0.3))
-    assert quick == pytest.approx(4 * slow, rel=1e-12)
+    assert quick == pytest.approx(4 * slow, rel=16 * U)
     assert found.q.max() <= 1
     with pytest.raises(hp.SceneError, match=r"stop_damping: expected 0, since stop_restitution"):
         scene_of(tmp_path, PAIR + motion.format(1) + keys + "psi.stop_damping = 2\n").evaluate()

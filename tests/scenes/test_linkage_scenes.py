@@ -7,6 +7,7 @@ import pytest
 
 import hingepair as hp
 from support.commands import run_command
+from support.near import U, assert_near
 
 HATCH = """
 title = "A hatch with a gas spring, held by hand"
@@ -73,12 +74,12 @@ def test_a_hatch_with_a_strut_is_that_of_the_library(tmp_path):
     robot = hp.Mechanism([lid]).with_frame("foot", "base", R=(0.1, 0, -0.25)).with_frame("eye", "lid", R=(0.3, 0, 0))
     robot = robot.with_strut("foot", "eye", "gas", force=hp.GasSpring(F1=150, F2=200, stroke=0.25), free_length=0.55)
     expected = robot.inverse_dynamics(*scene.coordinates()).tau
-    np.testing.assert_allclose(scene.forces().tau, expected, rtol=0, atol=1e-12)
+    assert_near(scene.forces().tau, expected, 16)
     gas = robot.struts(*scene.coordinates()[:2])["gas"]
     result = scene.evaluate(["gas", "length"])
     assert [*result.requested_arrays()] == ["length_gas", "rate_gas", "force_gas"]
     for name in ("length", "rate", "force"):
-        np.testing.assert_allclose(getattr(result["gas"], name), getattr(gas, name), rtol=1e-15)
+        np.testing.assert_allclose(getattr(result["gas"], name), getattr(gas, name), rtol=8 * U)
     np.testing.assert_array_equal(scene.forces().recorded()["force_gas"], result["gas"].force)
     assert "force_gas" in run_command("forces", scene.path).stdout
     assert scene.unit("rate_gas") == "m/s"
@@ -119,10 +120,10 @@ def test_a_four_bar_moves_as_the_library_says(tmp_path):
     assert scene.mechanism.names == ("crank",)
     crank = hp.HingeLoad(motor=lambda t, *_: 0.1 * np.sin(t))
     found = hp.simulate(scene.mechanism, scene.t, [0.3], [2.0], loads={"crank": crank})
-    np.testing.assert_allclose(scene.evaluate(["q"]).q, found.q, rtol=0, atol=1e-9)
+    assert_near(scene.evaluate(["q"]).q, found.q, 64)
     ends = scene.evaluate(["R"])
-    np.testing.assert_allclose(ends["a"].R, ends["b"].R, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(scene.forces().tau[:, 0], 0.1 * np.sin(scene.t), rtol=0, atol=1e-8)
+    assert_near(ends["a"].R, ends["b"].R, 16)
+    assert_near(scene.forces().tau[:, 0], 0.1 * np.sin(scene.t), 64, 1.0)  # 1 kg m^2, and qdd of 1 rad/s^2
 
 
 @pytest.mark.slow
@@ -152,7 +153,7 @@ smooth = true
     scene = scene_of(tmp_path, text)
     result = scene.evaluate(["R"])
     length = np.linalg.norm(result["eye"].R - result["foot"].R, axis=1)
-    np.testing.assert_allclose(length, 2 + 0.1 * np.sin(2 * t), atol=1e-6)
+    np.testing.assert_allclose(length, 2 + 0.1 * np.sin(2 * t), rtol=0, atol=1e-9)  # left by the smoothing
     middle = slice(10, -10)
     still = scene.mechanism.gravity_forces(scene.coordinates().q)
     assert np.abs(scene.forces().tau - still)[middle].max() < 0.2 * np.abs(still).max()

@@ -9,6 +9,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.scenes.scene import Scene
+from support.near import assert_near
 
 U = 2.0**-53
 
@@ -124,14 +125,14 @@ def test_rates_of_outputs_are_slopes(tmp_path: Path) -> None:
     near = scene_of(tmp_path, good.replace(TIME, t))
     ram = near.evaluate()["ram"]
     for slope, array in ((ram.v, ram.R), (ram.a, ram.v), (ram.alpha, ram.omega)):
-        assert np.abs((array[2] - array[0]) / (2 * h) - slope[1]).max() < 1e-6
+        assert np.abs((array[2] - array[0]) / (2 * h) - slope[1]).max() < h * h
     turned = (ram.S[2] - ram.S[0]) / (2 * h) @ ram.S[1].T
-    assert np.abs(turned - hp.skew(ram.omega[1])).max() < 1e-6
+    assert np.abs(turned - hp.skew(ram.omega[1])).max() < h * h
     moved = scene.base_motion()
     assert moved is not None
-    np.testing.assert_allclose(np.asarray(moved.a)[:, 0], 0.6, rtol=0, atol=1e-14)
+    assert_near(np.asarray(moved.a)[:, 0], 0.6, 16)
     phi = np.stack([0 * scene.t, 0.2 * np.sin(scene.t), 0.5 * scene.t], axis=-1)
-    assert np.abs(moved.S - hp.euler_to_matrix(phi, "ZYX")).max() < 1e-15
+    assert np.abs(moved.S - hp.euler_to_matrix(phi, "ZYX")).max() <= 4 * U
     assert scene.cross_validate(7).ok
 
 
@@ -144,12 +145,12 @@ def test_a_free_base_needs_a_motion_and_shows_what_moves_it(tmp_path: Path) -> N
     free = scene_of(tmp_path, joints + base.format("free"))
     assert free.mechanism.base == "free"
     forces = free.forces()  # everything falls together: nothing need act
-    assert np.abs(forces.force1).max() < 1e-9
-    assert np.abs(forces.tau).max() < 1e-9
+    assert_near(forces.force1, 0, 16, 1135 * 9.81)
+    assert_near(forces.tau, 0, 16, 1135 * 9.81)  # levers of some metres
     lifted = scene_of(tmp_path, joints + base.format("free").replace("-4.905", "0")).forces()
-    np.testing.assert_allclose(lifted.force1[:, 2], 1135 * 9.81, rtol=1e-14)
+    np.testing.assert_allclose(lifted.force1[:, 2], 1135 * 9.81, rtol=16 * U)
     fixed = scene_of(tmp_path, joints + base.format("fixed").replace("-4.905", "0")).forces()
-    np.testing.assert_allclose(fixed.force1[:, 2], 135 * 9.81, rtol=1e-14)
+    np.testing.assert_allclose(fixed.force1[:, 2], 135 * 9.81, rtol=16 * U)
 
 
 @pytest.mark.slow
@@ -182,11 +183,11 @@ gravity = [0, "-1.62*sin(0.1)", "-1.62*cos(0.1)"]
     q, qd, qdd = scene.coordinates()
     result = scene.evaluate(("R", "S_teeth"))
     expected = robot.forward_kinematics(q, frames=("wrist", "teeth"))
-    assert np.abs(result.R - expected.R).max() < 1e-14
+    assert_near(result.R, expected.R, 16)
     assert list(result.requested_arrays()) == ["R_wrist", "R_teeth", "S_teeth"]
     gravity = (0, -1.62 * np.sin(0.1), -1.62 * np.cos(0.1))
     tau = robot.inverse_dynamics(q, qd, qdd, gravity=gravity).tau
-    assert np.abs(scene.forces().tau - tau).max() <= 1e-13 * np.abs(tau).max()
+    assert np.abs(scene.forces().tau - tau).max() <= 16 * U * np.abs(tau).max()
     with pytest.raises(hp.ArgumentError, match="gravity: expected None, since the table"):
         scene.forces((0, 0, -9.81))
 
@@ -199,7 +200,7 @@ def test_a_urdf_file_beside_the_scene_is_a_robot(tmp_path: Path) -> None:
     assert scene.files == (tmp_path / "digger.toml", tmp_path / "arm.urdf")
     q = np.stack([scene.t, np.full(41, -0.2), np.full(41, 0.05)], axis=1)
     expected = by_hand().forward_kinematics(q, frames=("ram",)).R
-    assert np.abs(scene.evaluate(("R_ram",)).R - expected).max() < 1e-14
+    assert_near(scene.evaluate(("R_ram",)).R, expected, 16)
 
 
 @pytest.mark.slow
@@ -211,7 +212,7 @@ def test_what_is_written_is_a_log_that_comes_back_to_the_bit(tmp_path: Path) -> 
         np.testing.assert_array_equal(logged.t, scene.t)
         for own, expected in zip(logged.coordinates(), scene.coordinates(), strict=True):
             np.testing.assert_array_equal(own, expected)
-        assert np.abs(logged.forces().tau - scene.forces().tau).max() <= 1e-9
+        assert_near(logged.forces().tau, scene.forces().tau, 64)
         assert logged.files == (tmp_path / "digger.toml", tmp_path / name)
         with pytest.raises(hp.ArgumentError, match="path: "):
             logged.evaluate().save(tmp_path / name)
@@ -224,8 +225,8 @@ def test_a_log_of_some_joints_leaves_the_others_at_rest(tmp_path: Path) -> None:
     q, qd, qdd = scene.coordinates()
     assert (q[:, 1:] == (-0.2, 0)).all()
     assert not qd[:, 1:].any()
-    assert np.abs(qd[:, 0] - np.cos(t)).max() < 1e-5
-    assert np.abs(qdd[:, 0] + np.sin(t))[10:-10].max() < 1e-5
+    assert np.abs(qd[:, 0] - np.cos(t)).max() < 1e-8  # left by the smoothing
+    assert np.abs(qdd[:, 0] + np.sin(t))[10:-10].max() < 1e-9
     assert any(note.startswith("smoothed: noise of") and "rad of boom" in note for note in scene.notes())
     arrays = {"t": t, "q": np.stack([np.sin(t), t, 0 * t], 1)}
     np.savez(tmp_path / "log.npz", **arrays)
@@ -239,7 +240,7 @@ def test_wrapped_angles_are_unwrapped_and_shifts_are_not(tmp_path: Path) -> None
     np.savez(tmp_path / "log.npz", t=t, boom=turn, ram=turn)
     scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.npz'\nsmooth = true\n")
     qd = scene.coordinates().qd
-    assert np.abs(qd[:, 0] - 3).max() < 1e-6
+    assert np.abs(qd[:, 0] - 3).max() < 1e-11  # rounding of 4 rad over a step of 0.01 s, and of the smoothing
     assert np.abs(qd[:, 2] - 3).max() > 5
 
 
@@ -263,7 +264,7 @@ def test_limits_that_are_passed_are_told_with_where(tmp_path: Path) -> None:
         f"stick takes up to {stick.largest:.4g} N m, more than its limit of 100, at {beyond.size} of 41"
     )
     tau = forces.tau_stick
-    assert stick.rms == pytest.approx(np.sqrt(np.mean(tau**2)), rel=1e-14)
+    assert stick.rms == pytest.approx(np.sqrt(np.mean(tau**2)), rel=64 * U)
     assert (stick.largest, stick.t_of_largest) == (np.abs(tau).max(), scene.t[np.abs(tau).argmax()])
     assert stick.position == (-5, 0)
     assert stick.rate == 2.5

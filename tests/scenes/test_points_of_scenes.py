@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.near import U
 
 mpl.use("Agg")
 
@@ -51,8 +52,8 @@ def test_results_have_points_by_name(hatch):
     result = scene.evaluate()
     state = result.state
     arm = state.S2 @ HANDLE
-    assert abs(result["handle"].R - (state.R2 + arm)).max() < 1e-15
-    assert abs(result["handle"].v - (state.v2 + np.cross(state.omega2, arm))).max() < 1e-15
+    assert abs(result["handle"].R - (state.R2 + arm)).max() <= 8 * U
+    assert abs(result["handle"].v - (state.v2 + np.cross(state.omega2, arm))).max() <= 8 * U
     assert result["catch"].a.shape == (11, 3)
     names = [*result.requested_arrays()]
     assert names[-12:-3] == [point + end for point in ("catch", "handle", "edge") for end in ("", "_v", "_a")]
@@ -67,7 +68,7 @@ def test_sweeps_and_searches_take_components_of_points(hatch):
     found = hp.search(hatch, "pair.points2.handle[0]", "handle_z_max = 2.5")
     x, angle = found.values["pair.points2.handle[0]"], 1.0
     assert found.ok
-    assert 1.2 + (0.6 + x) * np.sin(angle) + 0.05 * np.cos(angle) == pytest.approx(2.5, rel=1e-6)
+    assert 1.2 + (0.6 + x) * np.sin(angle) + 0.05 * np.cos(angle) == pytest.approx(2.5, rel=64 * U)
 
 
 def test_planar_scenes_and_hinges_of_robots_have_points(tmp_path):
@@ -78,7 +79,7 @@ def test_planar_scenes_and_hinges_of_robots_have_points(tmp_path):
     result = hp.load_scene(flat).evaluate(("tip", "tip_v"))
     c, s = np.cos(result.t), np.sin(result.t)
     expected = np.stack([1 + 1.5 * c - 0.25 * s, 1.5 * s + 0.25 * c], axis=-1)
-    assert abs(result["tip"].R - expected).max() < 1e-15
+    assert abs(result["tip"].R - expected).max() <= 8 * U
     assert hp.load_scene(flat).unit("tip_v_x") == "m/s"
     motion = "".join(f"{name} = 0\n" for name in ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi"))
     arm.write_text(
@@ -86,4 +87,4 @@ def test_planar_scenes_and_hinges_of_robots_have_points(tmp_path):
         f"[motion]\n{motion}{time}"
     )
     scene = hp.load_scene(arm)
-    assert scene.evaluate(("tool",))["tool"].R[0] == pytest.approx(scene.pair.u1 - 0.3 * np.eye(3)[2], abs=1e-15)
+    assert scene.evaluate(("tool",))["tool"].R[0] == pytest.approx(scene.pair.u1 - 0.3 * np.eye(3)[2], abs=4 * U)

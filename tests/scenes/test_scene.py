@@ -159,8 +159,8 @@ def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: P
     h, t = 1e-3, scene.times()[1:-1]
     breaks = (0, 0.5, 2, *(i + j / 3 * (k - i) for i, k in ((0, 0.5), (0.5, 2)) for j in (1, 2)))
     inner = np.all([np.abs(t - at) > 1.5 * h for at in breaks], axis=0)
-    np.testing.assert_allclose(((psi[2:] - psi[:-2]) / 2 / h - psid[1:-1])[inner], 0, atol=1e-3)
-    np.testing.assert_allclose(((psid[2:] - psid[:-2]) / 2 / h - psidd[1:-1])[inner], 0, atol=1e-3)
+    np.testing.assert_allclose(((psi[2:] - psi[:-2]) / 2 / h - psid[1:-1])[inner], 0, atol=100 * h * h)
+    np.testing.assert_allclose(((psid[2:] - psid[:-2]) / 2 / h - psidd[1:-1])[inner], 0, atol=1000 * h * h)
     if profile != "linear":
         assert np.abs(psid[[0, -1]]).max() <= 64 * U
     if profile in {"quintic", "spline"}:
@@ -184,7 +184,7 @@ def test_profiles_stop_at_each_point_and_never_pass_it(profile: str) -> None:
     t, value = [0.0, 1.0, 1.5, 3.0, 5.0], [0.0, 2.0, 2.0, -1.0, 0.5]
     times, position, speed, acceleration = through_points(t, value, profile)
     at = np.searchsorted(times, t)
-    np.testing.assert_allclose(speed[at], 0, atol=1e-13)
+    np.testing.assert_allclose(speed[at], 0, atol=64 * U)
     for i in range(4):
         there = (times >= t[i]) & (times <= t[i + 1])
         low, high = sorted(value[i : i + 2])
@@ -192,7 +192,7 @@ def test_profiles_stop_at_each_point_and_never_pass_it(profile: str) -> None:
         assert (np.diff(position[there]) * (value[i + 1] - value[i]) >= -8 * U).all()  # and never turns back
     assert (position[(times >= 1) & (times <= 1.5)] == 2).all()  # a pause
     if profile == "quintic":
-        np.testing.assert_allclose(acceleration[at], 0, atol=1e-12)
+        np.testing.assert_allclose(acceleration[at], 0, atol=512 * U)
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1.0, 1e5], ids=str)
