@@ -233,9 +233,6 @@ def read_position(R1: Any, t: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
         name, R1 = "R1(t)", _call_with_times("R1", R1, times)
     parts = {name: R1}
     if isinstance(R1, tuple) and 0 < len(R1) <= len(R1_PARTS) and np.ndim(R1[0]) > 0:
-        if len(R1) == len(times) > 1 and all(np.ndim(part) == 1 for part in R1):
-            expected = f"an array of shape {(len(t), 3)}, or (R1, v1) with R1 of that shape"
-            raise ArgumentError(name, expected, f"a tuple of {len(t)} points, which could be either")
         parts = {f"{name}[{i}]": part for i, part in enumerate(R1)}
     found = {}
     for key, (label, value) in zip(R1_PARTS, parts.items(), strict=False):

@@ -198,21 +198,23 @@ class SimulatedMotion(Trajectory):
 
     #: the motion as that of a robot of one joint, psi
     robot_motion: SimulatedRobotMotion
-
-    @property
-    def body1(self) -> BodyMotion:
-        """Motion of body 1 at the instants, with all its derivatives; shape (N,)."""
-        return self.robot_motion.base_motion
-
-    @property
-    def psid(self) -> Array:
-        """Hinge rate [rad/s]; shape (N,)."""
-        return self.robot_motion.qd[:, 0]
-
-    @property
-    def psidd(self) -> Array:
-        """Second derivative of psi [rad/s^2]; shape (N,)."""
-        return self.robot_motion.qdd[:, 0]
+    #: motion of body 1 at the instants, with all its derivatives; shape (N,)
+    body1: BodyMotion
+    #: hinge rate [rad/s]; shape (N,)
+    psid: Array
+    #: second derivative of psi [rad/s^2]; shape (N,)
+    psidd: Array
+    #: acceleration of free fall, world axes [m/s^2]
+    gravity: tuple[float, ...]
+    #: what holds body 1: "free", "pinned", "fixed", or "prescribed" if `base` was a callable
+    base: str
+    #: smallest and largest psi of the whole motion, between the instants too [rad]
+    psi_range: tuple[float, float]
+    #: impacts at rigid stops, in order of time, with the fields joint ("psi"), t [s], and the rates before and after
+    #: [rad/s]; `loads` are without their forces
+    impacts: tuple[Impact, ...]
+    #: whether `until` ended the motion before the last instant that was asked for
+    ended_by_event: bool
 
     @functools.cached_property
     def loads(self) -> dict[str, Array]:
@@ -224,34 +226,6 @@ class SimulatedMotion(Trajectory):
         bodies = {name: loads.get(key, nothing) for key, name in _ON_BODIES.items()}
         parts = {f"{name}_torque": loads[name][:, 0] for name in TORQUE_PARTS if name in loads}
         return {**bodies, "hinge_torque": loads["tau"][:, 0], **parts}
-
-    @property
-    def gravity(self) -> tuple[float, ...]:
-        """Acceleration of free fall, world axes [m/s^2]; three components."""
-        return self.robot_motion.gravity
-
-    @property
-    def base(self) -> str:
-        """What holds body 1: "free", "pinned", "fixed", or "prescribed" if `base` was a callable."""
-        return "prescribed" if self.robot_motion.base == "moving" else self.robot_motion.base
-
-    @property
-    def psi_range(self) -> tuple[float, float]:
-        """Smallest and largest psi of the whole motion, between the instants too [rad]."""
-        lowest, highest = self.robot_motion.q_range[0].tolist()
-        return lowest, highest
-
-    @property
-    def impacts(self) -> tuple[Impact, ...]:
-        """Impacts at rigid stops, in order of time, with the fields joint ("psi"), t [s], and the rates before and
-        after [rad/s]. `loads` are without their forces.
-        """
-        return self.robot_motion.impacts
-
-    @property
-    def ended_by_event(self) -> bool:
-        """Whether `until` ended the motion before the last instant that was asked for."""
-        return self.robot_motion.ended_by_event
 
     @property
     def error_estimate(self) -> float:
