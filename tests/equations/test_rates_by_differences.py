@@ -40,7 +40,6 @@ def test_a_turn_is_an_exponential():
 
 def test_matrices():
     S, w = matrix(vector(41, 9)), vector(42)
-    same(eq.skew(w), tuple_of(hat(w)))
     same(eq.unskew(tuple_of(S)), vee(S))
     same(eq.rotate(tuple_of(S), w), S * column(w))
     same(eq.transpose(tuple_of(S)), tuple_of(S.T))

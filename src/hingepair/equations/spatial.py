@@ -154,12 +154,6 @@ def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:
     return subtract(add(R1, r1), add(R2, r2))
 
 
-def skew(w: Vector) -> Matrix:
-    """Return the matrix [w]x, as nine entries, for which [w]x u = w x u."""
-    zero = 0 * w[0]
-    return zero, -w[2], w[1], w[2], zero, -w[0], -w[1], w[0], zero
-
-
 def unskew(W: Matrix) -> Vector:
     """Return the vector w with [w]x equal to the antisymmetric part of the matrix W, which has nine entries."""
     return (W[7] - W[5]) * 0.5, (W[2] - W[6]) * 0.5, (W[3] - W[1]) * 0.5

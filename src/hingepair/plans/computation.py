@@ -21,7 +21,7 @@ from hingepair.plans.arguments import CoordinateNames, check_out, read_arguments
 from hingepair.plans.dask_chunks import is_dask
 from hingepair.plans.derivatives import Derivative, derivative_loop
 from hingepair.plans.functions import change_shape
-from hingepair.plans.trees import MAX_DERIVED_OPERATIONS
+from hingepair.plans.trees import check_derived
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERRORS, check_rotation
 
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
@@ -234,10 +234,8 @@ class Computation:
         sizes = [math.prod(change_shape(*argument)) for argument in derivative.arguments]
         columns = sum(sizes) if derivative.kind == "jacobian" else 1
         operations = columns * self._operations * 4 ** (times - 1)
-        if not self._loop(self.outputs, given).traced or operations > MAX_DERIVED_OPERATIONS:
-            by = ", ".join(name for name, _ in derivative.arguments)
-            got = f"{len(self.coordinates.names)} joints, derivatives by {by}"
-            raise ArgumentError("robot", "fewer joints, or derivatives by fewer arguments", got)
+        traced, names = self._loop(self.outputs, given).traced, (f"by {name}" for name, _ in derivative.arguments)
+        check_derived(len(self.coordinates.names), traced, operations, names)
 
 
 def _compute_chunk(

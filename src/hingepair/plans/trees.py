@@ -1038,12 +1038,12 @@ def estimated_operations(form: Form, request: Request) -> int:
     return total
 
 
-def check_derived(form: Form, traced: bool, operations: int, names: Iterable[str]) -> None:
+def check_derived(joints: int, traced: bool, operations: int, names: Iterable[str]) -> None:
     """Refuse derivatives whose program would take too long to make: `operations` are an estimate of what they take
     before they fold, and `names` say what they are.
     """
     if not traced or operations > MAX_DERIVED_OPERATIONS:
-        got = f"{len(form.parents)} joints, {', '.join(names)}"
+        got = f"{joints} joints, derivatives {', '.join(names)}"
         raise ArgumentError("robot", "fewer joints, or fewer derivatives", got)
 
 
@@ -1066,6 +1066,9 @@ def request_loop(form: Form, request: Request) -> Loop:
     function = functools.partial(compute_request, form, request)
     traced = estimated_operations(form, request) <= MAX_TRACED_OPERATIONS
     if derived := [name for name in request.outputs if name in DERIVED]:
-        matrices = sum(name in DYNAMICS_MATRICES for name in derived)
-        check_derived(form, traced, 750 * len(form.parents) * matrices * velocity_count(form, request), derived)
+        matrices = [name for name in derived if name in DYNAMICS_MATRICES]
+        plain = request._replace(outputs=tuple(name.partition("_")[0] for name in matrices))
+        joints, columns = len(form.parents), len(matrices) * velocity_count(form, request)
+        # Derivatives of torques share less than the torques themselves.
+        check_derived(joints, traced, columns * max(estimated_operations(form, plain), 750 * joints), derived)
     return Loop("robot", function, inputs, outputs, form=TreeForm(form, request), traced=traced)
