@@ -334,7 +334,7 @@ class Prepared:
         >>> f = hp.load_robot("ur5_robot").prepare("pose", frames="tool0")
         >>> value, tangent = f.jvp((np.zeros(6),), {"q": np.ones(6)})
         >>> value.S.shape, tangent["S"].shape
-        ((1, 3, 3), (1, 3))
+        ((3, 3), (3,))
         """
         derived = self._derived("jvp", tangents, None)
         found = self._derive(derived, given, [tangents[name] for name in derived.further])
