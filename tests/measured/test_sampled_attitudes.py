@@ -123,22 +123,21 @@ def test_a_fast_spin_is_exact_and_a_shaking_one_refused(turn):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("order", [2, 6])
-@pytest.mark.parametrize("in_body", [True, False])
-def test_a_fast_spin_about_an_axis_that_tilts_slowly_is_followed(order, in_body):
-    """A spin of 1 rad a sample about an axis of the body, or of the world, beside a slow turn."""
+def test_a_fast_spin_about_an_axis_that_tilts_slowly_is_followed(order):
+    """A spin of 1 rad a sample about an axis of the body, beside a slow turn."""
 
     def attitude(t):
         slow, fast = (
             hp.rotation_exp(0.3 * np.sin(t)[:, None] * (1, 0, 0)),
             hp.rotation_exp(100 * t[:, None] * (0, 0, 1)),
         )
-        return slow @ fast if in_body else fast @ slow
+        return slow @ fast
 
     t = np.arange(200) / 100
     tilt = np.stack([0.3 * np.cos(t), 0 * t, 0 * t], axis=-1)
-    S, fast = attitude(t), hp.rotation_exp(100 * t[:, None] * (0, 0, 1))
+    S = attitude(t)
     slow = hp.rotation_exp(0.3 * np.sin(t)[:, None] * (1, 0, 0))
-    exact = tilt + 100 * slow[..., 2] if in_body else np.array((0, 0, 100)) + np.einsum("nij,nj->ni", fast, tilt)
+    exact = tilt + 100 * slow[..., 2]
     error = np.abs(hp.angular_velocity_from_samples(t, S, order) - exact)[10:-10].max()
     assert error < (0.1 if order == 2 else 0.01)
     motion = hp.resample(t, hp.BodyMotion(R=np.zeros((200, 3)), S=S), t[:-1] + 0.005)

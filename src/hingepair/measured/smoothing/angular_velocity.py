@@ -41,11 +41,10 @@ def angular_velocity_from_samples(
     For each sample i, `S(t) = exp([x(t)]x) exp([w]x (t - t_i)) S_i` defines the rotation vector x(t) in world axes
     beside the steady spin w from the sample before to the one after, which is left out (w = 0) where the neighbours
     turn by less than 2 rad; [w]x is the cross-product matrix of w. At sample i, x is 0, and therefore omega = w + x'
-    and alpha = x'' - w cross x' exactly, however fast the body spins about an axis of its own. If the axis is
-    steadier in the world, the two factors change places (and the sign changes). The function differentiates the
-    polynomial of degree `order` that interpolates x at sample i and at order / 2 neighbours on each side. Near the
-    ends, a polynomial of degree `order` is fitted by least squares to x at the first or the last (`order` + 5)
-    samples, or at all samples if there are fewer.
+    and alpha = x'' - w cross x' exactly, however fast the body spins about an axis that turns slowly. The function
+    differentiates the polynomial of degree `order` that interpolates x at sample i and at order / 2 neighbours on each
+    side. Near the ends, a polynomial of degree `order` is fitted by least squares to x at the first or the last
+    (`order` + 5) samples, or at all samples if there are fewer.
 
     A higher order suits smooth motion, and a lower order suits noisy data at small time steps. Suppose that the noise
     of the attitudes is white, that the rotation vector of the noise has the standard deviation sigma [rad] in each
@@ -102,7 +101,6 @@ def _angular_rates(t: Float64Array, S: Float64Array, order: int, count: int) -> 
     derivatives = [np.zeros(S.shape[:-1]) for _ in range(count)]
     last = t.size - 1
     with np.errstate(all="ignore"):
-        in_body = spins_about_body_axis(S)[..., None]
         steps = np.linalg.norm(turn_between(S[..., :-1, :, :], S[..., 1:, :, :]), axis=-1)
         turned_before = np.cumsum(np.nan_to_num(np.concatenate([0 * steps[..., :1], steps], axis=-1)), axis=-1)
         for rows, neighbours, *weights in stencils(t, order):
@@ -115,7 +113,7 @@ def _angular_rates(t: Float64Array, S: Float64Array, order: int, count: int) -> 
             vectors_beside = np.empty((*omega.shape[:-1], neighbours.shape[1], 3))
             for k, others in enumerate(neighbours.T):
                 dt = t[others] - t[samples]
-                x = vector_beside_spin(S[..., rows, :, :], S[..., others, :, :], omega, dt, in_body)
+                x = vector_beside_spin(S[..., rows, :, :], S[..., others, :, :], omega, dt)
                 x[..., others == samples, :] *= 0.0  # round-off; NaN where S is
                 for derivative, weight in zip(derivatives, weights, strict=False):
                     derivative[..., rows, :] += weight[:, k, None] * x
@@ -123,7 +121,7 @@ def _angular_rates(t: Float64Array, S: Float64Array, order: int, count: int) -> 
             _check_turns(vectors_beside, samples, neighbours)
             if count == 2:
                 turning = np.cross(omega, derivatives[0][..., rows, :])
-                derivatives[1][..., rows, :] += np.where(in_body[..., None], -turning, turning)
+                derivatives[1][..., rows, :] -= turning
             derivatives[0][..., rows, :] += omega
     return derivatives
 
@@ -140,31 +138,14 @@ def needed_spin(omega: Float64Array, turned: Float64Array) -> Float64Array:
     return np.where(turned[..., None] > 2.0, omega, 0.0)
 
 
-def spins_about_body_axis(S: Float64Array) -> NDArray[np.bool_]:
-    """Return whether each series of rotations S (..., N, 3, 3) turns about an axis that is steadier in the body than
-    in the world; shape (...,).
-    """
-    before, after = S[..., :-1, :, :], S[..., 1:, :, :]
-    transposed = np.swapaxes(before, -1, -2)
-    wander = []
-    for turns in (transposed @ after, after @ transposed):
-        vectors = rotation_vector(turns)
-        known = np.where(np.isfinite(vectors), vectors, 0.0)
-        wander.append(np.abs(known - np.median(known, axis=-2, keepdims=True)).sum(axis=(-2, -1)))
-    return np.asarray(wander[0] <= wander[1])
+def vector_beside_spin(base: Float64Array, S: Float64Array, omega: Float64Array, dt: Float64Array) -> Float64Array:
+    """Return rotation vectors x (..., 3), world axes [rad], with S = exp(x) exp(omega dt) base.
 
-
-def vector_beside_spin(
-    base: Float64Array, S: Float64Array, omega: Float64Array, dt: Float64Array, in_body: NDArray[np.bool_]
-) -> Float64Array:
-    """Return rotation vectors x (..., 3), world axes [rad], with S = exp(x) exp(omega dt) base where the axis of the
-    spin is steady `in_body`, and S = exp(omega dt) exp(x) base where it is steady in the world.
-
-    However fast the spin, x changes slowly: polynomials in t through x are interpolants on the rotation group.
+    However fast the spin, x changes slowly where its axis does: polynomials in t through x are interpolants on the
+    rotation group.
     """
     back = np.asarray(rotation_exp(-omega * dt[..., None]))
-    turned = S @ np.swapaxes(base, -1, -2)
-    return rotation_vector(np.where(in_body[..., None, None], turned @ back, back @ turned))
+    return rotation_vector(S @ np.swapaxes(base, -1, -2) @ back)
 
 
 def _check_turns(x: Float64Array, samples: NDArray[np.intp], neighbours: NDArray[np.intp]) -> None:

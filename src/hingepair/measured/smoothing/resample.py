@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 from typing import overload
 
@@ -12,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.measured.smoothing.angular_velocity import (
     needed_spin,
-    spins_about_body_axis,
     turn_between,
     vector_beside_spin,
 )
@@ -135,9 +133,7 @@ def interpolated(
     which, before = which[inside], np.searchsorted(t[known_indices], new_instants[inside], side="right") - 1
     counts = np.minimum(4, sizes[which])
     first = np.clip(before - 1, starts[which], stops[which] - counts)
-    between = _interpolated_columns
-    if rotations:
-        between = functools.partial(_interpolated_rotations, spins_about_body_axis(values[known_indices]))
+    between = _interpolated_rotations if rotations else _interpolated_columns
     for count in np.unique(counts):
         rows, first_nodes = inside[counts == count], first[counts == count]
         near = known_indices[first_nodes[:, None] + np.arange(count)]
@@ -152,11 +148,9 @@ def _interpolated_columns(nodes: Float64Array, neighbours: Float64Array) -> Floa
     return np.asarray(np.einsum("ni,ni...->n...", lagrange_weights(nodes), neighbours))
 
 
-def _interpolated_rotations(
-    in_body: NDArray[np.bool_], nodes: Float64Array, neighbours: Float64Array
-) -> Float64Array:
+def _interpolated_rotations(nodes: Float64Array, neighbours: Float64Array) -> Float64Array:
     """Return rotations at 0 between k others: polynomials through rotation vectors beside the steady spin between
-    two, which is about an axis of the body (`in_body`) or of the world.
+    two.
     """
     if nodes.shape[1] == 1:
         return neighbours[:, 0]
@@ -168,12 +162,11 @@ def _interpolated_rotations(
     turned = np.linalg.norm(turn_between(neighbours[:, :-1], neighbours[:, 1:]), axis=-1).sum(axis=-1)
     omega = needed_spin(turn_between(base, neighbours[row, nearest + 1]) / steps[row, nearest][:, None], turned)
     beside = [
-        vector_beside_spin(base, S, omega, dt, in_body)
+        vector_beside_spin(base, S, omega, dt)
         for S, dt in zip(np.moveaxis(neighbours, 1, 0), (nodes - start[:, None]).T, strict=True)
     ]
     x = np.einsum("ni,nij->nj", lagrange_weights(nodes), np.stack(beside, axis=1))
-    spun, turn = rotation_exp(-omega * start[:, None]), rotation_exp(x)
-    return np.asarray(np.where(in_body[..., None, None], turn @ spun, spun @ turn) @ base)
+    return np.asarray(rotation_exp(x) @ rotation_exp(-omega * start[:, None]) @ base)
 
 
 def lagrange_weights(nodes: Float64Array) -> Float64Array:

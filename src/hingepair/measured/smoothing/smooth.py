@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, ShapeError
-from hingepair.measured.smoothing.angular_velocity import angular_velocity_from_samples, spins_about_body_axis
+from hingepair.measured.smoothing.angular_velocity import angular_velocity_from_samples
 from hingepair.measured.smoothing.resample import interpolated
 from hingepair.measured.smoothing.spline import MIN_PIECE, SmoothedColumns, smooth_columns
 from hingepair.measured.statistics import LOSSES, Loss
@@ -260,10 +260,14 @@ def _smooth_attitudes(
     """Return the arrays S, omega and alpha, NaN between the pieces, and what smoothing found."""
     piece_slices = [slice(piece[0], piece[-1] + 1) for piece in pieces]
     recorded = interpolated(t, S, t, gaps, rotations=True)
-    in_body, spin = _steady_spin(t, recorded)
+    # A steady spin, in axes of the body, is taken out where it is fast.
+    step = float(np.median(np.diff(t)))
+    spin = np.nanmedian(
+        rotation_vector(np.swapaxes(recorded[:-1], -1, -2) @ recorded[1:]) / np.diff(t)[:, None], axis=0
+    )
+    spin = spin * float(np.linalg.norm(spin) * step > 0.3)  # rad a sample
     spun = np.asarray(rotation_exp(spin * (t - t[0])[:, None]))
-    back = np.swapaxes(spun, -1, -2)
-    base, S = (array @ back if in_body else back @ array for array in (recorded, S))
+    base, S = (array @ np.swapaxes(spun, -1, -2) for array in (recorded, S))
     for _ in range(2):  # the second round starts from the smooth path of the first
         flat, frames = _unrolled_attitudes(base, piece_slices)
         off = rotation_vector(np.swapaxes(base, -1, -2) @ S)
@@ -277,25 +281,8 @@ def _smooth_attitudes(
         except ArgumentError as error:
             expected = "attitudes whose spin changes less from sample to sample (radians, not degrees; more samples)"
             raise ArgumentError("body.S", expected, error.got) from None
-    if in_body:
-        axis = base @ spin
-        arrays = {"S": base @ spun, "omega": omega + axis, "alpha": alpha + np.cross(omega, axis)}
-    else:
-        omega, alpha = (np.einsum("nij,nj->ni", spun, array) for array in (omega, alpha))
-        arrays = {"S": spun @ base, "omega": omega + spin, "alpha": alpha + np.cross(spin, omega)}
-    return arrays, smoothed
-
-
-def _steady_spin(t: Float64Array, S: Float64Array) -> tuple[bool, Float64Array]:
-    """Return whether a body spins about an axis of its own or of the world, and its median spin in these axes
-    [rad/s], 0 if slow. In the other axes a slow tilt of a fast spin would be fast.
-    """
-    in_body = bool(spins_about_body_axis(S))
-    before, after = S[:-1], S[1:]
-    transposed = np.swapaxes(before, -1, -2)
-    rates = rotation_vector(transposed @ after if in_body else after @ transposed) / np.diff(t)[:, None]
-    spin = np.nanmedian(rates, axis=0)
-    return in_body, spin * float(np.linalg.norm(spin) * np.median(np.diff(t)) > 0.3)  # rad a sample
+    axis = base @ spin
+    return {"S": base @ spun, "omega": omega + axis, "alpha": alpha + np.cross(omega, axis)}, smoothed
 
 
 def _unrolled_attitudes(S: Float64Array, piece_slices: Sequence[slice]) -> tuple[Float64Array, Float64Array]:
