@@ -125,8 +125,6 @@ def test_two_recordings_give_the_hinge_whatever_their_clocks(late: float) -> Non
     assert abs(found.clock_offset - late) < 4.5 * found.std["clock_offset"]
     assert found.std["clock_offset"] < 1e-3
     assert np.nanmax(np.abs(scores(found)["psi"])) < 6
-    same = np.isfinite(found.imu2.omega).all(axis=1)
-    assert np.abs(found.imu2.omega - felt()[2])[same].max() < 6e-2
 
 
 @pytest.mark.slow

@@ -121,19 +121,3 @@ def test_a_signal_takes_the_half_written_file_away(tmp_path, number):
     process.stdout.close()
     assert process.wait(HANG) == 128 + number
     assert os.listdir(tmp_path) == []
-
-
-@pytest.mark.slow
-def test_the_standard_output_is_written_to_as_it_is(tmp_path):
-    code = (
-        "from hingepair.tables.whole_file import whole_file\n"
-        "print('before', flush=True)\n"
-        "with whole_file('/dev/stdout') as file: file.write(b'text\\n')\n"
-    )
-    (tmp_path / "out").write_text("long ago\n")
-    place = (tmp_path / "out").stat().st_ino
-    with (tmp_path / "out").open("ab") as out:
-        subprocess.run([sys.executable, "-c", code], stdout=out, check=True)
-    assert os.listdir(tmp_path) == ["out"]
-    assert (tmp_path / "out").stat().st_ino == place
-    assert (tmp_path / "out").read_text() == "long ago\nbefore\ntext\n"

@@ -109,7 +109,6 @@ class ImuFit(HingeReport):
         clock_drift: seconds by which the clock offset grows in a second.
         rms_rate: root mean square of the difference of the rates across the axis, without biases [rad/s].
         rms_force: root mean square of the difference of the forces at the hinge point, across the axis [m/s^2].
-        imu2: the record of sensor 2 at the instants of sensor 1, an ImuRecording; NaN at instants that are not used.
         t: time since the first instant of sensor 1 [s]; shape (N,).
         samples: number of instants that are used.
         findings: sentences on what is wrong with the data, or what the motion does not determine.
@@ -126,7 +125,6 @@ class ImuFit(HingeReport):
     clock_drift: float
     rms_rate: float
     rms_force: float
-    imu2: ImuRecording
     t: Float64Array
     samples: int
     findings: tuple[Finding, ...]
@@ -214,8 +212,6 @@ def fit_imus(
         text = "Whole turns during a gap are not seen: the angle after it is taken as less than half a turn away."
         findings.append(Finding("turns in a gap", 1, 0, text, harmless=True))
     rms = np.sqrt(np.mean(seen.differences() ** 2, axis=1))
-    moved2 = np.full((2, count, 3), np.nan)
-    moved2[:, rows] = problem.moved_sensor2(x)[0]
     return ImuFit(
         pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home_of(hinge)),
         psi=_scattered(estimate.psi - 2 * np.pi * np.rint(estimate.psi[0] / (2 * np.pi)), rows, count),
@@ -235,7 +231,6 @@ def fit_imus(
         clock_drift=problem.clock[1],
         rms_rate=float(rms[0]),
         rms_force=float(rms[1]),
-        imu2=ImuRecording(imu1.t, *moved2),
         t=read_only(t1),
         samples=rows.size,
         findings=tuple(dict.fromkeys(findings)),

@@ -6,7 +6,6 @@ import contextlib
 import errno
 import os
 import stat
-import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -22,8 +21,8 @@ def whole_file(
 ) -> Iterator[IO[bytes]]:
     """Yield a binary file to write to, which replaces the target only when the `with` block ends without an error.
 
-    Until then it stands beside the target, whose mode and owner it keeps; through a symlink it is the file behind it
-    that is replaced. Devices, pipes and standard output are written directly.
+    Until then it stands beside the target, whose mode it keeps; through a symlink it is the file behind it
+    that is replaced. Devices and pipes are written directly.
 
     Args:
         target: where the file shall be.
@@ -34,11 +33,7 @@ def whole_file(
     """
     with _os_errors_named(target):
         status = _checked_status(target, input_paths)
-        if status is not None and _is_standard_output(status):
-            sys.stdout.flush()
-            with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as file:
-                yield file
-        elif status is not None and not stat.S_ISREG(status.st_mode):
+        if status is not None and not stat.S_ISREG(status.st_mode):
             with Path(target).open("wb") as file:
                 yield file
         else:
@@ -89,7 +84,7 @@ def _check_access(target: Path, status: os.stat_result | None) -> None:
 
 @contextlib.contextmanager
 def _temporary_replacement(target: Path, status: os.stat_result | None) -> Iterator[IO[bytes]]:
-    """Yield a file beside the target, which replaces it (mode and, if possible, owner kept) if the block succeeds."""
+    """Yield a file beside the target, which replaces it (mode kept) if the block succeeds."""
     _check_access(target, status)
     path = target.with_name(f".hingepair-{uuid4().hex}")
     # What replaces a private file is private from the first byte; a new file has the mode of the process.
@@ -100,8 +95,6 @@ def _temporary_replacement(target: Path, status: os.stat_result | None) -> Itera
             file.flush()
             os.fsync(file.fileno())
             if status is not None:
-                with contextlib.suppress(OSError, AttributeError):  # another's file stays his where we may say so
-                    os.chown(path, status.st_uid, status.st_gid)
                 path.chmod(stat.S_IMODE(status.st_mode))
             path.replace(target)
         except BaseException:
@@ -117,11 +110,3 @@ def _file_status(path: str | os.PathLike[str]) -> os.stat_result | None:
         return None
     except ValueError as error:  # a NUL in the name
         raise OSError(str(error)) from None
-
-
-def _is_standard_output(status: os.stat_result) -> bool:
-    """Return whether this is the file that standard output writes to."""
-    try:
-        return os.path.samestat(status, os.fstat(sys.stdout.fileno()))
-    except (OSError, ValueError, AttributeError):  # closed, or a caller's
-        return False

@@ -42,8 +42,8 @@ def angular_velocity_from_samples(
     beside the steady spin w from the sample before to the one after, which is left out (w = 0) where the neighbours
     turn by less than 2 rad; [w]x is the cross-product matrix of w. At sample i, x is 0, and therefore omega = w + x'
     and alpha = x'' - w cross x' exactly, however fast the body spins about an axis that turns slowly. The function
-    differentiates the polynomial of degree `order` that interpolates x at sample i and at order / 2 neighbours on each
-    side. Near the ends, a polynomial of degree `order` is fitted by least squares to x at the first or the last
+    differentiates the polynomial of degree `order` that interpolates x at sample i and at order / 2 neighbours on
+    each side. Near the ends, a polynomial of degree `order` is fitted by least squares to x at the first or the last
     (`order` + 5) samples, or at all samples if there are fewer.
 
     A higher order suits smooth motion, and a lower order suits noisy data at small time steps. Suppose that the noise
