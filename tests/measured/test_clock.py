@@ -98,26 +98,14 @@ def test_an_offset_is_shown_if_it_is_known_to_a_tenth_of_a_second(point: bool) -
     assert hp.fit(body1, body2, t=0.115 / error * t).std["clock_offset"] == np.inf
 
 
-@pytest.mark.slow
-def test_a_known_offset_is_taken_as_it_is() -> None:
+def test_one_clock_is_taken_as_it_is() -> None:
     t, body1, body2 = recorded(10e-3)
-    known, sought, none = (hp.fit(body1, body2, t=t, clock_offset=offset) for offset in (10e-3, None, 0.0))
-    assert (known.clock_offset, known.std["clock_offset"]) == (10e-3, 0.0)
-    assert np.abs(known.pair.u1 - sought.pair.u1).max() < 3 * sought.std["u1"].max()
-    assert known.std["u1"].max() < sought.std["u1"].max()
-    assert none.pair.u1.tolist() == hp.fit(body1, body2).pair.u1.tolist()
-    lines = [next(line for line in str(fit).split("\n") if "offset" in line) for fit in (known, sought, none)]
-    later = "; body 2 was recorded later than its time stamps say"
-    assert lines[0] == f"clock offset: 10 ms (given){later}"
-    assert " +- " in lines[1]
-    assert lines[1].endswith(f" ms{later}")
-    assert lines[2] == "clock offset: 0 ms (given)"
-    with pytest.raises(hp.ArgumentError, match="t: expected instants, since clock_offset is given"):
-        hp.fit(body1, body2, clock_offset=0.01)
-    with pytest.raises(
-        hp.ArgumentError, match="clock_offset: expected a time by which both recordings still overlap"
-    ):
-        hp.fit(body1, body2, t=t, clock_offset=100.0)
+    one = hp.fit(body1, body2, t=t, clock_offset=0)
+    assert one.pair.u1.tolist() == hp.fit(body1, body2).pair.u1.tolist()
+    assert (one.clock_offset, one.std["clock_offset"]) == (0.0, 0.0)
+    assert "\nclock offset: 0 ms (given)\n" in str(one)
+    with pytest.raises(hp.ArgumentError, match="clock_offset: expected 0"):
+        hp.fit(body1, body2, t=t, clock_offset=0.01)
 
 
 @pytest.mark.slow
@@ -157,7 +145,6 @@ def test_an_offset_of_a_motion_that_repeats_may_be_off_by_a_period() -> None:
         found = hp.fit(*made, t=t)
         assert found.ok == ok
         assert "repeats after 1 s" in " ".join(found.findings)
-        assert hp.fit(*made, t=t, clock_offset=late).ok
 
 
 def as_point(body: hp.BodyMotion) -> hp.BodyMotion:

@@ -64,8 +64,7 @@ def fit_command(
         float | None,
         typer.Option(
             metavar="SECONDS",
-            help="Delay of body 2's samples relative to their time stamps, if known; 0: both bodies have one clock. "
-            "Default: it is estimated.",
+            help="0: both bodies have one clock. Default: the time by which body 2 is late is estimated.",
         ),
     ] = None,
     units: Annotated[

@@ -143,7 +143,7 @@ class ClockedPoses:
         if period is not None:
             text = (
                 f"The motion repeats after {period:.3g} s, and the clock offset may be off by this: record a motion "
-                "that does not repeat, or tell clock_offset."
+                "that does not repeat, or give both one clock and clock_offset=0."
             )
             # Clocks that hardly differ are more likely than clocks that differ by a period.
             small = abs(offset) <= 0.05 * period

@@ -175,8 +175,8 @@ def fit(
             the motion does not determine the offset, 0 is used.
         weights: weights of the samples, such as inverse variances in any unit; shape (N,). A common factor has no
             effect. A sample of weight 0 is left out.
-        clock_offset: known time by which body 1's clock is ahead of body 2's clock [s], 0 if both recordings use the
-            same clock; `t` must be given too. Without `t`, the clocks are assumed to be the same.
+        clock_offset: 0 if both recordings use the same clock, as is assumed without `t`; None to estimate the offset.
+            Of another known offset, shift the instants of body 2, and `resample` it to those of body 1.
         noise1: standard deviations of the noise of body 1, in each coordinate of the position [m] and in each
             component of the rotation vector of the attitude error [rad]: a tuple of two numbers or arrays (N,), such
             as (smoothed.noise["R"], smoothed.noise["S"]) with `smoothed = smooth(t, body1)`. A common factor is still
@@ -301,20 +301,13 @@ def _estimated(
     samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
 ) -> tuple[ClockedPoses | None, Estimate, RelativePoses]:
     """Return the most likely hinge and its poses, and what gives the poses at any clock; None in its place if the
-    clock is that of body 1, as known or as taken where the motion does not determine it.
+    clock is that of body 1, or is taken for it where the motion does not determine it.
     """
     kind: type[PointModel | BodyModel] = PointModel if samples.is_point else BodyModel
     start = kind.start(poses.thinned(_START_SAMPLES), loss)
-    clocked = _clocked_poses(samples, loss, clock_offset)
-    if clocked is not None and clock_offset is not None:
-        known = np.array((clock_offset, 0.0))
-        if clocked.poses_at(known, samples.weights.size).samples < 2:
-            raise ArgumentError("clock_offset", "a time by which both recordings still overlap [s]", clock_offset)
-        if loss is None:
-            start = kind.start(clocked.poses_at(known, _START_SAMPLES), loss)
-        return clocked, *most_likely(
-            start, lambda clock, most: clocked.poses_at(clock, most).with_known_clock(), known, loss
-        )
+    clocked = None
+    if samples.t is not None and clock_offset is None and ClockedPoses.has_enough_samples(samples):
+        clocked = ClockedPoses(samples, loss)
     if clocked is not None and poses.samples >= MIN_PIECE:
         near = np.array((clocked.most_likely_offset(lambda trial: start.misfit(trial, loss)), 0.0))
         first = kind.start(clocked.poses_at(near, _START_SAMPLES), loss)
@@ -323,20 +316,6 @@ def _estimated(
         if estimate.has_converged and shows_offset(estimate.model, there.thinned(_START_SAMPLES), noise_poses, loss):
             return clocked, estimate, there
     return None, *most_likely(start, lambda _, most: poses.thinned(most), np.zeros(2), loss)
-
-
-def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:
-    """Return the poses at any clock; None without instants, at a known offset of 0, and where body 2 has too few
-    samples in a row to be smoothed.
-    """
-    if samples.t is None or clock_offset == 0:
-        return None
-    if ClockedPoses.has_enough_samples(samples):
-        return ClockedPoses(samples, loss)
-    if clock_offset is not None:
-        expected = f"0, or a body 2 with at least {MIN_PIECE} samples without a gap, to be moved in time"
-        raise ArgumentError("clock_offset", expected, clock_offset)
-    return None
 
 
 def _recording_findings(

@@ -11,7 +11,7 @@ from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.measured.findings import Finding
 from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses, equal_noise
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
-from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, read_only, real_array
 from hingepair.tables.instants import increasing_seconds
 
 _FROZEN = 5  # repetitions of a pose from which a tracker is called frozen
@@ -77,10 +77,9 @@ def checked_samples(
     time = None if t is None else read_only(increasing_seconds("t", t)[0])
     if time is not None and time.shape != shape:
         raise ShapeError("t", f"shape {shape}, as the bodies", f"shape {time.shape}")
-    if clock_offset is not None:
-        finite_number("clock_offset", clock_offset)
-        if time is None:
-            raise ArgumentError("t", "instants, since clock_offset is given", None)
+    if clock_offset is not None and clock_offset != 0:
+        expected = "0 if both have one clock, or None; shift t2 by another offset, and hingepair.resample body 2"
+        raise ArgumentError("clock_offset", expected, clock_offset)
     sample_weights = _checked_weights(weights, shape[0])
     sample_shapes = {"R": (3,), "S": (3, 3)}
     full_arrays = {name: np.broadcast_to(array, (*shape, *sample_shapes[name[0]])) for name, array in arrays.items()}
