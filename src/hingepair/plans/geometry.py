@@ -95,15 +95,24 @@ class Geometry(Front):
         nothing = Matter(0.0, ZERO_VECTOR, (0.0,) * 6)
         moved = with_carried(nothing, Placement(turn, None, arm), second)
         hinge, force, torque = self.given["least_pivots"]
-        frames = [*arm, *_IDENTITY]
+        frames = [*arm, *self._lever(scale(rotate(home, u2), -1.0))]
         positions = iter(self.given["points"]) if self._bodies else iter(())
-        for body, position in zip(self._bodies, zip(positions, positions, positions, strict=True), strict=True):
-            frames += [*(position if body == 1 else add(arm, rotate(turn, position))), *_IDENTITY]
+        for body, p in zip(self._bodies, zip(positions, positions, positions, strict=True), strict=True):
+            if body == 1:
+                frames += [*p, *p, *ZERO_VECTOR, *ZERO_VECTOR]
+            else:
+                frames += [*add(arm, rotate(turn, p)), *self._lever(rotate(home, subtract(p, u2)))]
         return (
             base.mass, *base.first, *base.second,
             *axes, *u1, moved.mass, *moved.first, *moved.second, *_ROTOR, hinge,
             force, torque, *frames,
         )  # fmt: skip
+
+    def _lever(self, arm: Vector) -> tuple[Any, ...]:
+        """Return the lever of a frame, of which `arm` leads from the hinge point to it, in body-1 axes at psi = 0."""
+        n = self.given["n"]
+        along = scale(n, dot(n, arm))
+        return (*add(self.given["u1"], along), *subtract(arm, along), *cross(n, arm))
 
     @lock_free_cached_property
     def e1(self) -> Vector:

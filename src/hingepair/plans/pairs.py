@@ -17,8 +17,8 @@ from hingepair.engine.loops import Loop
 from hingepair.equations import spatial as eq
 from hingepair.equations.joints import HINGE
 from hingepair.equations.quantities import QUANTITIES, Quantity, sample_shape, unit_of
-from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross, rotate
-from hingepair.equations.trees import Pose, Rates, axis_of, turned
+from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross, rotate, scale, subtract
+from hingepair.equations.trees import Pose, Rates, axis_of
 from hingepair.numeric.blocks import hinge_terms
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.constraints import CONSTRAINTS, ConstraintQuantities
@@ -36,7 +36,6 @@ from hingepair.plans.fronts import (
 from hingepair.plans.geometry import GEOMETRY_SHAPES, HIDDEN_SHAPES, Geometry, PlanarGeometry
 from hingepair.plans.trees import (
     BASE_SHAPES,
-    FRAME_SHAPES,
     JOINT_SHAPES,
     OUTPUTS,
     PIVOT_SHAPES,
@@ -127,6 +126,11 @@ def _bearing_torque(tree: TreeQuantities) -> Any:
     return rotate(tree.poses[1].S, (x, y, 0.0))
 
 
+LEVER_SHAPES: Final = {"R": (3,), "lever": (9,)}
+"""Constants of a frame: its position in the axes of its body; and, in body-1 axes, from R1 at psi = 0, three vectors:
+the frame is at `fixed + across cos psi + ahead sin psi`. Of a frame of body 1, its position and zeros."""
+
+
 class Lever(NamedTuple):
     """Where a frame is, world axes."""
 
@@ -147,6 +151,8 @@ class PairQuantities(TreeQuantities):
             and E8 keep the hinge point of both bodies together to the last digit.
     """
 
+    frame_shapes = LEVER_SHAPES
+
     def __init__(self, form: Form, request: Request, values: Mapping[str, Any], given_attitude: bool) -> None:
         super().__init__(form, request, values)
         self._given_attitude = given_attitude
@@ -154,20 +160,21 @@ class PairQuantities(TreeQuantities):
     @lock_free_cached_property
     def levers(self) -> list[Lever]:
         """List of the levers of all frames; of frames of body 1, which do not depend on psi, d alone."""
-        return [self._lever(body, constants["R"]) for body, constants in self.frames]
+        return [self._lever(body, constants["lever"]) for body, constants in self.frames]
 
-    def _lever(self, body: int, R: Any) -> Lever:
-        S1, (joint,) = self.values["S1"], self.placements
+    def _lever(self, body: int, lever: Any) -> Lever:
+        S1, fixed, across, ahead = self.values["S1"], lever[:3], lever[3:6], lever[6:]
         if body == 0:
-            return Lever(rotate(S1, R), ZERO_VECTOR, ZERO_VECTOR)
-        x, y, z = turned(joint.turn or (0.0, 1.0), R)
-        arm = rotate(joint.S, (x, y, z))
-        d = rotate(S1, add(joint.r, arm))
+            return Lever(rotate(S1, fixed), ZERO_VECTOR, ZERO_VECTOR)
+        s, c = self.placements[0].turn or (0.0, 1.0)
+        turned = add(scale(across, c), scale(ahead, s))  # from the hinge axis, body-1 axes
+        d = rotate(S1, add(fixed, turned))
         if self._given_attitude:
             axis = axis_of(self.poses[1])
-            by_psi = cross(rotate(S1, arm), axis)
+            by_psi = cross(rotate(S1, turned), axis)
             return Lever(d, by_psi, cross(by_psi, axis))
-        return Lever(d, *(rotate(S1, rotate(joint.S, v)) for v in ((y, -x, 0.0), (-x, -y, 0.0))))
+        by_psi = subtract(scale(across, s), scale(ahead, c))
+        return Lever(d, rotate(S1, by_psi), rotate(S1, scale(turned, -1.0)))
 
     @lock_free_cached_property
     def frame_poses(self) -> list[Pose]:
@@ -325,7 +332,7 @@ ACCELERATIONS: Final = ("a1", "alpha1", "psidd")
 """Outputs of forward dynamics."""
 NO_MASSES: Final = frozenset({*SPACE.levels, *PLANE.levels, "jacobian", "acceleration_bias", "S1_check"})
 """Outputs that do not depend on masses, those of points apart, unless accelerations are solved for."""
-FRAME_NUMBERS: Final = sum(math.prod(tail) for tail in FRAME_SHAPES.values())
+FRAME_NUMBERS: Final = sum(math.prod(tail) for tail in LEVER_SHAPES.values())
 """How many constants a frame of the tree has."""
 # A hinge without a motor (armature 0) that follows none: multiplier 1, offset 0.
 _KNOWN: Final = {"armature": 0.0, "multiplier": 1.0, "offset": 0.0}

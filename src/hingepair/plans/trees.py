@@ -10,7 +10,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.loops import Loop
@@ -142,6 +142,8 @@ class TreeQuantities:
             any kind, vectors as tuples.
     """
 
+    frame_shapes: ClassVar[Mapping[str, ArrayShape]] = FRAME_SHAPES
+
     def __init__(self, form: Form, request: Request, values: Mapping[str, Any]) -> None:
         self.form, self.request, self.values = form, request, values
         self._differentiated: dict[str, tuple[Functions, Moves]] = {}
@@ -161,7 +163,7 @@ class TreeQuantities:
             numbers = [next(parts) for _ in range(form.closure.size)]
             self.chains = Chains(form.closure, numbers, self.links, self.ratios, form.columns, values["q"])
         self.strut_list = [Strut.of_numbers(one, [next(parts) for _ in range(one.size)]) for one in form.struts]
-        self.frames = [(body, _take_numbers(parts, FRAME_SHAPES)) for body in request.frames]
+        self.frames = [(body, _take_numbers(parts, self.frame_shapes)) for body in request.frames]
         self.shown = self.frames[: request.shown]
         loaded = form.parents if request.joint_loads else ()
         self.loads = [eq.JointLoad(**_take_numbers(parts, LOAD_SHAPES)) for _ in loaded]

@@ -206,12 +206,12 @@ def test_the_rounding_of_axis_and_levers_counts():
     still, turning = (0.0,) * 7, (0.0,) * 6 + (1.0,)
     state = pair.forward_kinematics(still, turning, outputs=("d", "omega2"))
     bounds = pair.error_bounds(still, turning, outputs=("d", "omega2"))
-    wide = n.astype(np.longdouble)
-    exact = {"d": u1.astype(np.longdouble) - u2, "omega2": wide / np.sqrt((wide * wide).sum(axis=-1, keepdims=True))}
-    for name, truth in exact.items():
-        error = abs(getattr(state, name) - truth).max(axis=-1)
-        assert np.all(error <= bounds[name])
-        assert np.any(error > 0.5 * bounds[name])
+    with mpmath.workdps(DIGITS):
+        exact = {"d": exactly(u1) - exactly(u2), "omega2": reference.unit(n)}
+        for name, truth in exact.items():
+            error = abs(exactly(getattr(state, name)) - truth).max(axis=-1)
+            assert np.all(error <= bounds[name])
+            assert np.any(error > 0.5 * bounds[name])
 
 
 # ---- the promise

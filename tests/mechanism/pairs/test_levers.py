@@ -25,19 +25,25 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_frames_of_the_hinge_are_rounded_once(case):
-    """The axes e1, e2 and n of the tree, and in these the vector from the hinge point to R2."""
+    """The axes e1, e2 and n of the tree; in these the vector from the hinge point to R2; and its parts in body 1."""
     sizes, rng = CASES[case], generator(80)
     u1, u2, n = (rng.normal(size=(40, 3)) * size for size in sizes)
     home = rotations(rng, 40)
     frames = hinge_frames(constants_of(hp.HingePair(u1=u1, u2=u2, n=n, home=home)))
     with mpmath.workdps(DIGITS):
-        axis, arm = unit(n), (exactly(home) @ exactly(u2)[..., None])[..., 0]
+        axis, arm = unit(n), -(exactly(home) @ exactly(u2)[..., None])[..., 0]
         e2 = unit(np.cross(exactly(n), np.eye(3)[np.argmin(np.abs(n), axis=-1)]))
         axes = np.stack((np.cross(e2, axis), e2, axis), axis=-1)
-        exact = {"axes": (axes, 1.0), "origin": (-(np.swapaxes(axes, -1, -2) @ arm[..., None])[..., 0], sizes[1])}
-        for name, found in (("axes", frames.axes), ("origin", frames.origins[0])):
-            value, size = exact[name]
-            computed = np.stack(np.broadcast_arrays(*found), axis=-1).reshape(value.shape)
+        along = axis * (axis * arm).sum(axis=-1, keepdims=True)
+        origin = (np.swapaxes(axes, -1, -2) @ arm[..., None])[..., 0]
+        parts = {
+            "axes": (axes.reshape(40, 9), frames.axes, 1.0),
+            "origin": (origin, frames.frames[0][:3], sizes[1]),
+            "fixed": (exactly(u1) + along, frames.frames[0][3:6], sizes[0] + sizes[1]),
+            "turned": (np.hstack((arm - along, np.cross(axis, arm))), frames.frames[0][6:], sizes[1]),
+        }
+        for name, (value, found, size) in parts.items():
+            computed = np.stack(np.broadcast_arrays(*(c.high for c in found)), axis=-1)
             rounding = np.spacing(abs(computed)) * 0.5 + 1e-26 * size
             assert np.all(abs(exactly(computed) - value) <= rounding), name
 

@@ -5,8 +5,7 @@ Every constant is computed in twice the precision and rounded once. u1, u2, n, h
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Final, NamedTuple, Protocol, TypeAlias
@@ -160,11 +159,14 @@ def _constants(
 
 
 class HingeFrames(NamedTuple):
-    """Where the tree has the hinge and the frames of body 2: floats, or arrays where they have samples."""
+    """Where the tree has the hinge and the frames of the pair, in twice the precision; of floats, or of arrays where
+    they have samples.
+    """
 
-    axes: Components  # from the axes of the tree's body 2 at psi = 0, e1, e2 and n, to those of body 1
-    turn: Components  # from the axes of body 2 to those of the tree's
-    origins: tuple[Components, ...]  # of body 2 and of its points, from the hinge point, in the tree's axes [m]
+    n: tuple[Twofold, ...]  # hinge axis, body-1 axes
+    axes: tuple[Twofold, ...]  # from the axes of the tree's body 2 at psi = 0, e1, e2 and n, to those of body 1
+    turn: tuple[Twofold, ...]  # from the axes of body 2 to those of the tree's
+    frames: list[tuple[Twofold, ...]]  # the constants of each frame, see `plans.pairs.LEVER_SHAPES`
 
 
 def hinge_frames(constants: Constants) -> HingeFrames:
@@ -182,39 +184,48 @@ def hinge_frames(constants: Constants) -> HingeFrames:
 
 
 def _hinge_frames(constants: Constants) -> HingeFrames:
-    u2 = numbers(lifted(constants.arrays["u2"]))
-    points = [numbers(lifted(position)) for position in _of_body2(constants)]
-    identity: Any = tuple(_IDENTITY.ravel().tolist())
-    axes = turn = identity  # in the plane, the axes of both bodies at psi = 0 are those of the tree
+    u1, u2 = (numbers(lifted(constants.arrays[name])) for name in ("u1", "u2"))
+    axes: Any = tuple(map(Twofold, numbers(_IDENTITY, 2)))  # in the plane, those of both bodies at psi = 0
+    n: Any = axes[2::3]
+    turn: Any = axes
+    home: Any = None
     with np.errstate(all="ignore"):
         if constants.axis is not None:
             axis: Any = numbers(constants.axis)
-            n: Any = polar(axis)[0]
+            n = polar(axis)[0]
             least: Any = numbers(least_axis(constants.arrays["n"]))
             e2: Any = polar(tuple(c + 0.0 for c in eq.cross(axis, least)))[0]
-            twofold = matrix_from_columns(eq.cross(e2, n), e2, n)
-            axes, turn = tuple(c.high + 0.0 for c in twofold), eq.transpose(twofold)
+            axes = matrix_from_columns(eq.cross(e2, n), e2, n)
+            turn = eq.transpose(axes)
             if constants.has_home:
-                home: Any = tuple(map(Twofold, numbers(constants.arrays["home"], 2)))
+                home = tuple(map(Twofold, numbers(constants.arrays["home"], 2)))
                 turn = eq.compose(turn, home)
-        else:
-            turn = tuple(map(Twofold, turn))
-        origins = [_turned_difference(turn, p, u2) for p in ((0.0, 0.0, 0.0), *points)]
-    return HingeFrames(axes, tuple(c.high + 0.0 for c in turn), tuple(origins))
+        frames = [_turned_frame(n, axes, home, u1, u2, (0.0, 0.0, 0.0))]
+        for point, position in zip(constants.points, constants.positions, strict=True):
+            p = numbers(lifted(position))
+            if point.body == 1:
+                frames.append((*map(Twofold, (*p, *p)), *(Twofold(0.0),) * 6))
+            else:
+                frames.append(_turned_frame(n, axes, home, u1, u2, p))
+    return HingeFrames(n, axes, turn, frames)
 
 
-def _of_body2(constants: Constants) -> list[NDArray[np.float64]]:
-    """Return the positions of the points of body 2."""
-    pairs = zip(constants.points, constants.positions, strict=True)
-    return [position for point, position in pairs if point.body == 2]
-
-
-def _turned_difference(turn: Any, p: Components, u: Components) -> Components:
-    """Return turn (p - u), rounded once."""
-    scaled, exponent = scaled_by_power_of_two((*p, *u))
+def _turned_frame(n: Any, axes: Any, home: Any, u1: Any, u2: Any, p: Any) -> tuple[Twofold, ...]:
+    """Return the constants of the frame at the point p of body 2."""
+    scaled, exponent = scaled_by_power_of_two((*p, *u2))
     ends: Any = tuple(map(Twofold, scaled))
-    turned = eq.rotate(turn, eq.subtract(ends[:3], ends[3:]))
-    return tuple(times_power_of_two(c.high, exponent) + 0.0 for c in turned)
+    arm = eq.subtract(ends[:3], ends[3:])  # from the hinge point, at psi = 0
+    arm = arm if home is None else eq.rotate(home, arm)
+    along, ahead = eq.scale(n, eq.dot(n, arm)), eq.cross(n, arm)
+    parts = (*eq.rotate(eq.transpose(axes), arm), *along, *eq.subtract(arm, along), *ahead)
+    scaled_back = [Twofold(*(times_power_of_two(x, exponent) for x in (c.high, c.low))) for c in parts]
+    fixed: Any = [Twofold(u) + c for u, c in zip(u1, scaled_back[3:6], strict=True)]
+    return (*scaled_back[:3], *fixed, *scaled_back[6:])
+
+
+def _rounded(parts: Iterable[Twofold]) -> list[Any]:
+    """Return numbers of twice the precision as doubles, without -0.0."""
+    return [c.high + 0.0 for c in parts]
 
 
 def least_axis(n: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -230,7 +241,7 @@ def constraint_vectors(constants: Constants) -> dict[str, Components]:
     """
     kept = constants.cache.others
     if "constraints" not in kept:
-        axes = hinge_frames(constants).axes
+        axes: Any = tuple(_rounded(hinge_frames(constants).axes))
         in_body1 = in_body2 = {"e1": axes[0::3], "e2": axes[1::3], "n": numbers(constants.arrays["n"])}
         if constants.has_home:
             inverse = np.linalg.inv(constants.arrays["home"])
@@ -269,51 +280,40 @@ def tree_numbers(constants: Constants, masses: bool = False) -> TreeNumbers:
 
 
 def _tree_numbers(constants: Constants, masses: bool) -> TreeNumbers:
-    frames = hinge_frames(constants)
+    found = hinge_frames(constants)
     base, body2, pivots = map(numbers, _masses(constants)) if masses else ((0.0,) * 10, (0.0,) * 10, (0.0,) * 3)
     rotor = (0.0, 1.0, 0.0)  # armature, multiplier and offset of a hinge that follows none
     u1 = numbers(lifted(constants.arrays["u1"]))
-    parts = [*base, *frames.axes, *u1, *body2, *rotor, *pivots, *frames.origins[0], *_IDENTITY.ravel().tolist()]
-    origins = iter(frames.origins[1:])
-    for point, position in zip(constants.points, constants.positions, strict=True):
-        parts += numbers(lifted(position)) if point.body == 1 else next(origins)
-        parts += _IDENTITY.ravel().tolist()
+    parts = [*base, *_rounded(found.axes), *u1, *body2, *rotor, *pivots]
+    parts += _rounded(c for frame in found.frames for c in frame)
     varied = tuple(k for k, part in enumerate(parts) if isinstance(part, np.ndarray) and np.ptp(part))
     samples = read_only(_joined(tuple(parts[k] for k in varied))) if varied else None
     return TreeNumbers(tuple(parts), tuple(float(np.ravel(part)[0]) for part in parts), varied, samples)
 
 
 def tree_errors(constants: Constants) -> Components:
-    """Return bounds on the errors of the `components` of `tree_numbers`, without masses: 0 of those that are exact,
-    else half a unit in the last place, and what twice the precision leaves.
+    """Return bounds on the errors of the `components` of `tree_numbers`, without masses: what their rounding lost,
+    and what twice the precision leaves.
     """
-    frames, parts = hinge_frames(constants), tree_numbers(constants).components
-    aligned = _is_aligned(constants)
+    found, parts = hinge_frames(constants), tree_numbers(constants).components
     errors: list[Any] = [0.0] * len(parts)
-
-    def once_rounded(start: int, values: Components, size: Any) -> None:
-        errors[start : start + len(values)] = [_rounded_once(c, size) for c in values]
-
-    behind = len(parts) - 12 * (1 + len(constants.points))
-    if not aligned:
-        once_rounded(10, frames.axes, 1.0)
-    if not aligned or constants.has_home:
-        sizes = [functools.reduce(np.maximum, map(np.abs, numbers(lifted(constants.arrays["u2"]))))]
-        sizes += [sizes[0] + functools.reduce(np.maximum, map(np.abs, numbers(p))) for p in _of_body2(constants)]
-        places = [0, *(k for k, point in enumerate(constants.points, 1) if point.body == 2)]
-        for place, origin, size in zip(places, frames.origins, sizes, strict=True):
-            once_rounded(behind + 12 * place, origin, size)
-    elif _of_body2(constants):
-        for k, point in enumerate(constants.points, 1):  # p - u2 is rounded
-            if point.body == 2:
-                once_rounded(behind + 12 * k, parts[behind + 12 * k : behind + 12 * k + 3], 0.0)
+    exact = _is_aligned(constants)
+    errors[10:19] = _errors(found.axes, 0.0 if exact else 1.0)
+    positions = [np.zeros(3), *(lifted(one) for one in constants.positions)]
+    size = sum(np.abs(lifted(constants.arrays[name])).max(axis=-1) for name in ("u1", "u2"))
+    behind = len(parts) - 12 * len(found.frames)
+    for k, (frame, position) in enumerate(zip(found.frames, positions, strict=True)):
+        start = behind + 12 * k
+        own = size + np.abs(position).max(axis=-1)
+        errors[start : start + 12] = _errors(frame, own)
+        if not k and exact and not constants.has_home:  # but u1 plus the part of u2 along n
+            errors[start : start + 12] = [*[0.0] * 3, *errors[start + 3 : start + 6], *[0.0] * 6]
     return tuple(errors)
 
 
 def axis_errors(constants: Constants) -> Components:
     """Return bounds on the errors of n: 0 along x, y or z, where it is exact."""
-    n = numbers(constants.arrays["n"])
-    return (0.0,) * 3 if _is_aligned(constants) else tuple(_rounded_once(c, 1.0) for c in n)
+    return tuple(_errors(hinge_frames(constants).n, 0.0 if _is_aligned(constants) else 1.0))
 
 
 def _is_aligned(constants: Constants) -> bool:
@@ -321,9 +321,10 @@ def _is_aligned(constants: Constants) -> bool:
     return constants.axis is None or (constants.single and np.count_nonzero(constants.axis) == 1)
 
 
-def _rounded_once(c: Any, size: Any) -> Any:
-    """Return the largest error of a number of twice the precision, computed from numbers of a size and rounded."""
-    return np.spacing(np.abs(c)) / 2 + 2.0**-90 * size + 2.0**-1074
+def _errors(parts: Iterable[Twofold], size: Any) -> list[Any]:
+    """Return the largest errors of numbers that are computed from others of a size and rounded; 0 of size 0."""
+    left = 2.0**-90 * size + 2.0**-1074 * (size > 0)
+    return [np.abs(c.low) + left for c in parts]
 
 
 def _masses(constants: Constants) -> tuple[Float64Array, Float64Array, Float64Array]:
@@ -335,7 +336,7 @@ def _masses(constants: Constants) -> tuple[Float64Array, Float64Array, Float64Ar
         ArgumentError: a mass times the square of a length overflows.
     """
     body1, body2 = (_NOTHING if body is None else body for body in constants.bodies)
-    turn = _joined(hinge_frames(constants).turn)
+    turn = _joined(tuple(_rounded(hinge_frames(constants).turn)))
     u1, u2 = (lifted(constants.arrays[name]) for name in ("u1", "u2"))
     origin, lever = np.zeros(3), body2.centre_of_mass - u2
     with np.errstate(all="ignore"):
