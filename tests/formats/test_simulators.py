@@ -9,9 +9,10 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.mechanism.pairs.accuracy import angular_rate_sizes, error_ratios, output_scales
+from hingepair.mechanism.pairs.accuracy import norm, output_scales
 from support import states
 from support.exported import WRITERS, corner_pair, pinocchio_of_urdf
+from support.truths import ratios
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
 
@@ -31,12 +32,14 @@ def ratios_of(pair, body1, hinge, found, *, arms_in_world=False):
     MuJoCo takes velocities from the model's centre of mass: arms in world axes, as long as R1 and rounded like it.
     """
     state = pair.forward_kinematics_from_body1(body1, *hinge)
-    W1, A1 = angular_rate_sizes(body1.omega, body1.alpha)
+    W1, A1 = norm(body1.omega), norm(body1.alpha)
     sizes = {"R1": body1.R, "v1": body1.v, "a1": body1.a, "W1": W1, "A1": A1, "psid": hinge[1], "psidd": hinge[2]}
     scales = output_scales(u1=pair.u1, u2=pair.u2, pinocchio=True, **sizes)
     if arms_in_world:
         scales["v2"] = scales["v2"] + (W1 + np.abs(hinge[1])) * np.abs(body1.R).max(axis=-1)
-    return {name: error_ratios(name, getattr(state, name), found[name], scales[name])[1].max() for name in OUTPUTS}
+    return {
+        name: ratios(getattr(state, name), found[name], scales[name] * np.ones(len(W1))).max() for name in OUTPUTS
+    }
 
 
 def in_mujoco(text, body1, hinge):

@@ -132,7 +132,7 @@ LOCK = {
 @pytest.mark.slow
 @pytest.mark.parametrize("dtype", LOCK)
 def test_lock_is_told(dtype):
-    """By the measure of euler_rates: what is locked in the angles is where euler_rates refuses them."""
+    """Where euler_rates refuses angles, or returns the smallest rates."""
     for sequence in SEQUENCE_NAMES:
         check_lock(sequence, dtype)
 
@@ -142,11 +142,8 @@ def check_lock(sequence, dtype):
     limit, gaps = LOCK[dtype][0], np.array(LOCK[dtype][1])
     phi = np.stack([0.4 + 0 * gaps, (0.0 if proper else np.pi / 2) + gaps, 0 * gaps - 0.7], axis=-1)
     S, phi = extended.attitude_of_angles(phi, sequence).astype(dtype), phi.astype(dtype)
-    found, locked = hp.matrix_to_euler(S, sequence, with_lock=True)
-    assert locked.dtype == bool
-    assert locked.tolist() == (gaps < limit).tolist()
-    assert np.isfinite(found).all()
-    for angles, lock in zip(phi, locked, strict=True):
+    assert np.isfinite(hp.matrix_to_euler(S, sequence)).all()
+    for angles, lock in zip(phi, gaps < limit, strict=True):
         if lock:
             with pytest.raises(hp.errors.GimbalLockError):
                 hp.euler_rates(angles, ZERO.astype(dtype), sequence)
@@ -154,8 +151,6 @@ def check_lock(sequence, dtype):
             assert abs(rates).max() < 3
         else:
             hp.euler_rates(angles, ZERO.astype(dtype), sequence)
-    one, lock = hp.matrix_to_euler(np.eye(3), sequence, with_lock=True)
-    assert (one.shape, lock.shape, bool(lock)) == ((3,), (), proper)
 
 
 @pytest.mark.slow

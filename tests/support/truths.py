@@ -48,3 +48,9 @@ def largest_errors(got, exact, axes):
     with mpmath.workdps(DIGITS):
         gap = np.abs(np.asarray(got).astype(object) - exact).reshape(*np.shape(exact)[: np.ndim(exact) - axes], -1)
         return np.asarray(gap.max(axis=-1).astype(float))
+
+
+def ratios(got, expected, scale):
+    """Return the largest difference of a component of each sample of vectors or matrices [u * scale]."""
+    gap = np.abs(np.asarray(got, float) - np.asarray(expected, float))
+    return gap.reshape(*np.shape(scale), -1).max(axis=-1) / (2.0**-53 * scale)

@@ -73,44 +73,6 @@ def test_what_was_not_given_does_not_come_back():
         twin.velocity(body1, np.zeros(3), np.zeros(2))
 
 
-@pytest.mark.parametrize("shape", [(), (1,), (4, 5), (0,)], ids=str)
-def test_body_2_is_read_out_of_pinocchio(shape):
-    """World axes, classical accelerations, the leading shape of what was given."""
-    rng = states.generator(58)
-    pair = pair_of(states.pair(rng))
-    twin, body1, (psi, psid, psidd) = to_pinocchio(pair), body1_of(rng, *shape), rng.normal(size=(3, *shape))
-    q, v, a = (
-        twin.configuration(body1, psi),
-        twin.velocity(body1, psi, psid),
-        twin.acceleration(body1, psi, psid, psidd),
-    )
-    state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd)
-    for given, names in (((q,), "R S"), ((q, v), "R S v omega"), ((q, v, a), "R S v omega a alpha")):
-        found = twin.body2(*given)
-        for name in ("R", "S", "v", "omega", "a", "alpha"):
-            value, expected = getattr(found, name), getattr(state, f"{name}2")
-            assert (value is not None) == (name in names.split()), name
-            if value is not None:
-                assert value.shape == expected.shape
-                assert np.all(np.abs(value - expected) <= 512 * U * (1 + np.abs(expected).max(initial=0))), name
-    assert pair.residuals(body1, twin.body2(q, v, a)).ok or 0 in shape
-
-
-def test_body_2_takes_quaternions_of_any_length_and_refuses_the_rest():
-    rng = states.generator(59)
-    twin, body1 = to_pinocchio(pair_of(states.pair(rng))), body1_of(rng, 3)
-    q, v = twin.configuration(body1, 0.3), twin.velocity(body1, 0.3, 2.0)
-    longer = q * np.r_[1, 1, 1, [-1e-200] * 4, 1]
-    assert np.abs(twin.body2(longer).S - twin.body2(q).S).max() <= 8 * U
-    assert twin.body2(q[0], v).v.shape == (3, 3)
-    with pytest.raises(ArgumentError, match="v: expected the velocity that belongs to a"):
-        twin.body2(q, None, v)
-    with pytest.raises(ArgumentError, match="q: expected non-zero quaternions"):
-        twin.body2(q * np.r_[1, 1, 1, 0, 0, 0, 0, 1])
-    with pytest.raises(ArgumentError, match=r"q: expected shape \(..., 8\)"):
-        twin.body2(v)
-
-
 def test_the_twin_is_a_free_flyer_and_a_hinge():
     twin = to_pinocchio(pair_of(states.pair(states.generator(54))))
     assert (twin.model.nq, twin.model.nv, twin.model.name) == (8, 7, "hinge_pair")

@@ -61,21 +61,6 @@ def test_what_follows_has_a_coordinate_of_its_own():
     assert twin.acceleration((0, 0, 0), (0, 0, 0), (0.1, 0.2, 0.3)).tolist() == [0.1, 0.2, -0.4, 0.3]
 
 
-@pytest.mark.parametrize("shape", [(), (1,), (4, 5), (0,)], ids=str)
-def test_coordinates_of_a_free_base_are_those_of_a_free_flyer(shape):
-    rng = states.generator(500)
-    robot, base = hp.load_robot("ur5_robot", base="free"), base_motion(rng, *shape)
-    twin, (q, qd, qdd) = hp.to_pinocchio(robot), rng.normal(size=(3, *shape, 6))
-    pair_twin = hp.to_pinocchio(hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 0, 1)))
-    expected = pair_twin.configuration(base, q[..., 0])
-    assert np.array_equal(twin.configuration(q, base), np.concatenate((expected[..., :7], q), axis=-1))
-    expected = pair_twin.velocity(base, q[..., 0], qd[..., 0])
-    assert np.array_equal(twin.velocity(q, qd, base), np.concatenate((expected[..., :6], qd), axis=-1))
-    expected = pair_twin.acceleration(base, q[..., 0], qd[..., 0], qdd[..., 0])
-    assert np.array_equal(twin.acceleration(q, qd, qdd, base), np.concatenate((expected[..., :6], qdd), axis=-1))
-    assert twin.configuration(q)[..., :7].tolist() == np.broadcast_to((0, 0, 0, 0, 0, 0, 1), (*shape, 7)).tolist()
-
-
 @pytest.mark.parametrize("name", ["iris_simple", "ur5_robot"])
 def test_the_twin_has_the_masses_to_the_last_bit(name):
     """However many links a body has: with each that it adds, Pinocchio rounds the masses."""
@@ -179,19 +164,6 @@ def test_what_a_singular_mass_matrix_leaves_is_said():
     assert report.verdict == "PASSED: 17 outputs of 3 samples within 16 u*scale of Pinocchio"
 
 
-@pytest.mark.slow
-def test_accelerations_that_are_missing_fail(monkeypatch):
-    """What the mass matrix does not excuse."""
-    robot, q = hp.load_robot("ur5_robot"), np.linspace(-2, 2, 24).reshape(4, 6)
-    by_equations = comparison._outputs_by_equations
-
-    def harmed(*given):
-        return by_equations(*given) | {"qdd": np.full((4, 6), np.nan)}
-
-    monkeypatch.setattr(comparison, "_outputs_by_equations", harmed)
-    assert hp.cross_validate(robot, q, q, q).verdict == "FAILED: forward_dynamics"
-
-
 def harmed_tree(part):
     """The robot of LADEN with one part of its description wrong."""
     tree = tree_of(hp.Mechanism.from_urdf(LADEN))
@@ -225,18 +197,6 @@ def test_joints_that_are_held_stand_still_in_the_reading_of_pinocchio():
         report = hp.cross_validate(robot, *q)
         assert report.ok, str(report)
         assert report.compared_with == "Pinocchio's reading of the URDF"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("base", ["fixed", "free"])
-def test_pinocchio_holds_locked_joints_and_what_follows_them(base):
-    locked = {"elbow": 0.5, "shoulder": -0.25}
-    floating = hp.to_urdf(hp.Mechanism.from_urdf(LADEN), base="floating")
-    for text in (LADEN, floating):
-        robot = hp.Mechanism.from_urdf(text, base=base, locked=locked).with_frame("eye", "camera", R=(1, 2, 3))
-        q = np.full((2, robot.dof), 0.125)
-        report = hp.cross_validate(robot, q, q, q, frames=("eye", "tool", "camera", "weld", "slide", "elbow"))
-        assert report.ok, str(report)
 
 
 @pytest.mark.parametrize("mass", [1e-8, 1e-20, 1e-40])

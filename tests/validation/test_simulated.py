@@ -12,7 +12,6 @@ import pytest
 import hingepair as hp
 from hingepair.scenes.subjects.pair import PairSubject
 from hingepair.validation.report import MAX_LOAD_RATIO
-from support.commands import run_command
 
 SPACE = """
 [pair]
@@ -134,19 +133,6 @@ def test_a_motion_that_does_not_follow_from_its_loads_fails(scenes, base, text, 
         assert "hinge_torque" in report.verdict
 
 
-@pytest.mark.slow
-def test_the_command_fails_on_such_a_motion(scenes, monkeypatch):
-    scene = scenes(SPACE, "fixed")
-    passed = run_command("check", scene.path).stdout
-    assert "PASSED: 7 outputs of 101 samples" in passed
-    assert "rnea" in passed
-    other = with_hinge(scene, CHANGES["all"])
-    monkeypatch.setattr("hingepair.scenes.load.SceneFile.scene", lambda _: other)
-    assert "FAILED: hinge_torque, rates" in run_command("check", scene.path, code=1).stdout
-    facts = json.loads(run_command("check", scene.path, "--json", code=1).stdout)
-    assert [row["ok"] for row in facts["forces"]] == [False, False]
-
-
 HARM = {
     "mass of body 1": lambda pair: replace(pair, body1=replace(pair.body1, mass=0.7)),
     "mass of body 2": lambda pair: replace(pair, body2=replace(pair.body2, mass=1.2)),
@@ -173,16 +159,6 @@ def test_loads_of_another_pair_are_no_loads_of_this_motion(scenes, harm):
     for name in ("force1", "torque1", "force_psi", "torque_psi", "tau"):
         loads = {**motion.loads, name: motion.loads[name] + 1e-9}
         assert not all(row.ok for row in with_simulated(scene, loads=loads).cross_validate().forces), name
-
-
-@pytest.mark.slow
-def test_a_sample_that_is_not_finite_is_left_out(scenes):
-    scene = scenes(SPACE, "fixed")
-    psi = scene.motion.source.psi.copy()
-    psi[7] = np.nan
-    report = with_hinge(scene, lambda _, *rates: (psi, *rates)).cross_validate()
-    assert report.ok
-    assert [row.samples for row in report.forces] == [100, 96]
 
 
 @pytest.mark.slow

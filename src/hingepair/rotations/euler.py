@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, TypeAlias, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,8 +21,6 @@ from hingepair.numeric.arrays import (
 from hingepair.numeric.blocks import Named, angle_terms, components_of, tabulate, tabulate_one
 from hingepair.rotations.matrices import check_rotation
 from hingepair.rotations.sequences import EulerSequence, find_sequence, nine
-
-AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 
 def _gimbal_lock_limit(array: NDArray[Any]) -> float:
@@ -54,15 +52,7 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     return _matrices_of_angles(phi, sequence, EulerSequence.attitude)
 
 
-@overload
-def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[False] = False) -> FloatArray: ...
-
-
-@overload
-def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[True]) -> AnglesAndLock: ...
-
-
-def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
+def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     """Return the Euler angles of rotation matrices (E10).
 
     The middle angle is in [-pi/2, pi/2], of sequences such as XYX in [0, pi]; the others are in [-pi, pi]. At gimbal
@@ -73,12 +63,9 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
         S: rotation matrices, body to world; shape (..., 3, 3). NaN where one is not finite.
         sequence: one of 24 Euler sequences: upper-case letters are rotations about axes of the rotated body
             (intrinsic), lower-case letters about fixed axes (extrinsic).
-        with_lock: return also which matrices are at gimbal lock, where the cosine of the middle angle (of sequences
-            such as XYX, its sine) is below 1e-12 (float32: 5e-4).
 
     Returns:
-        Angles in the order of the sequence's letters [rad]; shape (..., 3). With `with_lock`, (angles, locked), where
-        locked is a bool array (...,).
+        Angles in the order of the sequence's letters [rad]; shape (..., 3).
 
     Raises:
         RotationError: an element of S S^T of a finite S is off the identity by more than 2e-9 (float32: 2e-5), or det
@@ -87,28 +74,17 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     >>> import hingepair as hp
     >>> hp.matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
     array([0.      , 0.      , 1.570796])
-    >>> phi, locked = hp.matrix_to_euler([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], with_lock=True)
-    >>> phi.round(6) + 0.0, bool(locked)
-    (array([0.      , 1.570796, 0.      ]), True)
     """
     order = find_sequence(sequence)
     matrix = vectors("S", S, 3, 3)
     check_rotation("S", matrix)
     back = [order.place.index(i) for i in range(3)]
 
-    def angles_and_lock(values: Named) -> Named:
-        """Return the angles of a rotation, and a number that is 0 at gimbal lock."""
-        S_entries = values["S"]
-        canonical = nine(S_entries[3 * i + j] for i in back for j in back)
-        phi = order.angles(_canonical_angles(order, canonical))
-        opening = (canonical[3], canonical[6]) if order.proper else (canonical[5], canonical[8])
-        return {"phi": phi, "lock": np.hypot(*opening)}
+    def angles(values: Named) -> eq.Vector:
+        canonical = nine(values["S"][3 * i + j] for i in back for j in back)
+        return order.angles(_canonical_angles(order, canonical))
 
-    tails: dict[str, tuple[int, ...]] = {"phi": (3,), "lock": ()}
-    out = tabulate(
-        angles_and_lock, {"S": components_of(matrix, 2)}, tails, matrix.shape[:-2], result_dtype((matrix,))
-    )
-    return (out["phi"], np.asarray(out["lock"] < _gimbal_lock_limit(matrix))) if with_lock else out["phi"]
+    return tabulate_one(angles, {"S": components_of(matrix, 2)}, (3,), result_dtype((matrix,)))
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
@@ -150,7 +126,8 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         omega: angular velocity, world axes [rad/s]; shape (..., 3).
         sequence: one of 24 Euler sequences: upper-case letters are rotations about axes of the rotated body
             (intrinsic), lower-case letters about fixed axes (extrinsic).
-        at_lock: at gimbal lock, as `matrix_to_euler` defines it, "raise" an error, or return the "least_squares"
+        at_lock: at gimbal lock, where the cosine of the middle angle (of sequences such as XYX, its sine) is below
+            1e-12 (float32: 5e-4), "raise" an error, or return the "least_squares"
             rates: of those for which J phi' is nearest to omega, the smallest.
 
     Returns:

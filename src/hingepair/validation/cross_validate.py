@@ -16,7 +16,7 @@ from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.building.pairs import tree_of_pair
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.pairs.accuracy import angular_rate_sizes, euler_rate_sizes, output_scales, unit_roundoff
+from hingepair.mechanism.pairs.accuracy import euler_rate_sizes, norm, output_scales, unit_roundoff
 from hingepair.mechanism.pairs.geometry import check_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
@@ -212,7 +212,7 @@ def _compare_pair(pair: HingePair | PlanarPair, q: Any, qd: Any, qdd: Any, seque
     rows = [np.insert(one, (2, 2, 2), 0.0, axis=1) if planar else one for one in rows]
     values = {**_body1_by_pinocchio(rows, sequence), **{f"psi{k}": one[:, 6:] for k, one in enumerate(rows)}}
     samples = _Samples.of(values, (len(rows[0]),), levels)._replace(shape=shape)
-    sizes = (None, None) if qd is None else euler_rate_sizes(*(one[:, 3:6] for one in rows[1:]))
+    sizes = euler_rate_sizes(*(one[:, 3:6] for one in rows[1:])) if levels > 1 else (None, None)
     subject = "in the plane" if planar else f"Euler sequence {sequence}"
     return _pair_report(pair, samples, sizes, state, subject, None if planar else sequence)
 
@@ -223,7 +223,7 @@ def _compare_from_body1(pair: HingePair, body1: BodyMotion, angles: list[ArrayLi
     columns = {f"psi{k}": np.asarray(one)[..., None] for k, one in enumerate(angles)}
     values = {letter: getattr(body1, letter) for letter in _LETTERS[: 2 * len(angles)]} | columns
     samples = _Samples.of(values, state.shape, len(angles))
-    sizes = angular_rate_sizes(samples.base.omega, samples.base.alpha)
+    sizes = [None if part is None else norm(part) for part in (samples.base.omega, samples.base.alpha)]
     return _pair_report(pair, samples, sizes, state, "attitude given", None)
 
 

@@ -171,32 +171,6 @@ class PairTwin:
         rates = _column("psid", psid), _column("psidd", psidd)
         return self.robot.acceleration(_column("psi", psi), *rates, body1)
 
-    def body2(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> BodyMotion:
-        """Compute the motion of body 2 by Pinocchio, one sample after another.
-
-        Args:
-            q: configuration; shape (..., 8); its quaternion may have any length but zero.
-            v: velocity; shape (..., 7).
-            a: spatial acceleration; shape (..., 7); needs v.
-
-        Returns:
-            R2 and S2, with v also v2 and omega2, with a also a2 and alpha2: in world axes, accelerations classical.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> twin = hp.to_pinocchio(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
-        >>> twin.body2((0, 0, 0, 0, 0, 0, 1, np.pi / 2)).R.round(12)
-        array([1., 1., 0.])
-        """
-        body1, psi, *rates = self.motion(q, v, a)
-        given = [one for one in (psi, *rates) if one is not None]
-        states = [self.configuration(body1, psi)]
-        states += [self.velocity(body1, *given[:2])] if len(given) > 1 else []
-        states += [self.acceleration(body1, *given)] if len(given) > 2 else []
-        flat = [one.reshape(-1, one.shape[-1]) for one in states]
-        motion = frame_motions(self.model, self.data, [self.body2_frame], flat)
-        return BodyMotion(**{name: c.reshape(*psi.shape, *c.shape[2:]) for name, c in motion.items()})
-
     def motion(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> MotionTuple:
         """Convert Pinocchio's q, v and a to the tuple (body1, psi, psid, psidd).
 
@@ -257,8 +231,7 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PairTwin | Twin:
         - `.configuration(body1, psi)`: Pinocchio's q, shape (..., 8);
         - `.velocity(body1, psi, psid)`: Pinocchio's v, shape (..., 7);
         - `.acceleration(body1, psi, psid, psidd)`: Pinocchio's a, shape (..., 7);
-        - `.motion(q, v, a)`: the tuple (body1, psi, psid, psidd), converted back from Pinocchio's q, v and a;
-        - `.body2(q, v, a)`: the motion of body 2 that Pinocchio computes, a `BodyMotion`.
+        - `.motion(q, v, a)`: the tuple (body1, psi, psid, psidd), converted back from Pinocchio's q, v and a.
 
         For a `Mechanism`, a `Twin` with:
 

@@ -57,14 +57,6 @@ def test_random_states(random_states, ledger, way):
         require(truth, way(pair, motion), ledger, way.__name__)
 
 
-def test_random_states_of_one_pair(ledger):
-    rng = states.generator(2)
-    constants, motion = states.pair(rng), states.coordinates(rng, 40)
-    truth, pair = truths.from_euler(constants, *motion), pair_of(constants)
-    require(truth, batch(pair, motion), ledger, "batch")
-    require(truth, one_by_one(pair, motion), ledger, "one_by_one")
-
-
 @pytest.mark.parametrize("sequence", sparse(["ZYX", "zyx", "XZY", "ZXZ", "zxz", "YXY", "xyz", "yzy"], 8))
 def test_other_sequences(sequence, ledger):
     rng = states.generator(3)
@@ -109,17 +101,6 @@ def test_given_attitude(kind, ledger):
         for name in OUTPUTS:
             found[name][i] = getattr(state, name)
     require(truth, found, ledger, kind)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("way", [batch, one_by_one])
-def test_float32_states(way, ledger):
-    rng = states.generator(5)
-    constants = [None if c is None else np.float32(c) for c in states.pair(rng, home=False)]
-    motion = [c.astype(np.float32) for c in states.coordinates(rng, 40)]
-    found = way(pair_of(constants), motion)
-    assert {x.dtype for x in found.values()} == {np.dtype(np.float32)}
-    require(truths.from_euler(constants, *motion), found, ledger, "float32")
 
 
 @pytest.mark.parametrize("name", sparse(HARD, 6))

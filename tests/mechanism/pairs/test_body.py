@@ -42,10 +42,6 @@ def test_the_centre_of_mass_is_that_of_the_shapes_whether_or_not_an_inertia_is_g
     assert hp.Body(20, (0, 0, 0), (7, 8, 1.4), shapes).assumed == ()
 
 
-def test_without_an_inertia_the_radius_of_gyration_is_a_tenth_of_a_metre():
-    assert np.array_equal(hp.Body(mass=3).inertia, 0.03 * np.eye(3))
-
-
 def test_moments_of_no_rigid_body_are_refused_in_turned_axes_too():
     with pytest.raises(hp.ArgumentError, match=r"^inertia: expected no principal moment above the sum"):
         hp.Body(inertia=turned((1, 2, 3.007)))
@@ -110,16 +106,6 @@ def test_copies_of_a_body_assume_the_same(copied):
     ]
     assert moved[0].assumed == moved[1].assumed != ()
     np.testing.assert_array_equal(dataclasses.replace(again, mass=3).inertia, 0.03 * np.eye(3))
-
-
-def test_limits_and_bodies_do_not_touch_the_kinematics():
-    u1, u2, n, home = states.pair(states.generator(90))
-    q, qd, qdd = states.coordinates(states.generator(91), 5)
-    q[0, 6] = 3.0
-    plain = hp.HingePair(u1, u2, n, home).forward_kinematics(q, qd, qdd)
-    laden = hp.HingePair(u1, u2, n, home, limits=(-0.1, 0.1), body1=hp.Body(mass=5), body2=hp.Body(mass=7))
-    for name, value in laden.forward_kinematics(q, qd, qdd).arrays().items():
-        assert np.array_equal(value, getattr(plain, name))
 
 
 def test_what_is_given_is_copied_and_read_only():

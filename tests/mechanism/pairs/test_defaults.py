@@ -10,44 +10,10 @@ import hingepair as hp
 EYE, TWO, THREE = np.eye(3), np.zeros((2, 3)), np.zeros((3, 3))
 LIGHT, BALL = hp.Body(mass=1, inertia=EYE), hp.Sphere(1)
 
-ACCEPTED = {
-    hp.HingePair: {
-        "u1": (1, 0, 0), "u2": (0, 0, 0), "n": (0, 0, 1), "home": EYE, "name": "door", "limits": (-1, 1),
-        "body1": LIGHT, "body2": None, "torque_limit": 0.0, "rate_limit": 2,
-    },
-    hp.PlanarPair: {"u1": (1, 0), "u2": (0, 0), "name": "link", "body1": None, "body2": LIGHT},
-    hp.Body: {"mass": 2.0, "centre_of_mass": (0, 0, 1), "inertia": EYE, "shapes": [BALL, hp.Box((1, 1, 1))]},
-    hp.Box: {"size": (1, 2, 3), "center": (0, 0, 1), "axes": EYE},
-    hp.Cylinder: {"radius": 1, "length": 2, "center": (0, 0, 1), "axis": (0, 0, 3)},
-    hp.Sphere: {"radius": 1, "center": (0, 0, 1)},
-    hp.BodyMotion: {"R": (0, 0, 1), "S": EYE, "v": TWO, "omega": TWO, "a": TWO, "alpha": TWO},
-    hp.BodyMotion.from_quaternion_xyzw: {"R": (0, 0, 1), "quat_xyzw": (0, 0, 0, 2), "v": TWO},
-    hp.BodyMotion.from_quaternion_wxyz: {"R": (0, 0, 1), "quat_wxyz": (0, 0, 0, 2), "v": TWO},
-    hp.BodyMotion.from_rotvec: {"R": (0, 0, 1), "rotvec": (0, 0, 2), "v": TWO},
-}  # fmt: skip
 """Arguments that each takes."""
 
 
-DEFAULTS = {
-    hp.HingePair: {"home": EYE, "name": "hinge_pair", "limits": None, "torque_limit": None, "rate_limit": None},
-    hp.PlanarPair: {"name": "planar_pair", "body1": None, "body2": None},
-    hp.Body: {"mass": 1.0, "centre_of_mass": (0, 0, 0), "inertia": 0.01 * EYE, "shapes": ()},
-    hp.Box: {"center": (0, 0, 0), "axes": EYE},
-    hp.Cylinder: {"center": (0, 0, 0), "axis": (0, 0, 1)},
-    hp.Sphere: {"center": (0, 0, 0)},
-    hp.BodyMotion: dict.fromkeys(("v", "omega", "a", "alpha")),
-}
 """What arguments are that are not given."""
-
-
-@pytest.mark.parametrize("make", DEFAULTS, ids=lambda make: make.__qualname__)
-def test_what_is_not_given_is_what_the_documentation_says(make):
-    made = make(**{key: value for key, value in ACCEPTED[make].items() if key not in DEFAULTS[make]})
-    for name, value in DEFAULTS[make].items():
-        if isinstance(value, str) or value is None:
-            assert getattr(made, name) == value
-        else:
-            np.testing.assert_array_equal(getattr(made, name), value)
 
 
 def test_coordinates_by_name_are_complete():

@@ -53,47 +53,6 @@ def case(request):
     return case_of(request.param)
 
 
-def newton_euler(pair, body1, psi, psid, psidd):
-    """D1-D8 body by body, in world axes, for one state: forces, wrench of the hinge, energies, momenta."""
-    state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd)
-    bodies = (
-        (pair.body1, body1.R, body1.S, body1.v, body1.omega, body1.a, body1.alpha),
-        (pair.body2, state.R2, state.S2, state.v2, state.omega2, state.a2, state.alpha2),
-    )
-    f, t, levers, parts = [], [], [], []
-    for body, R, S, v, omega, a, alpha in bodies:
-        r, J = S @ body.centre_of_mass, S @ body.inertia @ S.T
-        a_c = a + np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))
-        v_c, R_c, m = v + np.cross(omega, r), R + r, body.mass
-        f.append(m * (a_c - GRAVITY))
-        t.append(J @ alpha + np.cross(omega, J @ omega))
-        levers.append(R_c)
-        kinetic = (m * v_c @ v_c + omega @ J @ omega) / 2
-        parts.append((kinetic, -m * GRAVITY @ R_c, m * v_c, np.cross(R_c, m * v_c) + J @ omega))
-    torque1 = sum(ti + np.cross(c - body1.R, fi) for ti, c, fi in zip(t, levers, f, strict=True))
-    moment = t[1] + np.cross(levers[1] - body1.R - body1.S @ pair.u1, f[1])
-    axis = body1.S @ pair.n
-    forces = f[0] + f[1], torque1, axis @ moment
-    wrench = f[1], moment, axis @ moment, moment - axis * (axis @ moment)
-    kinetic, potential, linear, angular = (sum(part) for part in zip(*parts, strict=True))
-    return forces, wrench, (kinetic, potential), (linear, angular)
-
-
-def test_trees_are_newton_and_euler(case):
-    """The recursions of trees with one hinge give D1-D8."""
-    pair, body1, rates = case
-    mass, push = size_of(pair, body1, *rates[1:])
-    speed = (1 + np.linalg.norm(body1.R)) * (1 + np.linalg.norm(body1.v) + np.linalg.norm(body1.omega)) ** 2
-    near = 32 * U * mass * push * speed
-    ours = (
-        pair.inverse_dynamics(body1, *rates, gravity=GRAVITY), pair.hinge_wrench(body1, *rates, gravity=GRAVITY),
-        pair.energy(body1, *rates[:2], gravity=GRAVITY), pair.momentum(body1, *rates[:2]),
-    )  # fmt: skip
-    for found, expected in zip(ours, newton_euler(pair, body1, *rates), strict=True):
-        for part, exact in zip(found, expected, strict=True):
-            np.testing.assert_allclose(part, exact, rtol=0, atol=near)
-
-
 def test_what_acts_and_what_moves_are_each_others_inverse(case):
     """Loads on body 2 included: they count as what they are about R1 and about the hinge."""
     pair, body1, (psi, psid, psidd) = case
@@ -112,39 +71,6 @@ def test_what_acts_and_what_moves_are_each_others_inverse(case):
     )
     motor = -0.4 + axis @ (torque2 + np.cross(arm, force2))
     np.testing.assert_allclose(forces.hinge_torque, motor, rtol=0, atol=near)
-
-
-def test_power_is_the_rate_of_the_energy(case):
-    """By differences of the energy along the motion that the forces cause."""
-    pair, body1, (psi, psid, psidd) = case
-    forces = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
-    power = forces.force1 @ body1.v + forces.torque1 @ body1.omega + forces.hinge_torque * psid
-    step = 1e-4
-
-    def total(h):
-        turned = hp.rotation_exp(h * body1.omega + h * h / 2 * body1.alpha) @ body1.S
-        moved = hp.BodyMotion(
-            R=body1.R + h * body1.v + h * h / 2 * body1.a, S=turned, v=body1.v + h * body1.a,
-            omega=body1.omega + h * body1.alpha,
-        )  # fmt: skip
-        return sum(pair.energy(moved, psi + h * psid + h * h / 2 * psidd, psid + h * psidd, gravity=GRAVITY))
-
-    slope = (8 * (total(step) - total(-step)) - (total(2 * step) - total(-2 * step))) / (12 * step)
-    assert power == pytest.approx(slope, abs=1e-7 * np.prod(size_of(pair, body1, psid, psidd)))
-
-
-@pytest.mark.slow
-def test_the_hinge_carries_what_the_forces_say(case):
-    pair, body1, (psi, psid, psidd) = case
-    wrench = pair.hinge_wrench(body1, psi, psid, psidd, gravity=GRAVITY)
-    forces = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
-    axis = body1.S @ pair.n
-    near = 16 * U * np.prod(size_of(pair, body1, psid, psidd))
-    assert abs(wrench.hinge_torque - forces.hinge_torque) <= near
-    assert abs(axis @ wrench.bearing_torque) <= near
-    np.testing.assert_allclose(wrench.bearing_torque + axis * wrench.hinge_torque, wrench.torque, rtol=0, atol=near)
-    alone = hp.HingePair(pair.u1, pair.u2, pair.n, pair.home, body2=pair.body2)
-    np.testing.assert_allclose(alone.hinge_wrench(body1, psi, psid, psidd, gravity=GRAVITY).force, wrench.force)
 
 
 NEEDLE = hp.HingePair(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from support.hinged import bodies, made, only
 from support.states import coordinates, generator
@@ -29,13 +28,3 @@ def test_psi_comes_back_from_every_angle():
         found = pair.residuals(*(only(b, "R", "S") for b in bodies(pair, (q, q, q))))
         assert angle_between(found.psi, psi).max() <= 12 * U
         assert abs(found.psi).max() <= np.pi
-
-
-@pytest.mark.slow
-def test_rates_and_accelerations_of_psi_come_back():
-    pair, motion = made(), coordinates(generator(91), 200)
-    found = pair.residuals(*bodies(pair, motion))
-    W = abs(motion[1][:, 3:]).sum(axis=-1)
-    A = abs(motion[2][:, 3:]).sum(axis=-1) + W * W
-    assert np.all(abs(found.psid - motion[1][:, 6]) <= 12 * U * W)
-    assert np.all(abs(found.psidd - motion[2][:, 6]) <= 12 * U * A)

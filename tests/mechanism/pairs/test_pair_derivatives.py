@@ -68,34 +68,6 @@ def test_a_quaternion_of_any_length_changes_by_rotations_about_world_axes(states
         np.testing.assert_allclose(found[output][name], expected[output]["S1"], atol=64 * EPS)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("planar", [False, True])
-def test_products_with_the_jacobian_are_its_products(states, planar):
-    pair = FLAT if planar else PAIR
-    given = tuple(states[..., [0, 1, 3, 6]] if planar else states)
-    call = pair.prepare("velocity", outputs=("R2", "v2"))
-    J, changes = call.jacobian(given), {"q": given[1], "qd": given[0]}
-    value, rates = call.jvp(given, changes)
-    weight = np.random.default_rng(2).normal(size=rates["v2"].shape)
-    same, gradient = call.vjp(given, {"v2": weight})
-    expected = sum(np.einsum("sij,sj->si", J["v2"][name], change) for name, change in changes.items())
-    np.testing.assert_allclose(rates["v2"], expected, atol=1e3 * EPS)
-    for name in ("q", "qd"):
-        np.testing.assert_allclose(gradient[name], np.einsum("sij,si->sj", J["v2"][name], weight), atol=1e3 * EPS)
-    np.testing.assert_array_equal(value.v2, call(*given).v2)
-    np.testing.assert_array_equal(same.R2, call(*given).R2)
-
-
-def test_pairs_of_many_geometries_have_derivatives_of_their_own(states):
-    several = hp.HingePair(states[0, :, :3], states[1, :, :3], (0, 0, 1))
-    found = several.prepare("pose", outputs=("R2",)).jacobian((states[0],))["R2"]["q"]
-    for k in range(5):
-        one = hp.HingePair(states[0, k, :3], states[1, k, :3], (0, 0, 1))
-        np.testing.assert_allclose(
-            found[k], one.prepare("pose", outputs=("R2",)).jacobian((states[0, k],))["R2"]["q"], atol=64 * EPS
-        )
-
-
 # ---- by constants
 
 
@@ -160,25 +132,6 @@ def test_forces_follow_constants_as_sixty_digits_say():
                     exact = ((sides[0][output] - sides[1][output]) / (2 * step)).astype(float)
                     size = max(1.0, abs(ours[name]).max())
                     np.testing.assert_allclose(ours[name][(..., *index)], exact, rtol=0, atol=64 * EPS * size)
-
-
-@pytest.mark.slow
-def test_a_pair_follows_its_masses_as_the_robot_of_one_joint():
-    pair = dataclasses.replace(PAIR, u2=(0, 0, 0))  # a robot's bodies have their frames at the joints
-    robot = hp.Mechanism([pair], base="free")
-    rng = np.random.default_rng(4)
-    S1, vectors, (psi, psid, psidd) = hp.rotation_exp(rng.normal(size=3)), rng.normal(size=(3, 3)), rng.normal(size=3)
-    names = ("masses", "first_moments", "inertias")
-    ours = pair.prepare("inverse_dynamics").jacobian((S1, *vectors, psi, psid, psidd), wrt=(*names, "u1"))
-    call = robot.prepare(("S1", "omega1", "a1", "alpha1", "q", "qd", "qdd"), outputs=("force1", "torque1", "tau"))
-    theirs = call.jacobian((S1, *vectors, [psi], [psid], [psidd]), wrt=(*names, "lengths"))
-    for output, expected in (("force1", "force1"), ("torque1", "torque1"), ("hinge_torque", "tau")):
-        for name in names:
-            np.testing.assert_allclose(
-                ours[output][name], theirs[expected][name].reshape(ours[output][name].shape), rtol=0, atol=256 * EPS
-            )
-        lengths = theirs[expected]["lengths"].reshape(ours[output]["u1"].shape)
-        np.testing.assert_allclose(ours[output]["u1"], lengths, rtol=0, atol=512 * EPS)
 
 
 @pytest.mark.slow(8)

@@ -70,14 +70,3 @@ def test_equal_to_pinocchios_planar_joint(backend):
         assert off(state.omega2[i], velocity.angular[2], scale["omega2"][i]) <= both_round
         assert off(state.a2[i], acceleration.linear[:2], classical) <= both_round
         assert off(state.alpha2[i], acceleration.angular[2], scale["alpha2"][i]) <= both_round
-
-
-def test_is_a_value():
-    pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0), name="legs")
-    assert repr(pair) == "PlanarPair(u1=[1.0, 0.0], u2=[-1.0, 0.0], name='legs')"
-    with pytest.raises(ValueError, match="read-only"):
-        pair.u1[0] = 2
-    with pytest.raises(AttributeError):
-        pair.u1 = (0, 0)
-    spatial = pair.to_spatial()
-    assert (spatial.u1.tolist(), spatial.n.tolist(), spatial.name) == ([1, 0, 0], [0, 0, 1], "legs")

@@ -93,35 +93,6 @@ def test_two_bodies(backend):
     close(np.sin(found["psi"] - q[:, 6]), np.zeros(11), 64)
 
 
-def test_what_is_no_row_of_doubles_is_not_taken_for_one():
-    """The short way looks at the heads of arrays; whatever is another thing goes the long way, or is refused."""
-    rng = generator(1008)
-    one, (q, qd, _) = made(rng), coordinates(rng, 1)
-    fk = one.prepare("velocity", backend="compiled")
-    expected = fk(q[0], qd[0])
-    forms = (
-        lambda c: np.repeat(c, 2)[::2],
-        lambda c: c[::-1].copy()[::-1],
-        lambda c: c.astype(">f8"),
-        np.asfortranarray,
-        list,
-        lambda c: np.broadcast_to(c, (7,)),
-    )
-    for form in forms:
-        for name in expected.outputs:
-            close(fk(form(q[0]), form(qd[0]))[name], expected[name], 8)
-    single = q[0].astype(np.float32), qd[0].astype(np.float32)
-    error = np.abs(fk(*single).v2 - fk(*(c.astype(np.float64) for c in single)).v2)
-    assert error.max() <= one.error_bounds(*single)["v2"]
-    assert fk(np.round(q[0]).astype(int), qd[0]).v2.dtype == np.float64
-    for bad in (np.zeros(6), np.zeros(8), np.float64(1), 1.0, None, "q", np.zeros(7, complex), object()):
-        with pytest.raises(hp.ArgumentError):
-            fk(bad, qd[0])
-    for wrong in ((), (q[0],), (q[0], qd[0], qd[0])):
-        with pytest.raises(hp.ArgumentError):
-            fk(*wrong)
-
-
 def test_threads_do_not_mix():
     rng = generator(1012)
     fk = made(rng).prepare("acceleration", backend="compiled")
@@ -210,34 +181,6 @@ def test_a_prepared_call_can_be_copied_and_pickled():
             assert (other.given, other.outputs) == (fk.given, fk.outputs)
             for name in fk.outputs:
                 np.testing.assert_array_equal(other(*rows)[name], fk(*rows)[name])
-
-
-@pytest.mark.slow
-def test_threads_that_prepare_and_simulate_at_once():
-    """The first compilation happens in all threads at the same time."""
-    rng = generator(1027)
-    body = hp.Body(1, inertia=(1, 1, 1.5))
-    one = hp.HingePair((0.3, 0.2, 0.1), (0.5, 0.4, -0.2), (0.1, 0.2, 0.9), body1=body, body2=body)
-    q = coordinates(rng, 300)[0]
-    start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0, 0, 0), omega=(0.1, 0.2, 0.3))
-    gate, results = threading.Barrier(3), []
-
-    def work():
-        gate.wait()
-        fk = one.prepare("pose")
-        many = one.forward_kinematics(q, backend="compiled")
-        motion = hp.simulate(one, np.linspace(0, 0.2, 5), start, 0.1, 0.2)
-        results.append([*fk(q).arrays().values(), *many.arrays().values(), motion.psi])
-
-    threads = [threading.Thread(target=work) for _ in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for arrays in results[1:]:
-        for array, first in zip(arrays, results[0], strict=True):
-            np.testing.assert_array_equal(array, first)
-    assert len(results) == 3
 
 
 @pytest.mark.parametrize("task", ["inverse_dynamics", "hinge_wrench", "energy", "momentum"])

@@ -42,6 +42,25 @@ _NOTHING: Final = SimpleNamespace(mass=0.0, centre_of_mass=np.zeros(3), inertia=
 _COMPONENTS: Final = ("_x", "_y", "_z")  # endings of the columns of a vector
 
 
+def checked_record(
+    size: int,
+    name: str,
+    body1: Body | None,
+    body2: Body | None,
+    points1: Mapping[str, ArrayLike] | None,
+    points2: Mapping[str, ArrayLike] | None,
+) -> dict[str, Any]:
+    """Return the checked arguments of a pair beside the geometry of its hinge; `size` is that of vectors."""
+    if not isinstance(name, str) or not name.strip():
+        raise ArgumentError("name", "a text that is not empty", quoted(name))
+    bodies = {"body1": body1, "body2": body2}
+    for key, body in bodies.items():
+        if not isinstance(body, Body | None):
+            raise ArgumentError(key, "a Body", quoted(body))
+    points = {"points1": points1, "points2": points2}
+    return {"name": name, **bodies, **{key: checked_points(key, value, size) for key, value in points.items()}}
+
+
 def checked_points(argument: str, points: Mapping[str, ArrayLike] | None, size: int) -> Points:
     """Return the argument points1 or points2 as read-only positions (..., size) by name; refuse names in use."""
     if points is None:

@@ -23,7 +23,7 @@ from hingepair.mechanism.options import (
     with_options,
 )
 from hingepair.mechanism.pairs import accuracy, requests, residuals
-from hingepair.mechanism.pairs.geometry import Constants, Points, checked_points, spatial_constants
+from hingepair.mechanism.pairs.geometry import Constants, Points, checked_record, spatial_constants
 from hingepair.mechanism.pairs.requests import AskedPair
 from hingepair.mechanism.pairs.residuals import Residuals
 from hingepair.mechanism.pairs.tolerances import (
@@ -150,23 +150,17 @@ class HingePair(AskedPair, Frozen, Shown):
         *,
         _constants: Constants | None = None,  # which dataclasses.replace passes: what it keeps, stays to the last bit
     ) -> None:
-        if not isinstance(name, str) or not name.strip():
-            raise ArgumentError("name", "a text that is not empty", quoted(name))
+        record = checked_record(3, name, body1, body2, points1, points2)
         axis = _constants.axis if _constants is not None and n is _constants.arrays["n"] else n
-        points = {key: checked_points(key, value, 3) for key, value in (("points1", points1), ("points2", points2))}
-        bodies = {"body1": checked_mass_properties("body1", body1), "body2": checked_mass_properties("body2", body2)}
-        new_constants = spatial_constants(
-            u1, u2, n if axis is None else axis, home, **points, bodies=(bodies["body1"], bodies["body2"])
-        )
+        points, bodies = (record["points1"], record["points2"]), (body1, body2)
+        new_constants = spatial_constants(u1, u2, n if axis is None else axis, home, *points, bodies=bodies)
         most = {"torque_limit": torque_limit, "rate_limit": rate_limit}
         set_frozen(
             self,
             **new_constants.arrays,
-            name=name,
+            **record,
             limits=_checked_limits(limits),
-            **bodies,
             **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
-            **points,
             _constants=new_constants,
         )
 
@@ -181,10 +175,7 @@ class HingePair(AskedPair, Frozen, Shown):
 
     def _sheet(self) -> Sheet:
         """Return the printed table: geometry, limits and masses."""
-        names = ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit")
-        masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
-        points = (*self.points1.items(), *self.points2.items())
-        return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses, *points])
+        return pair_sheet(self, ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit"))
 
     @with_options()
     def forward_kinematics(
@@ -601,6 +592,13 @@ class HingePair(AskedPair, Frozen, Shown):
         return propagate_covariance(self._constants, body1, psi, options)
 
 
+def pair_sheet(pair: Any, names: Iterable[str]) -> Sheet:
+    """Return the printed table of a pair: attributes, masses and points."""
+    masses = (("mass1", pair.body1 and pair.body1.mass), ("mass2", pair.body2 and pair.body2.mass))
+    points = (*pair.points1.items(), *pair.points2.items())
+    return sheet_of(pair.name, [*((name, getattr(pair, name)) for name in names), *masses, *points])
+
+
 def rename_out(options: GravityOptions) -> None:
     """Give the arrays of `out` the names of outputs, which differ from the attributes of a HingeWrench."""
     if "out" in options:
@@ -615,12 +613,3 @@ def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
     if not both[0] <= both[1]:
         raise ArgumentError("limits", "(lower, upper) with lower <= upper", limits)
     return float(both[0]), float(both[1])
-
-
-def checked_mass_properties(name: str, body: Body | None) -> Body | None:
-    """Return the argument `name` unchanged: a Body, or None; refuse all else."""
-    if body is None:
-        return None
-    if not isinstance(body, Body):
-        raise ArgumentError(name, "a Body", quoted(body))
-    return body

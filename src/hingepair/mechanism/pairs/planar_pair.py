@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of
-from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import motion_of_rotations
 from hingepair.mechanism.options import GravityOptions, OutOptions, OutputOptions, with_options
 from hingepair.mechanism.pairs import accuracy, requests
-from hingepair.mechanism.pairs.geometry import Constants, Points, checked_points, lifted, planar_constants
-from hingepair.mechanism.pairs.hinge_pair import HingePair, checked_mass_properties, rename_out
+from hingepair.mechanism.pairs.geometry import Constants, Points, checked_record, lifted, planar_constants
+from hingepair.mechanism.pairs.hinge_pair import HingePair, pair_sheet, rename_out
 from hingepair.mechanism.pairs.requests import AskedPair
 from hingepair.mechanism.requests import MOTION_LEVELS, ROWS, ask, coordinate_rows
 from hingepair.mechanism.states import Energy, Forces, HingeWrench, Momentum, PlanarState
@@ -25,7 +24,7 @@ from hingepair.plans.arguments import Coordinates, Outputs
 from hingepair.plans.pairs import PLANE
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.matrices import rotation_exp
-from hingepair.tables.sheets import Sheet, Shown, sheet_of
+from hingepair.tables.sheets import Sheet, Shown
 
 PLANAR_GRAVITY = PLANE.gravity  # (0, -9.81) m/s^2
 
@@ -85,13 +84,10 @@ class PlanarPair(AskedPair, Frozen, Shown):
         points1: Mapping[str, ArrayLike] | None = None,
         points2: Mapping[str, ArrayLike] | None = None,
     ) -> None:
-        if not isinstance(name, str) or not name.strip():
-            raise ArgumentError("name", "a text that is not empty", quoted(name))
-        points = {key: checked_points(key, value, 2) for key, value in (("points1", points1), ("points2", points2))}
-        bodies = {"body1": checked_mass_properties("body1", body1), "body2": checked_mass_properties("body2", body2)}
-        moving = tuple(None if body is None else _body_in_plane(body) for body in bodies.values())
-        constants = planar_constants(u1, u2, **points, bodies=(moving[0], moving[1]))
-        set_frozen(self, **constants.arrays, **bodies, **points, name=name, _constants=constants)
+        record = checked_record(2, name, body1, body2, points1, points2)
+        moving = tuple(None if body is None else _body_in_plane(body) for body in (body1, body2))
+        constants = planar_constants(u1, u2, record["points1"], record["points2"], bodies=(moving[0], moving[1]))
+        set_frozen(self, **constants.arrays, **record, _constants=constants)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (
@@ -104,10 +100,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
 
     def _sheet(self) -> Sheet:
         """Return the printed table: u1, u2 and the masses."""
-        masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
-        return sheet_of(
-            self.name, [("u1", self.u1), ("u2", self.u2), *masses, *self.points1.items(), *self.points2.items()]
-        )
+        return pair_sheet(self, ("u1", "u2"))
 
     @with_options()
     def forward_kinematics(
