@@ -108,20 +108,6 @@ def test_copies_of_a_body_assume_the_same(copied):
     np.testing.assert_array_equal(dataclasses.replace(again, mass=3).inertia, 0.03 * np.eye(3))
 
 
-def test_what_is_given_is_copied_and_read_only():
-    inertia = np.eye(3)
-    body = hp.Body(inertia=inertia)
-    inertia[0, 0] = 7
-    assert body.inertia[0, 0] == 1
-    with pytest.raises(ValueError, match="read-only"):
-        body.inertia[0, 0] = 2
-    for array in (hp.Body().centre_of_mass, hp.Body(shapes=[hp.Sphere(1)]).centre_of_mass, hp.Body().inertia):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 2
-    with pytest.raises(AttributeError):
-        body.mass = 2
-
-
 @pytest.mark.slow
 def test_body_2_is_body_1_of_the_next_pair(monkeypatch):
     """Three joints in series, from states handed on, as from motions that are checked; nothing is checked again."""

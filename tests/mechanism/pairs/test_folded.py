@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import itertools
 
-import mpmath
 import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.bench import truth as reference
 from hingepair.bench.truth import OUTPUTS
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from support import states, truths
@@ -86,26 +84,3 @@ def test_one_state(axis, ledger):
         batch = {name: np.asarray(getattr(state, name))[None] for name in OUTPUTS}
         worst = {name: ledger("folded, one", name, truth.errors(name, got)) for name, got in batch.items()}
         assert all(worst[name] <= ORDINARY[name] for name in OUTPUTS), worst
-
-
-@pytest.mark.parametrize("levers", ["levers", "u1 = 0", "u2 = 0"])
-@pytest.mark.parametrize("dtype", sparse([np.float64, np.float32], 2))
-def test_planar_pairs(levers, dtype, ledger):
-    """E11 by folding: the scale of a planar pair is that of the spatial one."""
-    rng = states.generator(112, list(LEVERS).index(levers))
-    u1, u2 = (np.array(u[:2], dtype) for u in LEVERS[levers])
-    q, qd, qdd = (c.astype(dtype) for c in rng.uniform(-3, 3, (3, 20, 4)))
-    spatial = (*(np.append(u, 0).astype(float) for u in (u1, u2)), np.eye(3)[2], None)
-    lifted = [np.insert(c.astype(float), (2, 2, 2), 0.0, axis=1) for c in (q, qd, qdd)]
-    truth = truths.from_euler(spatial, *lifted)
-    points = {name: truth.values[name][:, :2] for name in ("R2", "d", "v2", "a2")}
-    turns = {name: truth.values[name][:, 2] for name in ("omega2", "alpha2")}
-    truth = reference.Truth(points | turns, truth.scales)
-    outputs = ("R2", "d", "v2", "a2", "omega2", "alpha2", "phi2")
-    state = hp.PlanarPair(u1=u1, u2=u2).forward_kinematics(q, qd, qdd, outputs=outputs)
-    with mpmath.workdps(reference.DIGITS):
-        angle = reference.exactly(q[:, 2]) + reference.exactly(q[:, 3])
-        gap = abs(reference.exactly(state.phi2) - angle)
-        assert all(gap <= reference.UNIT[np.dtype(dtype)] * abs(angle))
-    worst = {name: ledger("planar", name, truth.errors(name, getattr(state, name))) for name in outputs[:-1]}
-    assert all(value <= ORDINARY[name] for name, value in worst.items()), worst

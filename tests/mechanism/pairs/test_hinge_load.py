@@ -63,11 +63,6 @@ def test_dry_friction_has_the_sign_of_the_rate():
     assert hp.HingeLoad(friction=2, motor=hp.HingeLoad(friction=1)).sticking_friction == 3
 
 
-def test_what_does_not_act_is_no_part():
-    assert hp.HingeLoad().parts(0.0, 0.2, 1.0) == {"motor": 0.0}
-    assert hp.HingeLoad(friction=1).parts(0.0, 0.2, 0.0) == {"motor": 0.0, "friction": 0.0}
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:psi passes the stops:hingepair.DynamicsWarning")
 @pytest.mark.parametrize("flat", [False, True])

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import mpmath
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import hingepair as hp
@@ -43,30 +42,6 @@ def test_points_are_exact_within_their_error_bounds(k):
                 error = abs(exactly(state.arrays()[output]) - values[letter]).max(axis=-1)
             shares += [float(one) for one in error / bounds[output]]
     assert 0.05 < max(shares) <= 1
-
-
-def test_points_are_frames_of_pinocchio_and_of_robots():
-    pair, _ = pointed(1)
-    rng = states.generator(142)
-    body1 = hp.BodyMotion(**dict(zip(("R", "S", "v", "omega", "a", "alpha"), states.body1(rng, 1), strict=True)))
-    hinge = rng.normal(size=(3, 1))
-    state = pair.forward_kinematics_from_body1(body1, *hinge, outputs=OUTPUTS)
-    robot = hp.Mechanism([pair], base="free")
-    frames = robot.forward_kinematics(*hinge[..., None], frames=("sensor", "arm"), base_motion=body1)
-    twin = hp.to_pinocchio(pair)
-    q, v, a = twin.configuration(body1, hinge[0]), twin.velocity(body1, *hinge[:2]), twin.acceleration(body1, *hinge)
-    pin.forwardKinematics(twin.model, twin.data, q[0], v[0], a[0])
-    for name in ("sensor", "arm"):
-        frame, world = twin.model.getFrameId(name), pin.LOCAL_WORLD_ALIGNED
-        expected = {
-            "R": pin.updateFramePlacement(twin.model, twin.data, frame).translation,
-            "v": pin.getFrameVelocity(twin.model, twin.data, frame, world).linear,
-            "a": pin.getFrameClassicalAcceleration(twin.model, twin.data, frame, world).linear,
-        }
-        for letter, value in expected.items():
-            scale = 16 * 2.0**-53 * 50  # positions of 10 m, rates of some 1/s
-            assert abs(getattr(state[name], letter)[0] - value).max() < scale, (name, letter)
-            assert abs(getattr(frames[name], letter)[0] - value).max() < scale, (name, letter)
 
 
 def test_points_of_chains_are_frames_of_the_body_that_carries_them():

@@ -86,20 +86,6 @@ def test_samples_scatter_as_the_first_order_says(kind):
         assert np.array_equal(expected.attitude_std[i], np.sqrt(variances[3:]))
 
 
-def test_covariance_of_a_fit_is_taken_as_it_is():
-    pair, body1, psi = pair_and_states(304)
-    rng = generator(305)
-    S1 = hp.rotation_exp(rng.normal(size=(400, 3)))
-    second = pair.forward_kinematics_from_body1(hp.BodyMotion(R=np.zeros(3), S=S1), rng.uniform(-1, 1, 400))
-    noise = hp.rotation_exp(1e-3 * rng.standard_normal((400, 3)))
-    measured = hp.BodyMotion(R=second.R2 + 1e-3 * rng.standard_normal((400, 3)), S=second.S2 @ noise)
-    fit = hp.fit(hp.BodyMotion(R=np.zeros((400, 3)), S=S1), measured)
-    found = fit.pair.propagate_covariance(body1, psi, covariance=fit.covariance)
-    assert np.allclose(found.geometry, fit.covariance, rtol=0, atol=8 * U * fit.covariance.max())
-    assert (found.R2_std > 0).all()
-    assert hp.sample_pairs(fit.pair, 10, covariance=fit.covariance, seed=1).u1.shape == (10, 3)
-
-
 def test_a_seed_gives_the_same_pairs_and_only_what_scatters_is_sampled():
     pair = hp.HingePair((1, 2, 3), (0, 0, 1), (0, 0, 1), name="gate", limits=(0, 1), body2=hp.Body(3))
     first, again = (hp.sample_pairs(pair, 7, u1_std=0.1, home_std=0.2, seed=4) for _ in range(2))
