@@ -197,15 +197,3 @@ def test_joints_that_are_held_stand_still_in_the_reading_of_pinocchio():
         report = hp.cross_validate(robot, *q)
         assert report.ok, str(report)
         assert report.compared_with == "Pinocchio's reading of the URDF"
-
-
-@pytest.mark.parametrize("mass", [1e-8, 1e-20, 1e-40])
-def test_a_robot_that_weighs_nothing_to_speak_of_is_compared(mass):
-    """Pinocchio adds masses below 2^-52 kg as if their sum were 2^-52 kg."""
-    body = hp.Body(mass, (0.1, 0.2, 0.3), mass * np.diag((1, 2, 2.5)))
-    names = ("a", "b")
-    pairs = [hp.HingePair((1, 0, 0), (0, 1, 0), (0, 1, 1), name=name, body1=body, body2=body) for name in names]
-    q = np.linspace(-1, 1, 6).reshape(3, 2)
-    for base in ("fixed", "free"):
-        report = hp.cross_validate(hp.Mechanism(pairs, base=base), q, q, q)
-        assert report.ok, str(report)

@@ -65,13 +65,6 @@ def tilt_acceleration(tilt_axes: tuple[Vector, Vector], relative_alpha: Vector, 
     return eq.dot(tilt_axes[0], relative_alpha) + bias[0], eq.dot(tilt_axes[1], relative_alpha) + bias[1]
 
 
-def slip(omega1: Vector, omega2: Vector, h2: Vector, psid: Scalar) -> Vector:
-    """Return omega2 - omega1 - h2 psi', world axes, which is zero if E2 holds for a known psi'; h2 is the hinge axis
-    in body 2.
-    """
-    return eq.subtract(omega2, eq.angular_velocity2(omega1, h2, psid))
-
-
 def gap_rate(v1: Vector, omega1: Vector, r1: Vector, v2: Vector, omega2: Vector, r2: Vector) -> Vector:
     """Return (R1 + r1)' - (R2 + r2)', the time derivative of `hinge_gap` (E1). r1 and r2 lead from the reference
     point of body 1 and of body 2 to the hinge point of that body, world axes.

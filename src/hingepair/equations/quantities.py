@@ -81,7 +81,6 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "tilt_angle": Quantity("Angle between the hinge axes of both bodies", "rad"),
     "tilt_rate": Quantity("Time derivative of tilt", "rad/s", (2,), VELOCITY),
     "tilt_acceleration": Quantity("Second time derivative of tilt", "rad/s^2", (2,), ACCELERATION),
-    "slip": Quantity("omega2 - omega1 - S2 n psi'", "rad/s", _V, VELOCITY),
     # ---- forces of a pair
     "hinge_torque": Quantity("Torque of body 1 on body 2 about the hinge axis", "N m", (), ACCELERATION),
     "hinge_force": Quantity("Force of body 1 on body 2 at the hinge point", "N", _V, ACCELERATION),

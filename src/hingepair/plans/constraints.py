@@ -19,7 +19,7 @@ class ConstraintQuantities:
     """The quantities of two motions, world axes; those that several outputs need are computed at first access.
 
     Args:
-        values: by name: R1, S1, v1, omega1, a1, alpha1 of body 1, the same of body 2, psid_given, and the constants
+        values: by name: R1, S1, v1, omega1, a1, alpha1 of body 1, the same of body 2, and the constants
             u1, u2, e1, e2, n, e1_in_2, e2_in_2 and n_in_2 of the pair.
     """
 
@@ -83,10 +83,6 @@ class ConstraintQuantities:
         """Return omega2 - omega1."""
         return ce.relative_rate(*self._motion("omega"))
 
-    def slip(self) -> Vector:
-        """Return the relative rate less that about the axis."""
-        return ce.slip(*self._motion("omega"), self._turned(2, "n_in_2"), self.values["psid_given"])
-
     def gap_rate(self) -> Vector:
         """Return the time derivative of the gap."""
         (v1, v2), (omega1, omega2), (r1, r2) = self._motion("v"), self._motion("omega"), self.arms
@@ -144,7 +140,6 @@ CONSTRAINTS: Final[Mapping[str, tuple[tuple[str, ...], Callable[[ConstraintQuant
     "psi": ((*_AXES, "e1_in_2", "e2_in_2"), _C.psi),
     "gap_rate": ((*_ARMS, "v1", "v2", "omega1", "omega2"), _C.gap_rate),
     "tilt_rate": (_SPINS, _C.tilt_rate),
-    "slip": (("S2", "n_in_2", "omega1", "omega2", "psid_given"), _C.slip),
     "psid": (("S1", "S2", "n", "n_in_2", "omega1", "omega2"), lambda c: c.psid),
     "gap_acceleration": ((*_ARMS, "omega1", "omega2", "a1", "a2", "alpha1", "alpha2"), _C.gap_acceleration),
     "tilt_acceleration": ((*_SPINS, "alpha1", "alpha2"), _C.tilt_acceleration),

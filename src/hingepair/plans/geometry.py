@@ -30,40 +30,15 @@ from hingepair.plans.fronts import Front
 _IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 _ROTOR: Final = (0.0, 1.0, 0.0)  # armature, multiplier and offset of a joint that has no motor and follows none
 
-GEOMETRY_SHAPES: Final[Mapping[bool, Mapping[str, ArrayShape]]] = {
-    False: {
-        **{"masses": (2,), "first_moments": (2, 3), "inertias": (2, 6)},
-        **{"u1": (3,), "u2": (3,), "n": (3,), "home": (3, 3)},
-    },
-    True: {"masses": (2,), "first_moments": (2, 2), "inertias": (2,), "u1": (2,), "u2": (2,)},
+GEOMETRY_SHAPES: Final[Mapping[str, ArrayShape]] = {
+    **{"masses": (2,), "first_moments": (2, 3), "inertias": (2, 6)},
+    **{"u1": (3,), "u2": (3,), "n": (3,), "home": (3, 3)},
 }
-"""Shapes of the constants by which outputs can be differentiated, of a pair in space and, True, in the plane."""
+"""Shapes of the constants by which outputs of a pair in space can be differentiated."""
 
 HIDDEN_SHAPES: Final[Mapping[str, ArrayShape]] = {"least_axis": (3,), "least_pivots": (3,)}
 """Shapes of constants that come with them: the axis x, y or z of body 1 that is farthest from n; and what pivots of
 the hinge, of forces and of torques on body 1 have to exceed."""
-
-
-class PlanarGeometry(Front):
-    """Geometry and masses in space, given in the plane. Moments of inertia across the plane do not count; they are
-    large enough for any first moment.
-    """
-
-    needs: ClassVar = {
-        **{name: (name,) for name in ("u1", "u2", "first_moments", "inertias", "points")},
-        **dict.fromkeys(("n", "home", "least_axis"), ()),
-    }
-    n: ClassVar = (0.0, 0.0, 1.0)
-    home: ClassVar = _IDENTITY
-    least_axis: ClassVar = (1.0, 0.0, 0.0)
-
-    def __getitem__(self, name: str) -> Any:
-        if name == "inertias":
-            return tuple(x for J in self.given[name] for x in (1.5 * J, 0.0, 1.5 * J, 0.0, 0.0, J))
-        if name in {"u1", "u2", "first_moments", "points"}:
-            rest = iter(self.given[name])
-            return tuple(x for pair in zip(rest, rest, strict=True) for x in (*pair, 0.0))
-        return super().__getitem__(name)
 
 
 class Geometry(Front):
@@ -75,7 +50,7 @@ class Geometry(Front):
     """
 
     needs: ClassVar = {
-        "numbers": (*GEOMETRY_SHAPES[False], *HIDDEN_SHAPES, "points"),
+        "numbers": (*GEOMETRY_SHAPES, *HIDDEN_SHAPES, "points"),
         **dict.fromkeys(("e1", "e2"), ("n", "least_axis")),
         **dict.fromkeys(("e1_in_2", "e2_in_2", "n_in_2"), ("n", "least_axis", "home")),
     }

@@ -33,7 +33,7 @@ from hingepair.plans.fronts import (
     euler_angles,
     needed_names,
 )
-from hingepair.plans.geometry import GEOMETRY_SHAPES, HIDDEN_SHAPES, Geometry, PlanarGeometry
+from hingepair.plans.geometry import GEOMETRY_SHAPES, HIDDEN_SHAPES, Geometry
 from hingepair.plans.trees import (
     BASE_SHAPES,
     JOINT_SHAPES,
@@ -294,9 +294,7 @@ SPACE: Final = PairKind(
         "qd": ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),
         "qdd": ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd"),
     },
-    _sample_shapes(7)
-    | dict.fromkeys(("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"), (3,))
-    | {"psid_given": (), "home": (3, 3)},
+    _sample_shapes(7) | dict.fromkeys(("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"), (3,)) | {"home": (3, 3)},
     {**_levels("R2", "S2", "d", "v2", "omega2", "a2", "alpha2"), **dict.fromkeys(_BODY1)},
     (0.0, 0.0, -9.81),
 )
@@ -372,7 +370,7 @@ class PairRequest(NamedTuple):
             found = [QUATERNIONS[name] for name in self.given if name in QUATERNIONS]
         found.append(HingeAngle)
         if self.by_geometry:
-            found += [PlanarGeometry, Geometry] if self.planar else [Geometry]
+            found.append(Geometry)
         return (*found, ForwardDynamics) if self.solves else tuple(found)
 
     @property
@@ -400,9 +398,9 @@ class PairRequest(NamedTuple):
                 constants = True
         shapes = {**(PLANE if self.planar else SPACE).shapes}
         if self.by_geometry:
-            shapes |= {**GEOMETRY_SHAPES[self.planar], **HIDDEN_SHAPES}
+            shapes |= {**GEOMETRY_SHAPES, **HIDDEN_SHAPES}
         if constants and self.by_geometry:
-            shapes["points"] = (len(self.points) * (3 - self.planar),)
+            shapes["points"] = (3 * len(self.points),)
             names |= needed_names(fronts, ("numbers",)) - ({"points"} if not self.points else set())
         elif constants:
             frames = 1 + len(self.points)

@@ -42,7 +42,6 @@ from hingepair.validation.urdf_twin import urdf_twin
 
 _LETTERS = ("R", "S", "v", "omega", "a", "alpha")  # of the motion of a frame
 _BASE_WRENCH = tuple(f"{part}_{axis}" for part in ("force1", "torque1") for axis in "xyz")
-_LIGHT = 2.0**-26  # kg; Pinocchio adds masses wrongly whose sum is below 2^-52
 _LEAST_INSTANTS = 8  # of a motion whose rates are compared with slopes
 _RATE_SHARE = 1e-3  # of the largest rate; a rate that is off by less is not told from errors of a simulation
 
@@ -350,13 +349,12 @@ def _robot_rows(
     the case is of its tree, and `ours` and the coordinates of the closed robot.
     """
     names, shape = case.robot.names if linkage is None else linkage.robot.names, case.samples.shape
-    lift = _lift(case.twin)
-    theirs, scales = _outputs_by_pinocchio(case, lift), _output_scales(case)
+    theirs, scales = _outputs_by_pinocchio(case), _output_scales(case)
     singular = 0
     if "tau" in theirs:
         moved = ours if linkage is None else ours | {"qdd": linkage.accelerations(coordinates or {}, ours["qdd"])}
         found = case.with_accelerations(moved)
-        ours["forward_dynamics"], theirs["forward_dynamics"], singular = _residual(found, theirs, lift)
+        ours["forward_dynamics"], theirs["forward_dynamics"], singular = _residual(found, theirs)
         scales["forward_dynamics"] = _generalized_scales(found)[1]
     if linkage is not None and theirs:
         samples = case.samples
@@ -427,19 +425,7 @@ def _outputs_by_equations(
     return {name: _rows(value, shape, rank) for name, (value, rank) in outputs.items()}
 
 
-def _lift(twin: Twin) -> float:
-    """Multiply the masses of a light model, so that Pinocchio adds them right, and return by what."""
-    largest = max((abs(inertia.mass) for inertia in twin.model.inertias), default=0.0)
-    if not 0 < largest < _LIGHT:
-        return 1.0
-    lift = 2.0 ** -np.frexp(largest)[1]
-    for inertia in twin.model.inertias:
-        inertia.mass, inertia.inertia = inertia.mass * lift, inertia.inertia * lift
-    twin.model.armature *= lift
-    return float(lift)
-
-
-def _outputs_by_pinocchio(case: _Case, lift: float = 1.0) -> dict[str, Float64Array]:
+def _outputs_by_pinocchio(case: _Case) -> dict[str, Float64Array]:
     """Compute the compared outputs by Pinocchio, NaN at samples that are not finite; shape (N, ...) each."""
     pin = import_pinocchio("cross_validate")
     twin, count = case.twin, len(case.samples.finite)
@@ -451,7 +437,7 @@ def _outputs_by_pinocchio(case: _Case, lift: float = 1.0) -> dict[str, Float64Ar
     found: dict[str, Float64Array] = {}
     sides = zip(*case.samples.states(twin), case.velocity_matrices(), np.asarray(case.samples.base.S), strict=True)
     for i, (*state, columns, S) in enumerate(sides):
-        for name, value in _outputs_of_state(pin, twin, tips, state, columns, S, lift).items():
+        for name, value in _outputs_of_state(pin, twin, tips, state, columns, S).items():
             found.setdefault(name, np.full((count, *np.shape(value)), np.nan))[i] = value
     outputs |= found
     for array in outputs.values():
@@ -475,7 +461,6 @@ def _outputs_of_state(
     state: list[Float64Array],
     columns: Float64Array,
     S: Float64Array,
-    lift: float,
 ) -> dict[str, Any]:
     """Compute Jacobians, mass matrix, energies, momenta and forces at a state (q, v, a) of Pinocchio's. The matrix
     `columns` leads from the robot's velocities to v, and S is the attitude of the base.
@@ -487,24 +472,24 @@ def _outputs_of_state(
     if tips:
         jacobians = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED) for frame in tips]
         outputs["jacobian"] = np.array([one @ columns for one in jacobians])
-    upper = np.triu(pin.crba(model, data, state[0])) / lift
+    upper = np.triu(pin.crba(model, data, state[0]))
     matrix = upper + np.triu(upper, 1).T
     outputs["mass_matrix"] = columns.T @ matrix @ columns
     if len(state) > 1:
         # Not by computeKineticEnergy, which in Pinocchio 4.1 leaves out the rotors of oblique hinges.
         outputs["kinetic"] = 0.5 * float(state[1] @ matrix @ state[1])
-        outputs["potential"] = pin.computePotentialEnergy(model, data, state[0]) / lift
+        outputs["potential"] = pin.computePotentialEnergy(model, data, state[0])
         if sum(inertia.mass for inertia in model.inertias):
             momentum = pin.computeCentroidalMomentum(model, data, *state[:2])
             about_origin = momentum.angular + np.cross(data.com[0], momentum.linear)
-            outputs |= {"linear": momentum.linear / lift, "angular": about_origin / lift}
+            outputs |= {"linear": momentum.linear, "angular": about_origin}
     if len(state) > 2:
-        force = pin.rnea(model, data, *state) / lift
+        force = pin.rnea(model, data, *state)
         outputs |= {"tau": force[6:] @ twin.ratios, "force1": S @ force[:3], "torque1": S @ force[3:6]}
     return outputs
 
 
-def _residual(case: _Case, theirs: Mapping[str, Float64Array], lift: float) -> tuple[Float64Array, Float64Array, int]:
+def _residual(case: _Case, theirs: Mapping[str, Float64Array]) -> tuple[Float64Array, Float64Array, int]:
     """Return the forces that the accelerations of forward dynamics require by `rnea`, those that act, NaN where the
     mass matrix is singular, and at how many samples it is.
     """
@@ -516,7 +501,7 @@ def _residual(case: _Case, theirs: Mapping[str, Float64Array], lift: float) -> t
     required, singular = np.full_like(acting, np.nan), 0
     for i in np.flatnonzero(case.samples.finite):
         if np.isfinite(a[i]).all():
-            required[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i]) @ columns[i] / lift
+            required[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i]) @ columns[i]
         elif _is_singular(theirs["mass_matrix"][i]):
             acting[i] = np.nan  # so that the sample is not compared
             singular += 1
@@ -607,7 +592,7 @@ def compare_loads(
     links = tuple(link for link in robot.links if f"force_{link}" in loads)
     fall = one_constant("gravity", gravity, 3)
     case = _Case(robot, robot_twin(robot, has_free_flyer=True), samples, {}, links, fall)
-    required, scales = _outputs_by_pinocchio(case, _lift(case.twin)), _output_scales(case)
+    required, scales = _outputs_by_pinocchio(case), _output_scales(case)
     acting = {name: np.array(loads[name]) for name in ("tau", "force1", "torque1")}
     columns = {"tau": slice(6 * (robot.base == "free"), None), "force1": slice(3), "torque1": slice(3, 6)}
     for k, link in enumerate(links):

@@ -12,7 +12,6 @@ import pytest
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, exactly, unit
 from hingepair.mechanism.pairs.geometry import constants_of
-from hingepair.mechanism.pairs.planar_pair import dynamics_in_space
 from support.exact import Exact, tree_of_pair
 from support.exact_robot import LETTERS
 from support.states import body1 as random_body
@@ -25,7 +24,6 @@ BODY1 = hp.Body(1.4, (0.1, -0.2, 0.3), inertia=((2, 0.2, -0.1), (0.2, 2.5, 0.3),
 BODY2 = hp.Body(2.1, (-0.2, 0.3, 0.1), inertia=((3, -0.4, 0.2), (-0.4, 2, 0.1), (0.2, 0.1, 2.4)))
 HOME = hp.rotation_exp(np.array((0.3, -0.8, 0.5)))
 PAIR = hp.HingePair((0.5, -0.2, 0.1), (-0.3, 0.4, 0.2), (1, 2, -1.3), HOME, body1=BODY1, body2=BODY2)
-FLAT = hp.PlanarPair((0.5, -0.2), (-0.3, 0.4), body1=BODY1, body2=BODY2)
 
 
 @pytest.fixture
@@ -180,36 +178,10 @@ def test_constraints_follow_the_geometry_as_difference_quotients_say(states):
                 np.testing.assert_allclose(found[output][name][..., k], quotient, rtol=0, atol=1e-8)
 
 
-@pytest.mark.slow(4)
-def test_a_planar_pair_follows_its_constants_as_the_pair_in_space(states):
-    q, qd, qdd = rows = (*states[..., [0, 1, 3, 6]][:, 0], states[0, 1, [0, 1, 3, 6]])
-    space = dataclasses.replace(dynamics_in_space(FLAT), name="space")
-    S1 = hp.rotation_exp(np.array((0, 0, q[2])))
-    given = (S1, (0, 0, qd[2]), (*qdd[:2], 0), (0, 0, qdd[2]), q[3], qd[3], qdd[3])
-    names = ("masses", "first_moments", "inertias", "u1", "u2")
-    ours = FLAT.prepare("inverse_dynamics").jacobian(rows, wrt=names)
-    theirs = space.prepare("inverse_dynamics", gravity=(0, -9.81, 0)).jacobian(given, wrt=names)
-    for output, row in (("force1", slice(0, 2)), ("torque1", 2), ("hinge_torque", ())):
-        for name in names:
-            expected = theirs[output][name][row]
-            expected = expected[..., 5] if name == "inertias" else expected if name == "masses" else expected[..., :2]
-            np.testing.assert_allclose(ours[output][name], expected, rtol=0, atol=256 * EPS)
-    solved = FLAT.prepare("forward_dynamics").jacobian((q, qd, (1.0, 2.0), 0.5, 0.2), wrt=names)["qdd"]
-    at = FLAT.forward_dynamics(q, qd, force1=(1.0, 2.0), torque1=0.5, hinge_torque=0.2)
-    lacking = FLAT.prepare("inverse_dynamics").jacobian((q, qd, at), wrt=names)
-    for name in names:
-        added = np.concatenate([lacking[one][name].reshape(rows, -1) for one, rows in
-                                (("force1", 2), ("torque1", 1), ("hinge_torque", 1))])  # fmt: skip
-        np.testing.assert_allclose(FLAT.mass_matrix(q) @ solved[name].reshape(4, -1), -added, rtol=0, atol=1e-12)
-
-
 @pytest.mark.slow(6)
-@pytest.mark.parametrize("planar", [False, True])
-def test_products_with_derivatives_by_constants_are_products(states, planar):
-    call = (FLAT if planar else PAIR).prepare("acceleration", outputs=("R2", "a2"))
-    given = tuple(states[..., [0, 1, 3, 6]] if planar else states)
-    given = (*given, given[0])
-    names = ("u1", "u2") if planar else ("u1", "n", "home")
+def test_products_with_derivatives_by_constants_are_products(states):
+    call = PAIR.prepare("acceleration", outputs=("R2", "a2"))
+    given, names = (*states, states[0]), ("u1", "n", "home")
     rng, J = np.random.default_rng(2), call.jacobian(given, wrt=("q", *names))
     changes = {name: rng.normal(size=J["a2"][name].shape[-1]) for name in names}
     value, rates = call.jvp(given, changes)

@@ -374,15 +374,13 @@ def _masses(constants: Constants) -> tuple[Float64Array, Float64Array, Float64Ar
 
 def body_numbers(constants: Constants) -> dict[str, Float64Array]:
     """Return masses (2,), first moments (6,) and inertias (12,) of both bodies, about their reference points; zeros
-    of a body that is None. In the plane, first moments (4,) and inertias (2,) about z.
+    of a body that is None.
     """
     rows = np.zeros((2, 10))
     for row, body in zip(rows, constants.bodies, strict=True):
         if body is not None:
             row[:] = inertial_parameters(body.mass, body.centre_of_mass, body.inertia)
     masses, first, second = (columns.ravel() for columns in np.split(rows, (1, 4), axis=1))
-    if constants.kind.planar:
-        first, second = first[[0, 1, 3, 4]], second[[5, 11]]
     return {"masses": masses, "first_moments": first, "inertias": second}
 
 

@@ -101,7 +101,7 @@ def computation_of(
 
         found = pair.cache.computations[key] = Computation(
             loop, outputs, pair.shapes, known, result, COORDINATES[pair.kind], shape=pair.shape, shared=True,
-            constant_shapes=GEOMETRY_SHAPES[pair.kind.planar],
+            constant_shapes={} if pair.kind.planar else GEOMETRY_SHAPES,
             by_constants=functools.partial(computation_of, pair, outputs, sequence, result, True, solves),
         )  # fmt: skip
     return found
@@ -120,9 +120,7 @@ def needs_masses(pair: Constants, outputs: Iterable[str]) -> bool:
 
 def _geometry(pair: Constants, tree: tuple[float, ...]) -> dict[str, Any]:
     """Return the geometry and the masses of a pair, for programs that make the constants of the tree of them."""
-    found: dict[str, Any] = {**pair.arrays, **body_numbers(pair)}
-    if "n" in found:
-        found["least_axis"] = least_axis(found["n"])
+    found: dict[str, Any] = {**pair.arrays, **body_numbers(pair), "least_axis": least_axis(pair.arrays["n"])}
     found["least_pivots"] = np.array((tree[35], *tree[36:38]))
     if pair.points:
         found["points"] = np.concatenate(np.broadcast_arrays(*pair.positions), axis=-1)

@@ -241,7 +241,7 @@ def _geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike, point
     body-1 axes.
     """
     names, outputs = ("u1", "u2", "n", "home"), ("d", "S2", *points)
-    arguments = tuple((name, GEOMETRY_SHAPES[False][name]) for name in names)
+    arguments = tuple((name, GEOMETRY_SHAPES[name]) for name in names)
     computation = computation_of(pair, outputs, by_geometry=True)
     derivative = Derivative("jacobian", outputs, arguments)
     given = body1_inputs(body1, psi)
