@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hingepair as hp
-from support.commands import run_command
 from support.near import assert_near
 
 MODEL = Path("models/falling_rods.toml")
@@ -66,17 +64,6 @@ def test_a_scene_is_the_simulation_of_its_robot():
     assert result.energy_balance().work["impacts"][-1] < -5
     (note,) = found.notes()
     assert note.startswith("elbow hits a rigid stop at t = 0.49")
-
-
-@pytest.mark.slow
-def test_the_commands_take_it():
-    checked = run_command("check", MODEL).stdout
-    assert "PASSED" in checked
-    assert "the loads against the forces" in checked
-    told = json.loads(run_command("run", MODEL, "--json", "--energy", "--outputs", "q").stdout)
-    assert told["energy_balance"]["residual"] < TOL
-    assert {"damper", "friction", "impacts"} == {*told["energy_balance"]["work"]}
-    assert "friction" in run_command("run", MODEL, "--energy").stdout
 
 
 BASES = {

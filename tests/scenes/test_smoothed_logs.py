@@ -90,26 +90,3 @@ def test_a_loss_makes_outliers_of_a_log_count_little(tmp_path):
     path.write_text(PAIR.replace("smooth = true", 'loss = "cauchy"'))
     with pytest.raises(hp.SceneError, match=r"motion\.loss: expected no such key without smooth = true"):
         hp.load_scene(path)
-
-
-def slow_log(folder, absent, motion=""):
-    """A scene with a log at 20 Hz without the rows `absent`; its instants."""
-    t = np.arange(240) / 20
-    noise = 1e-3 * np.random.default_rng(3).standard_normal((2, 240))
-    columns = {"t": t, "x": np.cos(t) + noise[0], "y": 0 * t, "phi_z": np.sin(t) + noise[1], "psi": np.sin(2 * t)}
-    kept = np.delete(np.arange(240), absent)
-    Record(t[kept], {name: column[kept] for name, column in columns.items() if name != "t"}, "log").save(
-        folder / "log.csv"
-    )
-    (folder / "scene.toml").write_text(PAIR + motion)
-    return hp.load_scene(folder / "scene.toml"), t[kept]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("missing", [1, 4])
-def test_absent_rows_of_a_slow_log_are_bridged_up_to_five_steps(tmp_path, missing):
-    scene, t = slow_log(tmp_path, np.arange(120, 120 + missing))
-    assert not any("cut" in note for note in scene.motion.notes)
-    error = np.abs(scene.evaluate(outputs=("a1",)).a1[:, 0] + np.cos(t))
-    assert error[110:130].max() < 2 * error[40:200].max()
-    assert error[110:130].max() < 0.05

@@ -178,23 +178,6 @@ def test_a_worker_that_is_killed_changes_nothing():
     assert Path("cluster.parquet").read_bytes() == undisturbed
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("damage", [b"", b"PK", None], ids=["empty", "begun", "cut"])
-def test_a_damaged_chunk_is_named_and_computed_again_when_it_is_removed(damage):
-    undisturbed = Path(swept("grid", "whole.parquet")).read_bytes()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sweeps, "_write_store", lambda *_: None)
-        patch.setattr(sweeps.shutil, "rmtree", lambda *_: None)
-        swept("grid", "damaged.parquet")
-    part = Path("damaged.parquet.parts/part-0000001.npz")
-    part.write_bytes(part.read_bytes()[:-100] if damage is None else damage)
-    with pytest.raises(hp.ArgumentError, match=r"remove this file.*part-0000001.npz', which is damaged"):
-        swept("grid", "damaged.parquet")
-    assert not Path("damaged.parquet").exists()
-    part.unlink()
-    assert Path(swept("grid", "damaged.parquet")).read_bytes() == undisturbed
-
-
 MODELS = Path(__file__).parents[2] / "models" / "sweeps"
 
 

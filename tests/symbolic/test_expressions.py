@@ -232,7 +232,6 @@ CONDITIONS = (
     *("t <= 1", "t > 1", "1 <= t", "not (0 <= t < 2)", "not step(t) + t >= 2", "t < 2 and t >= 0"),
     *("t < 0 or not t <= 2", "1 < 2", "not 1 <= 1"),
 )
-FEW = 6  # of them, in the fast loop
 JOINED = ("({0}) and ({1})", "({0}) or not ({1})", "not (({0}) or ({1}))", "not (not ({0}) and ({1}))")
 KINKS = np.array([-1.0, 0.0, 0.5, 1.0, 1.5, 2.0, 3.0])
 
@@ -245,10 +244,9 @@ def holds(condition: str, t: float) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("form", JOINED)
-@pytest.mark.parametrize("count", [FEW, pytest.param(len(CONDITIONS), marks=pytest.mark.slow)])
-def test_conditions_in_pairs_hold_where_they_do_in_python(form: str, count: int) -> None:
+def test_conditions_in_pairs_hold_where_they_do_in_python(form: str) -> None:
     """At t; and just after t for the derivatives."""
-    conditions = [form.format(a, b) for a in CONDITIONS[:count] for b in CONDITIONS[:count]]
+    conditions = [form.format(a, b) for a in CONDITIONS for b in CONDITIONS]
     expressions = [parse_expression("x", f"where({condition}, 2*t, 3*t + t**2)") for condition in conditions]
     for k, rows in enumerate(TimeFunctions(expressions).derivatives(KINKS)):
         for condition, row in zip(conditions, rows, strict=True):
@@ -273,12 +271,3 @@ def test_kinks_are_counted(text: str, count: int) -> None:
     functions = TimeFunctions([parse_expression("x", text)])
     for samples in (200, 9_000):  # in one block and in several
         assert functions.switches(np.linspace(-1.99, 1.99, samples)).sum() == count
-
-
-def test_shape_of_the_instants_is_kept() -> None:
-    compiled = TimeFunctions([parse_expression("x", "t**2")]).derivatives
-    assert compiled(np.zeros((2, 3)))[0][0].shape == (2, 3)
-    assert compiled(np.zeros((0,)))[0][0].shape == (0,)
-    assert type(compiled(3)[0][0]) is float
-    long = np.linspace(0, 1, 5_001)  # more than two blocks
-    np.testing.assert_array_equal(compiled(long)[0][0], long**2)

@@ -49,7 +49,7 @@ def tolerance_command(
         (given if name in (*LIMITS, *DEVIATIONS) else given.setdefault("points", {}))[name] = value
     study = study_tolerances(scene, **given)
     if as_json:
-        print(study.to_json(units))
+        print(json_text(study.facts(units)))
         return
     shown = {**study.tolerances, **study.tolerances.get("points", {})}
     shown.pop("points", None)

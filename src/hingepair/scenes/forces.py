@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,13 @@ from hingepair.mechanism.results import Record
 from hingepair.mechanism.tree import Joint, loads_note
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.motions.known import Known
-from hingepair.scenes.motions.motion import Motion, impact_sentences, non_finite_sentences
-from hingepair.scenes.subjects.either import Subject
-from hingepair.scenes.tables import Table
+from hingepair.scenes.motions.motion import impact_sentences, non_finite_sentences
 from hingepair.tables.data_frames import column_names, plain_magnitudes, with_magnitudes
 from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts, ruled_table
 from hingepair.tables.units import Columns, Units, UnitsLike
+
+if TYPE_CHECKING:
+    from hingepair.scenes.scene import Scene
 
 # Headings of the table of joints: the effort against its limit, then position and rate.
 _HEADINGS = (
@@ -89,9 +90,8 @@ class SceneForces(Record):
     """Forces at the instants of a scene. They print as a table and can be saved to a file.
 
     Args:
-        t: instants [s]; shape (N,).
+        scene: the scene.
         arrays: the forces by name.
-        record: further arguments of a `Record` by name.
         gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
         notes: sentences for readers of the forces.
         tau: of a robot, joint efforts: torques of hinges [N m], forces of sliders [N]; shape (N, dof).
@@ -102,16 +102,15 @@ class SceneForces(Record):
 
     def __init__(
         self,
-        t: Float64Array,
+        scene: Scene,
         arrays: Mapping[str, NDArray[Any]],
-        record: Mapping[str, Any],
         *,
         gravity: tuple[float, ...],
         notes: tuple[str, ...],
         tau: Float64Array | None = None,
         loads: tuple[JointLoad, ...] = (),
     ) -> None:
-        super().__init__(t, arrays, **record)
+        super().__init__(scene.t, arrays, f"forces: {scene.title}", scene.files, scene.unit, scene.units)
         self.gravity, self.notes = gravity, notes
         self.tau, self.loads = tau, loads
 
@@ -193,53 +192,36 @@ class SceneForces(Record):
 
 
 def scene_forces(
-    subject: Subject,
-    motion: Motion,
-    t: Float64Array,
-    arrays: dict[str, NDArray[Any]],
-    gravity: tuple[float, ...],
-    record: Mapping[str, Any],
-    dynamics: Table,
-    *,
-    assumed: bool,
+    scene: Scene, arrays: dict[str, NDArray[Any]], gravity: tuple[float, ...], *, assumed: bool
 ) -> SceneForces:
-    """Return the forces `arrays` at the instants of a scene as `Scene.forces` describes them.
-
-    Args:
-        subject: what moves.
-        motion: its motion.
-        t: the instants [s].
-        arrays: the forces by name.
-        gravity: the gravity that they were computed with; (3,).
-        record: further arguments of a `Record` by name.
-        dynamics: the Table [dynamics].
-        assumed: whether nothing says what gravity is.
+    """Return the forces `arrays` of a scene, computed with `gravity`, as `Scene.forces` describes them; `assumed`
+    says whether nobody gave it.
     """
+    subject, motion, t = scene.subject, scene.motion, scene.t
+    dynamics = scene.tables.table("dynamics", required=False)
     notes = [*non_finite_sentences(arrays)]
-    loads: tuple[JointLoad, ...] = ()
-    tau = None
-    if subject.mechanism is None:
-        notes += _torque_limit_sentences(subject.pair, t, arrays)
+    known = motion.source.part(slice(None), ACCELERATION)
     if motion.simulated is not None:
         notes += impact_sentences(motion.simulated.impacts, {joint.name: joint.unit for joint in subject.joints})
-    known = motion.source.part(slice(None), ACCELERATION)
-    if motion.simulated is None:
+    else:
         own = {name: load for name, load in motion.loads.items() if name in dynamics.values}
         notes += _rest_friction_sentences(own, known, subject.pair is not None)
-    if subject.planar and assumed and motion.simulated is None:
-        down = ", ".join(f"{component:g}" for component in gravity[:2])
-        notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
-    if subject.mechanism is not None:
-        efforts = [arrays[f"tau_{name}"] for name in subject.names]
-        tau = np.stack(efforts, axis=-1) if efforts else np.zeros((len(t), 0))
-        loads = tuple(_summarize_joint(joint, i, t, known, tau[:, i]) for i, joint in enumerate(subject.joints))
-        for load in loads:
-            notes += _effort_limit_sentences(load, len(t))
-        if (left_out := loads_note(tree_of(subject.mechanism))) and not dynamics.flag("joint_loads"):
-            notes.append(f"{left_out}; joint_loads = true in [dynamics] counts them")
-    return SceneForces(
-        t, arrays, record, gravity=gravity[: subject.dimensions], notes=tuple(notes), tau=tau, loads=loads
-    )
+        if subject.planar and assumed:
+            down = ", ".join(f"{component:g}" for component in gravity[:2])
+            notes.append(
+                f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0"
+            )
+    if subject.mechanism is None:
+        notes += _torque_limit_sentences(subject.pair, t, arrays)
+        return SceneForces(scene, arrays, gravity=gravity[: subject.dimensions], notes=tuple(notes))
+    efforts = [arrays[f"tau_{name}"] for name in subject.names]
+    tau = np.stack(efforts, axis=-1) if efforts else np.zeros((len(t), 0))
+    loads = tuple(_summarize_joint(joint, i, t, known, tau[:, i]) for i, joint in enumerate(subject.joints))
+    for load in loads:
+        notes += _effort_limit_sentences(load, len(t))
+    if (left_out := loads_note(tree_of(subject.mechanism))) and not dynamics.flag("joint_loads"):
+        notes.append(f"{left_out}; joint_loads = true in [dynamics] counts them")
+    return SceneForces(scene, arrays, gravity=gravity, notes=tuple(notes), tau=tau, loads=loads)
 
 
 def _rest_friction_sentences(loads: Mapping[str, HingeLoad], known: Known, is_pair: bool) -> Iterator[str]:

@@ -547,13 +547,8 @@ class Scene:
         if motion.level < ACCELERATION:
             expected = f"a motion with accelerations, which forces need{motion.hint}"
             raise ArgumentError("scene", expected, motion.origin)
-        record = {"described": f"forces: {self.title}", "inputs": self.files, "unit": self.unit, "units": self.units}
-        dynamics, assumed = (
-            self.tables.table("dynamics", required=False),
-            gravity is None and not self.has_own_gravity,
-        )
-        arrays = self._force_arrays(fall)
-        return scene_forces(self.subject, motion, self.times(), arrays, fall, record, dynamics, assumed=assumed)
+        assumed = gravity is None and not self.has_own_gravity
+        return scene_forces(self, self._force_arrays(fall), fall, assumed=assumed)
 
     def energy_balance(self) -> EnergyBalance:
         """Compute the energy balance of a motion that [dynamics] simulates: the work of each load since the first

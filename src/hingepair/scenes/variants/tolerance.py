@@ -16,7 +16,7 @@ from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.tolerances import DEVIATIONS, LIMITS, point_scatter, read_limits
 from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.scenes.scene import Scene
-from hingepair.tables.sheets import Sheet, Shown, instant_text, json_text
+from hingepair.tables.sheets import instant_text
 from hingepair.tables.suspicions import DEGREES_IN_SCENES, suspicions
 from hingepair.tables.units import SI, Units
 
@@ -31,7 +31,7 @@ _LIMITS_NOTE: Final = (
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ToleranceStudy(Frozen, Shown):
+class ToleranceStudy(Frozen):
     """Deviations of the pose of body 2, and of points, along a scene under tolerances, to first order. The last axis
     of arrays has six components of the pose, `POSE_COMPONENTS`, and three of each point: k numbers.
     """
@@ -94,10 +94,6 @@ class ToleranceStudy(Frozen, Shown):
         facts = {"title": self.title, "instants": len(self.t), "tolerances": tolerances}
         return {**facts, "components": components, "notes": self.notes}
 
-    def to_json(self, units: str | None = None) -> str:
-        """Return `facts` as JSON text."""
-        return json_text(self.facts(units))
-
     def table(self, units: str | None = None) -> list[tuple[str, ...]]:
         """Return the rows of a table, headings first: of each component its standard deviation, at the instant at
         which it is largest, and what causes it.
@@ -113,9 +109,6 @@ class ToleranceStudy(Frozen, Shown):
                 (own["component"], own["unit"], f"{own['std']:.4g}", instant_text(own["t"]), ", ".join(causes))
             )
         return rows
-
-    def _sheet(self) -> Sheet:
-        return Sheet(f"tolerances of {self.title}", self.table(), self.notes)
 
 
 def read_tolerances(scene: Scene) -> dict[str, Any]:
