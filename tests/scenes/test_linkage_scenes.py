@@ -154,4 +154,4 @@ def test_logged_cylinders_drive_a_backhoe():
     length = np.linalg.norm(result["boom_eye"].R - result["boom_foot"].R, axis=1)
     np.testing.assert_allclose(length, scene.coordinates().q[:, 0], rtol=0, atol=1e-12)
     still = scene.mechanism.gravity_forces(scene.coordinates().q)
-    assert np.abs(scene.forces().tau - still)[10:-10].max() < 0.1 * np.abs(still).max()
+    assert np.abs(scene.forces().tau - still)[10:-10].max() < 0.2 * np.abs(still).max()

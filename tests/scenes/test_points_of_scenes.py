@@ -63,6 +63,19 @@ def test_results_have_points_by_name(hatch):
     assert "computed: " in str(scene.plan(("edge",)))
 
 
+def test_many_points_are_computed_without_a_kernel_of_all(hatch):
+    """Beyond some sixty outputs of points, by NumPy from the motion of their bodies: the same to rounding."""
+    few = hp.load_scene(hatch).evaluate()
+    more = "".join(f"p{k} = [{k / 100}, 0.1, 0.05]\n" for k in range(30))
+    hatch.write_text(hatch.read_text().replace("[pair.points2]\n", "[pair.points2]\n" + more))
+    many = hp.load_scene(hatch).evaluate()
+    assert many["p29"].a.shape == (11, 3)
+    for name in ("handle", "handle_v", "handle_a", "catch_a", "R2", "a2"):
+        expected = few.requested_arrays()[name]
+        size = 16 * 2.0**-53 * (1 + np.abs(expected).max())
+        np.testing.assert_allclose(many.requested_arrays()[name], expected, rtol=0, atol=size)
+
+
 def test_sweeps_and_searches_take_components_of_points(hatch):
     """Along the lid the handle stands at the distance x, and 0.05 above it."""
     found = hp.search(hatch, "pair.points2.handle[0]", "handle_z_max = 2.5")

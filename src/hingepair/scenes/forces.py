@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,6 @@ from hingepair.scenes.motions.motion import impact_sentences, non_finite_sentenc
 from hingepair.tables.data_frames import column_names, plain_magnitudes, with_magnitudes
 from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts, ruled_table
 from hingepair.tables.units import Columns, Units, UnitsLike
-
-if TYPE_CHECKING:
-    from hingepair.scenes.scene import Scene
 
 # Headings of the table of joints: the effort against its limit, then position and rate.
 _HEADINGS = (
@@ -90,7 +87,7 @@ class SceneForces(Record):
     """Forces at the instants of a scene. They print as a table and can be saved to a file.
 
     Args:
-        scene: the scene.
+        scene: the Scene.
         arrays: the forces by name.
         gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
         notes: sentences for readers of the forces.
@@ -102,7 +99,7 @@ class SceneForces(Record):
 
     def __init__(
         self,
-        scene: Scene,
+        scene: Any,
         arrays: Mapping[str, NDArray[Any]],
         *,
         gravity: tuple[float, ...],
@@ -192,9 +189,9 @@ class SceneForces(Record):
 
 
 def scene_forces(
-    scene: Scene, arrays: dict[str, NDArray[Any]], gravity: tuple[float, ...], *, assumed: bool
+    scene: Any, arrays: dict[str, NDArray[Any]], gravity: tuple[float, ...], *, assumed: bool
 ) -> SceneForces:
-    """Return the forces `arrays` of a scene, computed with `gravity`, as `Scene.forces` describes them; `assumed`
+    """Return the forces `arrays` of a Scene, computed with `gravity`, as `Scene.forces` describes them; `assumed`
     says whether nobody gave it.
     """
     subject, motion, t = scene.subject, scene.motion, scene.t

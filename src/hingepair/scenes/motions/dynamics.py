@@ -408,7 +408,10 @@ def _end_notes(found: SimulatedRobotMotion, until: bool) -> Iterator[str]:
     if found.ended_by_event:
         cause = "until ends the motion" if until else "the mechanism ends the motion, which a warning explains,"
         yield f"{cause} at t = {instant_text(found.t[-1])} s"
-    if len(found.t) > 20 and np.ptp(found.q) > 0 and not np.ptp(found.q[2:], axis=0).any():
+    # A motion is over before the third instant where less than a millionth of its way is left.
+    if len(found.t) > 20 and np.ptp(found.q, axis=0).max(initial=0) > 1e6 * np.ptp(found.q[2:], axis=0).max(
+        initial=0
+    ):
         yield f"all rests after the first instants, steps of {found.t[1] - found.t[0]:.3g} s: is [time] in seconds?"
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 
-from hingepair.equations.quantities import QUANTITIES, Quantity
+from hingepair.equations.quantities import QUANTITIES, VELOCITY, Quantity
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism
@@ -38,6 +38,8 @@ PAIR_FORCES: Final = (
     *(f"{part}_torque" for part in TORQUE_PARTS),
 )
 """Forces of a pair with masses; the last ones, parts of hinge_torque, if [dynamics] has loads."""
+
+_MAX_POINTS: Final = 60  # outputs of points in one kernel, whose time to compile grows with them
 
 Request = tuple[str, ...] | None
 """Names of outputs; None for all of body 2 and of points, and psi."""
@@ -156,10 +158,39 @@ class PairSubject(SubjectBase):
     def state(self, known: Known, outputs: tuple[str, ...] | None, backend: str = "auto") -> Any:
         """Return the PairState or PlanarState of a known motion."""
         pair: Any = self.pair
+        points = [name for name in outputs or () if name not in QUANTITIES]
+        if len(points) > _MAX_POINTS and not self.planar:
+            return self._with_points(
+                known, points, tuple(name for name in outputs or () if name not in points), backend
+            )
         if known.derivatives:
             of_space = {"sequence": known.sequence} if known.sequence else {}
             return pair.forward_kinematics(*known.pair_arguments(), outputs=outputs, backend=backend, **of_space)
         return pair.forward_kinematics_from_body1(known.body1, *known.hinge, outputs=outputs, backend=backend)
+
+    def _with_points(self, known: Known, points: Sequence[str], others: tuple[str, ...], backend: str) -> Any:
+        """Return the state with outputs of points that are too many for a kernel, from those of their bodies (E1, E8,
+        E9).
+        """
+        bodies, orders = {point.name: point.body for point in constants_of(self.pair).points}, self.of_points
+        motions = ("R", "S", "v", "omega", "a", "alpha")[: 2 * max(orders[name].order for name in points) + 2]
+        needed = {*others, *(f"{letter}{body}" for letter in motions for body in {*bodies.values()})}
+        state, arrays = self.state(known, tuple(needed), backend), {}
+        found, places = state.arrays(), {**self.space.points1, **self.space.points2}
+        for name in points:
+            order = orders[name].order
+            point = name[:-2] if order else name
+            R, S, *rates = (found[f"{letter}{bodies[point]}"] for letter in motions)
+            arm = S @ places[point]
+            if not order:
+                arrays[name] = R + arm
+            elif order == VELOCITY:
+                arrays[name] = rates[0] + np.cross(rates[1], arm)
+            else:
+                turned = np.cross(rates[3], arm) + np.cross(rates[1], np.cross(rates[1], arm))
+                arrays[name] = rates[2] + turned
+        kept = {name: array for name, array in found.items() if name in others}
+        return type(state)(kept | arrays, state.shape)
 
     def poses(self, known: Known) -> Arrays:
         """Return R1, S1, R2 and S2 in space, those of a planar pair in the plane z = 0."""
