@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from support.commands import run_command
 from support.sampled import BODY, EULER, RATES, SECOND, logged, moving, scene_of, some
 from support.states import generator
 
@@ -172,24 +171,3 @@ def test_angular_velocities_beside_quaternions_say_their_axes(tmp_path):
             np.testing.assert_allclose(getattr(result, name), getattr(truth, name), rtol=0, atol=1e-14)
     with pytest.raises(hp.SceneError, match=r"motion\.frame: expected no such key, since the log has no omega1_x"):
         scene_of(tmp_path, some(logged(30), *BODY), 'frame = "body"\n')
-
-
-@pytest.mark.slow
-def test_doubtful_units_of_a_log_are_said_in_a_line(tmp_path):
-    """Milliseconds and degrees pass every check of shape and kind."""
-    columns = some(moving(40), *EULER)
-    columns |= {"t": np.arange(40) * 2.0, "psi": 90 * np.sin(np.arange(40) / 5), "phi_y": np.linspace(-50, 50, 40)}
-    scene = scene_of(tmp_path, columns, "[pair.body2]\nmass = 1\ninertia = [1, 1, 1]\n")
-    said = [
-        "t steps by 2 s: is it in seconds? Milliseconds become seconds by 1e-3 * t.",
-        'phi_y spans 100 rad, 15.9 turns: is it in radians? Degrees become radians by unit = "deg" for phi_y in '
-        "[motion.columns].",
-        'psi spans 180 rad, 28.6 turns: is it in radians? Degrees become radians by unit = "deg" for psi in '
-        "[motion.columns].",
-    ]
-    assert [note for note in scene.notes() if "is it in" in note] == said
-    columns |= {name: np.zeros(40) for name in (*RATES, *SECOND)}
-    scene_of(tmp_path, columns, "[pair.body2]\nmass = 1\ninertia = [1, 1, 1]\n")
-    for command in ("run", "check", "forces"):
-        shown = run_command(command, tmp_path / "my.toml").stdout
-        assert all(f"note: {sentence}\n" in shown for sentence in said), command

@@ -234,16 +234,6 @@ def test_a_log_of_some_joints_leaves_the_others_at_rest(tmp_path: Path) -> None:
     np.testing.assert_array_equal(q, arrays["q"])
 
 
-def test_wrapped_angles_are_unwrapped_and_shifts_are_not(tmp_path: Path) -> None:
-    t = np.linspace(0, 4, 401)
-    turn = np.mod(3 * t + np.pi, 2 * np.pi) - np.pi
-    np.savez(tmp_path / "log.npz", t=t, boom=turn, ram=turn)
-    scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.npz'\nsmooth = true\n")
-    qd = scene.coordinates().qd
-    assert np.abs(qd[:, 0] - 3).max() < 1e-11  # rounding of 4 rad over a step of 0.01 s, and of the smoothing
-    assert np.abs(qd[:, 2] - 3).max() > 5
-
-
 def test_limits_that_are_passed_are_told_with_where(tmp_path: Path) -> None:
     text = (
         GOOD.replace("w = 0.3", "w = 0.6")

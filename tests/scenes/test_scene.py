@@ -7,10 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli.main import app
 from hingepair.scenes.motions.waypoints import PROFILES, interpolate_way_points
 from hingepair.scenes.scene import Scene
 
@@ -71,26 +69,6 @@ def test_sequence_names_the_angles_in_order(tmp_path: Path) -> None:
 def change(old: str, new: str) -> str:
     assert GOOD.count(old) == 1, old
     return GOOD.replace(old, new)
-
-
-@pytest.mark.parametrize(
-    "robot", ["robot = 'no_such_robot'\njoint = 'a'\n", "robot = 'talos_reduced'\njoint = 'a'\n"]
-)
-def test_unknown_robot_names_the_key(tmp_path: Path, robot: str) -> None:
-    with pytest.raises(hp.SceneError, match=r"my\.toml: pair\.(robot|joint)"):
-        scene_of(tmp_path, re.sub(r"u1.*\nu2.*\nn .*\n", robot, GOOD))
-
-
-def test_only_the_derivatives_that_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = hp.load_scene(MODELS / "truck_trailer.toml")
-    given = []
-    original = hp.HingePair.forward_kinematics
-    monkeypatch.setattr(
-        hp.HingePair, "forward_kinematics", lambda *args, **kw: given.append(len(args)) or original(*args, **kw)
-    )
-    for outputs in (("R2", "S1"), ("omega1", "d"), ("alpha2",), None):
-        scene.evaluate(outputs)
-    assert given == [2, 3, 4, 4]
 
 
 def test_numbers_may_be_expressions_of_constants(tmp_path: Path) -> None:
@@ -258,16 +236,3 @@ def test_a_motion_in_millimetres_is_suspected_and_a_flight_is_not(tmp_path: Path
 @pytest.mark.parametrize("scene", sorted(MODELS.glob("*.toml")), ids=lambda path: path.stem)
 def test_no_example_is_suspected(scene: Path) -> None:
     assert hp.load_scene(scene).suspicions() == ()
-
-
-@pytest.mark.slow
-def test_constants_stand_beside_a_log_and_alone(tmp_path: Path) -> None:
-    constants = "[constants]\nlength = 0.25\n"
-    pair = '[pair]\nu1 = ["2*length", 0, 0]\nu2 = [1, 0, 0]\nn = [0, 0, 1]\n'
-    (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n0,0,0,0,0,0,0,0\n1,0,0,0,0,0,0,1\n")
-    logged = scene_of(tmp_path, pair + '[motion]\nfile = "log.csv"\n' + constants)
-    assert logged.pair.u1.tolist() == [0.5, 0, 0]
-    (tmp_path / "bare.toml").write_text(pair + constants)
-    done = CliRunner().invoke(app, ["derive", str(tmp_path / "bare.toml"), "--symbolic", "length", "--outputs", "R2"])
-    assert "length" in done.stdout
-    assert done.exit_code == 0
