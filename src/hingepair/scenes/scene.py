@@ -163,7 +163,7 @@ class SceneResult(Frozen, Result):
         raise missing_attribute_error(self, name)
 
     def _available_names(self) -> Iterable[str]:
-        return self.scene.subject.attribute_names(self.known, self.computed)
+        return (*self.recorded(), *("q", "qd", "qdd")[: self.known.level + 1])
 
     def __repr__(self) -> str:
         what = f"state={self.state!r}"
@@ -432,7 +432,7 @@ class Scene:
             outputs: as for `evaluate`.
         """
         names, counts, order = self.subject.plan(self.request(outputs), self.motion)
-        level, known = self.motion.level, self.known(slice(1), 0)
+        level = self.motion.level
         operations = OperationCounts(*map(sum, zip((0, 0, 0), *counts, strict=True)))
         reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
         skipped = [(f"{('first', 'second')[i]} derivatives of the coordinates", reasons[i]) for i in range(order, 2)]
@@ -441,8 +441,6 @@ class Scene:
             skipped.append((f"{operations.folded} operations", known_results))
         if operations.shared:
             skipped.append((f"operations at each instant: {operations.shared}", "they depend on constants only"))
-        if still := ", ".join(known.constant_names()):
-            skipped.append((f"sines, cosines and rates of {still}", "these coordinates do not change"))
         return ScenePlan(names, operations, tuple(skipped))
 
     def check_arrays(self, outputs: Iterable[str]) -> None:

@@ -258,13 +258,13 @@ class FrameForms(ClosedForms):
     `q` and `qd` of the robot's coordinates and rates: `R` (3, 1), `S` (3, 3), `jacobian` (6, dof) with the rows of v
     before those of omega, `v` (3, 1) and `omega` (3, 1), all in world axes.
 
-    Each number of the robot is the rational number that its shortest decimal form shows. An entry of a rotation that
+    Each number of the robot is the rational number that its shortest decimal form shows; a length that rounding left
+    is 0. An entry of a rotation that
     equals 0, 1, -1 or the root of a simple fraction within rounding is exactly that number.
 
     Args:
         robot: a robot with a fixed base.
         frame: name of a link, a joint or another frame; None means the last link, if there is only one.
-        notes: sentences on the robot's numbers, which the output shows above the equations.
 
     Raises:
         ArgumentError: the base is free, or there is no such frame.
@@ -272,7 +272,7 @@ class FrameForms(ClosedForms):
 
     names = tuple(FRAME_OUTPUTS)
 
-    def __init__(self, robot: Mechanism, frame: str | None = None, notes: Sequence[str] = ()) -> None:
+    def __init__(self, robot: Mechanism, frame: str | None = None) -> None:
         super().__init__()
         if robot.base != "fixed":
             expected = "a robot with base='fixed': the motion of its frames relative to its base"
@@ -292,12 +292,9 @@ class FrameForms(ClosedForms):
         self._path = self._joints_to(self._frame.body)
         self.moving = {self.q[self._column(joint)] for joint in self._path}
         self.rates = {str(rate): (str(q), 1) for q, rate in zip(self.q, self.qd, strict=True)}
-        self._rounded = 0.0
         vectors = (*(joint.u for joint in self._path), self._frame.R)
-        self._points = [self._point(vector.tolist()) for vector in vectors]
-        if self._rounded:
-            notes = (*notes, f"lengths of at most {self._rounded:.2g} m, which rounding left, are taken for 0")
-        self.notes = (self._legend(), *notes)
+        self._points = [_exact_point(vector.tolist()) for vector in vectors]
+        self.notes = (self._legend(),)
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of an output."""
@@ -336,13 +333,6 @@ class FrameForms(ClosedForms):
         """Return the coordinate of a joint, in that of its leader where it follows one."""
         q = self.q[self._column(joint)]
         return q if joint.mimic is None else exact(joint.mimic.multiplier) * q + exact(joint.mimic.offset)
-
-    def _point(self, point: Sequence[float]) -> Exprs:
-        """Return a point [m] as exact numbers; what rounding left is 0."""
-        size = max(map(abs, point))
-        left = [abs(value) for value in point if abs(value) <= _ZERO_LENGTH * size]
-        self._rounded = max([self._rounded, *left])
-        return tuple(sympy.S.Zero if abs(value) <= _ZERO_LENGTH * size else exact(value) for value in point)
 
     def _derive(self, name: str) -> Any:
         what, _, number = name.partition(" ")
@@ -401,6 +391,12 @@ class FrameForms(ClosedForms):
             ratio = exact(joint.axis.turns) * position.diff(self.q[column])
             spins[column] = eq.add(spins[column], eq.scale(axis, ratio))
         return spins
+
+
+def _exact_point(point: Sequence[float]) -> Exprs:
+    """Return a point [m] as exact numbers; what rounding left is 0."""
+    left = _ZERO_LENGTH * max(map(abs, point))
+    return tuple(sympy.S.Zero if abs(value) <= left else exact(value) for value in point)
 
 
 def _entries(S: Any) -> Exprs:

@@ -173,14 +173,6 @@ class Known:
         }
         return columns | ({} if order else quaternion_columns(self.body1.S))
 
-    def constant_names(self) -> tuple[str, ...]:
-        """Return the names of coordinates that do not change."""
-        names, values = self.names, self.joints[0]
-        if isinstance(self.base, EulerBase):
-            kind = SPACE if self.base.sequence else PLANE
-            names, values = (*kind.coordinates[:-1], *names), (*self.base.derivatives[0], *values)
-        return tuple(name for name, value in zip(names, values, strict=True) if not np.ndim(value))
-
 
 def quaternion_columns(S: NDArray[Any] | None, digit: str = "") -> dict[str, Float64Array]:
     """Return the quaternions (qw >= 0) of rotation matrices (N, 3, 3) as columns qx, qy, qz, qw + `digit`, (N,)."""

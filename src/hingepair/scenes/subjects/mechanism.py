@@ -272,11 +272,6 @@ class MechanismSubject(SubjectBase):
             return None if computed.state is None else getattr(computed.state, name)
         raise KeyError(name)
 
-    def attribute_names(self, known: Known, computed: Computed) -> Iterable[str]:
-        """Return the names of the attributes of a result."""
-        names = (*_COORDINATES, *_FORCES, *MechanismState.__slots__)
-        return tuple(name for name in names if self.attribute(name, known, computed) is not None)
-
     def plan(self, request: Request, motion: Motion) -> Plan:
         """Return the programs that compute a request."""
         order = self.order(request, motion.level)

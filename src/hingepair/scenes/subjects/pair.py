@@ -230,12 +230,6 @@ class PairSubject(SubjectBase):
             return computed.state.arrays().get(name)
         raise KeyError(name)
 
-    def attribute_names(self, known: Known, computed: Computed) -> Iterable[str]:
-        """Return the names of the attributes of a result."""
-        further = self._further_outputs(known.level)
-        beside = (name for name in further if self.attribute(name, known, computed) is not None)
-        return *dir(computed.state), *beside
-
     def plan(self, request: Request, motion: Motion) -> Plan:
         """Return the program that computes a request."""
         order, names = self.order(request, motion.level), self._of_equations(request, motion.level)
