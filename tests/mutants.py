@@ -116,9 +116,9 @@ def draw(packages: list[str], count: int, seed: int) -> list[Mutant]:
 def stages(mutant: Mutant) -> dict[str, list[str]]:
     """Return the arguments of pytest for each run of tests, by its name."""
     package = mutant.file.parts[2]
-    folders = [package, *(["mechanism"] if package in {"equations", "plans"} else [])]  # pairs and robots test them
-    own = [f"tests/{folder}" for folder in folders if (ROOT / "tests" / folder).is_dir()]
-    others = {"fast tests of others": ["-n", "0", *(f"--ignore={folder}" for folder in own)]}
+    of_pairs_and_robots = ["test_contract.py", "mechanism"] if package in {"equations", "plans"} else []
+    own = [path for name in (package, *of_pairs_and_robots) if (ROOT / (path := f"tests/{name}")).exists()]
+    others = {"fast tests of others": ["-n", "0", *(f"--ignore={path}" for path in own)]}
     if not own:  # of single modules
         return others
     return {"its package": [*own, "-n", "0"], "its slow tests": [*own, "-n", "0", "-m", "slow"], **others}

@@ -9,6 +9,7 @@ import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.mechanism.tree import Frame
 from support.exact import Exact
+from support.near import U
 
 FOLLOWERS = """<robot name="r"><link name="a"/>
 <link name="b"><inertial><origin xyz="0.1 0 0.2"/><mass value="2"/>
@@ -35,10 +36,10 @@ def test_the_truth_holds_for_joints_of_every_kind():
     frame = Frame(body, np.zeros(3), np.eye(3))
     truth = Exact(tree_of(robot), frame, False, {"q": q, "qd": v, "qdd": w})
     motion = truth.motion
-    np.testing.assert_allclose(motion["R"].astype(float), state[joint].R, atol=1e-15)
-    np.testing.assert_allclose(motion["S"].astype(float), state[joint].S, atol=1e-15)
-    np.testing.assert_allclose(truth.jacobian().astype(float), robot.jacobian(q, joint), atol=1e-15)
-    np.testing.assert_allclose(truth.mass_matrix().astype(float), robot.mass_matrix(q), rtol=1e-13)
+    np.testing.assert_allclose(motion["R"].astype(float), state[joint].R, rtol=0, atol=8 * U)
+    np.testing.assert_allclose(motion["S"].astype(float), state[joint].S, rtol=0, atol=8 * U)
+    np.testing.assert_allclose(truth.jacobian().astype(float), robot.jacobian(q, joint), rtol=0, atol=8 * U)
+    np.testing.assert_allclose(truth.mass_matrix().astype(float), robot.mass_matrix(q), rtol=256 * U)
     tau = truth.forces[2].astype(float)
-    np.testing.assert_allclose(tau, robot.inverse_dynamics(q, v, w).tau, rtol=1e-13)
-    np.testing.assert_allclose(truth.accelerations(tau).astype(float), w, rtol=1e-12)
+    np.testing.assert_allclose(tau, robot.inverse_dynamics(q, v, w).tau, rtol=256 * U)
+    np.testing.assert_allclose(truth.accelerations(tau).astype(float), w, rtol=4096 * U)

@@ -118,7 +118,9 @@ def test_urdf_holds_damping_friction_and_stops(tmp_path):
     assert (model.lowerPositionLimit[0], model.upperPositionLimit[0]) == (-1, 1)
     S = hp.rodrigues((1, 2, 0.5), np.deg2rad(70))
     place = model.jointPlacements[1]
-    np.testing.assert_allclose(place.translation, np.array([1, 2, 3]) + S @ (0.3, 0.1, 0.2), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        place.translation, np.array([1, 2, 3]) + S @ (0.3, 0.1, 0.2), rtol=0, atol=16 * 2.0**-53
+    )
 
 
 @pytest.mark.parametrize(

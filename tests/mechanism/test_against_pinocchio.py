@@ -16,7 +16,6 @@ from support.trees import (
     random_model,
     record_of,
     urdf_model,
-    with_mimics,
 )
 
 pytestmark = pytest.mark.slow
@@ -73,40 +72,6 @@ def test_joints_transmit_what_pinocchio_says(model, mode):
             S, exact = data.oMi[j + 2].rotation, data.f[j + 2]
             check(found[name].force[k], S @ exact.linear, scale[k])
             check(found.torque[k, j], S @ exact.angular, scale[k])
-
-
-@pytest.mark.parametrize("mode", ["fixed", "free"])
-def test_followers_move_with_their_leader_and_hand_it_their_effort(mode):
-    model = random_model(3, 8)
-    tree = record_of(model)
-    rules = {"joint_3": ("joint_6", -0.5, 0.25), "joint_4": ("joint_2", 2.0, -0.1)}
-    robot, alone = Robot(with_mimics(tree, rules), mode), Robot(tree, mode)
-    names = [joint.name for joint in tree.joints]
-    own = [name for name in names if name not in rules]
-    rng = np.random.default_rng(8)
-    q, qd, qdd = rng.uniform(-1, 1, (3, SAMPLES, len(own)))
-    P, shift = np.zeros((len(names), len(own))), np.zeros(len(names))
-    for k, name in enumerate(names):
-        leader, ratio, offset = rules.get(name, (name, 1.0, 0.0))
-        P[k, own.index(leader)], shift[k] = ratio, offset
-    every = q @ P.T + shift, qd @ P.T, qdd @ P.T
-    state, expected = robot.forward_kinematics(q, qd, qdd), alone.forward_kinematics(*every)
-    np.testing.assert_allclose(state.a, expected.a, atol=1e-12)
-    np.testing.assert_allclose(
-        robot.jacobian(q, "link_7")[..., -len(own) :],
-        alone.jacobian(every[0], "link_7")[..., -len(names) :] @ P,
-        atol=1e-13,
-    )
-    forces, each = robot.inverse_dynamics(q, qd, qdd), alone.inverse_dynamics(*every)
-    np.testing.assert_allclose(forces.tau, each.tau @ P, atol=1e-11)
-    whole = np.eye(len(names) + 6 * (mode == "free"))[:, : 6 * (mode == "free")]
-    lower = np.vstack([np.zeros((whole.shape[1], len(own))), P])
-    columns = np.hstack([whole, lower])
-    matrix = columns.T @ alone.mass_matrix(every[0]) @ columns
-    np.testing.assert_allclose(robot.mass_matrix(q), matrix, atol=1e-12)
-    loads = {} if mode == "fixed" else {"force1": forces.force1, "torque1": forces.torque1}
-    found = robot.forward_dynamics(q, qd, forces.tau, **loads)
-    np.testing.assert_allclose(found.qdd, qdd, atol=1e-9)
 
 
 def test_a_wrench_at_a_frame_adds_its_jacobian_transposed():

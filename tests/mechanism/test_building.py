@@ -21,6 +21,7 @@ from hingepair.mechanism.joints import Slider
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.rotations.matrices import rodrigues
 from support.exported import ARM
+from support.near import assert_near
 from support.robots import check_against_model, tree_of_file
 
 U = 2.0**-53
@@ -270,9 +271,9 @@ def test_screws_and_chains_of_a_model_move_as_in_pinocchio():
     found, torques = robot.forward_kinematics(q), robot.inverse_dynamics(q, qd, qdd).tau
     for k in range(4):
         pin.forwardKinematics(model, data, q[k])
-        np.testing.assert_allclose(found.S[k, 0], data.oMi[parent].rotation, rtol=0, atol=1e-13)
-        np.testing.assert_allclose(found.R[k, 0], data.oMi[parent].translation, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(torques[k], pin.rnea(model, data, q[k], qd[k], qdd[k]), rtol=0, atol=1e-11)
+        assert_near(found.S[k, 0], data.oMi[parent].rotation, 32)
+        assert_near(found.R[k, 0], data.oMi[parent].translation, 32)
+        assert_near(torques[k], pin.rnea(model, data, q[k], qd[k], qdd[k]), 128)
 
 
 def test_a_screw_comes_back_from_pinocchio():
@@ -283,7 +284,7 @@ def test_a_screw_comes_back_from_pinocchio():
     back = hp.Mechanism.from_pinocchio(hp.to_pinocchio(robot).model)
     assert (back["s"].pitch, back["s"].limits) == (0.1, (-3.0, 9.0))
     np.testing.assert_allclose(
-        back.inverse_dynamics([2.0], [1.0], [3.0]).tau, robot.inverse_dynamics([2.0], [1.0], [3.0]).tau, rtol=1e-14
+        back.inverse_dynamics([2.0], [1.0], [3.0]).tau, robot.inverse_dynamics([2.0], [1.0], [3.0]).tau, rtol=16 * U
     )
 
 

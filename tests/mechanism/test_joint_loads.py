@@ -119,7 +119,7 @@ def test_loads_of_followers_are_handed_to_their_leader():
       <dynamics damping="0.5" friction="0.25"/><mimic joint="pivot" multiplier="-2" offset="0.3"/></joint></robot>"""
     robot = hp.Mechanism.from_urdf(text)
     rows = {loads: robot.inverse_dynamics([0.1], [0.7], [0], joint_loads=loads).tau for loads in (True, False)}
-    assert rows[True] - rows[False] == pytest.approx(0.2 * 0.7 + 4 * 0.5 * 0.7 + 2 * 0.25, rel=1e-14)
+    assert rows[True] - rows[False] == pytest.approx(0.2 * 0.7 + 4 * 0.5 * 0.7 + 2 * 0.25, rel=8 * U)
     qdd = robot.forward_dynamics([0.1], [0.7], rows[True], joint_loads=True).qdd
     assert abs(qdd).max() <= 100 * U
     at_rest = robot.forward_dynamics([0.0], [0.0], [0.4], joint_loads=True).qdd
@@ -130,7 +130,7 @@ def test_dry_friction_holds_a_joint_at_rest_as_in_mujoco():
     robot = hp.Mechanism.from_urdf(PENDULUM)
     held, slips = (robot.forward_dynamics([angle], [0], [0], joint_loads=True).qdd.item() for angle in (0.03, 0.1))
     assert held == 0  # m g l sin(0.03) is below 0.3 N m
-    assert slips == pytest.approx((-2 * 9.81 * 0.5 * np.sin(0.1) + 0.3) / 0.6, rel=1e-14)
+    assert slips == pytest.approx((-2 * 9.81 * 0.5 * np.sin(0.1) + 0.3) / 0.6, rel=8 * U)
     assert np.isnan(robot.forward_dynamics([0.1], [np.nan], [0], joint_loads=True).qdd).all()
 
 
@@ -170,7 +170,7 @@ def test_derivatives_hold_dampers_and_springs():
                 for sign in (1, -1)
             )
             slope = (ahead - behind) / (2 * step)
-            assert np.abs(d[name][:, k] - slope).max() <= 1e-7 * (1 + np.abs(slope).max())
+            assert np.abs(d[name][:, k] - slope).max() <= 10 * step * step * (1 + np.abs(slope).max())
     prepared = robot.prepare("forward_dynamics", joint_loads=True)
     assert prepared(q, qd, tau).qdd.tolist() == robot.forward_dynamics(q, qd, tau, joint_loads=True).qdd.tolist()
     assert np.allclose(prepared.jacobian((q, qd, tau))["qdd"]["qd"], d.qdd_qd, rtol=0, atol=1e-12)
@@ -203,4 +203,4 @@ def test_loads_of_joints_can_be_replaced():
     assert robot.with_joint_loads(robot.joint_loads).joint_loads == robot.joint_loads
     q, qd = np.zeros(4), np.array((0, 0, 0, 0.5))
     added = [one.inverse_dynamics(q, qd, q, joint_loads=True, backend="numpy").tau for one in (changed, robot)]
-    assert (added[0] - added[1])[3] == pytest.approx(2, rel=1e-14)
+    assert (added[0] - added[1])[3] == pytest.approx(2, rel=16 * U)

@@ -6,6 +6,7 @@ import pytest
 
 import hingepair as hp
 from support.linkages import AT, bar, four_bar, open_four_bar
+from support.near import TOL
 
 U = 2.0**-53
 Z = (0, 0, 1)
@@ -50,7 +51,7 @@ def test_a_slider_crank_has_the_stroke_of_the_textbook() -> None:
     pump = robot.closed(hp.Loop("pin", "piston"), coordinates="piston", at=at)
     x = np.linspace(0.6, 1.2, 51)[1:-1, None]
     crank = np.arccos((x[:, 0] ** 2 + 0.09 - 0.81) / (0.6 * x[:, 0]))
-    assert np.abs(pump.all_coordinates(x)[:, 0] - crank).max() < 1e-13  # some 100 U near the dead points
+    assert np.abs(pump.all_coordinates(x)[:, 0] - crank).max() < 128 * U  # near the dead points
     with pytest.warns(hp.DynamicsWarning, match=r"at 2 of 3 samples, first at piston = 0.59: pin-piston cannot be"):
         assert np.isnan(pump.all_coordinates([[0.59], [0.9], [1.21]])).any(axis=1).tolist() == [True, False, True]
 
@@ -98,7 +99,7 @@ def test_a_weld_and_a_distance_close_as_a_ball_does(kind: str) -> None:
         closed.all_coordinates(TURN, TURN, TURN), plain.all_coordinates(TURN, TURN, TURN), strict=True
     ):
         columns = [closed.opened().names.index(name) for name in names]
-        assert np.abs(found[:, columns] - wanted[:, : len(names)]).max() < 1e-12
+        assert np.abs(found[:, columns] - wanted[:, : len(names)]).max() < 1000 * U * np.abs(wanted).max()
 
 
 def test_forces_in_the_loop_leave_no_effort_at_joints_that_follow() -> None:
@@ -121,9 +122,9 @@ def test_forces_in_the_loop_leave_no_effort_at_joints_that_follow() -> None:
 def test_the_power_of_the_crank_is_the_change_of_energy() -> None:
     motion = hp.simulate(FOUR_BAR, np.linspace(0, 2, 41), [0.3], [1.0], gravity=GRAVITY)
     energy = FOUR_BAR.energy(motion.q, motion.qd, gravity=GRAVITY)
-    assert np.ptp(energy.kinetic + energy.potential) < 1e-9 * np.ptp(energy.kinetic)
+    assert np.ptp(energy.kinetic + energy.potential) < TOL * np.ptp(energy.kinetic)
     steps = FOUR_BAR.rollout([[0.3]], [[1.0]], np.zeros((1, 2000, 1)), 1e-3, method="rk4", gravity=GRAVITY)
-    assert abs(steps.q[0, -1, 0] - motion.q[-1, 0]) < 1e-9
+    assert abs(steps.q[0, -1, 0] - motion.q[-1, 0]) < 1e-9  # steps of 1 ms by a method of order 4
 
 
 def test_derivatives_go_through_the_loop() -> None:
@@ -132,10 +133,10 @@ def test_derivatives_go_through_the_loop() -> None:
     slope = call.jacobian((q, qd, qdd), wrt=("q",))["tau"]["q"][..., 0]
     h = 1e-5
     ahead, behind = (call(q + side * h, qd, qdd).tau for side in (1, -1))
-    assert np.abs((ahead - behind) / (2 * h) - slope).max() < 1e-8 * np.abs(slope).max()
+    assert np.abs((ahead - behind) / (2 * h) - slope).max() < 10 * h * h * np.abs(slope).max()
     jacobian = FOUR_BAR.jacobian(q, "a")
     points = [FOUR_BAR.forward_kinematics(q + side * h, frames="a")["a"].R for side in (1, -1)]
-    assert np.abs((points[0] - points[1]) / (2 * h) - jacobian[:, :3, 0]).max() < 1e-9
+    assert np.abs((points[0] - points[1]) / (2 * h) - jacobian[:, :3, 0]).max() < h * h
 
 
 def test_a_four_bar_drives_the_next() -> None:
@@ -167,7 +168,7 @@ def test_a_sample_has_the_same_joints_in_any_batch() -> None:
     order = np.random.default_rng(1).permutation(len(TURN))
     assert np.array_equal(FOUR_BAR.all_coordinates(TURN[order], backend="compiled"), whole[order])
     turns = FOUR_BAR.all_coordinates(TURN + 20 * np.pi)
-    assert np.abs(np.sin((turns - whole) / 2)).max() < 1e-13
+    assert np.abs(np.sin((turns - whole) / 2)).max() < 2 * U * 20 * np.pi  # the rounding of TURN
 
 
 def test_a_five_bar_has_two_coordinates() -> None:
@@ -198,16 +199,16 @@ def test_a_five_bar_has_two_coordinates() -> None:
     qd = np.random.default_rng(2).uniform(-1, 1, (500, 2))
     kinetic = np.einsum("ni,nij,nj->n", qd, five.mass_matrix(q), qd) / 2
     assert np.abs(kinetic - five.energy(q, qd).kinetic).max() < 500 * U * kinetic.max()
-    assert np.abs(five.forward_dynamics(q, qd, five.inverse_dynamics(q, qd, qd).tau).qdd - qd).max() < 1e-10
+    assert np.abs(five.forward_dynamics(q, qd, five.inverse_dynamics(q, qd, qd).tau).qdd - qd).max() < 256 * U
     anywhere = five.inverse_kinematics(state["a"].R[:20], frame="a")  # from random starts, some of which stay open
     assert anywhere.ok.all()
     reached = five.forward_kinematics(found.q, frames="a")["a"].R
-    assert np.abs(reached - state["a"].R).max() < 1e-9
+    assert np.abs(reached - state["a"].R).max() < 1e-9  # m, the tolerance of the search
 
 
 def test_a_path_is_followed_from_sample_to_sample() -> None:
     q = np.linspace(0.3, 15, 200)[:, None]
-    assert np.abs(FOUR_BAR.follow(q) - FOUR_BAR.all_coordinates(q)).max() < 1e-13
+    assert np.abs(FOUR_BAR.follow(q) - FOUR_BAR.all_coordinates(q)).max() < 64 * U
     lost = FOUR_BAR.follow([[0.3], [0.4], [np.nan], [0.5]])
     assert np.isnan(lost).any(axis=1).tolist() == [False, False, True, True]
 
@@ -216,13 +217,13 @@ def test_a_path_may_begin_at_another_assembly() -> None:
     other = {"crank": 0.3, "coupler": -0.8, "rocker": -1.9}
     mirrored = OPEN.closed(hp.Loop("a", "b"), coordinates="crank", at=other)
     q = np.linspace(0.3, 1, 5)[:, None]
-    assert np.abs(FOUR_BAR.follow(q, guess=other) - mirrored.all_coordinates(q)).max() < 1e-14
+    assert np.abs(FOUR_BAR.follow(q, guess=other) - mirrored.all_coordinates(q)).max() < 32 * U
     assert np.abs(mirrored.all_coordinates(q)[:, 2] - FOUR_BAR.all_coordinates(q)[:, 2]).min() > 1
 
 
 def test_bars_in_line_are_assembled_next_to_it() -> None:
     closed = OPEN.closed(hp.Loop("a", "b"), coordinates="crank")  # at 0 no step closes the gap along the bars
-    assert np.abs(closed.all_coordinates(TURN) - FOUR_BAR.all_coordinates(TURN)).max() < 1e-14
+    assert np.abs(closed.all_coordinates(TURN) - FOUR_BAR.all_coordinates(TURN)).max() < 64 * U
 
 
 def test_float32_and_many_turns_are_judged_by_their_rounding() -> None:
@@ -246,7 +247,7 @@ def test_springs_and_dampers_act_at_joints_that_follow() -> None:
     energy = FOUR_BAR.energy(motion.q, motion.qd, gravity=GRAVITY)
     q = FOUR_BAR.all_coordinates(motion.q)
     total = energy.kinetic + energy.potential + 25 * (q[:, 2] - 1.5) ** 2 + 1.5 * q[:, 0] ** 2
-    assert np.ptp(total) < 1e-9 * np.ptp(energy.kinetic)
+    assert np.ptp(total) < TOL * np.ptp(energy.kinetic)
     damped = hp.simulate(FOUR_BAR, [0, 1], [0.3], [1.0], loads={"coupler": hp.HingeLoad(damping=9.0)})
     assert (np.diff(FOUR_BAR.energy(damped.q, damped.qd, gravity=(0, 0, 0)).kinetic) < -0.01).all()
 
@@ -273,13 +274,14 @@ def test_cylinders_drive_an_excavator_by_their_lengths() -> None:
     rng = np.random.default_rng(0)
     angles = np.array([-0.4, 1.2, 0.6]) + rng.uniform(-0.25, 0.25, (200, 3))
     lengths = np.stack([arm.struts(angles)[name].length for name in driven.names], axis=-1)
-    assert np.abs(driven.all_coordinates(lengths) - angles).max() < 1e-13
+    assert np.abs(driven.all_coordinates(lengths) - angles).max() < 512 * U
     qd, qdd = rng.uniform(-1, 1, (2, 200, 3))
     force = driven.inverse_dynamics(lengths, qd, qdd).tau
     everything = driven.all_coordinates(lengths, qd, qdd)
     power = (arm.inverse_dynamics(*everything).tau * everything[1]).sum(axis=-1)
     assert np.abs((force * qd).sum(axis=-1) - power).max() < 1000 * U * np.abs(power).max()
-    assert np.abs(driven.forward_dynamics(lengths, qd, force).qdd - qdd).max() < 1e-11
+    accelerations = driven.forward_dynamics(lengths, qd, force).qdd
+    assert np.abs(accelerations - qdd).max() < 1e-11  # rounding of forces that are far larger than those of qdd
 
 
 TWICE = hp.Mechanism(

@@ -51,7 +51,10 @@ def test_two_equalities_of_one_joint_leave_one_coordinate():
     turned = robot.forward_kinematics([jb], frames=("ja", "jb", "jc")).S
     expected = [hp.rotation_exp((0, angle, 0)) for angle in (ja, jb - ref, ja / 3)]
     np.testing.assert_allclose(
-        turned @ np.swapaxes(turned, -1, -2)[[1]], expected @ np.swapaxes(expected, -1, -2)[[1]], atol=1e-14
+        turned @ np.swapaxes(turned, -1, -2)[[1]],
+        expected @ np.swapaxes(expected, -1, -2)[[1]],
+        rtol=0,
+        atol=16 * 2.0**-53,
     )
 
 

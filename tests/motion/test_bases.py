@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import hingepair as hp
+from support.near import TIGHT, TOL
 from support.states import generator, rotations
 
 ROD1 = hp.Body(mass=1.3, centre_of_mass=(0.5, 0, 0), inertia=(0.1, 0.1, 0.12))
@@ -36,13 +37,13 @@ def textbook(t, angles):
 @pytest.mark.slow
 def test_a_double_pendulum_swings_as_the_textbook_says():
     t = np.linspace(0, 2, 21)
-    found = hp.simulate(DOUBLE, t, HELD, 0.4, -0.1, base="pinned", gravity=(0, -9.81, 0), tol=1e-12)
+    found = hp.simulate(DOUBLE, t, HELD, 0.4, -0.1, base="pinned", gravity=(0, -9.81, 0), tol=TIGHT)
     first, second, *_ = textbook(t, [0.3, 0.7, 0.2, 0.1])
     for S, angle in ((found.S1, first), (found.S2, second)):
-        np.testing.assert_allclose(np.unwrap(np.arctan2(S[:, 1, 0], S[:, 0, 0])), angle, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(np.unwrap(np.arctan2(S[:, 1, 0], S[:, 0, 0])), angle, rtol=0, atol=10 * TOL)
     np.testing.assert_array_equal(found.body1.R, np.zeros((21, 3)))
     total = sum(found.energy())
-    assert np.ptp(total) <= 1e-12 * np.abs(total).max()
+    assert np.ptp(total) <= TIGHT * np.abs(total).max()
     assert found.recorded()["hinge_torque"].shape == (21,)
 
 
@@ -53,11 +54,11 @@ def test_a_pin_holds_its_point_and_gives_no_torque():
     pair = hp.HingePair(*rng.normal(size=(3, 3)), home=rotations(rng, 1)[0], body1=bodies[0], body2=bodies[1])
     start = hp.BodyMotion(R=(1, 2, 3), S=rotations(rng, 1)[0], omega=rng.normal(size=3))
     t = np.linspace(0, 1, 11)
-    found = hp.simulate(pair, t, start, 0.4, 1.0, base="pinned", torque1=(0.1, 0, 0.2), tol=1e-12)
+    found = hp.simulate(pair, t, start, 0.4, 1.0, base="pinned", torque1=(0.1, 0, 0.2), tol=TIGHT)
     forces = pair.inverse_dynamics(found.body1, found.psi, found.psid, found.psidd)
     np.testing.assert_array_equal(found.R1, np.broadcast_to((1.0, 2.0, 3.0), (11, 3)))
-    np.testing.assert_allclose(forces.torque1, np.broadcast_to((0.1, 0, 0.2), (11, 3)), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(forces.hinge_torque, 0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(forces.torque1, np.broadcast_to((0.1, 0, 0.2), (11, 3)), rtol=0, atol=TIGHT)
+    np.testing.assert_allclose(forces.hinge_torque, 0, rtol=0, atol=TIGHT)
     total, power = sum(found.energy()), found.body1.omega @ (0.1, 0, 0.2)
     done = np.concatenate([[0], np.cumsum(power[:-1:2] + 4 * power[1::2] + power[2::2]) * t[1] / 3])
     np.testing.assert_allclose(total[::2] - total[0], done, rtol=0, atol=2e-3)

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import hingepair as hp
+from support.near import TIGHT, TOL, U
 from support.sparse import sparse
 from support.states import generator, rotations
 
@@ -40,7 +41,7 @@ def test_friction_holds_a_rod_where_it_is():
     held = turned(rod(), np.linspace(0, 20, 21), 0.0, 0.0, hp.HingeLoad(friction=30))
     np.testing.assert_array_equal(held.psi, 0.0)
     np.testing.assert_array_equal(held.psid, 0.0)
-    np.testing.assert_allclose(held.loads["friction_torque"], -19.62, rtol=1e-15)
+    np.testing.assert_allclose(held.loads["friction_torque"], -19.62, rtol=8 * U)
     np.testing.assert_array_equal(held.loads["hinge_torque"], held.loads["friction_torque"])
     assert held.steps < 10
 
@@ -50,7 +51,7 @@ def test_friction_holds_a_rod_where_it_is():
 def test_a_swing_against_friction_loses_the_same_angle_each_time(start):
     """Each half swing is half a period about a centre that friction shifts by F / k, to the side it comes from."""
     J, k, friction, t = 2.0, 8.0, 1.0, np.linspace(0, 60, 1201)
-    found = turned(wheel(J), t, start, 0.0, hp.HingeLoad(stiffness=k, friction=friction), tol=1e-12)
+    found = turned(wheel(J), t, start, 0.0, hp.HingeLoad(stiffness=k, friction=friction), tol=TIGHT)
     half, shift, expected, end = np.pi / np.sqrt(k / J), friction / k, np.empty(1201), start
     for i in range(50):
         centre = np.sign(end) * shift
@@ -60,10 +61,10 @@ def test_a_swing_against_friction_loses_the_same_angle_each_time(start):
             break
         expected[inside] = centre + (end - centre) * np.cos(np.sqrt(k / J) * (t[inside] - i * half))
         end = 2 * centre - end
-    np.testing.assert_allclose(found.psi, expected, rtol=0, atol=2e-12)
+    np.testing.assert_allclose(found.psi, expected, rtol=0, atol=2 * TIGHT)
     assert found.psi[-1] == found.psi[-2]
     assert found.psid[-1] == 0.0
-    assert found.loads["friction_torque"][-1] == pytest.approx(k * found.psi[-1], rel=1e-12)
+    assert found.loads["friction_torque"][-1] == pytest.approx(k * found.psi[-1], rel=TIGHT)
     assert found.steps < 500  # 13 for a half swing
 
 
@@ -95,7 +96,7 @@ def test_a_double_pendulum_whose_hinge_sticks_and_slips_is_that_of_scipy_with_ev
     start = hp.BodyMotion(R=(0, 0, 0), S=hp.rotation_exp((0, 0, 0.3)), omega=(0, 0, 0.2))
     load = hp.HingeLoad(friction=friction)
     found = hp.simulate(
-        DOUBLE, t, start, 0.4, -0.1, base="pinned", hinge_torque=load, gravity=(0, -9.81, 0), tol=1e-12
+        DOUBLE, t, start, 0.4, -0.1, base="pinned", hinge_torque=load, gravity=(0, -9.81, 0), tol=TIGHT
     )
     expected, phases, sense = np.empty((4, 81)), [], -1.0
 
@@ -129,7 +130,7 @@ def test_a_double_pendulum_whose_hinge_sticks_and_slips_is_that_of_scipy_with_ev
     assert {0.0, 1.0, -1.0} <= {*phases}
     assert len(phases) > 4
     for S, angle in ((found.S1, expected[0]), (found.S2, expected[1])):
-        np.testing.assert_allclose(np.unwrap(np.arctan2(S[:, 1, 0], S[:, 0, 0])), angle, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(np.unwrap(np.arctan2(S[:, 1, 0], S[:, 0, 0])), angle, rtol=0, atol=10 * TOL)
 
 
 @pytest.mark.slow
@@ -145,11 +146,11 @@ def test_a_free_pair_keeps_its_momenta_while_its_hinge_sticks():
     stuck = found.psid == 0
     assert 5 < stuck.sum() < 40
     assert stuck[-1]
-    np.testing.assert_allclose(energy[stuck], energy[-1], rtol=1e-9)  # a rigid body
+    np.testing.assert_allclose(energy[stuck], energy[-1], rtol=10 * TOL)  # a rigid body
     assert np.abs(found.loads["friction_torque"]).max() <= 5 * (1 + 1e-9)
     required = pair.inverse_dynamics(found.body1, found.psi, found.psid, found.psidd, gravity=WEIGHTLESS)
-    np.testing.assert_allclose(required.hinge_torque, found.loads["hinge_torque"], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(required.force1, 0, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(required.hinge_torque, found.loads["hinge_torque"], rtol=0, atol=10 * TIGHT)
+    np.testing.assert_allclose(required.force1, 0, rtol=0, atol=10 * TIGHT)
 
 
 @pytest.mark.slow
@@ -174,7 +175,7 @@ def test_a_hinge_bounces_off_a_rigid_stop_and_comes_to_rest_there(restitution):
     """Under a constant torque each bounce is a parabola; their times are a geometric series."""
     t, fall = np.linspace(0, 12, 601), 2.0
     load = hp.HingeLoad(stops=(-1, 1), stop_restitution=restitution, motor=fall)
-    found = turned(wheel(), t, 0.0, 0.0, load, tol=1e-12)
+    found = turned(wheel(), t, 0.0, 0.0, load, tol=TIGHT)
     expected, speed, hit = np.minimum(fall / 2 * t**2, 1), 2.0, 1.0
     expected[t > hit] = 1.0
     while speed > 1e-9 and restitution:
@@ -183,10 +184,10 @@ def test_a_hinge_bounces_off_a_rigid_stop_and_comes_to_rest_there(restitution):
         inside = (since >= 0) & (since <= 2 * speed / fall)
         expected[inside] = 1 - speed * since[inside] + fall / 2 * since[inside] ** 2
         hit += 2 * speed / fall
-    np.testing.assert_allclose(found.psi, expected, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.psi, expected, rtol=0, atol=10 * TIGHT)
     assert found.psi[-1] == 1.0
     assert found.psid[-1] == 0.0
-    assert found.loads["stop_torque"][-1] == pytest.approx(-fall, rel=1e-12)
+    assert found.loads["stop_torque"][-1] == pytest.approx(-fall, rel=TIGHT)
     assert found.loads["motor_torque"][-1] == fall
 
 
@@ -199,14 +200,14 @@ def test_bounces_come_to_rest_at_every_tolerance(span):
         low = rng.uniform(-0.5, 0.3)
         load = hp.HingeLoad(stops=(low - 0.5, low + rng.uniform(0.3, 1)), stop_restitution=rng.uniform(0.2, 0.8))
         moved = turned(rod(), [0, span], low + rng.uniform(-0.2, 0.2), 0.0, load)
-        assert moved.psi_error_estimate < 1e-11
+        assert moved.psi_error_estimate < 10 * TIGHT
 
 
 def test_a_rigid_stop_lets_go_what_is_pulled_away():
     load = hp.HingeLoad(stops=(-1, 1), stop_restitution=0.0, motor=lambda t, *_: np.cos(t))
-    found = turned(wheel(), np.linspace(0, 3, 31), 1.0, 0.0, load, tol=1e-12)
+    found = turned(wheel(), np.linspace(0, 3, 31), 1.0, 0.0, load, tol=TIGHT)
     since = np.maximum(found.t - np.pi / 2, 0)
-    np.testing.assert_allclose(found.psi, 1 + np.sin(since) - since, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.psi, 1 + np.sin(since) - since, rtol=0, atol=TIGHT)
     with pytest.raises(hp.ArgumentError, match=r"^psi_0: expected a coordinate between the rigid stops, -1 to 1,"):
         turned(wheel(), [0, 1], 1.1, 0.0, load)
 
@@ -229,7 +230,7 @@ def test_impacts_keep_momenta_and_elastic_ones_energy(base):
             size = np.abs(found.body1.R).max() * np.abs(momentum.linear).max() + np.abs(momentum.angular).max()
             assert np.ptp(momentum.angular, axis=0).max() <= size * 2.0**-49
         if restitution == 1:
-            np.testing.assert_allclose(energy, energy[0], rtol=1e-10)
+            np.testing.assert_allclose(energy, energy[0], rtol=TOL)
         else:
             losses = -np.diff(energy)
             assert losses.min() > -1e-9 * energy[0]
@@ -241,10 +242,10 @@ def test_impacts_keep_momenta_and_elastic_ones_energy(base):
 def test_a_stop_that_is_a_damped_spring_takes_what_hunt_and_crossley_say(speed):
     """Whatever its stiffness; and it never pulls."""
     load = hp.HingeLoad(stops=(-5, 0), stop_stiffness=1e4, stop_damping=0.5)
-    given = {"gravity": WEIGHTLESS, "tol": 1e-12}
+    given = {"gravity": WEIGHTLESS, "tol": TIGHT}
     found = turned(wheel(), np.linspace(0, 1.5 / speed + 0.5, 101), -speed * 1e-3, speed, load, **given)
     into, out = 0.5 * speed, -0.5 * found.psid[-1]
-    assert into - np.log1p(into) == pytest.approx(-out - np.log1p(-out), rel=1e-7)
+    assert into - np.log1p(into) == pytest.approx(-out - np.log1p(-out), rel=1000 * TOL)
     assert found.loads["stop_torque"].max() <= 0.0
 
 
@@ -260,10 +261,10 @@ def pulse(t, _psi, _psid):
 def test_a_short_pulse_in_a_long_rest_is_not_missed():
     t = np.linspace(0, 100, 11)
     found = turned(wheel(3.0), t, 0.0, 0.0, pulse, gravity=WEIGHTLESS)
-    assert found.psid[-1] == pytest.approx(1.0, abs=1e-8)
+    assert found.psid[-1] == pytest.approx(1.0, abs=100 * TOL)
     assert abs(found.psi[-1] - (100 - 35.003)) <= 2 * found.psi_error_estimate
     known = turned(wheel(3.0), t, 0.0, 0.0, pulse, gravity=WEIGHTLESS, breaks=(34.853, 35.153))
-    np.testing.assert_allclose(known.psi[-1], 100 - 35.003, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(known.psi[-1], 100 - 35.003, rtol=0, atol=10 * TIGHT)
     assert known.steps < 20
 
 
@@ -276,7 +277,7 @@ def test_a_pulse_on_a_swinging_rod_is_seen_by_the_estimate():
     known = turned(rod(), t, 0.0, 0.0, kick, breaks=(1.0023, 1.0043), tol=1e-13)
     found = turned(rod(), t, 0.0, 0.0, kick)
     error = np.abs(found.psi - known.psi).max()
-    assert error <= 1e-7
+    assert error <= 1000 * TOL
     assert error / 3 <= found.psi_error_estimate <= 10 * error
 
 
@@ -286,7 +287,7 @@ def test_a_jump_at_the_last_instant_ends_the_steps_before_it():
 
     for breaks in ((), (1.0,)):
         found = turned(wheel(), np.linspace(0, 1, 5), 0.0, 0.0, torque, breaks=breaks)
-        np.testing.assert_allclose(found.psid[-1], 1.0, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.psid[-1], 1.0, rtol=0, atol=10 * TOL)
         assert found.steps < (8 if breaks else 60)
 
 
@@ -323,22 +324,22 @@ def crossed(level, direction=0):
 @pytest.mark.slow
 def test_a_motion_ends_at_the_event_of_the_user():
     t = np.linspace(0, 5, 51)
-    whole = turned(rod(), t, 0.0, 0.0, 0.0, tol=1e-12)
-    cut = turned(rod(), t, 0.0, 0.0, 0.0, tol=1e-12, until=crossed(1.0))
-    assert cut.psi[-1] == pytest.approx(1.0, abs=1e-13)
+    whole = turned(rod(), t, 0.0, 0.0, 0.0, tol=TIGHT)
+    cut = turned(rod(), t, 0.0, 0.0, 0.0, tol=TIGHT, until=crossed(1.0))
+    assert cut.psi[-1] == pytest.approx(1.0, abs=512 * U)
     n = len(cut.t) - 1
     assert t[n - 1] < cut.t[-1] < t[n]
-    np.testing.assert_allclose(cut.psi[:n], whole.psi[:n], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(cut.psi[:n], whole.psi[:n], rtol=0, atol=10 * TIGHT)
     assert cut.R2.shape == (n + 1, 3)
-    assert cut.psi_error_estimate < 1e-9
-    back = turned(rod(), t, 0.0, 0.0, 0.0, tol=1e-12, until=crossed(1.0, -1))
-    assert back.psi[-1] == pytest.approx(1.0, abs=1e-13)
-    assert back.psid[-1] == pytest.approx(-cut.psid[-1], rel=1e-10)
+    assert cut.psi_error_estimate < 10 * TOL
+    back = turned(rod(), t, 0.0, 0.0, 0.0, tol=TIGHT, until=crossed(1.0, -1))
+    assert back.psi[-1] == pytest.approx(1.0, abs=512 * U)
+    assert back.psid[-1] == pytest.approx(-cut.psid[-1], rel=TOL)
     np.testing.assert_array_equal(turned(rod(), t, 0.0, 0.0, 0.0, until=crossed(4.0)).t, t)
 
 
 def test_an_event_that_is_zero_at_the_start_waits_for_the_next():
-    swing = turned(rod(), np.linspace(0, 5, 51), 0.0, 0.0, 0.0, tol=1e-12, until=crossed(0.0, 0))
+    swing = turned(rod(), np.linspace(0, 5, 51), 0.0, 0.0, 0.0, tol=TIGHT, until=crossed(0.0, 0))
     assert swing.t[-1] > 1
 
 
@@ -365,7 +366,7 @@ def test_a_value_that_comes_to_zero_at_a_rigid_stop_ends_the_motion(restitution,
     event.direction = direction
     found = turned(wheel(), [0.0, 6.0], -3.0, 1.0, stops, until=event)
     assert found.ended_by_event
-    assert found.t[-1] == pytest.approx(4.2, rel=1e-13)
+    assert found.t[-1] == pytest.approx(4.2, rel=512 * U)
 
 
 @pytest.mark.parametrize("restitution", [0.5, 1.0])
@@ -389,7 +390,7 @@ def test_a_rate_that_comes_to_zero_ends_the_motion_before_the_impact(load, end):
     for power in (1, 3):
         found = turned(wheel(), [0.0, 4.0], 0.0, 1.0, load, until=lambda _t, now, power=power: now.psid**power)
         assert found.ended_by_event
-        assert found.t[-1] == pytest.approx(end, rel=1e-13 if power == 1 else 1e-6)
+        assert found.t[-1] == pytest.approx(end, rel=512 * U if power == 1 else 1e-6)
         assert found.psid[-1] == pytest.approx(1.0 if end == 1.2 else 0.0, abs=1e-5)
 
 

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.near import TIGHT
 from support.trees import Robot, base_motion, random_model, record_of
+
+SLOPES = 1e-9  # of loads that are differentiated by steps of 1e-4, with formulas of order 4
 
 ROD = hp.Body(mass=2, inertia=(0.01, 1, 1), centre_of_mass=(1, 0, 0))
 PAIR = hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), body2=ROD)
@@ -32,10 +35,10 @@ def test_loads_of_joints_change_the_rates_as_differences_show(load):
 
     slopes = [(acceleration(*step) - acceleration(*-step)) / (2 * h) for step in h * np.eye(2)]
     found = hp.linearize(arm, [q], [qd], [0.0], loads={arm.names[0]: load}, t=1.2)
-    np.testing.assert_allclose(found.A, [[0, 1], slopes], rtol=0, atol=1e-7)
-    np.testing.assert_allclose(found.rates, [qd, acceleration(0, 0)], rtol=1e-12)
+    np.testing.assert_allclose(found.A, [[0, 1], slopes], rtol=0, atol=100 * SLOPES)
+    np.testing.assert_allclose(found.rates, [qd, acceleration(0, 0)], rtol=TIGHT)
     held = hp.linearize(arm, [[q], [0.5]], [qd], loads={arm.names[0]: load}, t=1.2)
-    np.testing.assert_allclose(held.rates[:, 1], 0.0, atol=1e-12)
+    np.testing.assert_allclose(held.rates[:, 1], 0.0, rtol=0, atol=TIGHT)
     with pytest.raises(hp.ArgumentError, match="poles: expected the linearization about one state"):
         _ = held.poles
 
@@ -62,7 +65,7 @@ def test_rates_of_a_free_robot_change_as_the_linearization_says():
 
     h = 1e-6
     expected = (rates(h) - rates(-h)) / (2 * h)
-    np.testing.assert_allclose(found.A @ x, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(found.A @ x, expected, rtol=0, atol=1000 * SLOPES * np.abs(expected).max())
     assert len(found.names) == len(found.rates) == 2 * (6 + n)
     np.testing.assert_array_equal(found.rates[:6], [*base.v, *base.omega])
 
@@ -76,5 +79,5 @@ def test_default_torques_hold_the_joints_of_a_free_robot(moving):
     base = hp.BodyMotion(R=base.R, S=base.S, v=base.v, omega=base.omega) if moving else None
     found = hp.linearize(robot, q, base_motion=base, force1=(1, 2, 3))
     rates = dict(zip(found.names, found.rates, strict=True))
-    assert max(abs(rates[f"{name}_dot"]) for name in robot.names) < 1e-12 * np.abs(found.rates).max()
+    assert max(abs(rates[f"{name}_dot"]) for name in robot.names) < TIGHT * np.abs(found.rates).max()
     assert found.equilibrium is False

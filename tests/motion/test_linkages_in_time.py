@@ -7,6 +7,7 @@ import pytest
 
 import hingepair as hp
 from support.linkages import four_bar
+from support.near import TIGHT, TOL, U
 
 
 def hatch(**strut):
@@ -20,12 +21,12 @@ def hatch(**strut):
 def test_a_motion_ends_where_its_coordinate_comes_to_a_dead_point(rate):
     """The crank goes on there, and shows when the rocker turns back."""
     by_rocker, by_crank = four_bar(coordinate="rocker"), four_bar()
-    t, given = np.linspace(0, 3, 301), {"gravity": (0, 0, 0), "tol": 1e-12}
+    t, given = np.linspace(0, 3, 301), {"gravity": (0, 0, 0), "tol": TIGHT}
     with pytest.warns(hp.DynamicsWarning, match="ends at t = .* a-b at a dead point, where rocker no longer moves"):
         found = hp.simulate(by_rocker, t, [1.9], [rate], **given)
     assert found.ended_by_event
     _, rates = by_rocker.all_coordinates(found.q[-1], [1.0])
-    assert np.abs(rates).max() == pytest.approx(1e3, rel=1e-6)
+    assert np.abs(rates).max() == pytest.approx(1e3, rel=1e4 * TOL)
     assert np.isfinite(found.qdd).all()
     q0, qd0 = by_rocker.all_coordinates([1.9], [rate])
     other = hp.simulate(
@@ -33,7 +34,7 @@ def test_a_motion_ends_where_its_coordinate_comes_to_a_dead_point(rate):
     )
     assert 0 < other.t[-1] - found.t[-1] < 5e-3
     rows = len(found.t) - 1
-    np.testing.assert_allclose(by_crank.all_coordinates(other.q)[:rows, 2], found.q[:rows, 0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(by_crank.all_coordinates(other.q)[:rows, 2], found.q[:rows, 0], rtol=0, atol=10 * TOL)
 
 
 @pytest.mark.slow
@@ -44,13 +45,13 @@ def test_a_motion_ends_at_the_end_of_a_stroke_that_has_no_stops(gas, start, rate
     """The last one begins beyond the stroke, and comes into it on the way."""
     lid = hatch(force=hp.GasSpring(F1=gas, F2=4 / 3 * gas, stroke=0.2), free_length=0.5)
     with pytest.warns(hp.DynamicsWarning) as caught:
-        found = hp.simulate(lid, np.linspace(0, 2, 21), [start], [rate], tol=1e-12)
+        found = hp.simulate(lid, np.linspace(0, 2, 21), [start], [rate], tol=TIGHT)
     *of_the_start, last = (str(one.message) for one in caught)
     assert f"gas at the end of its stroke, {end} m" in last
     assert ["0.2828 m is beyond its stroke" in one for one in of_the_start] == [True] * (start == 0)
     assert found.ended_by_event
     assert np.isfinite(lid.struts(found.q[1:], found.qd[1:])["gas"].force).all()
-    assert lid.struts(found.q[-1])["gas"].length == pytest.approx(end, abs=1e-12)
+    assert lid.struts(found.q[-1])["gas"].length == pytest.approx(end, abs=TIGHT)
 
 
 @pytest.mark.slow
@@ -59,7 +60,7 @@ def test_elastic_stops_of_a_strut_are_felt_and_its_damper_works(damping):
     lid = hatch(stiffness=300, free_length=0.4, limits=(0.3, 0.5), stop_stiffness=1e5, damping=damping)
     found = hp.simulate(lid, np.linspace(0, 2, 201), [-0.5], tol=1e-11)
     balance = found.energy_balance()
-    assert np.abs(balance.residual).max() < 1e-8
+    assert np.abs(balance.residual).max() < 100 * TOL
     assert ("struts" in balance.work) == (damping > 0)
     assert 0.27 < lid.struts(found.q)["gas"].length.min() < 0.3
     assert not found.ended_by_event
@@ -72,11 +73,11 @@ def test_a_thrown_four_bar_keeps_its_momenta_and_rolls_out_to_the_same():
     given = {"gravity": (0, 0, 0), "base_motion": start}
     found = hp.simulate(linkage, np.linspace(0, 2, 41), [0.3], [3.0], **given)
     for momentum in (found.momentum().linear, found.momentum().angular):
-        assert np.ptp(momentum, axis=0).max() < 1e-14
-    assert np.ptp(found.energy().kinetic) < 1e-10
+        assert np.ptp(momentum, axis=0).max() < 64 * U
+    assert np.ptp(found.energy().kinetic) < TOL
     rolled = linkage.rollout([0.3], [3.0], np.zeros((200, 1)), 1e-2, method="rk4", **given)
-    np.testing.assert_allclose(rolled.q[::5], found.q, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(rolled.R1[::5], found.base_motion.R, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(rolled.q[::5], found.q, rtol=0, atol=1000 * TOL)
+    np.testing.assert_allclose(rolled.R1[::5], found.base_motion.R, rtol=0, atol=1000 * TOL)
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
@@ -102,4 +103,4 @@ def test_a_hatch_comes_to_rest_by_the_friction_of_its_gas_spring():
     found = hp.simulate(lid, np.linspace(0, 4, 41), [-0.5])
     assert found.steps < 2000
     assert np.abs(lid.struts(found.q[-5:], found.qd[-5:])["gas"].rate).max() < 1e-4
-    assert np.abs(found.energy_balance().residual).max() < 1e-8
+    assert np.abs(found.energy_balance().residual).max() < 100 * TOL

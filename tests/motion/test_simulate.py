@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.near import TIGHT, TOL, U
 from support.sparse import sparse
 from support.states import rotations
 
@@ -59,7 +60,7 @@ def test_a_symmetric_top_precesses():
     omega = np.array([0.7, 0.0, 2.0])
     body1 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0, 0, 0), omega=omega)
     t = np.linspace(0, 12, 25)
-    top = hp.simulate(pair, t, body1, 0.0, -1.5, gravity=WEIGHTLESS, tol=1e-12)
+    top = hp.simulate(pair, t, body1, 0.0, -1.5, gravity=WEIGHTLESS, tol=TIGHT)
     momentum = np.array([2 * transverse * omega[0], 0, 2 * axial * omega[2] + axial * -1.5])
     rate = momentum / (2 * transverse)  # the axis turns with L / transverse
     axis = np.stack([hp.rotation_exp(x * rate) @ (0, 0, 1) for x in t])
@@ -79,10 +80,10 @@ def test_a_base_that_moves_as_given_carries_the_hinge_along():
         return hp.BodyMotion(R=wave, S=np.eye(3), v=rate, omega=zero, a=-9 * wave, alpha=zero)
 
     spring = hp.HingeLoad(stiffness=4, rest=0.2, damping=0.3)
-    moved = hp.simulate(pair, np.linspace(0, 5, 51), None, 0.1, 0.0, hinge_torque=spring, base=shaken, tol=1e-12)
+    moved = hp.simulate(pair, np.linspace(0, 5, 51), None, 0.1, 0.0, hinge_torque=spring, base=shaken, tol=TIGHT)
     wrench = pair.hinge_wrench(moved.body1, moved.psi, moved.psid, moved.psidd)
     torque = spring(moved.t, moved.psi, moved.psid)
-    np.testing.assert_allclose(wrench.hinge_torque, torque, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(wrench.hinge_torque, torque, rtol=0, atol=TIGHT)
     assert np.ptp(moved.psi) > 0.1
 
 
@@ -90,7 +91,7 @@ def test_a_damper_and_friction_bring_the_hinge_to_rest_and_stops_turn_it_back():
     wheel = flywheel()
     t = np.linspace(0, 4, 41)
     damped = hp.simulate(wheel, t, STILL, 0.0, 1.0, base="fixed", hinge_torque=hp.HingeLoad(damping=0.5))
-    np.testing.assert_allclose(damped.psid, np.exp(-0.5 * t), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(damped.psid, np.exp(-0.5 * t), rtol=0, atol=10 * TOL)
     rubbed = hp.simulate(wheel, t, STILL, 0.0, 1.0, base="fixed", hinge_torque=hp.HingeLoad(friction=0.5), tol=1e-8)
     assert np.abs(rubbed.psid[t < 1.9] - (1 - 0.5 * t[t < 1.9])).max() < 1e-3
     assert abs(rubbed.psid[-1]) < 1e-3
@@ -138,9 +139,9 @@ def test_kinks_that_nobody_names_cost_steps_and_not_the_tolerance(tol):
 @pytest.mark.parametrize("torque", [3.0, -3.0, 0.0])
 def test_a_hinge_that_starts_at_rest_at_its_stop_goes_where_it_is_pushed(torque):
     t, stops = np.linspace(0, 0.5, 51), hp.HingeLoad(stops=(-1, 1), motor=torque)
-    found = hp.simulate(flywheel(), t, STILL, 1.0, 0.0, base="fixed", hinge_torque=stops, tol=1e-12)
+    found = hp.simulate(flywheel(), t, STILL, 1.0, 0.0, base="fixed", hinge_torque=stops, tol=TIGHT)
     expected = torque / 2 * t**2 if torque < 0 else torque / 1e4 * (1 - np.cos(100 * t))
-    np.testing.assert_allclose(found.psi - 1, expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.psi - 1, expected, rtol=0, atol=TIGHT)
 
 
 def test_a_stop_that_is_hardly_touched_is_felt():
@@ -149,7 +150,7 @@ def test_a_stop_that_is_hardly_touched_is_felt():
     found = hp.simulate(flywheel(), [0.0, 3.0], STILL, 0.0, 2.0, base="fixed", hinge_torque=stops, tol=1e-6)
     felt, speed, sag = 1000.0, 1e-3, 1e-6  # inside, psi + sag swings as speed / felt sin + sag cos
     inside = 2 * np.arctan2(speed, sag * felt) / felt
-    assert found.psid[-1] == pytest.approx(-speed - (3.0 - (2 - speed) - inside), abs=1e-11)
+    assert found.psid[-1] == pytest.approx(-speed - (3.0 - (2 - speed) - inside), abs=10 * TIGHT)
 
 
 def test_time_stamps_of_a_clock_cost_nothing():
@@ -157,7 +158,7 @@ def test_time_stamps_of_a_clock_cost_nothing():
     early, late = (
         hp.simulate(flywheel(), t + since, STILL, 0.0, 1.0, base="fixed", hinge_torque=stops) for since in (0, 1.7e9)
     )
-    np.testing.assert_allclose(late.psi, early.psi, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(late.psi, early.psi, rtol=0, atol=512 * U)
 
 
 @pytest.mark.slow
@@ -170,7 +171,7 @@ def test_a_motion_without_end_is_refused_where_it_ends():
 
     with pytest.raises(hp.errors.SimulationError) as caught:
         hp.simulate(flywheel(), [0.0, 10.0], STILL, 1.0, 1.0, base="fixed", hinge_torque=torque)
-    assert caught.value.t == pytest.approx(1.0, abs=1e-6)
+    assert caught.value.t == pytest.approx(1.0, abs=1e4 * TOL)
     assert len(calls) < 15_000
 
 
@@ -191,7 +192,7 @@ def test_what_happens_between_the_instants_is_warned_of():
     with pytest.warns(hp.DynamicsWarning, match=r"it reaches 3\.14159 rad"):
         swing = hp.simulate(pair, [0, 2.96188], STILL, 0.0, 0.0, base="fixed")  # nearly a period
     assert swing.psi.max() < 0.1
-    assert swing.psi_range == (pytest.approx(0, abs=1e-12), pytest.approx(np.pi, abs=1e-6))
+    assert swing.psi_range == (pytest.approx(0, abs=TIGHT), pytest.approx(np.pi, abs=1e4 * TOL))
     spring = hp.HingeLoad(stops=(-1, 1), stop_stiffness=1.0)
     with pytest.warns(hp.DynamicsWarning, match="psi passes the stops by"):
         hp.simulate(pendulum(), [0, 2.9], STILL, 0.0, 0.0, base="fixed", hinge_torque=spring)

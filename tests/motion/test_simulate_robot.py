@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import hingepair as hp
+from support.near import TIGHT, TOL, U
 from support.states import generator, rotations
 
 ROD = hp.Body(1.0, centre_of_mass=(0.5, 0, 0), inertia=(0.01, 0.09, 0.09))
@@ -128,7 +129,7 @@ def double_swing(friction, stops, restitution, motor, q0, qd0, span=3.0):
         )
         for k, name in enumerate(("j0", "j1"))
     }  # fmt: skip
-    found = hp.simulate(chain(2), t, q0, qd0, loads=loads, tol=1e-12)
+    found = hp.simulate(chain(2), t, q0, qd0, loads=loads, tol=TIGHT)
     return found, expected
 
 
@@ -138,9 +139,9 @@ def test_two_joints_that_stick_and_slip_are_those_of_scipy(friction):
     found, expected = double_swing(
         friction, {}, 0.0, lambda t: np.array([4.0 * np.sin(2 * t), 2.0 * np.cos(3 * t)]), [1.2, 0.3], [0.5, -1.0]
     )
-    np.testing.assert_allclose(found.q, expected, atol=1e-9)
+    np.testing.assert_allclose(found.q, expected, rtol=0, atol=10 * TOL)
     assert ((found.qd == 0) & (found.qdd == 0))[1:, 1].any()  # the second joint did stick
-    assert np.abs(found.energy_balance().residual).max() < 1e-9
+    assert np.abs(found.energy_balance().residual).max() < 10 * TOL
 
 
 @pytest.mark.slow
@@ -149,10 +150,10 @@ def test_impacts_are_felt_by_all_joints_as_scipy_has_it(restitution):
     found, expected = double_swing(
         (0.0, 0.3), {1: (-0.6, 0.8)}, restitution, lambda _: np.zeros(2), [0.2, 0.1], [0.0, 2.0], span=2.0
     )
-    np.testing.assert_allclose(found.q, expected, atol=1e-9)
-    assert found.q_range[1, 1] == pytest.approx(0.8, abs=1e-12)
+    np.testing.assert_allclose(found.q, expected, rtol=0, atol=10 * TOL)
+    assert found.q_range[1, 1] == pytest.approx(0.8, abs=TIGHT)
     balance = found.energy_balance()
-    assert np.abs(balance.residual).max() < 1e-9
+    assert np.abs(balance.residual).max() < 10 * TOL
     assert ("impacts" in balance.work and balance.work["impacts"][-1] < -0.01) == (restitution < 1)
 
 
@@ -163,9 +164,9 @@ def test_joints_that_lie_on_their_stops_pass_an_impact_on():
         "j0": hp.HingeLoad(stops=(-1.0, 0.0), stop_restitution=0.0),
         "j1": hp.HingeLoad(stops=(-1.0, 0.3), stop_restitution=0.4),
     }
-    found = hp.simulate(chain(2), np.linspace(0, 0.6, 61), [0.0, -0.5], loads=loads, tol=1e-12)
+    found = hp.simulate(chain(2), np.linspace(0, 0.6, 61), [0.0, -0.5], loads=loads, tol=TIGHT)
     assert found.q[:, 0].max() <= 0.0
-    assert np.abs(found.energy_balance().residual).max() < 1e-10
+    assert np.abs(found.energy_balance().residual).max() < TOL
     k = int(np.argmax(found.q[:, 1] > 0.29))
     assert found.qd[k - 1, 1] > 0 > found.qd[k + 2, 1]
 
@@ -185,12 +186,12 @@ def test_momenta_of_a_robot_without_loads_are_kept(base):
     )  # fmt: skip
     momentum = found.momentum()
     if base == "free":
-        assert np.ptp(momentum.linear, axis=0).max() < 1e-12
-        assert np.ptp(momentum.angular, axis=0).max() < 1e-11
+        assert np.ptp(momentum.linear, axis=0).max() < TIGHT
+        assert np.ptp(momentum.angular, axis=0).max() < 10 * TIGHT
     else:
         about = momentum.angular - np.cross((1, 2, 3), momentum.linear)
-        assert np.ptp(about, axis=0).max() < 1e-11
-    assert np.abs(found.energy_balance().residual).max() < 1e-9
+        assert np.ptp(about, axis=0).max() < 10 * TIGHT
+    assert np.abs(found.energy_balance().residual).max() < 10 * TOL
 
 
 def shaken(t):
@@ -222,14 +223,14 @@ def test_the_accelerations_are_those_of_forward_dynamics_and_the_energies_grow_b
     wrenches = {"j2": (found.loads["force_j2"], found.loads["torque_j2"])}
     if base == "pinned":
         needed = found.reactions()
-        np.testing.assert_allclose(needed.tau, found.tau, atol=1e-10)
-        np.testing.assert_allclose(needed.torque1, found.loads["torque1"], atol=1e-10)
+        np.testing.assert_allclose(needed.tau, found.tau, rtol=0, atol=TOL)
+        np.testing.assert_allclose(needed.torque1, found.loads["torque1"], rtol=0, atol=TOL)
         return
     of_base = {name: found.loads[name] for name in ("force1", "torque1")} if base == "free" else {}
     expected = robot.forward_dynamics(
         found.q, found.qd, found.tau, base_motion=found.base_motion, wrenches=wrenches, **of_base
     )
-    np.testing.assert_allclose(found.qdd, expected.qdd, atol=1e-9)
+    np.testing.assert_allclose(found.qdd, expected.qdd, rtol=0, atol=10 * TOL)
 
 
 @pytest.mark.slow
@@ -238,9 +239,9 @@ def test_a_driven_joint_moves_as_given_and_says_what_drives_it():
     found = hp.simulate(
         robot, np.linspace(0, 2, 21), [0.0, 9.0, 0.0], driven={"j1": lambda t: (np.sin(t), np.cos(t), -np.sin(t))}
     )
-    np.testing.assert_allclose(found.q[:, 1], np.sin(found.t), atol=1e-15)
+    np.testing.assert_allclose(found.q[:, 1], np.sin(found.t), rtol=0, atol=8 * U)
     needed = robot.inverse_dynamics(found.q, found.qd, found.qdd).tau
-    np.testing.assert_allclose(found.tau, needed, atol=1e-9)
+    np.testing.assert_allclose(found.tau, needed, rtol=0, atol=10 * TOL)
     assert np.abs(found.tau[:, [0, 2]]).max() == 0.0
 
 
@@ -275,8 +276,8 @@ def test_loads_of_a_joint_that_follows_act_on_its_leader(ratio):
     q, qd = [0.3], [0.7]
     wanted = robot.forward_dynamics(q, qd, [0.4], joint_loads=True).qdd
     found = hp.simulate(robot, np.linspace(0, 0.3, 7), q, qd, tau=0.4, loads=robot.joint_loads)
-    np.testing.assert_allclose(found.qdd[0], wanted, rtol=1e-13)
-    assert np.abs(found.energy_balance().residual).max() < 1e-9 * np.abs(found.energy().kinetic).max()
+    np.testing.assert_allclose(found.qdd[0], wanted, rtol=512 * U)
+    assert np.abs(found.energy_balance().residual).max() < 10 * TOL * np.abs(found.energy().kinetic).max()
     assert "stop" in found.loads
 
 
@@ -285,10 +286,10 @@ def test_stops_of_a_joint_that_follows_act_on_its_leader():
     robot = follower(hp.HingeLoad(), hp.HingeLoad())
     loads = {"a": hp.HingeLoad(motor=2.0), "b": stop}
     found = hp.simulate(robot, [0.0, 1.0], [0.0], [0.3], loads=loads, gravity=(0, 0, 0))
-    np.testing.assert_allclose(found.loads["motor"], 2.0, rtol=1e-14)
+    np.testing.assert_allclose(found.loads["motor"], 2.0, rtol=64 * U)
     with pytest.raises(hp.ArgumentError, match=r"^loads\['b'\]: expected a load without a motor"):
         hp.simulate(robot, [0.0, 1.0], [0.0], loads={"b": 1.0})
-    assert found.q[-1, 0] == pytest.approx(0.55, abs=1e-12)  # b stands at -1
+    assert found.q[-1, 0] == pytest.approx(0.55, abs=TIGHT)  # b stands at -1
     with pytest.raises(hp.ArgumentError, match=r"^loads\['b'\]: expected no load at a joint that moves as given"):
         hp.simulate(robot, [0.0, 1.0], [0.0], loads={"b": stop}, driven={"a": lambda t: (t, 1, 0)})
 

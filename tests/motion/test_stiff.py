@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import hingepair as hp
+from support.near import TOL
 from support.sparse import sparse
 from support.states import generator, rotations
 
@@ -28,10 +29,10 @@ def test_a_strong_damper_takes_no_short_steps(inertia):
     left = start + size * w
     rate = left * np.exp(-decay * t) + size * (decay * np.sin(w * t) - w * np.cos(w * t))
     psi = left * -np.expm1(-decay * t) / decay + size * (decay * (1 - np.cos(w * t)) / w - np.sin(w * t))
-    np.testing.assert_allclose(found.psi, psi, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(found.psid, rate, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(found.psi, psi, rtol=0, atol=TOL)
+    np.testing.assert_allclose(found.psid, rate, rtol=0, atol=1000 * TOL)
     assert found.steps < 100
-    assert found.psi_error_estimate < 1e-10
+    assert found.psi_error_estimate < TOL
 
 
 @pytest.mark.slow
@@ -44,7 +45,7 @@ def test_a_stiff_spring_that_is_overdamped_takes_no_short_steps():
         return [y[1], (1e3 * np.sin(5 * t) - k * y[0] - d * y[1]) / 1e-2]
 
     expected = solve_ivp(rates, (0, 0.5), [0.1, 0.0], "Radau", t, rtol=1e-11, atol=1e-14).y
-    np.testing.assert_allclose(found.psi, expected[0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.psi, expected[0], rtol=0, atol=10 * TOL)
     assert found.steps < 150
 
 
@@ -62,7 +63,7 @@ def test_smooth_friction_on_a_small_inertia_takes_no_short_steps():
         return [y[1], (motor(t) - friction * np.tanh(y[1] / 1e-2)) / J]
 
     expected = solve_ivp(rates, (0, 0.2), [0.0, 1.0], "Radau", t, rtol=1e-11, atol=1e-13).y
-    np.testing.assert_allclose(found.psi, expected[0], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found.psi, expected[0], rtol=0, atol=100 * TOL)
     assert found.steps < 200
 
 
@@ -74,9 +75,9 @@ def test_a_strong_damper_at_a_free_pair_leaves_one_rigid_body():
     start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(1, 2, 3), omega=(1, -2, 0.5))
     load, t = hp.HingeLoad(damping=1e8), np.linspace(0, 3, 31)
     found = hp.simulate(pair, t, start, 0.3, 0.0, hinge_torque=load, gravity=(0, 0, 0))
-    np.testing.assert_allclose(found.psi, 0.3, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.psi, 0.3, rtol=0, atol=1e4 * TOL)
     energy, momentum = found.energy().kinetic, found.momentum()
-    np.testing.assert_allclose(energy, energy[0], rtol=1e-6)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e4 * TOL)
     size = np.abs(found.body1.R).max() * np.abs(momentum.linear).max() + np.abs(momentum.angular).max()
     assert np.ptp(momentum.angular, axis=0).max() <= size * 2.0**-49
     assert found.steps < 200

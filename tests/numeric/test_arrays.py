@@ -66,10 +66,10 @@ def test_a_log_of_the_library_is_coordinates_and_rates_at_once(tmp_path):
     assert list(log.columns) == ["t", *NAMES, *RATES, *SECOND]
     found = scene.pair.forward_kinematics(log, log, log)
     for output, array in scene.evaluate().state.arrays().items():
-        np.testing.assert_allclose(found[output], array, rtol=0, atol=1e-13 * (1 + np.abs(array).max()))
+        np.testing.assert_allclose(found[output], array, rtol=0, atol=256 * 2.0**-53 * (1 + np.abs(array).max()))
     for given in (log[[*RATES]], log[["t", *RATES]], log[[*reversed(RATES)]]):
         velocity = scene.pair.forward_kinematics(log[[*NAMES, "t"]], given)
-        np.testing.assert_allclose(velocity.v2, found.v2, rtol=0, atol=1e-13 * np.abs(found.v2).max())
+        np.testing.assert_allclose(velocity.v2, found.v2, rtol=0, atol=256 * 2.0**-53 * np.abs(found.v2).max())
     frame = pandas.DataFrame({name: column for name, column in columns.items() if name != "t"})
     taken = columns_by_name("q", frame, [NAMES], {*RATES, *SECOND})
     assert all(np.shares_memory(array, frame[name].to_numpy()) for name, array in taken.items())

@@ -8,6 +8,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
+from support.near import U
 from support.trees import Robot, base_motion, random_model, record_of
 
 STEPS, H = 12, 2e-2
@@ -179,7 +180,7 @@ def test_rk4_is_of_order_4_and_keeps_energy_and_momentum():
         momentum = np.hstack(robot.momentum(r.q, r.qd, base_motion=r.base_motion))
         drifts.append((np.abs(energy - energy[0]).max() / energy[0], np.abs(momentum - momentum[0]).max()))
         orthogonal = r.S1 @ np.swapaxes(r.S1, -1, -2) - np.eye(3)
-        assert np.abs(orthogonal).max() < 1e-13
+        assert np.abs(orthogonal).max() < 64 * U
     coarse, fine = np.array(drifts)
     assert (coarse > 1e-10).all()
     assert (coarse / fine > 12).all()

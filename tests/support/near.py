@@ -1,10 +1,12 @@
-"""Numbers compared in units of rounding."""
+"""Numbers compared in units of rounding, and tolerances of simulations."""
 
 from __future__ import annotations
 
 import numpy as np
 
 U = 2.0**-53
+TOL = 1e-10  # of simulations, relative, unless given
+TIGHT = 1e-12  # of simulations that are held against closed forms
 
 
 def assert_near(found, expected, units, scale=None):

@@ -50,7 +50,7 @@ def test_d_stays_good_far_from_the_origin():
     q[:, :3] *= 1e7
     report = cross_validate(pair_of(states.pair(rng)), q, qd, qdd)
     assert report.ok, report
-    assert next(row for row in report.rows if row.output == "d").max_error < 1e-14
+    assert next(row for row in report.rows if row.output == "d").max_error <= 32 * 2.0**-53
 
 
 POINTS = {"points1": {"sensor": (100, -2, 3)}, "points2": {"handle": (-3, 40, 1)}}

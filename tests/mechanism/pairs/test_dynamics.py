@@ -7,6 +7,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.mechanism.pairs.planar_pair import dynamics_in_space, motion_in_space
+from support.near import assert_near
 from support.states import generator, rotations
 from support.states import pair as random_pair
 
@@ -109,9 +110,9 @@ def test_an_inertia_that_was_not_given_is_warned_of_and_shapes_give_one():
     m = 3 * volumes / volumes.sum()
     middle = (m[0] - m[1]) / 3
     about = m[0] * (4 + 9) / 12 + m[0] * (1 - middle) ** 2 + 0.4 * m[1] * 0.25 + m[1] * (1 + middle) ** 2
-    np.testing.assert_allclose(shaped.centre_of_mass, (0, 0, middle), rtol=0, atol=1e-15)
-    assert shaped.inertia[0, 0] == pytest.approx(about, rel=1e-14)
-    assert shaped.inertia[2, 2] == pytest.approx(m[0] * 5 / 12 + 0.1 * m[1], rel=1e-14)
+    assert_near(shaped.centre_of_mass, (0, 0, middle), 4)
+    assert shaped.inertia[0, 0] == pytest.approx(about, rel=8 * U)
+    assert shaped.inertia[2, 2] == pytest.approx(m[0] * 5 / 12 + 0.1 * m[1], rel=8 * U)
     np.testing.assert_allclose(
         hp.Body(1, shapes=[hp.Cylinder(1, 2, axis=(1, 0, 0))]).inertia.diagonal(), (1 / 2, 7 / 12, 7 / 12)
     )
@@ -126,11 +127,11 @@ def test_prepared_loads_on_body2_and_coordinates():
     state = pair.forward_kinematics(q, qd, outputs=("R1", "S1", "v1", "omega1"))
     body1 = hp.BodyMotion(R=state.R1, S=state.S1, v=state.v1, omega=state.omega1)
     a = pair.forward_dynamics(body1, q[:, 6], qd[:, 6], force2=force2, torque2=torque2)
-    np.testing.assert_allclose(found.a1, a.a1, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(found.psidd, a.psidd, rtol=0, atol=1e-11)
+    assert_near(found.a1, a.a1, 256)
+    assert_near(found.psidd, a.psidd, 256)
     moved = hp.BodyMotion(R=state.R1, S=state.S1, v=state.v1, omega=state.omega1, a=a.a1, alpha=a.alpha1)
     body2 = pair.forward_kinematics_from_body1(moved, q[:, 6], qd[:, 6], a.psidd)
-    np.testing.assert_allclose(found.a2, body2.a2, rtol=0, atol=1e-11)
+    assert_near(found.a2, body2.a2, 256)
 
 
 def test_what_was_not_given_of_a_planar_pair_is_warned_of_too():
@@ -141,7 +142,7 @@ def test_what_was_not_given_of_a_planar_pair_is_warned_of_too():
         "pair.body1: no mass",
         "pair.body1: no inertia",
     ]
-    np.testing.assert_allclose(dynamics_in_space(pair).body2.inertia, 2 * 0.4 * 0.25 * np.eye(3), rtol=1e-15)
+    np.testing.assert_allclose(dynamics_in_space(pair).body2.inertia, 2 * 0.4 * 0.25 * np.eye(3), rtol=4 * U)
 
 
 def test_a_mass_that_nobody_gave_is_said():
@@ -161,6 +162,6 @@ def test_the_pin_of_a_planar_pair_bears_what_the_hinge_in_space_does():
     body1, psi, psid, psidd = motion_in_space(q, qd, qdd)
     space = flat.to_spatial().hinge_wrench(body1, psi, psid, psidd, gravity=(0, -9.81, 0))
     found = flat.hinge_wrench(q, qd, qdd)
-    np.testing.assert_allclose(found.force, space.force[:, :2], rtol=0, atol=1e-13)
-    np.testing.assert_allclose(found.torque, space.hinge_torque, rtol=0, atol=1e-13)
+    assert_near(found.force, space.force[:, :2], 16)
+    assert_near(found.torque, space.hinge_torque, 16)
     np.testing.assert_array_equal(found.bearing_torque, 0)

@@ -7,6 +7,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.mechanism.bodies.hinge_load import stop_angles, stop_range
+from support.near import U, assert_near
 
 T, PSI, PSID = np.linspace(0, 1, 3), np.array([-1.5, 0.3, 1.2]), np.array([0.5, -0.02, 2.0])
 """Leaving a stop quicker than its spring follows, between the stops, and going into one."""
@@ -34,10 +35,10 @@ def test_the_parts_of_a_load_are_those_of_its_formula_and_sum_to_it():
     parts = load.parts(T, PSI, PSID)
     assert list(parts) == list(COORDINATE_PART_NAMES)
     for name, torque in COORDINATE_PART_NAMES.items():
-        np.testing.assert_allclose(parts[name], torque, rtol=1e-14, atol=1e-15)
-    np.testing.assert_allclose(load(T, PSI, PSID), sum(COORDINATE_PART_NAMES.values()), rtol=1e-14)
+        np.testing.assert_allclose(parts[name], torque, rtol=8 * U, atol=4 * U)
+    np.testing.assert_allclose(load(T, PSI, PSID), sum(COORDINATE_PART_NAMES.values()), rtol=8 * U)
     assert load(T[0], PSI[0], PSID[0]) == pytest.approx(
-        sum(torque[0] for torque in COORDINATE_PART_NAMES.values()), rel=1e-14
+        sum(torque[0] for torque in COORDINATE_PART_NAMES.values()), rel=8 * U
     )
 
 
@@ -53,7 +54,7 @@ def test_the_parts_of_a_load_that_is_the_motor_are_added_to_those_of_the_load():
 
 def test_a_stop_pushes_until_the_hinge_leaves_it_quicker_than_its_spring():
     load = hp.HingeLoad(stops=(-1, 1), stop_stiffness=100, stop_damping=0.5)
-    np.testing.assert_allclose(load(0.0, np.array([1.1, -1.1]), np.array([-1.9, 1.9])), [-0.5, 0.5], rtol=1e-12)
+    assert_near(load(0.0, np.array([1.1, -1.1]), np.array([-1.9, 1.9])), [-0.5, 0.5], 4, 10)  # N m, of the spring
     np.testing.assert_array_equal(load(0.0, np.array([1.1, -1.1]), np.array([-2.1, 2.1])), 0.0)
 
 
@@ -65,14 +66,8 @@ def test_dry_friction_has_the_sign_of_the_rate():
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:psi passes the stops:hingepair.DynamicsWarning")
-@pytest.mark.parametrize("flat", [False, True])
-def test_a_simulated_motion_has_the_parts_of_the_hinge_torque_among_its_loads(flat):
-    body = hp.Body(mass=2, inertia=(1, 1, 1))
-    pair = (
-        hp.PlanarPair((0, 0), (-1, 0), body2=body)
-        if flat
-        else hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body2=body)
-    )
+def test_a_simulated_motion_has_the_parts_of_the_hinge_torque_among_its_loads():
+    pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body2=hp.Body(mass=2, inertia=(1, 1, 1)))
     start, t = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), np.linspace(0, 1, 3)
     load = hp.HingeLoad(**WHOLE, motor=0.5)
     found = hp.simulate(pair, t, start, 0.2, 0.0, base="fixed", hinge_torque=load)

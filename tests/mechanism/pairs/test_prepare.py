@@ -117,16 +117,6 @@ def test_threads_do_not_mix():
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("bad", ["rubbish", None, np.zeros(6), np.zeros((4, 7)), np.zeros(7, complex)], ids=str)
-def test_an_input_that_no_output_needs_is_checked(bad, backend):
-    fk = made(generator(1020)).prepare("velocity", outputs=("R2",), backend=backend)
-    for q in (np.zeros((3, 7)), np.zeros((3, 7))):
-        assert fk(q, np.zeros(7)).R2.shape == (3, 3)
-        with pytest.raises(hp.ArgumentError, match=r"^qd: "):
-            fk(q, bad)
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("count", [(), (3,)])
 def test_an_attitude_of_body_2_that_is_none_is_refused(backend, count):
     at = made(generator(1021)).prepare(("R1", "S1", "R2", "S2"), outputs=("tilt_angle", "psi"), backend=backend)
