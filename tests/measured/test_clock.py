@@ -60,7 +60,7 @@ def test_an_offset_is_found_with_the_hinge(late: float) -> None:
 def test_exact_recordings_give_the_offset_exactly(late: float) -> None:
     t, body1, body2 = recorded(late, noise=0.0)
     found = hp.fit(body1, body2, t=t)
-    assert found.clock_offset == pytest.approx(late, abs=1e-8)
+    assert found.clock_offset == pytest.approx(late, abs=1e-8)  # s, and m below: left by the splines
     assert np.abs(np.concatenate(point_error(found))).max() < 1e-8
 
 

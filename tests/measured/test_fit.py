@@ -39,7 +39,7 @@ def test_exact_motion_gives_the_hinge_to_rounding(gauge: str, turn: float) -> No
     assert off[9:].max() < 16 * U / min(turn, 1)
     assert found.ok
     assert found.findings == ()
-    assert max(found.rms_position, found.rms_angle) < 1e-14
+    assert max(found.rms_position, found.rms_angle) < 64 * U
 
 
 @pytest.mark.parametrize("loss", LOSSES)
@@ -57,7 +57,7 @@ def test_psi_is_the_angle_that_home_and_sign_say() -> None:
     assert np.abs(state.S2 - made.S2).max() < 16 * U * 10
     assert np.abs(state.R2 - made.R2).max() < 64 * U
     sign = np.sign(found.pair.n @ N1)
-    assert np.ptp(found.psi - sign * made.psi) < 1e-13  # no jumps by 2 pi
+    assert np.ptp(found.psi - sign * made.psi) < 512 * U  # no jumps by 2 pi
 
 
 @pytest.mark.slow

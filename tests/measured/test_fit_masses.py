@@ -12,6 +12,7 @@ import pytest
 import hingepair as hp
 from hingepair.measured.torques import JOINT_TERMS
 from hingepair.mechanism.mechanism import tree_of
+from support.near import U
 from support.trees import Robot, random_model, record_of, with_mimics
 
 NOISE = 0.1  # N m
@@ -79,7 +80,7 @@ def test_exact_torques_give_exact_parameters():
     wrong = panda().with_inertial_parameters(0.5 * panda().inertial_parameters)
     fit = hp.fit_masses(wrong, q, qd, qdd, torques(panda(), q, qd, qdd), test=0)
     exact = np.concatenate((panda().base_parameters().values, VISCOUS, COULOMB))
-    np.testing.assert_allclose(fit.values, exact, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(fit.values, exact, rtol=0, atol=8192 * U)
     assert fit.ok
     assert np.isnan(fit.rms_test).all()
 
@@ -161,7 +162,7 @@ def test_what_the_motion_does_not_determine_is_said_and_stays_as_described():
         "panda_joint5 does not move: its viscous and coulomb terms are not determined by this motion." in fit.findings
     )
     assert np.isinf(fit.std[43 + 4])
-    np.testing.assert_allclose(fit.values[43 + 4], fit.described[43 + 4], rtol=1e-9)
+    np.testing.assert_allclose(fit.values[43 + 4], fit.described[43 + 4], rtol=1e-9)  # which it stays near
     still = np.zeros_like(q[::10])
     tau = panda().inverse_dynamics(q[::10], still, still).tau + noise(still.shape, 0)
     held = hp.fit_masses(panda(), q[::10], still, still, tau, joint_terms=())

@@ -67,9 +67,9 @@ def scores(found: ImuFit, t: np.ndarray = T) -> dict[str, np.ndarray]:
 def test_exact_readings_give_the_hinge() -> None:
     found = fitted(felt(), T + 1.7e9)
     assert found.ok
-    assert np.abs(found.pair.n - N1).max() < 1e-6
+    assert np.abs(found.pair.n - N1).max() < 1e-6  # as all below: left by splines between readings
     assert np.abs(found.pair.home.T @ found.pair.n - N2).max() < 1e-6
-    assert np.abs(np.concatenate((found.pair.u1, found.pair.u2)) - POINT).max() < 1e-4  # of differentiated rates
+    assert np.abs(np.concatenate((found.pair.u1, found.pair.u2)) - POINT).max() < 1e-4
     assert np.abs(found.psi - true_angle(T)).max() < 1e-4
     assert np.abs(found.psid - 2.3 * np.cos(2.3 * T)).max() < 1e-4
     assert abs(found.clock_offset) < 1e-5

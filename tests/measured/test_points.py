@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.near import U
 from support.recorded import HOME, N1, U1, U2, recording
 
 
@@ -30,14 +31,14 @@ def test_a_point_runs_along_a_circle_about_the_hinge(gauge: str) -> None:
     found = hp.fit(body1, point, gauge=gauge)
     assert found.ok
     assert found.findings == ()
-    assert abs(found.pair.n @ N1) == pytest.approx(1, abs=1e-13)
-    assert np.abs(found.pair.u1 - true_circle(gauge)).max() < 1e-12
+    assert abs(found.pair.n @ N1) == pytest.approx(1, abs=512 * U)
+    assert np.abs(found.pair.u1 - true_circle(gauge)).max() < 8192 * U  # a point tells little
     radius = np.linalg.norm(HOME @ U2 - (HOME @ U2 @ N1) * N1)
     assert np.linalg.norm(found.pair.u2 - (found.pair.u2 @ found.pair.n) * found.pair.n) == pytest.approx(radius)
     state = found.pair.forward_kinematics_from_body1(body1, found.psi)
-    assert np.abs(state.R2 - made.R2).max() < 1e-12
+    assert np.abs(state.R2 - made.R2).max() < 8192 * U
     sign = np.sign(found.pair.n @ N1)
-    assert np.ptp(found.psi - sign * made.psi) < 1e-12
+    assert np.ptp(found.psi - sign * made.psi) < 8192 * U
     assert np.isnan(found.rms_angle)
     assert "body 2 is a point without recorded attitude, so home is the identity" in str(found)
     assert f"u1 and u2 lead to the point on the axis {gauge.replace('_', ' ')}; " in str(found)
@@ -111,7 +112,7 @@ def test_a_cluster_is_found_with_its_poses() -> None:
     turn = np.swapaxes(made.S1, -1, -2) @ found.body.S
     assert np.abs(hp.rotation_log(np.swapaxes(turn[:1], -1, -2) @ turn)).max() < 0.06
     assert np.abs(found.body.S[0] - np.eye(3)).max() < 0.02
-    assert np.abs(found.reference.mean(axis=0)).max() < 1e-15
+    assert np.abs(found.reference.mean(axis=0)).max() <= 8 * U
 
 
 def test_missing_markers_leave_the_others() -> None:

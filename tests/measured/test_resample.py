@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.near import U
 
 
 def turning(t: np.ndarray) -> np.ndarray:
@@ -33,7 +34,7 @@ def test_the_error_for_rotations_falls_with_the_fourth_power_of_the_step() -> No
         off = hp.rotation_log(np.swapaxes(turning(to), -1, -2) @ body.S)
         errors.append(np.abs(off).max())
     assert errors[1] < errors[0] / 10
-    assert errors[0] < 1e-5
+    assert errors[0] < 1e-5  # (0.04 s)^4 times the rates
 
 
 def test_gaps_and_what_lies_outside_are_nan_and_the_rest_is_not() -> None:
@@ -44,14 +45,14 @@ def test_gaps_and_what_lies_outside_are_nan_and_the_rest_is_not() -> None:
     to = np.array([-0.001, 0.0, 0.215, 0.595, 0.65, 0.695, 0.99, 0.9901])
     found = hp.resample(t, values, to)
     assert np.isnan(found).tolist() == [True, False, False, True, True, True, False, True]
-    assert np.abs(found - np.sin(to))[2] < 1e-8
+    assert np.abs(found - np.sin(to))[2] < 1e-8  # (0.01 s)^4
 
 
 def test_two_clocks_of_nanoseconds_meet() -> None:
     t = np.int64(1_700_000_000_000_000_000) + 5_000_000 * np.arange(100)
     to = t[10:90] + 1_234_567
     found = hp.resample(t, np.sin((t - t[0]) * 1e-9), to)
-    assert np.abs(found - np.sin((to - t[0]) * 1e-9)).max() < 1e-10
+    assert np.abs(found - np.sin((to - t[0]) * 1e-9)).max() < 1e-10  # (5 ms)^4 / 6
 
 
 def quaternions(t: np.ndarray, rate: float) -> np.ndarray:
@@ -64,7 +65,8 @@ def test_quaternions_whose_sign_changes_are_refused() -> None:
     """Between q and -q a polynomial goes through 0."""
     t = np.arange(200) / 100
     values = quaternions(t, 3.0)
-    assert np.abs(hp.resample(t, values, t[10:50] + 0.004) - quaternions(t[10:50] + 0.004, 3.0)).max() < 1e-6
+    to = t[10:50] + 0.004
+    assert np.abs(hp.resample(t, values, to) - quaternions(to, 3.0)).max() < (0.01 * 3.0) ** 4
     values[120:] *= -1  # a scalar part that is never negative
     values[40] = np.nan
     with pytest.raises(hp.ArgumentError, match="values: expected a BodyMotion"):
@@ -80,7 +82,7 @@ def test_a_body_of_quaternions_may_flip() -> None:
     values = quaternions(t, 3.0) * np.where(np.arange(200) % 3, 1, -1)[:, None]
     body = hp.BodyMotion.from_quaternion_xyzw(R=np.zeros((200, 3)), quat_xyzw=values)
     there = hp.BodyMotion.from_quaternion_xyzw(R=np.zeros(3), quat_xyzw=quaternions(np.array([1.195]), 3.0)[0])
-    assert np.abs(hp.resample(t, body, [1.195]).S[0] - there.S).max() < 1e-12
+    assert np.abs(hp.resample(t, body, [1.195]).S[0] - there.S).max() < 4096 * U
 
 
 @pytest.mark.parametrize(("turn", "words"), [(2 * np.pi, "2 pi"), (360.0, "360")], ids=["radians", "degrees"])
@@ -93,7 +95,7 @@ def test_wrapped_angles_are_warned_of(turn: float, words: str) -> None:
     with pytest.warns(hp.MeasurementWarning, match=f"values jump by nearly {words}"):
         hp.resample(t, np.stack((t, wrapped), axis=-1), [0.625])
     assert hp.resample(t, np.unwrap(wrapped, period=turn), [0.625])[0] == pytest.approx(
-        (5 * 0.625 / (2 * np.pi) + 0.5) * turn - turn / 2, rel=1e-12
+        (5 * 0.625 / (2 * np.pi) + 0.5) * turn - turn / 2, rel=64 * U
     )
 
 
@@ -104,8 +106,8 @@ def test_two_missing_samples_are_interpolated_like_one(rate):
     curve = 1 + t - 3 * (t * rate / 40) ** 3
     known = curve.copy()
     known[[10, 11, 20, 21]] = np.nan
-    np.testing.assert_allclose(hp.resample(t, known, t, gaps=0.1), curve, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(hp.resample(t, known, t, gaps=0.1), curve, rtol=0, atol=512 * U)
     S = hp.rotation_exp(curve[:, None] * (0, 0.6, 0.8))
     missing = np.where(np.isnan(known)[:, None, None], np.nan, S)
     found = hp.resample(t, hp.BodyMotion(R=np.zeros((40, 3)), S=missing), t, gaps=0.1).S
-    np.testing.assert_allclose(found, S, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(found, S, rtol=0, atol=512 * U)

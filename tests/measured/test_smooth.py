@@ -44,7 +44,7 @@ def test_exact_motion_keeps_its_derivatives() -> None:
     t = np.arange(600) / 200
     truth = motion(t)
     found = hp.smooth(t, hp.BodyMotion(R=truth.R1, S=truth.S1))
-    assert np.abs(found.R - truth.R1).max() < 1e-12
+    assert np.abs(found.R - truth.R1).max() < 1e-12  # as below: left by the curve between samples
     assert np.abs(found.S - truth.S1).max() < 1e-11
     for letter, tolerance in {"v": 1e-9, "omega": 1e-9, "a": 1e-6, "alpha": 1e-6}.items():
         assert np.abs(getattr(found, letter) - getattr(truth, f"{letter}1")).max() < tolerance, letter
@@ -92,7 +92,7 @@ def test_gaps_stay_gaps_and_holes_are_filled() -> None:
     # On the far side of a gap nothing of the near side enters.
     turned = np.concatenate((np.roll(S[:600], 1, axis=-1), S[600:]))
     moved, whole = (hp.smooth(t, hp.BodyMotion(R=R, S=each), 3.0) for each in (turned, S))
-    assert np.abs(moved.alpha[650:] - whole.alpha[650:]).max() < 1e-9
+    assert np.abs(moved.alpha[650:] - whole.alpha[650:]).max() < 1e-9  # rounding of the equations of all samples
 
 
 @pytest.mark.slow
@@ -102,7 +102,7 @@ def test_angles_may_jump_by_turns_and_unpack() -> None:
     wrapped = (psi + np.pi) % (2 * np.pi) - np.pi
     found = hp.smooth(t, wrapped)
     angle, rate, second = found
-    assert np.abs(angle - psi).max() < 1e-9
+    assert np.abs(angle - psi).max() < 1e-9  # as below: left by the curve
     assert np.abs(rate - 4 - np.cos(2 * t)).max() < 1e-5
     assert second is found.psidd
 
@@ -273,5 +273,5 @@ def test_the_inverse_of_bands_is_that_of_the_matrix() -> None:
         smoother = rows @ np.linalg.inv((spline.whitener.T @ spline.whitener).toarray())
         variances = spline.variances(1, t[90:] + 1, order)
         if order == 0:
-            np.testing.assert_allclose(np.diagonal(smoother[:, 90:]), variances, rtol=1e-9)
+            np.testing.assert_allclose(np.diagonal(smoother[:, 90:]), variances, rtol=1e-9)  # by an inverse
         assert (variances > 0).all()

@@ -11,6 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.scenes.subjects.pair import PairSubject
+from hingepair.validation.cross_validate import compare_rates
 from hingepair.validation.report import MAX_LOAD_RATIO
 
 SPACE = """
@@ -131,6 +132,16 @@ def test_a_motion_that_does_not_follow_from_its_loads_fails(scenes, base, text, 
     assert all(row.ok for row in report.rows)  # the kinematics are those of whatever psi is
     if change in {"all", "psidd"}:
         assert "hinge_torque" in report.verdict
+
+
+def test_rates_of_slow_motions_are_judged_as_those_of_quick_ones():
+    t = np.linspace(0, 1, 101)
+    q, qd, qdd = np.sin(t)[:, None], 1.01 * np.cos(t)[:, None], -np.sin(t)[:, None]
+    quick, slow = (
+        compare_rates(factor * t, (q, qd / factor, qdd / factor**2), ("psi",))[0] for factor in (1.0, 1024.0)
+    )
+    assert not quick.ok
+    assert slow.max_ratio == pytest.approx(quick.max_ratio, rel=1024 * 2.0**-53)
 
 
 HARM = {

@@ -14,7 +14,6 @@ from hingepair.bench.truth import DIGITS, exactly, unit
 from hingepair.mechanism.pairs.geometry import constants_of
 from support.exact import Exact, tree_of_pair
 from support.exact_robot import LETTERS
-from support.near import assert_near
 from support.states import body1 as random_body
 from support.states import generator
 
