@@ -29,6 +29,9 @@ from hingepair.tables.units import Units
 _COMMON: Final = ("title", "constants", "let", "motion", "dynamics", "time", "outputs")
 _OF_PAIRS: Final = (*_COMMON, "planar", "pair", "tolerances")
 _OF_MECHANISMS: Final = (*_COMMON, *MECHANISM_TABLES)
+_BEFORE: Final = {  # keys of [mechanism] as scenes had them, and where they are now
+    key: f"{key} in [dynamics]" for key in ("base", "gravity", "joint_loads")
+}
 
 
 def load_scene(path: str | os.PathLike[str], log: Any = None) -> Scene:
@@ -112,6 +115,9 @@ def read_subject(tables: Table, folder: Path) -> Subject:
     if not is_of_mechanism(tables):
         return PairSubject(read_pair(tables))
     mechanism = tables.table("mechanism", required=False)
+    for key, now in _BEFORE.items():
+        if key in mechanism.values:
+            mechanism.refuse(key, now, "a key of [mechanism]")
     base = tables.table("dynamics", required=False).values.get("base")
     robot = read_mechanism(tables, folder, base="free" if base == "free" else "fixed")
     return MechanismSubject(robot, tuple(mechanism.table("frames", required=False).values) or robot.tips)
@@ -221,6 +227,8 @@ def with_constants_evaluated(tables: Table) -> Table:
         raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
     if is_of_mechanism(tables):
         for key in tables.values:
+            if key == "base":
+                tables.fail(key, "x, y, z, phi_x, phi_y, phi_z and sequence in [motion] in its place")
             if key in _OF_PAIRS and key not in _OF_MECHANISMS:
                 tables.fail(key, "nothing of this name in the scene of a mechanism, by [mechanism] or [[joint]]")
         tables.check_keys(_OF_MECHANISMS)
