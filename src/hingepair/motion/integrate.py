@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import Execution, execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.pairs.geometry import Constants, check_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.pairs.requests import computation_of
 from hingepair.mechanism.requests import STATES
 from hingepair.motion.magnus import AngleIntegral, AttitudeIntegral
@@ -21,6 +22,7 @@ from hingepair.motion.signals import SampledSignal, Signal, interpolate, read_po
 from hingepair.motion.steps import estimate_error, select_steps
 from hingepair.motion.trajectory import (
     Deferred,
+    PlanarTrajectory,
     Trajectory,
     quaternions_to_matrices,
     rotate_to_world,
@@ -43,9 +45,9 @@ class Solution(Deferred):
     asked for.
 
     Args:
-        integrals: those of the attitude of body 1 and of psi.
+        integrals: those of the attitude of body 1, in the plane of its angle, and of psi.
         t: instants.
-        start: attitude of body 1 at the first instant, (3, 3).
+        start: attitude of body 1 at the first instant, (3, 3), in the plane its angle [rad].
         psi_0: hinge angle at the first instant.
         tol: largest error [rad]; None: one step for each interval.
 
@@ -55,21 +57,19 @@ class Solution(Deferred):
 
     def __init__(
         self,
-        integrals: tuple[AttitudeIntegral, AngleIntegral],
+        integrals: tuple[AttitudeIntegral | AngleIntegral, AngleIntegral],
         t: Array,
-        start: Array,
+        start: Array | float,
         psi_0: float,
         tol: float | None,
     ) -> None:
         self._integrals = integrals
         self._steps, self._errors = select_steps(integrals, t, tol)
         turning, hinge = integrals
-        self._values = (
-            turning.integrate(self._steps, matrix_to_quaternion(start)),
-            hinge.integrate(self._steps, psi_0),
-        )
-        #: unit quaternions of body 1, without a jump of sign, and hinge angles [rad], at the instants
-        self.quats, self.psi = (self._steps.at_instants(rows) for rows in self._values)
+        begin: Any = start if isinstance(start, float) else matrix_to_quaternion(start)
+        self._values = turning.integrate(self._steps, begin), hinge.integrate(self._steps, psi_0)
+        #: unit quaternions of body 1, without a jump of sign, or its angles [rad]; and hinge angles [rad]
+        self.attitudes, self.psi = (self._steps.at_instants(rows) for rows in self._values)
         #: number of steps
         self.steps = self._steps.step_count
 
@@ -93,19 +93,24 @@ RATE_FRAME_NAMES: Final = ("world", "body")  # axes in which omega1 and alpha1 m
 
 RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
 
-_RATES: Final = ("omega1", "alpha1", "psid", "psidd")
+# Arguments that give rates, by input of a pair's program.
+_RATES: Final = {
+    **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
+    **{"psid": "psid", "psidd": "psidd"},
+}
 # Forms of the argument R1 that give an input of a plan, for messages.
 _R1_FORMS: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 
 
 def integrate(
-    pair: HingePair,
+    pair: HingePair | PlanarPair,
     t: ArrayLike,
     omega1: RateArgument,
     psid: RateArgument,
     *,
     R1: Any = None,
     S1_0: ArrayLike | None = None,
+    phi_0: float | None = None,
     psi_0: float = 0.0,
     method: str = "magnus6",
     frame: str = "world",
@@ -115,8 +120,7 @@ def integrate(
     outputs: Outputs = None,
     backend: str = "auto",
 ) -> Trajectory:
-    """Integrate the motion of a pair over time from the angular velocity of body 1 and the
-    hinge rate (E12).
+    """Integrate the motion of a pair over time from the angular velocity of body 1 and the hinge rate (E12).
 
     Each of the rates omega1, psid, alpha1 and psidd is one of:
 
@@ -128,7 +132,8 @@ def integrate(
       since 1970 as floats are rounded to 2.4e-7 s: give datetime64 or integer nanoseconds.)
 
     Args:
-        pair: a HingePair.
+        pair: a HingePair; or a PlanarPair, whose omega1 and alpha1 are numbers like psid, and whose R1, v1 and a1
+            have two components.
         t: instants, increasing; shape (N,): seconds (floats), datetime64, or nanoseconds since 1970 (integers).
         omega1: angular velocity of body 1 [rad/s].
         psid: hinge rate psi' [rad/s].
@@ -137,9 +142,10 @@ def integrate(
             a tuple (R1, v1) or (R1, v1, a1) of arrays, or a callable that returns one. If R1 is not constant and v1
             (or a1) is not given, v2 (or a2) of the result is None.
         S1_0: attitude of body 1 at t[0], body to world; shape (3, 3); the identity by default.
+        phi_0: in place of S1_0, the angle of body 1 of a PlanarPair at t[0] [rad]; 0 by default.
         psi_0: hinge angle at t[0] [rad]; 0 by default.
         method: "magnus6", a Magnus series of order 6 from omega1 at three times in each step, the only one.
-        frame: axes of omega1 and alpha1: "world" (the default) or "body".
+        frame: axes of omega1 and alpha1: "world" (the default), or "body" of a HingePair.
         tol: largest allowed error of the attitude and of psi at any instant [rad]. By default, each interval of t is
             one step, and the error has no limit. With tol, steps are divided until the error is small enough, of a
             callable into at least about 500 in all. A jump or a kink of a callable costs about sixty further steps,
@@ -154,6 +160,7 @@ def integrate(
     Returns:
         A `Trajectory`: the instants `.t`, the attitude of body 1 (`.S1`, `.quat_wxyz`), `.psi`, the outputs, such as
         `.R2`, and estimates of the largest error at any instant, `.error_estimate` and `.psi_error_estimate` [rad].
+        Of a PlanarPair, a `PlanarTrajectory`, with the angle `.phi` of body 1.
 
     Raises:
         ArgumentError: an argument cannot be used, a rate is not finite, or tol is not reached. A
@@ -172,42 +179,55 @@ def integrate(
     1.0
     """
     instants = instants_of("t", t)
-    check_pair(pair)
+    planar = isinstance(pair, PlanarPair)
+    if not planar:
+        check_pair(pair)
     check_choice("method", method, METHODS)
-    check_choice("frame", frame, RATE_FRAME_NAMES)
+    check_choice("frame", frame, RATE_FRAME_NAMES[:1] if planar else RATE_FRAME_NAMES)
+    other, unused = ("S1_0", S1_0) if planar else ("phi_0", phi_0)
+    if unused is not None:
+        raise ArgumentError(other, f"None for a {type(pair).__name__}", quoted(unused))
     if tol is not None and not finite_number("tol", tol) > 0:
         raise ArgumentError("tol", "a positive number", tol)
     execution = execution_of_steps(backend, len(instants))
-    start = np.eye(3) if S1_0 is None else one_constant("S1_0", S1_0, 3, 3)
-    check_rotation("S1_0", start)
+    start: Any = finite_number("phi_0", phi_0 or 0.0)
+    if not planar:
+        start = np.eye(3) if S1_0 is None else one_constant("S1_0", S1_0, 3, 3)
+        check_rotation("S1_0", start)
     rates = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
     signals = {
-        name: read_signal(name, value, instants, () if name in {"psid", "psidd"} else (3,))
+        name: read_signal(name, value, instants, () if planar or name in {"psid", "psidd"} else (3,))
         for name, value in rates.items()
         if value is not None or name in {"omega1", "psid"}
     }
-    points = read_position(np.zeros(3) if R1 is None else R1, instants)
+    size = 2 if planar else 3
+    points = read_position(np.zeros(size) if R1 is None else R1, instants, size)
     names = _checked_outputs(constants_of(pair), outputs, signals.keys() | points.keys())
     interpolate([signals[name] for name in ("omega1", "psid") if isinstance(signals[name], SampledSignal)])
-    integrals = (
-        AttitudeIntegral("omega1", signals["omega1"], execution, frame == "body"),
-        AngleIntegral("psid", signals["psid"], execution),
-    )
+    turning: AttitudeIntegral | AngleIntegral = AngleIntegral("omega1", signals["omega1"], execution)
+    if not planar:
+        turning = AttitudeIntegral("omega1", signals["omega1"], execution, frame == "body")
+    integrals = turning, AngleIntegral("psid", signals["psid"], execution)
     solution = Solution(integrals, instants, start, finite_number("psi_0", psi_0), tol)
     if tol is not None and not (left := float(np.maximum(solution.error, solution.psi_error))) <= tol:
         each = f"omega1 leaves {solution.error:.2g}, psid leaves {solution.psi_error:.2g}"
         raise ArgumentError("tol", f"at least the error that is left, {left:.2g} rad ({each})", tol)
-    trajectory = Trajectory(
-        t=read_only(instants),
-        psi=read_only(solution.psi),
-        quat_wxyz=read_only(solution.quats),
-        R1=read_only(np.broadcast_to(points["R1"], (len(instants), 3))),
-        state=_state(pair, frame, execution, instants, signals, points, solution, names),
-        pair=pair,
-        method=method,
-        steps=solution.steps,
-        _solution=solution,
-    )
+    fields: dict[str, Any] = {
+        "t": read_only(instants),
+        "psi": read_only(solution.psi),
+        "R1": read_only(np.broadcast_to(points["R1"], (len(instants), size))),
+        "state": _state(pair, frame, execution, instants, signals, points, solution, names),
+        "pair": pair,
+        "method": method,
+        "steps": solution.steps,
+        "_solution": solution,
+    }
+    if planar:
+        phi = solution.attitudes
+        quats = np.stack((np.cos(phi / 2), 0 * phi, 0 * phi, np.sin(phi / 2)), axis=-1)
+        trajectory: Trajectory = PlanarTrajectory(**fields, phi=read_only(phi), quat_wxyz=read_only(quats))
+    else:
+        trajectory = Trajectory(**fields, quat_wxyz=read_only(solution.attitudes))
     if any(isinstance(signals[name], SampledSignal) for name in ("omega1", "psid")):
         warn_of_measurements(_instant_doubts(trajectory))
     return trajectory
@@ -226,7 +246,7 @@ def _instant_doubts(trajectory: Trajectory) -> list[str]:
 
 
 def _state(
-    pair: HingePair,
+    pair: HingePair | PlanarPair,
     frame: str,
     execution: Execution,
     t: Array,
@@ -235,16 +255,19 @@ def _state(
     solution: Solution,
     outputs: tuple[str, ...],
 ) -> Any:
-    """Return the requested outputs at all instants t as a `PairState`."""
+    """Return the requested outputs at all instants t as a `PairState` or `PlanarState`."""
     constants, psi = constants_of(pair), solution.psi
     if not outputs:
         return STATES[constants.kind]({}, psi.shape)
-    needed, S1 = _needed_inputs(constants, outputs), quaternions_to_matrices(solution.quats)
-    inputs: dict[str, Any] = {**points, "psi": psi, "S1": S1}
-    for name in needed.intersection(_RATES):
-        inputs[name] = signals[name].values_at(t)
+    needed, inputs = _needed_inputs(constants, outputs), {**points, "psi": psi}
+    if constants.kind.planar:
+        inputs["phi1"] = solution.attitudes
+    else:
+        inputs["S1"] = quaternions_to_matrices(solution.attitudes)
+    for name in needed & _RATES.keys():
+        inputs[name] = signals[_RATES[name]].values_at(t)
         if frame == "body" and name in {"omega1", "alpha1"}:
-            inputs[name] = rotate_to_world(S1, inputs[name])
+            inputs[name] = rotate_to_world(inputs["S1"], inputs[name])
     inputs = {name: inputs[name] for name in inputs if name in needed}
     computation = computation_of(constants, outputs, result=STATES[constants.kind])
     call = computation.call(tuple(inputs), execution.backend)
@@ -253,15 +276,16 @@ def _state(
 
 def _needed_inputs(pair: Constants, outputs: tuple[str, ...]) -> set[str]:
     """Return the names of the inputs that outputs need, the constants of the pair apart."""
-    computation = computation_of(pair, outputs)
-    return {name for one in outputs for name in computation.missing_inputs(one, ())} | {"S1", "psi"}
+    computation, attitude = computation_of(pair, outputs), "phi1" if pair.kind.planar else "S1"
+    return {name for one in outputs for name in computation.missing_inputs(one, ())} | {attitude, "psi"}
 
 
 def _checked_outputs(pair: Constants, outputs: Outputs, arguments: Set[str]) -> tuple[str, ...]:
     """Return the names of the outputs, all of body 2 for which the `arguments` suffice if `outputs` is None; refuse
     those that need more.
     """
-    available = {"S1", "psi"} | arguments
+    available = {"S1", "phi1", "psi"} | arguments
+    available |= {name for name, argument in _RATES.items() if argument in arguments}
     if outputs is None:
         default = pair.kind.default_outputs(ACCELERATION)
         return tuple(name for name in default if _needed_inputs(pair, (name,)) <= available)
@@ -270,5 +294,5 @@ def _checked_outputs(pair: Constants, outputs: Outputs, arguments: Set[str]) -> 
         for missing in sorted(_needed_inputs(pair, (name,)) - available):
             expected = f"{_R1_FORMS.get(missing, 'a value')}, since output {name} needs it"
             got = f"no {missing}" if missing in _R1_FORMS else None
-            raise ArgumentError(missing if missing in _RATES else "R1", expected, got)
+            raise ArgumentError(_RATES.get(missing, "R1"), expected, got)
     return names

@@ -72,7 +72,8 @@ class HingePair(AskedPair, Frozen, Shown):
       dict by name; or a table with these columns.
     - sequence: Euler sequence of body 1, one of the 24 that SciPy knows: upper case intrinsic, lower case extrinsic.
       phi_x, phi_y and phi_z are the angles of its first, second and third letter.
-    - body1, body2: motions of the bodies, a `BodyMotion` each. (The attributes of these names are a `Body` each.)
+    - body1, body2: motions of the bodies, a `BodyMotion` each; as body1, None is a body at rest at the origin. (The
+      attributes of these names are a `Body` each.)
     - psi, psid, psidd: hinge angle, right-handed about n [rad], and its first and second time derivative; shape
       (...,), which broadcasts against body1.
     - outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, and of points, such as
@@ -257,7 +258,7 @@ class HingePair(AskedPair, Frozen, Shown):
     @with_options()
     def forward_kinematics_from_body1(
         self,
-        body1: BodyMotion,
+        body1: BodyMotion | None,
         psi: ArrayLike,
         psid: ArrayLike | None = None,
         psidd: ArrayLike | None = None,
@@ -341,7 +342,7 @@ class HingePair(AskedPair, Frozen, Shown):
         return Mechanism([self]).with_strut(point1, point2, name, **strut)
 
     @with_options()
-    def mass_matrix(self, body1: BodyMotion, psi: ArrayLike, **options: Unpack[OutOptions]) -> FloatArray:
+    def mass_matrix(self, body1: BodyMotion | None, psi: ArrayLike, **options: Unpack[OutOptions]) -> FloatArray:
         """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (T4).
 
         It is symmetric; shape (..., 7, 7) [kg, kg m, kg m^2]. force1 and torque1 are those of `inverse_dynamics`.
@@ -358,7 +359,12 @@ class HingePair(AskedPair, Frozen, Shown):
 
     @with_options()
     def inverse_dynamics(
-        self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike, **options: Unpack[GravityOptions]
+        self,
+        body1: BodyMotion | None,
+        psi: ArrayLike,
+        psid: ArrayLike,
+        psidd: ArrayLike,
+        **options: Unpack[GravityOptions],
     ) -> Forces:
         """Compute the force and torque on body 1 and the hinge torque that a motion requires beside gravity (T1-T3).
 
@@ -380,7 +386,7 @@ class HingePair(AskedPair, Frozen, Shown):
     @with_options()
     def forward_dynamics(
         self,
-        body1: BodyMotion,
+        body1: BodyMotion | None,
         psi: ArrayLike,
         psid: ArrayLike,
         *,
@@ -421,7 +427,12 @@ class HingePair(AskedPair, Frozen, Shown):
 
     @with_options()
     def hinge_wrench(
-        self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike, **options: Unpack[GravityOptions]
+        self,
+        body1: BodyMotion | None,
+        psi: ArrayLike,
+        psid: ArrayLike,
+        psidd: ArrayLike,
+        **options: Unpack[GravityOptions],
     ) -> HingeWrench:
         """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3); body 1 needs no mass.
 
@@ -441,7 +452,9 @@ class HingePair(AskedPair, Frozen, Shown):
         return requests.ask_pair(self, "hinge_wrench", given, options)
 
     @with_options()
-    def energy(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, **options: Unpack[GravityOptions]) -> Energy:
+    def energy(
+        self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[GravityOptions]
+    ) -> Energy:
         """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
         1 has no mass properties.
 
@@ -459,7 +472,9 @@ class HingePair(AskedPair, Frozen, Shown):
         return requests.ask_pair(self, "energy", given, options)
 
     @with_options()
-    def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, **options: Unpack[OutOptions]) -> Momentum:
+    def momentum(
+        self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[OutOptions]
+    ) -> Momentum:
         """Compute the momentum of the pair: linear, and angular about the world's origin (T8).
 
         Arguments: see `HingePair`; of body1, R, S, v and omega are used.
@@ -514,7 +529,7 @@ class HingePair(AskedPair, Frozen, Shown):
         return residuals.residuals(self._constants, self.name, body1, body2, tolerances, t)
 
     @with_options()
-    def jacobian(self, body1: BodyMotion, psi: ArrayLike, **options: Unpack[OutOptions]) -> FloatArray:
+    def jacobian(self, body1: BodyMotion | None, psi: ArrayLike, **options: Unpack[OutOptions]) -> FloatArray:
         """Compute the Jacobian J in (v2, omega2) = J @ (v1, omega1, psi'), world axes; shape (..., 6, 7) (E8, E2).
 
         Arguments: see `HingePair`; of body1, S is used.
@@ -529,7 +544,7 @@ class HingePair(AskedPair, Frozen, Shown):
 
     @with_options()
     def acceleration_bias(
-        self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, **options: Unpack[OutOptions]
+        self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[OutOptions]
     ) -> FloatArray:
         """Compute the bias in (a2, alpha2) = J @ (a1, alpha1, psi'') + bias, with J of `jacobian`, world axes: a2
         [m/s^2], then alpha2 [rad/s^2]; shape (..., 6) (E9).
@@ -547,7 +562,7 @@ class HingePair(AskedPair, Frozen, Shown):
 
     @with_options(**TOLERANCE_DEFAULTS)
     def propagate_covariance(
-        self, body1: BodyMotion, psi: ArrayLike, **options: Unpack[ToleranceOptions]
+        self, body1: BodyMotion | None, psi: ArrayLike, **options: Unpack[ToleranceOptions]
     ) -> PoseCovariance:
         """Compute the covariance of R2, of body 2's attitude and of points that tolerances of the geometry cause, to
         first order (E5, E7).

@@ -148,7 +148,7 @@ def read_rows(kind: PairKind, q: Any, qd: Any = None, qdd: Any = None) -> Argume
     return read_arguments(rows, kind.shapes, COORDINATES[kind])
 
 
-def body1_inputs(body1: BodyMotion, psi: Any, psid: Any = None, psidd: Any = None) -> dict[str, Any]:
+def body1_inputs(body1: BodyMotion | None, psi: Any, psid: Any = None, psidd: Any = None) -> dict[str, Any]:
     """Return the motion of body 1 and the hinge angle by input name.
 
     Raises:

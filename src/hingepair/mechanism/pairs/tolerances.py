@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
-from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
 from hingepair.mechanism.options import check_options, with_options
 from hingepair.mechanism.pairs.geometry import Constants, check_pair, check_single_pair
 from hingepair.mechanism.pairs.requests import INPUT_LABELS, body1_inputs, computation_of
@@ -205,11 +205,12 @@ class PoseCovariance(Frozen):
 
 
 def propagate_covariance(
-    pair: Constants, body1: BodyMotion, psi: ArrayLike, tolerances: ToleranceOptions
+    pair: Constants, body1: BodyMotion | None, psi: ArrayLike, tolerances: ToleranceOptions
 ) -> PoseCovariance:
     """Compute what `HingePair.propagate_covariance` returns, from a covariance, or else from tolerances."""
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
+    body1 = AT_REST if body1 is None else body1
     check_options("propagate_covariance", tolerances, ToleranceOptions)
     own = point_scatter([point.name for point in pair.points], tolerances.get("points"))
     geometry, _ = geometry_scatter(pair.arrays["n"], tolerances, required=not own)
