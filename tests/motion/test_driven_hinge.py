@@ -53,6 +53,14 @@ def test_the_torque_of_a_driven_hinge_is_that_of_inverse_dynamics(base):
         np.testing.assert_allclose(forces.force1, np.broadcast_to((0, 0, 2), (11, 3)), rtol=0, atol=TOL)
 
 
+def test_rates_that_instants_are_too_coarse_for_are_taken_as_given():
+    """A tenth of a millisecond of a clock that counts from 1970, whose instants are 0.24 microseconds apart."""
+    t = 1.7e9 + np.linspace(0, 1e-4, 3)
+    pair = hp.HingePair((0, 0, 0), (1, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
+    found = hp.simulate(pair, t, STILL, hinge=lambda t: (t - 1.7e9, 0 * t + 1, 0 * t), base="fixed")
+    np.testing.assert_array_equal(found.psid, 1.0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.0, -1.0, 1.5, np.pi / 180])
 @pytest.mark.parametrize("offset", [0.0, 1e7])
