@@ -191,6 +191,7 @@ def test_torques_that_masses_do_not_explain_are_reported():
     assert any("is it in radians?" in text for text in degrees.findings)
 
 
+@pytest.mark.slow
 def test_torques_of_the_wrong_sign_are_reported_without_friction_too():
     q, qd, qdd = motion(5)
     tau = panda().inverse_dynamics(q, qd, qdd, joint_loads=False).tau + noise(q.shape, 0)

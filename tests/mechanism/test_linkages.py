@@ -139,6 +139,7 @@ def test_derivatives_go_through_the_loop() -> None:
     assert np.abs((points[0] - points[1]) / (2 * h) - jacobian[:, :3, 0]).max() < h * h
 
 
+@pytest.mark.slow
 def test_a_four_bar_drives_the_next() -> None:
     bars = [
         bar("crank", (0, 0, 0), 0.3), bar("coupler", (0.3, 0, 0), 0.9), bar("rocker", (1, 0, 0), 0.7),
@@ -171,6 +172,7 @@ def test_a_sample_has_the_same_joints_in_any_batch() -> None:
     assert np.abs(np.sin((turns - whole) / 2)).max() < 2 * U * 20 * np.pi  # the rounding of TURN
 
 
+@pytest.mark.slow
 def test_a_five_bar_has_two_coordinates() -> None:
     bars = [
         bar("l1", (0, 0, 0), 0.5),

@@ -322,6 +322,7 @@ def test_prepared_calls_give_rates_of_jacobians_on_a_base_that_turns(ur5, states
         step(q, qd, 2 * S1, omega1)
 
 
+@pytest.mark.slow(3)
 @pytest.mark.parametrize("base", ["fixed", "free"])
 def test_one_prepared_call_computes_what_methods_do(base, states):
     robot, (q, qd, qdd) = hp.load_robot("ur5_robot", base=base), states

@@ -13,6 +13,7 @@ import pytest
 import hingepair as hp
 from support.drawn import content_of
 from support.linkages import four_bar
+from support.sparse import sparse
 
 NODE = shutil.which("node")
 by_node = pytest.mark.skipif(NODE is None, reason="node is not installed: the script of the page is NOT tested")
@@ -117,7 +118,7 @@ samples = 101
 
 
 @by_node
-@pytest.mark.parametrize("kind", ["given", "simulated", "with a cylinder", "of a free base"])
+@pytest.mark.parametrize("kind", sparse(["given", "simulated", "with a cylinder", "of a free base"], 4))
 def test_the_page_moves_what_loops_close(kind, tmp_path):
     if kind == "of a free base":
         source = found = hp.simulate(four_bar(base="free"), np.linspace(0, 1, 6), [0.3], [2.0])

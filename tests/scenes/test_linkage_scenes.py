@@ -96,6 +96,7 @@ def test_a_search_finds_where_a_strut_is_mounted(tmp_path):
     assert all(np.abs(other.forces().tau).max() > found.results["tau_lid_absmax"] for other in around)
 
 
+@pytest.mark.slow
 def test_a_search_stays_within_the_stroke(tmp_path):
     """Further out the eye, a weaker spring would do; but it is drawn apart there."""
     scene = scene_of(tmp_path, HATCH)
@@ -144,6 +145,7 @@ def test_what_cannot_be_closed_is_named(tmp_path, old, new, message):
         scene_of(tmp_path, FOUR_BAR.replace(old, new))
 
 
+@pytest.mark.slow
 def test_logged_cylinders_drive_a_backhoe():
     """The model, by its lengths: those of the cylinders are the log, and their forces hold the weights."""
     scene = hp.load_scene("models/backhoe.toml")
