@@ -147,6 +147,17 @@ def test_an_offset_of_a_motion_that_repeats_may_be_off_by_a_period() -> None:
         assert "repeats after 1 s" in " ".join(found.findings)
 
 
+@pytest.mark.slow
+def test_missing_samples_stay_missing_at_the_clock_of_body_1() -> None:
+    t, body1, body2 = recorded(10e-3)  # two samples
+    R2 = body2.R.copy()
+    R2[700:720] = np.nan
+    found = hp.fit(body1, hp.BodyMotion(R=R2, S=body2.S), t=t)
+    assert np.flatnonzero(np.isnan(found.psi)).tolist() == [0, 1, *range(702, 722)]
+    assert found.samples == 2000 - 22
+    assert abs(found.clock_offset - 10e-3) < 4.5 * found.std["clock_offset"]
+
+
 def as_point(body: hp.BodyMotion) -> hp.BodyMotion:
     return hp.BodyMotion(R=body.R)
 

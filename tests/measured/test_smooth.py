@@ -65,6 +65,22 @@ def test_errors_of_derivatives_are_what_it_says(metres: float, radians: float) -
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("sigma", [1e-3, 1e-2])
+def test_smoothing_is_within_twice_the_best_filter_in_hindsight(sigma: float) -> None:
+    from scipy.signal import savgol_filter
+
+    t, ratios = np.arange(2000) / 200, []
+    filters = [(degree, width) for degree in (2, 4, 6) for width in range(21 + 2 * degree, 401, 20)]
+    for seed in range(3):
+        y = angle(t)[0] + sigma * np.random.default_rng(seed).standard_normal(t.size)
+        found = hp.smooth(t, y)
+        for order, (own, truth) in enumerate(zip(found, angle(t), strict=True)):
+            best = min(rms(savgol_filter(y, width, degree, order, 1 / 200) - truth) for degree, width in filters)
+            ratios.append(rms(own - truth) / best)
+    assert np.mean(np.reshape(ratios, (3, 3)), axis=0).max() < 2
+
+
+@pytest.mark.slow
 def test_a_steady_spin_costs_nothing_however_fast() -> None:
     t = np.arange(1000) / 200
     turn = hp.rotation_exp(t[:, None] * np.array([20.0, -30.0, 40.0]))
@@ -208,6 +224,31 @@ def test_one_outlier_anywhere_counts_little(row: int) -> None:
     assert found.noise["psi"] == pytest.approx(clean.noise["psi"], rel=0.05)
     assert np.abs(found.psi - truth[0]).max() < 5e-3
     assert rms(found.psidd - truth[2]) < 3 * rms(clean.psidd - truth[2]) + 0.05
+
+
+@pytest.mark.slow
+def test_outliers_among_attitudes_count_little() -> None:
+    t = np.arange(1000) / 200
+    truth, off = motion(t), np.random.default_rng(3).random(1000) < 0.02
+    body = noisy(truth, 1e-3, 2e-3, 4)
+    S = np.where(off[:, None, None], body.S @ hp.rotation_exp((0.5, -0.8, 0.3)), body.S)
+    found, good = hp.smooth(t, hp.BodyMotion(R=body.R, S=S), loss="cauchy"), hp.smooth(t, body)
+    assert rms(found.alpha - truth.alpha1) < 1.5 * rms(good.alpha - truth.alpha1)
+
+
+@pytest.mark.slow
+def test_standard_deviations_grow_towards_ends_and_in_holes() -> None:
+    t = np.arange(1000) / 200
+    truth = motion(t)
+    body = noisy(truth, 1e-3, 2e-3, 4)
+    R = body.R.copy()
+    R[500:508] = np.nan
+    found = hp.smooth(t, hp.BodyMotion(R=R, S=body.S))
+    for name in ("R", "v", "a", "S", "omega", "alpha"):
+        assert found.std[name][[0, -1]].min() > 1.4 * np.median(found.std[name]), name
+    assert found.std["R"][504, 0] > 1.02 * found.std["R"][450, 0]
+    assert found.std["S"][504, 0] < 1.01 * found.std["S"][450, 0]
+    assert 0.5 < rms((found.omega - truth.omega1) / found.std["omega"]) < 1.6
 
 
 def doubtful() -> dict[str, tuple[np.ndarray, np.ndarray, float | None, str]]:

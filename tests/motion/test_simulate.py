@@ -11,7 +11,7 @@ import pytest
 import hingepair as hp
 from support.near import TIGHT, TOL, U
 from support.sparse import sparse
-from support.states import rotations
+from support.states import generator, rotations
 
 STILL = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
 WEIGHTLESS = (0.0, 0.0, 0.0)
@@ -66,6 +66,40 @@ def test_a_symmetric_top_precesses():
     axis = np.stack([hp.rotation_exp(x * rate) @ (0, 0, 1) for x in t])
     np.testing.assert_allclose(top.S1[:, :, 2], axis, rtol=0, atol=2e-13)
     np.testing.assert_allclose(top.psi, -1.5 * t, rtol=0, atol=2e-13)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", sparse(range(3), 3))
+def test_a_free_pair_keeps_its_momenta_and_its_energy(seed):
+    rng = generator(30, seed)
+    free = hp.simulate(heavy(rng), np.linspace(0, 4, 81), thrown(rng), 0.3, 1.0, gravity=WEIGHTLESS, tol=TIGHT)
+    momentum, energy = free.momentum(), free.energy().kinetic
+    size = 1 + np.abs(free.R1).max() * np.abs(momentum.linear).max() + np.abs(momentum.angular).max()
+    assert np.ptp(momentum.linear, axis=0).max() <= 8 * U * size
+    assert np.ptp(momentum.angular, axis=0).max() <= 32 * U * size
+    assert np.ptp(energy) <= 512 * U * energy.max()
+
+
+@pytest.mark.slow
+def test_forces_are_found_again_from_the_motion():
+    rng = generator(31)
+    pair, start, t = heavy(rng), thrown(rng), np.linspace(0, 3, 31)
+
+    def motor(t, psi, psid):
+        return 0.3 * np.cos(t) - 0.1 * psid - 0.5 * np.sin(psi)
+
+    def thrust(t, now):
+        return np.stack([np.sin(t), -now.v1[:, 1], now.psi], axis=-1)
+
+    push = (0.1, 0, -0.2)
+    moved = hp.simulate(pair, t, start, 0.3, 1.0, force1=thrust, torque1=push, hinge_torque=motor, tol=TIGHT)
+    forces = pair.inverse_dynamics(moved.body1, moved.psi, moved.psid, moved.psidd)
+    thrusts = np.stack([np.sin(t), -moved.body1.v[:, 1], moved.psi], axis=-1)
+    np.testing.assert_allclose(forces.force1, thrusts, rtol=0, atol=TIGHT)
+    np.testing.assert_allclose(forces.torque1, np.broadcast_to(push, (31, 3)), rtol=0, atol=TIGHT)
+    np.testing.assert_allclose(forces.hinge_torque, motor(t, moved.psi, moved.psid), rtol=0, atol=TIGHT)
+    balance = moved.energy_balance()
+    assert np.abs(balance.residual).max() < TIGHT * balance.kinetic.max()
 
 
 @pytest.mark.slow

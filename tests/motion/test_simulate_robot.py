@@ -171,6 +171,23 @@ def test_joints_that_lie_on_their_stops_pass_an_impact_on():
     assert found.qd[k - 1, 1] > 0 > found.qd[k + 2, 1]
 
 
+@pytest.mark.slow
+def test_a_robot_of_one_joint_is_the_pair():
+    rng = generator(5)
+    one, two = (hp.Body(rng.uniform(1, 2), rng.normal(size=3), np.diag(rng.uniform(0.6, 1, 3))) for _ in range(2))
+    pair = hp.HingePair(*rng.normal(size=(3, 3)), name="k", body1=one, body2=two)
+    R, v, omega = rng.normal(size=(3, 3))
+    start, t = hp.BodyMotion(R=R, S=rotations(rng, 1)[0], v=v, omega=omega), np.linspace(0, 1, 11)
+    load = hp.HingeLoad(stiffness=3, friction=0.2, stops=(-0.3, 0.4), stop_restitution=0.6)
+    of_pair = hp.simulate(pair, t, start, 0.1, 1.0, hinge_torque=load, force2=(1, 2, 3))
+    of_robot = hp.simulate(
+        hp.Mechanism([pair]), t, [0.1], [1.0], loads={"k": load}, wrenches={"k": ((1, 2, 3), 0)}, base="free",
+        base_motion=start,
+    )  # fmt: skip
+    np.testing.assert_array_equal(of_robot.q[:, 0], of_pair.psi)
+    np.testing.assert_array_equal(of_robot.base_motion.S, of_pair.S1)
+
+
 @pytest.mark.parametrize("base", ["free", "pinned"])
 @pytest.mark.slow
 def test_momenta_of_a_robot_without_loads_are_kept(base):
@@ -243,6 +260,27 @@ def test_a_driven_joint_moves_as_given_and_says_what_drives_it():
     needed = robot.inverse_dynamics(found.q, found.qd, found.qdd).tau
     np.testing.assert_allclose(found.tau, needed, rtol=0, atol=10 * TOL)
     assert np.abs(found.tau[:, [0, 2]]).max() == 0.0
+
+
+@pytest.mark.slow
+def test_a_damped_double_pendulum_is_that_of_mujoco_to_its_order():
+    mujoco = pytest.importorskip("mujoco")
+    body = '<inertial mass="1" pos="0.5 0 0" diaginertia="0.01 0.09 0.09"/>'
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option integrator="RK4"/><worldbody><body><joint axis="0 1 0" damping="0.2"/>{body}
+        <body pos="1 0 0"><joint axis="0 1 0" damping="0.1"/>{body}</body></body></worldbody></mujoco>"""
+    )
+    loads = {"j0": hp.HingeLoad(damping=0.2), "j1": hp.HingeLoad(damping=0.1)}
+    expected = hp.simulate(chain(2), [0.0, 1.0], [0.0, 0.0], loads=loads, tol=TIGHT).q[-1]
+    errors = []
+    for steps in (200, 400):
+        model.opt.timestep = 1 / steps
+        data = mujoco.MjData(model)
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+        errors.append(np.abs(data.qpos - expected).max())
+    assert errors[1] < 1e-8  # of RK4 with steps of 2.5 ms
+    assert 12 < errors[0] / errors[1] < 20  # order 4
 
 
 def test_masses_that_resist_no_motion_are_named():

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.tables import column_file
 from hingepair.tables.column_file import file_table
 from hingepair.tables.recorded_columns import Vocabulary, read_recorded
 
@@ -150,6 +151,23 @@ def test_what_cannot_be_read_of_an_npz_is_named(tmp_path: Path, arrays: dict[str
     np.savez(tmp_path / "log.npz", **arrays)
     with pytest.raises(hp.ArgumentError, match=re.escape(words)):
         read_recorded(file_table(tmp_path / "log.npz"), {}, Vocabulary((), lambda _: "1"), lambda names: names)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".npz", ".parquet"])
+def test_files_of_too_many_bytes_or_rows_are_refused(
+    tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pd = pytest.importorskip("pandas")
+    path, table = tmp_path / f"log{ending}", pd.DataFrame({"t": [1.0, 2.0, 3.0]})
+    save = {".csv": table.to_csv, ".npz": lambda name: np.savez(name, t=table.t), ".parquet": table.to_parquet}
+    save[ending](path)
+    for limit, most in {"MAX_FILE_ROWS": 3, "MAX_FILE_BYTES": path.stat().st_size}.items():
+        with monkeypatch.context() as limited:
+            limited.setattr(column_file, limit, most)
+            assert read(path)["t"].size == 3
+            limited.setattr(column_file, limit, most - 1)
+            with pytest.raises(hp.ArgumentError, match=f"expected at most {most - 1} "):
+                read(path)
 
 
 @pytest.mark.parametrize(

@@ -27,9 +27,22 @@ def test_the_mode_of_what_is_replaced_is_kept(tmp_path, mode):
     target = tmp_path / "a"
     target.write_bytes(b"old")
     target.chmod(mode)
-    write(target)
+    with whole_file(target) as file:
+        file.write(b"new")
+        (beside,) = set(tmp_path.iterdir()) - {target}
+        assert not stat.S_IMODE(beside.stat().st_mode) & ~mode  # nobody else may read it meanwhile
     assert target.read_bytes() == b"new"
     assert stat.S_IMODE(target.stat().st_mode) == mode
+
+
+@pytest.mark.parametrize("umask", [0o077, 0o022, 0o002], ids=oct)
+def test_a_new_file_has_the_mode_that_the_umask_leaves(tmp_path, umask):
+    before = os.umask(umask)
+    try:
+        write(tmp_path / "a")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == 0o666 & ~umask
 
 
 @pytest.mark.parametrize("there", [True, False], ids=["file", "dangling"])
