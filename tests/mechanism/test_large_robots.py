@@ -129,7 +129,7 @@ def test_what_is_differentiated_has_a_limit():
     """The derivatives of 60 joints took LLVM minutes and more than a gigabyte."""
     for count in (60, 200):
         call = chain(count).prepare("inverse_dynamics", outputs=("tau",), backend="numpy")
-        with pytest.raises(hp.ArgumentError, match="robot: expected fewer joints, or derivatives by fewer arguments"):
+        with pytest.raises(hp.ArgumentError, match="robot: expected fewer joints"):
             call.jacobian(tuple(np.zeros((3, count))))
 
 
@@ -154,4 +154,4 @@ def check_chain(robot, count):
 
 
 def near(found, expected):
-    assert abs(found - expected).max() <= 1e-11 * abs(expected).max()
+    assert abs(found - expected).max() <= 1e-11 * abs(expected).max()  # both round along a hundred joints

@@ -39,6 +39,7 @@ def urdf_model(robot):
 def random_model(seed, joints=7):
     """A tree of hinges along and across the axes, and of sliders, with branches, frames and a base that has mass."""
     rng = np.random.default_rng(seed)
+    pin.seed(seed)  # or its Random would depend on the tests before
     model = pin.Model()
     model.appendBodyToJoint(0, body(rng), pin.SE3.Identity())
     for k in range(joints):
