@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -95,3 +97,16 @@ def test_what_a_planar_scene_writes_is_a_log(tmp_path):
     np.testing.assert_array_equal(back.psi, result.psi)
     np.testing.assert_array_equal(back.R1[:, :2], result.q[:, :2])
     assert_near(back.omega1[:, 2], result.qd[:, 2], 4)
+
+
+def test_gravity_that_nobody_gave_is_told_unless_it_made_the_motion(tmp_path):
+    body = "body2 = { mass = 1, inertia = [1, 1, 1] }\n[motion]"
+    text = PLANAR_MOTION_KIND.replace("[motion]", body)
+    known = scene_of(tmp_path, text)
+    simulated = scene_of(
+        tmp_path, re.sub(r"\[motion\].*\[time\]", "[dynamics]\nbase = 'fixed'\n[time]", text, flags=re.S)
+    )
+    told = [any("gravity is taken" in note for note in notes) for notes in (
+        known.forces().notes, known.forces((0, -1)).notes, simulated.forces().notes
+    )]  # fmt: skip
+    assert told == [True, False, False]
