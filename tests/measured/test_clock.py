@@ -158,6 +158,25 @@ def test_missing_samples_stay_missing_at_the_clock_of_body_1() -> None:
     assert abs(found.clock_offset - 10e-3) < 4.5 * found.std["clock_offset"]
 
 
+@pytest.mark.parametrize("loss", ["linear", "cauchy"])
+def test_outliers_and_a_gap_beside_an_offset_are_survived(loss: str) -> None:
+    """Of body 2 one second is missing at its own time stamps, which are those of other samples of body 1."""
+    t, body1, body2 = recorded(-30e-3)
+    rng = np.random.default_rng(1)
+    R2, S2, off = body2.R.copy(), body2.S.copy(), rng.random(2000) < 0.1
+    R2[off] += rng.normal(0, 0.1, (off.sum(), 3))
+    S2[off] = S2[off] @ turns(rng.normal(0, 0.3, (off.sum(), 3)))
+    R2[1000:1200], S2[1000:1200] = np.nan, np.nan
+    found = hp.fit(body1, hp.BodyMotion(R=R2, S=S2), t=t, loss=loss)
+    assert found.samples == pytest.approx(2000 - 6 - 200, abs=1)
+    serious = [finding.name for finding in found.findings if finding.severity == "serious"]
+    assert serious == ([] if loss == "cauchy" else ["outliers"])
+    assert "turns in a gap" not in {finding.name for finding in found.findings}
+    if loss == "cauchy":
+        assert abs(found.clock_offset + 30e-3) < 4 * found.std["clock_offset"]
+        assert (np.abs(point_error(found)[0]) < 4 * found.std["u1"] + 1e-12).all()
+
+
 def as_point(body: hp.BodyMotion) -> hp.BodyMotion:
     return hp.BodyMotion(R=body.R)
 

@@ -156,6 +156,13 @@ def test_missing_samples_are_left_out_and_said() -> None:
     assert (weighted.pair.n == found.pair.n).all()
 
 
+def test_poses_that_are_all_missing_are_refused_without_warnings() -> None:
+    """As of a log whose quaternions are all 0. Warnings are errors in these tests."""
+    made = recording(100)
+    with pytest.raises(hp.FitError, match="at least two samples with both poses, got 0"):
+        hp.fit(hp.BodyMotion(R=made.R1, S=np.full((100, 3, 3), np.nan)), hp.BodyMotion(R=made.R2, S=made.S2))
+
+
 def tracked_tag(fixed: bool, seed: int, radians: float = 0.03) -> tuple[hp.BodyMotion, hp.BodyMotion]:
     """Body 2 with noise of attitude, body 1 without: at rest, or moving."""
     made = recording(2000, seed=seed)
@@ -331,6 +338,20 @@ def test_a_recording_in_the_plane_does_not_tell_the_noise_of_its_angles():
     assert fit.ok
     assert np.abs(fit.pair.u2 - (4, 0.1, 0)).max() < 5 * fit.std["u2"].max()
     assert any("the attitudes do not tell their noise" in sentence for sentence in fit.findings)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("turns_a_second", "radians", "ok"), [(0.05, 0.02, True), (0.2, 0.02, False)])
+def test_noise_and_outliers_are_no_turns_in_a_gap(turns_a_second: float, radians: float, ok: bool) -> None:
+    """Of 0.2 and 0.8 turns in a gap of four seconds, where noise from sample to sample is faster than the hinge."""
+    t = np.arange(4000) / 200
+    made = recording(4000, 1e-3, radians, outliers=0.1, Q=turns(2 * np.pi * turns_a_second * t[:, None] * N1))
+    R2 = made.R2.copy()
+    R2[1600:2400] = np.nan
+    body1, body2 = hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=R2, S=made.S2)
+    found = hp.fit(body1, body2, t=t, clock_offset=0, loss="cauchy")
+    assert found.ok == ok
+    assert [finding.name for finding in found.findings if "turns" in finding.name] == ["turns in a gap"] * (not ok)
 
 
 @pytest.mark.slow

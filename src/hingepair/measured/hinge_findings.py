@@ -373,8 +373,10 @@ _OF_ATTITUDES: dict[str, Callable[[Float64Array], Float64Array]] = {
 
 def probable_mistakes(body_poses: BodyPoses) -> list[str]:
     """Return a sentence on a mistake in recorded poses (units, axes, transposes, quaternions), if a hinge fits far
-    better with the mistake corrected.
+    better with the mistake corrected. No pose may be missing.
     """
+    if len(body_poses.R1) < 2:
+        return []
     every = slice(None, None, -(-body_poses.R1.shape[0] // _TRIED))
     poses = BodyPoses(*(array[every].astype(np.float64) for array in body_poses))
     misfit, corrected = poses.misfit(), [(changed.misfit(), text) for text, changed in _corrected_poses(poses)]

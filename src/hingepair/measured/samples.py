@@ -100,7 +100,8 @@ def checked_samples(
         sample_noise = equal_noise(shape[0])
         sample_noise[2] = share
     used = known["1"] & known["2"]
-    sample_noise[:2] /= np.where(used, sample_weights / max(sample_weights[used].mean(), 1e-300), 1.0)
+    if used.any():
+        sample_noise[:2] /= np.where(used, sample_weights / max(sample_weights[used].mean(), 1e-300), 1.0)
     return Samples(
         t=time,
         **full_arrays,
