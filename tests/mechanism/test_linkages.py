@@ -328,3 +328,9 @@ def test_what_cannot_be_closed_is_refused(case: str) -> None:
     with pytest.raises(hp.ArgumentError) as caught:
         call()
     assert caught.value.name == name
+
+
+@pytest.mark.parametrize("given", ["joint_wrenches", "loop_wrenches", "tree_tau"])
+def test_a_prepared_call_has_no_forces_that_leave_out_those_in_the_loop(given: str) -> None:
+    with pytest.raises(hp.errors.ArgumentError):
+        FOUR_BAR.prepare(given)

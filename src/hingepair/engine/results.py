@@ -130,10 +130,11 @@ class Results(Shown):
 
         def __getattr__(self, name: str) -> Any:
             """Return an output that is accessed for the first time, or None if it was not computed."""
-            if name not in type(self).__slots__:
-                raise missing_attribute_error(self, name)
             array = self._output(name) if name in self._content[0] else None
-            _set_attribute(self, name, array)
+            if name in type(self).__slots__:
+                _set_attribute(self, name, array)
+            elif array is None:
+                raise missing_attribute_error(self, name)
             return array
 
     def __setattr__(self, name: str, value: object) -> None:

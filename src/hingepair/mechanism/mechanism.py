@@ -540,10 +540,10 @@ class Mechanism(MechanismMethods):
     ) -> Mechanism:
         """Return the mechanism with loops closed: a robot with fewer coordinates, which determine all joints.
 
-        Every method works on it as on other robots: q, tau and Jacobians are of its coordinates, and what the other
-        joints do follows within the same program. All joints are a function of q alone: the assembly near `at`, as
-        far as it can be followed without taking the loops apart. Where they cannot be closed, and at dead points,
-        results are NaN.
+        Methods work on it as on other robots, but for `joint_wrenches`, `error_bounds` and exports: q, tau and
+        Jacobians are of its coordinates, and what the other joints do follows within the same program. All joints are
+        a function of q alone: the assembly near `at`, as far as it can be followed without taking the loops apart.
+        Where they cannot be closed, and at dead points, results are NaN.
 
         Args:
             loops: Loops between frames of this robot; all that are to be closed.

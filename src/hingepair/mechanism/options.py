@@ -12,6 +12,7 @@ from typing import Any, Final, TypeAlias, TypedDict, TypeVar
 
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.errors import nearest
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.plans.arguments import Coordinates
 from hingepair.plans.pairs import SPACE
@@ -192,4 +193,5 @@ def check_options(method: str, options: Mapping[str, Any], accepted: type) -> No
     """
     for name in options:
         if name not in accepted.__annotations__:
-            raise TypeError(f"{method}() got an unexpected keyword argument {name!r}")
+            near = nearest(name, accepted.__annotations__)
+            raise TypeError(f"{method}() got an unexpected keyword argument {name!r}{near}")

@@ -69,6 +69,8 @@ class Task(NamedTuple):
 MOTION_LEVELS: Final = ("pose", "velocity", "acceleration")  # tasks of motion, by the order of the time derivative
 ROWS: Final = ("q", "qd", "qdd")
 """Names of all coordinates, and of their derivatives."""
+PARTS_OF_LOOPS: Final = ("loop_gaps", "loop_jacobian", "loop_wrenches", "tree_tau")
+"""Tasks of which messages, `transmission` and `loop_wrenches` are made; a prepared call has none of them."""
 FREE_BASE_OUTPUTS: Final = ("a1", "alpha1")  # of forward dynamics, where forces move the base
 ALL_COORDINATES: Final = ("q_all", "qd_all", "qdd_all")  # of a closed mechanism; each is a task, with those before it
 _B, _F, _J, _W = BaseOptions, FrameOptions, JacobianOptions, WeightOptions
@@ -93,7 +95,7 @@ ROBOT_TASKS: Final[Mapping[str, Task]] = {
         for order, name in enumerate(ALL_COORDINATES, 1)
     },
     "struts": Task(("q", "qd"), ("strut_length", "strut_rate", "strut_force"), None, RunOptions),
-    **{name: Task(("q",), (name,), None, _B) for name in ("loop_gaps", "loop_jacobian", "loop_wrenches")},
+    **{name: Task(("q",), (name,), None, _B) for name in PARTS_OF_LOOPS[:3]},
     "tree_tau": Task(ROWS, ("tree_tau",), None, LoopOptions),
     "mass_matrix": Task(("q",), ("mass_matrix",), None, _B),
     "bias_forces": Task(("q", "qd"), ("bias_forces",), None, _W),
@@ -157,6 +159,9 @@ PAIR_TASKS: Final[Mapping[PairKind, Mapping[str, Task]]] = {
     },
 }  # fmt: skip
 """All that can be asked of pairs in space and in the plane."""
+_METHODS: Final = {  # where a method has not the name of its task
+    **dict.fromkeys(MOTION_LEVELS, "forward_kinematics"), "from_body1": "forward_kinematics_from_body1"
+}  # fmt: skip
 
 
 # ---- the call of a method
@@ -224,7 +229,7 @@ def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names:
                 watch(result, dict(zip(call.argument_shapes, values, strict=True)))
             return result
     row = subject._tasks[task]
-    check_options(task, options, row.options)
+    check_options(_METHODS.get(task, task), options, row.options)
     execution = execution_of(options.get("backend", "auto"), options.get("workers", 1))
     given = dict(zip(names or row.given, values, strict=bool(names)))
     request = subject._request(row, given, options, out)

@@ -21,7 +21,12 @@ from hingepair.plans.computation import Computation
 from hingepair.plans.dask_chunks import is_dask
 from hingepair.plans.derivatives import Derivative
 
-_JOINT_UNITS = {"q": "rad or m", "qd": "rad/s or m/s", "qdd": "rad/s^2 or m/s^2", "tau": "N m or N"}
+_JOINT_UNITS = {
+    **{"q": "rad or m", "qd": "rad/s or m/s", "qdd": "rad/s^2 or m/s^2"},
+    **dict.fromkeys(("tau", "bias_forces", "gravity_forces"), "N m or N"),
+    "mass_matrix": "kg m^2, kg m or kg",
+    **dict.fromkeys(("jacobian", "jacobian_in_frame"), "m or 1, then 1 or 0"),
+}
 
 
 class _Derived(NamedTuple):

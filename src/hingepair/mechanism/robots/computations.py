@@ -9,9 +9,9 @@ import numpy as np
 
 from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
-from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
-from hingepair.mechanism.requests import ALL_COORDINATES, ROBOT_TASKS
+from hingepair.mechanism.requests import ALL_COORDINATES, PARTS_OF_LOOPS, ROBOT_TASKS
 from hingepair.mechanism.robots.constants import (
     RobotConstants,
     axes_with_samples,
@@ -60,7 +60,7 @@ Loads: TypeAlias = Mapping[str, tuple[Any, str]]
 
 OF_STRUTS: Final = ROBOT_TASKS["struts"].outputs
 # These, like those of struts, need no masses.
-OF_LOOPS: Final = (*ALL_COORDINATES, "loop_gaps", "loop_jacobian", "loop_wrenches")
+OF_LOOPS: Final = (*ALL_COORDINATES, *PARTS_OF_LOOPS[:3])
 OF_BODIES: Final = ("torque_regressor",)  # outputs that take the frames of all bodies, and need no masses
 _FORCED: Final = (
     "inverse_dynamics", "forward_dynamics", "joint_wrenches", "bias_forces", "gravity_forces", "tree_tau",
@@ -74,7 +74,7 @@ _RESULTS: Final = {
     **{name: task.result for task in ROBOT_TASKS.values() for name in task.outputs},
     **dict.fromkeys(FRAME_OUTPUTS, MechanismState),
 }
-ALL_OUTPUTS: Final = tuple(_RESULTS)
+ALL_OUTPUTS: Final = tuple(name for name in _RESULTS if name not in PARTS_OF_LOOPS)
 _PREPARED_ARGUMENTS: Final = (*COORDINATES, *BASE_MOTION, *BASE_LOADS)  # which `prepare` accepts as `given`
 
 
@@ -244,12 +244,15 @@ class RobotComputation(Computation):
 
 def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
     """Check the argument `given` of `prepare`, names or that of a task, and return the names of its arguments."""
-    if isinstance(given, str) and given in ROBOT_TASKS:
+    tasks = tuple(name for name in ROBOT_TASKS if name not in PARTS_OF_LOOPS)
+    if isinstance(given, str) and given in tasks:
         names = ROBOT_TASKS[given].given
     elif isinstance(given, Iterable) and not isinstance(given, str):
         names = tuple(given)
     else:
-        raise ArgumentError("given", f"{choices(tuple(ROBOT_TASKS))}, or a tuple of names", quoted(given))
+        known = *tasks, "rollout", "inverse_kinematics"
+        near = nearest(given, known) if isinstance(given, str) else ""
+        raise ArgumentError("given", f"{choices(known)}, or a tuple of names{near}", quoted(given))
     for name in names:
         if name not in _PREPARED_ARGUMENTS:
             raise ArgumentError("given", choices(_PREPARED_ARGUMENTS), quoted(name))

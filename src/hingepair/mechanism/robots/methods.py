@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
-from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.linkages import follow_path
@@ -419,10 +419,6 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> robot.joint_wrenches(np.zeros(6), np.zeros(6), np.zeros(6))["wrist_3_joint"].force.shape
         (3,)
         """
-        if self._tree.closure is not None:
-            raise ArgumentError(
-                "robot", "one without loops; loop_wrenches has what closes them", "a closed mechanism"
-            )
         return ask(self._robot, "joint_wrenches", (q, qd, qdd), options)
 
     @with_options()
@@ -905,8 +901,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             return self._prepared_rollout({"frames": frames, "outputs": outputs}, shared, rollout)
         if given == "inverse_kinematics":
             return PreparedInverseKinematics(self._tree, self._robot.constants, frames, outputs, rollout)
-        if rollout:
-            raise ArgumentError(next(iter(rollout)), 'an option of prepare("rollout", ...) alone', quoted(given))
+        for name, value in rollout.items():
+            known = ("outputs", "frames", "gravity", "wrenches", "joint_loads", "workers", "backend")
+            raise ArgumentError(name, f"{choices(known)}{nearest(name, known)} for {given!r}", quoted(value))
         return self._robot.prepare(
             self.prepare, given, gravity, execution_of(backend, workers),
             frames=frames, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,

@@ -237,6 +237,9 @@ class RobotRequests:
             if not {*outputs}.isdisjoint(OF_BODIES):
                 chosen += self.tree.body_frames(free)
             if not {*outputs}.isdisjoint(ROBOT_TASKS["joint_wrenches"].outputs):
+                if self.tree.closure is not None:
+                    expected = "one without loops; loop_wrenches has what closes them"
+                    raise ArgumentError("robot", expected, "a closed mechanism")
                 constants = self.whole_constants
             found = RobotComputation(
                 constants, outputs, free, chosen, tuple(range(len(shown), len(shown) + len(loaded))),
