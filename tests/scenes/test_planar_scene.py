@@ -67,6 +67,15 @@ def test_is_the_scene_in_space(tmp_path):
         np.testing.assert_allclose(getattr(flat, name), getattr(space, name)[:, 2], rtol=0, atol=64 * 2.0**-53)
 
 
+def test_body_1_rests_at_the_origin_where_psi_is_given_alone(tmp_path):
+    still = 'x = "3*t"\ny = 0.5\nphi = "0.3*t**2"\n'
+    alone = scene_of(tmp_path, PLANAR_MOTION_KIND.replace(still, ""))
+    result = alone.evaluate()
+    expected = alone.pair.forward_kinematics((0, 0, 0, np.sin(result.t)))
+    assert_near(result.R2, expected.R2, 1.0)
+    assert alone.cross_validate().ok
+
+
 def test_names_its_own_coordinates_and_outputs(tmp_path):
     scene = scene_of(tmp_path, PLANAR_MOTION_KIND + '[outputs]\nnames = ["phi2", "R2"]\n')
     assert list(scene.expressions) == ["x", "y", "phi", "psi"]

@@ -88,14 +88,14 @@ class SceneForces(Record):
 
     Args:
         scene: the Scene.
-        arrays: the forces by name.
+        arrays: the coordinates of the joints and the forces, by name.
         gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
         notes: sentences for readers of the forces.
         tau: of a robot, joint efforts: torques of hinges [N m], forces of sliders [N]; shape (N, dof).
         loads: of a robot, a JointLoad for each joint that has a coordinate of its own.
     """
 
-    __slots__ = ("gravity", "loads", "notes", "tau")
+    __slots__ = ("_joints", "gravity", "loads", "notes", "tau")
 
     def __init__(
         self,
@@ -108,7 +108,7 @@ class SceneForces(Record):
         loads: tuple[JointLoad, ...] = (),
     ) -> None:
         super().__init__(scene.t, arrays, f"forces: {scene.title}", scene.files, scene.unit, scene.units)
-        self.gravity, self.notes = gravity, notes
+        self.gravity, self.notes, self._joints = gravity, notes, scene.subject.names
         self.tau, self.loads = tau, loads
 
     def __str__(self) -> str:
@@ -126,8 +126,12 @@ class SceneForces(Record):
         Args:
             units: units in place of SI units; by default those of the scene.
         """
-        vectors = {name: array for name, array in self.recorded().items() if not name.startswith("tau_")}
-        return self._ranges(vectors, self.in_units(units))
+        return self._ranges(self._vectors(), self.in_units(units))
+
+    def _vectors(self) -> dict[str, NDArray[Any]]:
+        """Return what is recorded beside coordinates and efforts of joints."""
+        arrays = self.recorded().items()
+        return {name: array for name, array in arrays if name not in self._joints and not name.startswith("tau_")}
 
     def _ranges(self, arrays: Mapping[str, NDArray[Any]], shown: Columns) -> dict[str, dict[str, float]]:
         """Return `ranges` of some arrays, in the units of `shown`."""
@@ -153,8 +157,7 @@ class SceneForces(Record):
             units: units in place of SI units; by default those of the scene.
         """
         shown = self.in_units(units)
-        vectors = {name: array for name, array in self.recorded().items() if not name.startswith("tau_")}
-        ranges = self._ranges(with_magnitudes(vectors, shown.si_unit), shown)
+        ranges = self._ranges(with_magnitudes(self._vectors(), shown.si_unit), shown)
         offset, name = shown.units.offset_of_instants(self.t[0], self.t[-1])
         at = name or _time_name(shown.units)
         keys = ("first", "smallest", "largest", "rms", "t_of_largest_size")
@@ -198,6 +201,7 @@ def scene_forces(
     dynamics = scene.tables.table("dynamics", required=False)
     notes = [*non_finite_sentences(arrays)]
     known = motion.source.part(slice(None), ACCELERATION)
+    columns = known.joint_columns(0) | arrays
     if motion.simulated is not None:
         notes += impact_sentences(motion.simulated.impacts, {joint.name: joint.unit for joint in subject.joints})
     else:
@@ -210,7 +214,7 @@ def scene_forces(
             )
     if subject.mechanism is None:
         notes += _torque_limit_sentences(subject.pair, t, arrays)
-        return SceneForces(scene, arrays, gravity=gravity[: subject.dimensions], notes=tuple(notes))
+        return SceneForces(scene, columns, gravity=gravity[: subject.dimensions], notes=tuple(notes))
     efforts = [arrays[f"tau_{name}"] for name in subject.names]
     tau = np.stack(efforts, axis=-1) if efforts else np.zeros((len(t), 0))
     loads = tuple(_summarize_joint(joint, i, t, known, tau[:, i]) for i, joint in enumerate(subject.joints))
@@ -218,7 +222,7 @@ def scene_forces(
         notes += _effort_limit_sentences(load, len(t))
     if (left_out := loads_note(tree_of(subject.mechanism))) and not dynamics.flag("joint_loads"):
         notes.append(f"{left_out}; joint_loads = true in [dynamics] counts them")
-    return SceneForces(scene, arrays, gravity=gravity, notes=tuple(notes), tau=tau, loads=loads)
+    return SceneForces(scene, columns, gravity=gravity, notes=tuple(notes), tau=tau, loads=loads)
 
 
 def _rest_friction_sentences(loads: Mapping[str, HingeLoad], known: Known, is_pair: bool) -> Iterator[str]:

@@ -139,13 +139,6 @@ class Known:
             rows[0][self.names[0]] = self.column(0, 0)  # an array shows the number of instants
         return tuple(rows)
 
-    def pair_arguments(self) -> Derivatives:
-        """Return the coordinates of a pair with at least one array, which shows the number of instants."""
-        q, *rates = self.derivatives
-        if any(isinstance(value, np.ndarray) for value in q):
-            return (q, *rates)
-        return ((np.full(self.count, q[0]), *q[1:]), *rates)
-
     def coordinates(self) -> dict[str, Float64Array]:
         """Return the coordinates that results record beside the outputs, by name; shape (count,) each."""
         base = self.base_columns(0) if isinstance(self.base, EulerBase) and self.names == PSI else {}

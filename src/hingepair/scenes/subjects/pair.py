@@ -15,13 +15,13 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
-from hingepair.mechanism.pairs.requests import computation_of
+from hingepair.mechanism.pairs.requests import check_masses, computation_of
 from hingepair.mechanism.requests import ROWS
 from hingepair.mechanism.states import PairState, PlanarState
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_among
-from hingepair.scenes.motions.known import PSI, Known, quaternion_columns
+from hingepair.scenes.motions.known import PSI, Derivatives, Known, quaternion_columns
 from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.subjects.subject import Acting, Arrays, Computed, Plan, SubjectBase, compared_rates
 from hingepair.scenes.tables import Table
@@ -163,10 +163,22 @@ class PairSubject(SubjectBase):
             return self._with_points(
                 known, points, tuple(name for name in outputs or () if name not in points), backend
             )
-        if known.derivatives:
+        if rows := self._coordinates(known):
             of_space = {"sequence": known.sequence} if known.sequence else {}
-            return pair.forward_kinematics(*known.pair_arguments(), outputs=outputs, backend=backend, **of_space)
+            return pair.forward_kinematics(*rows, outputs=outputs, backend=backend, **of_space)
         return pair.forward_kinematics_from_body1(known.body1, *known.hinge, outputs=outputs, backend=backend)
+
+    def _coordinates(self, known: Known) -> Derivatives:
+        """Return q and its derivatives, with at least one array, which shows the number of instants; nothing where
+        the attitude of body 1 is given otherwise.
+        """
+        rows = known.derivatives
+        if self.planar and known.base is None:  # body 1 rests at the origin
+            rows = tuple((0.0, 0.0, 0.0, *joint) for joint in known.joints)
+        if not rows or any(isinstance(value, np.ndarray) for value in rows[0]):
+            return rows
+        (first, *others), *rates = rows
+        return (np.full(known.count, first), *others), *rates
 
     def _with_points(self, known: Known, points: Sequence[str], others: tuple[str, ...], backend: str) -> Any:
         """Return the state with outputs of points that are too many for a kernel, from those of their bodies (E1, E8,
@@ -251,6 +263,7 @@ class PairSubject(SubjectBase):
         """Return the forces of the hinge and, of a body 1 with masses, the load on body 1: what must act beside the
         loads on body 2.
         """
+        check_masses({"body2": self.pair.body2})
         body1, options = known.body1, {"gravity": acting.gravity, "wrenches": acting.wrenches(known)}
         robot: Any = self.robot
         wrench = robot.joint_wrenches(*known.arguments(), base_motion=body1, **options)[PSI[0]]
@@ -276,9 +289,9 @@ class PairSubject(SubjectBase):
 
         compared: Any = validation.cross_validate
         report: CrossValidation
-        if known.derivatives:
+        if coordinates := self._coordinates(known):
             of_space = {"sequence": known.sequence} if known.sequence else {}
-            report = compared(self.pair, *known.derivatives, **of_space)
+            report = compared(self.pair, *coordinates, **of_space)
         else:
             report = compared(self.pair, known.body1, *known.hinge)
         report = replace(report, notes=acting.motion.error_notes(report.u))
