@@ -199,7 +199,7 @@ def test_torques_of_the_wrong_sign_are_reported_without_friction_too():
     assert fit.ok, fit.findings
     flipped = hp.fit_masses(panda(), q, qd, qdd, -tau)
     assert not flipped.ok
-    assert flipped.findings[0].startswith("The base parameters cannot be those of rigid bodies")
+    assert flipped.findings[0].startswith("No rigid bodies have these base parameters")
     assert flipped.findings[0].endswith("do tau and qdd have the same sign?")
     rotors = panda().with_inertial_parameters(panda().inertial_parameters, armature=5.0 * np.eye(7)[0])
     heavy = hp.fit_masses(rotors, q, qd, qdd, tau)
@@ -355,6 +355,35 @@ def test_errors_of_the_model_are_named_with_their_size(name):
     assert not fit.ok
     (found,) = (finding for finding in fit.findings if finding.name == kind)
     assert re.search(words, found), found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("samples", [-2, 1, 3, 8, 24])
+def test_torques_that_are_late_are_found_with_their_delay(samples):
+    q, qd, qdd, tau = (
+        np.roll(one, shift, axis=0) for one, shift in zip(recorded()[1:], (0, 0, 0, samples), strict=True)
+    )
+    inner = slice(50, -50)
+    fit = hp.fit_masses(recorded()[0], q[inner], qd[inner], qdd[inner], tau[inner])
+    (found,) = (finding for finding in fit.findings if finding.name == "delay")
+    said = re.search("torques that are (late|early)(?: by ([0-9.]+) samples?)?", found)
+    assert said[1] == ("late" if samples > 0 else "early")
+    if samples == 24:  # more than are tried
+        assert said[2] is None
+    else:
+        assert float(said[2]) == pytest.approx(abs(samples), abs=0.25)
+
+
+def test_a_robot_that_stands_still_is_not_said_to_have_other_units():
+    """Gravity does not load all of its joints: of these, the ratio to the torques as described is none."""
+    robot = hp.load_robot("ur5_robot")
+    still = np.zeros((200, 6))
+    q = np.tile((0.3, -1, 1, 0, 0.5, 0), (200, 1))
+    tau = robot.inverse_dynamics(q, still, still).tau
+    noisy = tau + 0.1 * np.random.default_rng(0).normal(size=tau.shape)
+    assert "unit" not in {finding.name for finding in hp.fit_masses(robot, q, still, still, noisy).findings}
+    (found,) = (one for one in hp.fit_masses(robot, q, still, still, 1e3 * noisy).findings if one.name == "unit")
+    assert 900 < found.value < 1100
 
 
 def test_a_recording_of_zeros_is_no_error_of_numpy():

@@ -487,10 +487,11 @@ _IMU_VOCABULARY: Final = Vocabulary(tuple(_IMU_UNITS), lambda name: _IMU_UNITS.g
 
 def are_imus(sources: Sequence[Any], columns: Mapping[str, Any]) -> bool:
     """Return whether recordings are those of inertial sensors: the specific force of each is recorded."""
-    shown = [
-        {read_heading(heading, _IMU_VOCABULARY.unit_of)[0] for heading in open_columns(source).shapes}
-        for source in sources
-    ]
+    shown = []
+    for source in sources:
+        with _naming(source):
+            headings = open_columns(source).shapes
+        shown.append({read_heading(heading, _IMU_VOCABULARY.unit_of)[0] for heading in headings})
     return "force_x" in columns or all("force_x" in names for names in shown)
 
 

@@ -85,7 +85,7 @@ class BodyModel:
     parameters: ClassVar = 9  # those of `Hinge.moved`
     angles: ClassVar = 4
     components: ClassVar = 5
-    unknown_split: ClassVar = "divides between the bodies: noise1 and noise2 tell"
+    unknown_split: ClassVar = "is divided between the bodies, which is not known: give noise1 and noise2"
 
     @classmethod
     def start(cls, poses: RelativePoses, loss: Loss | None, /) -> BodyModel:

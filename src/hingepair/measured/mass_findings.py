@@ -31,8 +31,9 @@ _DEPENDENT = 5.0  # of squares of means, times what noise makes of them
 _ORDERED, _ORDERED_SAMPLES = 0.9, 4096  # correlation and number of neighbours that tell errors of the model
 _SHOWN = 6.0  # standard deviations from which an error of the model is shown
 _SHIFTED = 2.0  # standard deviations by which it may shift a parameter
+_LONGEST_DELAY = 20  # samples by which torques are tried to be late or early
 _LARGEST = 30  # joints; of more, derivatives by lengths are large programs
-_FACTORS = {"m": (1e3, "mm"), "rad": (180 / np.pi, "deg"), "samples": (1.0, "samples")}
+_FACTORS = {"m": (1e3, "mm"), "rad": (180 / np.pi, "deg")}
 
 
 class Explained(NamedTuple):
@@ -149,7 +150,10 @@ def _unit_findings(explained: Explained) -> list[Finding]:
         return []
     torques = recording.torques(slice(0, count))
     of_robot = column_rms(torques - recording.left(recording.described)[:count])
-    ratio = float(np.median(column_rms(torques) / np.maximum(of_robot, 1e-300)))
+    loaded = of_robot > 1e-6 * of_robot.max()  # others have no torque but rounding
+    if not loaded.any():
+        return []
+    ratio = float(np.median(column_rms(torques)[loaded] / of_robot[loaded]))
     text = f"The torques are {ratio:.4g} times those of the robot as described: are they in N m, or N of sliders?"
     return exceeded(Finding("unit", max(ratio, 1 / max(ratio, 1e-300)), 100, text)) if ratio else []
 
@@ -177,25 +181,26 @@ def _model_findings(explained: Explained) -> list[Finding]:
         scores = (explains * (rest - explains)).reshape(len(explained.left[part]), -1).sum(axis=1)
         score = float(explains @ explains) / max(float(np.sqrt(score_scatter(scores[None])[0][0, 0])), 1e-300)
         shift = float((np.abs(of_parameters @ size)[known] / np.maximum(found.std[known], 1e-300)).max(initial=0.0))
-        factor, name_of_unit = _FACTORS[unit]
-        shown.append((score, shift, name, f"{text} by {factor * float(np.linalg.norm(size)):.2g} {name_of_unit}"))
+        factor, name_of_unit = _FACTORS.get(unit, (1.0, ""))
+        by = f" by {factor * float(np.linalg.norm(size)):.2g} {name_of_unit}" if unit else ""
+        shown.append((score, shift, name, text + by))
     most = max(shown)
     alike = [each for each in shown if each[0] > 0.9 * most[0]]
-    text = f"The torques are as of {' or '.join(text for *_, text in alike)}: parameters are off by "
-    text += f"{max(shift for _, shift, *_ in alike):.2g} standard deviations."
-    harmless = max(shift for _, shift, *_ in alike) <= _SHIFTED
-    return exceeded(Finding(alike[0][2], most[0], _SHOWN, text, harmless=harmless))
+    causes, most_shift = " or ".join(text for *_, text in alike), max(shift for _, shift, *_ in alike)
+    text = f"A probable cause of what is left of the torques is {causes}: parameters are wrong by "
+    text += f"about {most_shift:.2g} standard deviations."
+    return exceeded(Finding(alike[0][2], most[0], _SHOWN, text, harmless=most_shift <= _SHIFTED))
 
 
 def _errors_of_model(explained: Explained, part: slice) -> Iterator[tuple[str, str, str, Float64Array]]:
-    """Yield errors that the model may have: their names, sentences and units, and what a unit of them adds to the
-    torques, (n, dof, .).
+    """Yield errors that the model may have: their names, sentences and units ("" if the sentence has their size), and
+    what a unit of them adds to the torques, (n, dof, .).
     """
     recording, robot = explained.recording, explained.robot
     q, qd, qdd = (recording.values[name][part] for name in ("q", "qd", "qdd"))
     # Torques that are late are off by their change from sample to sample.
     fitted = recording.torques(part) - explained.left[part]
-    yield "delay", "torques that are late or early", "samples", np.gradient(fitted, axis=0)[..., None]
+    yield "delay", _delay_text(explained, part), "", np.gradient(fitted, axis=0)[..., None]
     size = float(np.linalg.norm(recording.gravity))
     if size:
         across = size * np.linalg.svd(np.reshape(recording.gravity, (1, 3)))[2][1:]
@@ -213,6 +218,29 @@ def _errors_of_model(explained: Explained, part: slice) -> Iterator[tuple[str, s
         yield "zero", f"a zero of {joint.name} that is off", joint.unit, found["q"][..., k, None]
     for k, moved in enumerate(tree_of(robot).joints):
         yield "length", f"a place of {moved.name} that is off", "m", found["lengths"][..., k, :]
+
+
+def _delay_text(explained: Explained, part: slice) -> str:
+    """Say whether torques are late or early, and by how many samples if fewer than the most tried fit them best."""
+    recording, noise, count = explained.recording, explained.found.noise, part.stop
+    most = min(_LONGEST_DELAY, count // 8)
+    A = (recording.rows(slice(most, count - most)) / noise[:, None]).reshape(-1, recording.described.size)
+    tau = recording.values["tau"][part]
+    known = (tau - recording.torques(part))[most : count - most]  # of the motion, not late with the torques
+    lags = np.arange(-most, most + 1)
+    moved = np.stack(
+        [((tau[most + lag : count - most + lag] - known) / noise).ravel() for lag in lags.tolist()], axis=-1
+    )
+    off = ((moved - A @ (np.linalg.pinv(A.T @ A, hermitian=True) @ (A.T @ moved))) ** 2).sum(axis=0)
+    best = int(np.argmin(off))
+    order = "late" if lags[best] > 0 else "early"
+    if abs(lags[best]) == most:
+        return f"torques that are {order}"
+    before, least, after = off[best - 1 : best + 2]
+    found = float(lags[best] + (before - after) / max(2 * (before - 2 * least + after), 1e-300))
+    if abs(found) < 0.1:
+        return "torques that are late or early"
+    return f"torques that are {'late' if found > 0 else 'early'} by {abs(found):.2g} sample{'s' * (abs(found) > 1)}"
 
 
 def _dependence(explained: Explained) -> Float64Array:
@@ -278,9 +306,9 @@ def _body_findings(explained: Explained) -> list[Finding]:
     recording = explained.recording
     known_rotors = recording.robot.armature.any() and "armature" not in recording.terms
     text = (
-        "The base parameters cannot be those of rigid bodies: with the nearest ones, those of `robot`, squares of "
-        f"what is left grow by {explained.grown:.3g} times the variance of the noise: do tau and qdd have the same "
-        f"sign{', and are the rotors as light as `armature` says' if known_rotors else ''}?"
+        "No rigid bodies have these base parameters, and the nearest rigid bodies, those of `robot`, do not explain "
+        "the torques: do tau and qdd have the same sign"
+        f"{', and are the rotors as light as `armature` says' if known_rotors else ''}?"
     )
     return exceeded(Finding("bodies", explained.grown, _GROWTH * len(explained.estimate), text))
 

@@ -15,6 +15,7 @@ from hingepair.mechanism.robots.inertial_parameters import BaseParameters, inert
 from hingepair.numeric.arrays import Float64Array
 
 _SINGULAR = 1e-12  # of the largest eigenvalue; below, a combination of parameters has no effect on the torques
+_NO_EFFECT = 1e-10  # of the largest torques of a parameter; those of a smaller one are rounding
 _BLOCK = 2**23  # numbers of a regressor that are in memory at a time
 _WEIGHT_ROUNDS = 3  # in which the noise of each joint and the parameters are estimated in turn
 _LEAST_NOISE = 1e-7  # smallest noise assumed, of what the described parameters leave: weights stay finite
@@ -139,11 +140,14 @@ def _least_squares_with(recording: Recording, count: int, weights: Float64Array)
         products += np.swapaxes(columns, 1, 2) @ columns
     unexplained = np.sqrt(products[:, width, width].max() / count)
     least = max(_LEAST_NOISE * unexplained, _ROUNDING * column_rms(recording.values["tau"][:count]).max())
+    bodies = np.sqrt((recording.base.matrix**2) @ inertial_units(robot) ** 2)  # what parameters may amount to
     # Parameters and the noise of each joint in turn.
     noise = np.ones(robot.dof)
     for _ in range(_WEIGHT_ROUNDS):
         whole = (products / noise[:, None, None] ** 2).sum(axis=0)
         lengths = np.sqrt(np.diagonal(whole)[:width])
+        torques = lengths[: len(bodies)] * bodies
+        lengths[: len(bodies)][torques < _NO_EFFECT * torques.max(initial=0.0)] = 0.0
         unit = np.where(lengths > 0, lengths, 1.0)
         sizes, vectors = np.linalg.eigh(whole[:width, :width] / np.outer(unit, unit))
         seen = sizes > _SINGULAR * sizes[-1]
