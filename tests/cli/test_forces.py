@@ -113,7 +113,7 @@ def test_the_torque_about_the_hinge_axis_is_split_into_what_gives_it(tmp_path, t
         "stop_torque": -1e4 * (psi - np.clip(psi, -0.5, 0.3)) * np.maximum(1 + np.sign(psi) * psid, 0),
     }
     assert parts["stop_torque"].any()
-    assert list(forces.recorded())[:6] == ["hinge_torque", *parts]
+    assert list(forces.recorded())[:7] == ["psi", "hinge_torque", *parts]
     for name, torque in parts.items():
         np.testing.assert_allclose(forces[name], torque, rtol=1e-13, atol=1e-12)
     np.testing.assert_allclose(sum(parts.values()), forces.hinge_torque, rtol=1e-9, atol=1e-9)

@@ -74,6 +74,7 @@ def owners(called: set[str], names: list[str]) -> dict[str, str]:
 @example(names=["c_1", "k_1", "s_1"])
 @example(names=["u2_x", "y", "yd"])
 @example(names=["u_1", "u1", "R2_x"])
+@example(names=["numpy", "N", "gamma"])
 def test_formulas_hold_whatever_the_constants_are_called(names, tmp_path):
     (tmp_path / "a.toml").write_text(PLANAR.format(**dict(zip("abc", names, strict=True))))
     scene = hp.load_scene(tmp_path / "a.toml")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import functools
 import itertools
 import keyword
@@ -187,7 +188,7 @@ class ClosedForms(ABC):
         parts = (
             part for name in self._checked(names) for part in zip(self.labels(name), self.entries(name), strict=True)
         )
-        return {label: sympy.sstr(expr) for label, expr in parts}
+        return {label: _sympy_expression(expr) for label, expr in parts}
 
 
 def _shorter(expr: Expr) -> Expr:
@@ -430,8 +431,17 @@ class _CSource(C99CodePrinter):  # type: ignore[misc]
         return str(super()._print(expr, **settings))
 
 
+class _SymPySource(StrPrinter):  # type: ignore[misc]
+    """Printer of text that `sympy.sympify` reads; symbols with names of SymPy's own, such as gamma, say so."""
+
+    def _print_Symbol(self, expr: Expr) -> str:
+        known = hasattr(sympy, expr.name) or hasattr(builtins, expr.name)
+        return f"Symbol({expr.name!r})" if known else str(expr.name)
+
+
 numpy_source: Final = _NumPySource({"allow_unknown_functions": False}).doprint
 _c_expression: Final = _CSource({"allow_unknown_functions": False}).doprint
+_sympy_expression: Final = _SymPySource().doprint
 
 
 class _Function(NamedTuple):
