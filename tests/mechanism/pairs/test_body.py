@@ -59,6 +59,13 @@ def test_the_rounded_moments_of_a_flat_body_are_taken_and_said(moments, above):
     assert body.assumed == ()
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_the_word_on_rounded_moments_does_not_depend_on_the_size_of_the_body(unit):
+    hp.Body(mass=2, inertia=np.multiply((1, 2, 3 + 32 * U), unit))
+    with pytest.warns(hp.DynamicsWarning, match="taken for rounding"):
+        hp.Body(mass=2, inertia=np.multiply((1, 2, 3 + 1024 * U), unit))
+
+
 def test_a_flat_body_whose_moments_are_exact_is_taken_without_a_word():
     assert np.array_equal(hp.Body(mass=2, inertia=(0.1, 0.2, 0.30000000000000004)).inertia.diagonal()[:2], (0.1, 0.2))
 

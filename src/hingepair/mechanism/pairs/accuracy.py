@@ -38,8 +38,8 @@ PROMISED_BOUND_BY_OUTPUT: Mapping[str, PromisedBound] = MappingProxyType(
     {
         "S1": PromisedBound(8, 5.1, "1"),
         "S2": PromisedBound(36, 11.6, "1"),
-        "d": PromisedBound(19, 8.4, "abs(u1) + abs(u2)"),
-        "R2": PromisedBound(20, 8.8, "max abs(R1) + abs(u1) + abs(u2)"),
+        "d": PromisedBound(19, 7.9, "abs(u1) + abs(u2)"),
+        "R2": PromisedBound(20, 7.6, "max abs(R1) + abs(u1) + abs(u2)"),
         "omega1": PromisedBound(7, 3.4, "W1"),
         "omega2": PromisedBound(14, 6.1, "W2 = W1 + abs(psi')"),
         "v2": PromisedBound(32, 10.6, "max abs(v1) + W1 abs(u1) + W2 abs(u2)"),
