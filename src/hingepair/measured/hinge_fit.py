@@ -198,7 +198,7 @@ def fit(
     >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
     >>> state = pair.forward_kinematics_from_body1(body1, np.cos(2 * t))
     >>> fit = hp.fit(body1, hp.BodyMotion(R=state.R2, S=state.S2))
-    >>> fit.ok, fit.pair.n.round(12) + 0.0, fit.pair.u1.round(12)
+    >>> fit.ok, fit.pair.n.round(12) + 0.0, fit.pair.u1.round(12) + 0.0
     (True, array([0., 1., 0.]), array([0.5, 0. , 0.1]))
     """
     check_choice("loss", loss, LOSSES)

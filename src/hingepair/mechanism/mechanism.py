@@ -430,7 +430,7 @@ class Mechanism(MechanismMethods):
         return self._with_tree(changes.lock_joints(self._tree, positions))
 
     def with_motor(self, joint: str, *, armature: float, ratio: float | None = None) -> Mechanism:
-        """Return a copy of the robot with the inertia of a motor's rotor at a joint, in place of its `armature`.
+        """Return a copy of the robot with a motor at a joint, whose rotor's inertia replaces that of the file.
 
         Args:
             joint: name of the joint.

@@ -882,10 +882,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
                 options of that method, such as `prefer`, `limits` and `base`.
 
         Returns:
-            A `Prepared`, whose calls return what the method returns; with outputs of several methods the result of
-            the one that has the first, in which the others are attributes of frames' motions, or else
-            `result["jacobian"]`. A `PreparedRollout` of "rollout"; a `PreparedInverseKinematics`, which steps from
-            q0 to the target of a call, of "inverse_kinematics".
+            A `Prepared`, whose calls return what the method returns, or, with outputs of several methods, one result
+            with all of them as attributes. A `PreparedRollout` of "rollout"; a `PreparedInverseKinematics`, which
+            steps from q0 to the target of a call, of "inverse_kinematics".
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an argument that is not given.
