@@ -139,7 +139,7 @@ class Trajectory(Frozen, Result):
         """Attitude of body 1, body to world; shape (N, 3, 3). Unless S1 is an output, it is computed at each
         access.
         """
-        S1 = self.state.S1
+        S1 = self.state.arrays().get("S1")
         if S1 is not None:
             return S1
         return read_only(quaternions_to_matrices(self.quat_wxyz))
@@ -161,11 +161,6 @@ class PlanarTrajectory(Trajectory):
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return the arrays by name, the instants on the first axis: the outputs that were computed, R1, phi, psi."""
         return {**self.state.arrays(), "R1": self.R1, "phi": self.phi, "psi": self.psi}
-
-    @property
-    def S1(self) -> NDArray[Any]:
-        """Attitude of body 1 as a rotation about z, body to world; shape (N, 3, 3)."""
-        return read_only(quaternions_to_matrices(self.quat_wxyz))
 
 
 def describe_instants(t: NDArray[np.float64]) -> str:
