@@ -16,7 +16,7 @@ from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.building.pairs import tree_of_pair
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.pairs.accuracy import euler_rate_sizes, norm, output_scales, unit_roundoff
+from hingepair.mechanism.pairs.accuracy import euler_rate_sizes, unit_roundoff
 from hingepair.mechanism.pairs.geometry import check_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
@@ -29,10 +29,10 @@ from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE
 from hingepair.plans.trees import BASE_MOTION
 from hingepair.validation.loops import Linkage
 from hingepair.validation.pinocchio_twin import (
+    LETTERS,
     Twin,
     frame_motions,
     import_pinocchio,
-    joint_rules,
     pair_twin,
     robot_twin,
 )
@@ -40,8 +40,9 @@ from hingepair.validation.report import MAX_LOAD_RATIO, Comparison, CrossValidat
 from hingepair.validation.scales import Scales
 from hingepair.validation.urdf_twin import urdf_twin
 
-_LETTERS = ("R", "S", "v", "omega", "a", "alpha")  # of the motion of a frame
-_BASE_WRENCH = tuple(f"{part}_{axis}" for part in ("force1", "torque1") for axis in "xyz")
+Outputs = dict[str, Float64Array]
+
+_FORCES = ("force1", "torque1", "tau")
 _LEAST_INSTANTS = 8  # of a motion whose rates are compared with slopes
 _RATE_SHARE = 1e-3  # of the largest rate; a rate that is off by less is not told from errors of a simulation
 
@@ -124,26 +125,27 @@ def cross_validate(
     True
     """
     is_robot, by_body1 = isinstance(pair, Mechanism), isinstance(q, BodyMotion)
-    if psidd is not None and not by_body1:
-        raise ArgumentError("psidd", "nothing, since q is no BodyMotion", quoted(psidd))
-    if by_body1 and (is_robot or isinstance(pair, PlanarPair)):
+    in_space = not isinstance(pair, Mechanism | PlanarPair)
+    if by_body1 and not in_space:
         raise ArgumentError("q", "coordinates, unless of a HingePair", quoted(q))
-    if (by_body1 or is_robot or isinstance(pair, PlanarPair)) and sequence != "XYZ":
-        raise ArgumentError("sequence", "nothing, since there are no Euler angles", quoted(sequence))
-    given_gravity = None if gravity is DEFAULT_GRAVITY else gravity
-    of_robots: dict[str, Any] = {"frames": frames, "base_motion": base_motion, "gravity": given_gravity}
-    for name, value in of_robots.items():
-        if value is not None and not is_robot:
-            raise ArgumentError(name, "nothing, since it is for robots", quoted(value))
-    if not isinstance(pair, Mechanism | PlanarPair):
+    of_robots = {
+        "frames": frames,
+        "base_motion": base_motion,
+        "gravity": None if gravity is DEFAULT_GRAVITY else gravity,
+    }
+    meaningless = {} if is_robot else of_robots
+    meaningless |= {} if by_body1 else {"psidd": psidd}
+    meaningless |= {} if in_space and not by_body1 else {"sequence": None if sequence == "XYZ" else sequence}
+    for name, value in meaningless.items():
+        if value is not None:
+            raise ArgumentError(name, "nothing, since it has no meaning here", quoted(value))
+    if in_space:
         check_pair(pair)
     with np.errstate(all="ignore"):  # scales may overflow
         if isinstance(pair, Mechanism):
             coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
             return _compare_robot(pair, coordinates, frames, base_motion, gravity)
-        if by_body1 and not isinstance(pair, PlanarPair):
-            return _compare_from_body1(pair, q, [c for c in (qd, qdd, psidd) if c is not None])
-        return _compare_pair(pair, q, qd, qdd, sequence)
+        return _compare_pair(pair, (q, qd, qdd, psidd), sequence)
 
 
 class _Samples(NamedTuple):
@@ -155,22 +157,22 @@ class _Samples(NamedTuple):
     finite: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, values: Mapping[str, Any], shape: tuple[int, ...], joints: int) -> _Samples:
-        """Return samples of the parts of the base's motion by letter and, the last `joints` ones, of coordinates."""
-        arrays = {name: _rows(value, shape, 2 if name == "S" else 1) for name, value in values.items()}
-        own = [np.isfinite(one).all(axis=tuple(range(1, one.ndim))) for one in arrays.values()]
+    def of(cls, base: Mapping[str, Any], joints: Sequence[Any], shape: tuple[int, ...]) -> _Samples:
+        """Return samples of the parts of the base's motion by letter, and of coordinates with their derivatives."""
+        moved = {name: _rows(value, shape, 2 if name == "S" else 1) for name, value in base.items()}
+        rows = [_rows(value, shape, 1) for value in joints]
+        own = [np.isfinite(one).all(axis=tuple(range(1, one.ndim))) for one in (*moved.values(), *rows)]
         finite = np.logical_and.reduce(own)
-        for array in arrays.values():
+        for array in (*moved.values(), *rows):
             array[~finite] = np.nan
-        base = BodyMotion(**{name: array for name, array in arrays.items() if name in _LETTERS})
-        return cls(shape, [*arrays.values()][-joints:], base, finite)
+        return cls(shape, rows, BodyMotion(**moved), finite)
 
     def states(self, twin: Twin) -> list[Float64Array]:
         """Return Pinocchio's q, v (if there are rates) and a (if there are accelerations); shape (N, ...) each."""
         convert: tuple[Any, ...] = (twin.configuration, twin.velocity, twin.acceleration)
         return [convert[k](*self.joints[: k + 1], self.base) for k in range(len(self.joints))]
 
-    def frames(self, twin: Twin, numbers: Sequence[int]) -> dict[str, Float64Array]:
+    def frames(self, twin: Twin, numbers: Sequence[int]) -> Outputs:
         """Return the motion of frames by Pinocchio, and d, the position for a base at the origin; (N, frames, ...).
         Positions from a base far away would contain its rounding errors.
         """
@@ -188,79 +190,81 @@ def _rows(value: Any, shape: tuple[int, ...], rank: int) -> Float64Array:
     return np.array(np.broadcast_to(array, (*shape, *own)), dtype=np.float64).reshape(math.prod(shape), *own)
 
 
+def _at_origin(base: BodyMotion) -> BodyMotion:
+    return replace(base, R=np.zeros_like(base.R))
+
+
+def _frame_scales(scales: Scales, from_origin: Scales, frames: Iterable[Frame]) -> Outputs:
+    """Return the error scales of the motion of frames by name, d among them; shape (N, frames, 1 or 1, 1) each."""
+    motions = [scales.motion(frame) | {"d": from_origin.motion(frame)["R"]} for frame in frames]
+    found = {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in motions[0]}
+    return found | {"S": found["S"][..., None]}
+
+
 # ---- pairs
 
 
-def _outputs_of(pair: HingePair | PlanarPair, levels: int) -> tuple[str, ...]:
-    """Return the outputs of body 2 and of points that coordinates and `levels - 1` of their derivatives determine."""
-    attitude = "phi2" if isinstance(pair, PlanarPair) else "S2"
-    groups = (("R2", attitude, "d"), ("v2", "omega2"), ("a2", "alpha2"))[:levels]
-    endings = [*POINT_ENDINGS.values()][:levels]
-    points = (*pair.points1, *pair.points2)
-    return *(name for group in groups for name in group), *(point + ending for point in points for ending in endings)
-
-
-def _compare_pair(pair: HingePair | PlanarPair, q: Any, qd: Any, qdd: Any, sequence: str) -> CrossValidation:
-    """Return the report on a pair in coordinates, which Pinocchio turns into the motion of body 1."""
-    planar = isinstance(pair, PlanarPair)
-    levels = 1 + (qd is not None) + (qdd is not None)
-    options: dict[str, Any] = {} if planar else {"sequence": sequence}
-    state = pair.forward_kinematics(q, qd, qdd, outputs=_outputs_of(pair, levels), **options)
-    shape = np.shape(state.R2)[:-1]
-    rows = [_rows(one, shape, 1) for one in read_rows(PLANE if planar else SPACE, q, qd, qdd).values.values()]
-    rows = [np.insert(one, (2, 2, 2), 0.0, axis=1) if planar else one for one in rows]
-    values = {**_body1_by_pinocchio(rows, sequence), **{f"psi{k}": one[:, 6:] for k, one in enumerate(rows)}}
-    samples = _Samples.of(values, (len(rows[0]),), levels)._replace(shape=shape)
-    sizes = euler_rate_sizes(*(one[:, 3:6] for one in rows[1:])) if levels > 1 else (None, None)
-    subject = "in the plane" if planar else f"Euler sequence {sequence}"
-    return _pair_report(pair, samples, sizes, state, subject, None if planar else sequence)
-
-
-def _compare_from_body1(pair: HingePair, body1: BodyMotion, angles: list[ArrayLike]) -> CrossValidation:
-    """Return the report on a pair whose body 1 moves as given, with psi and, as far as given, its derivatives."""
-    state = pair.forward_kinematics_from_body1(body1, *angles, outputs=_outputs_of(pair, len(angles)))
-    columns = {f"psi{k}": np.asarray(one)[..., None] for k, one in enumerate(angles)}
-    values = {letter: getattr(body1, letter) for letter in _LETTERS[: 2 * len(angles)]} | columns
-    samples = _Samples.of(values, state.shape, len(angles))
-    sizes = [None if part is None else norm(part) for part in (samples.base.omega, samples.base.alpha)]
-    return _pair_report(pair, samples, sizes, state, "attitude given", None)
-
-
-def _pair_report(
-    pair: HingePair | PlanarPair, samples: _Samples, sizes: Any, state: Any, subject: str, sequence: str | None
-) -> CrossValidation:
-    """Return the report on `state`, which the equations computed; `sizes` are W1 and A1 of the scales."""
-    space = pair.to_spatial() if isinstance(pair, PlanarPair) else pair
-    twin, tree, base = pair_twin(space).robot, tree_of_pair(space), samples.base
-    names = ("body2", *space.points1, *space.points2)
-    motion = samples.frames(twin, [twin.model.getFrameId(name) for name in names])
-    angles = [*(one[:, 0] for one in samples.joints), None, None][:3]
-    moving: dict[str, Any] = {"R1": base.R, "v1": base.v, "a1": base.a, "W1": sizes[0], "A1": sizes[1]}
-    scales = output_scales(u1=space.u1, u2=space.u2, psid=angles[1], psidd=angles[2], pinocchio=True, **moving)
-    outputs = {("d" if letter == "d" else letter + "2"): values[:, 0] for letter, values in motion.items()}
-    of_frames = Scales(tree, samples.joints, base)
-    for k, name in enumerate(names[1:], 1):
-        own = of_frames.motion(tree.frames[name])
-        for letter, ending in POINT_ENDINGS.items():
-            if letter in motion:
-                outputs[name + ending], scales[name + ending] = motion[letter][:, k], own[letter]
-    if isinstance(pair, PlanarPair):
-        phi2 = np.asarray(state.phi2, np.float64).reshape(-1)
-        outputs = {name: one[:, 2:] if name in {"omega2", "alpha2"} else one[:, :2] for name, one in outputs.items()}
-        S2 = outputs.pop("S2")
-        off = np.arctan2(S2[:, 1, 0], S2[:, 0, 0]) - phi2  # the attitude does not tell whole turns
-        outputs["phi2"] = (phi2 + np.arctan2(np.sin(off), np.cos(off)))[:, None]
-        scales["phi2"] = 1 + np.abs(phi2) + np.abs(np.asarray(angles[0]))
+def _compare_pair(pair: HingePair | PlanarPair, given: tuple[Any, ...], sequence: str) -> CrossValidation:
+    """Return the report on a pair, given coordinates, which Pinocchio turns into the motion of body 1, or that motion
+    itself with psi and, as far as known, its derivatives.
+    """
+    planar, by_body1 = isinstance(pair, PlanarPair), isinstance(given[0], BodyMotion)
+    levels = sum(one is not None for one in given) - by_body1
+    space: HingePair = pair.to_spatial() if isinstance(pair, PlanarPair) else pair
+    points = (*space.points1, *space.points2)
+    attitude = "phi2" if planar else "S2"
+    names = [name for group in (("R2", attitude, "d"), ("v2", "omega2"), ("a2", "alpha2"))[:levels] for name in group]
+    outputs = (*names, *(point + ending for point in points for ending in [*POINT_ENDINGS.values()][:levels]))
+    options: dict[str, Any] = {} if planar or by_body1 else {"sequence": sequence}
+    state: Any
+    if by_body1 and isinstance(pair, HingePair):
+        state = pair.forward_kinematics_from_body1(*given, outputs=outputs)
+        angles = [np.asarray(one)[..., None] for one in given[1 : 1 + levels]]
+        base = {letter: getattr(given[0], letter) for letter in LETTERS[: 2 * levels]}
+        samples = _Samples.of(base, angles, state.shape)
+        of_scales = samples.base
+    else:
+        state = pair.forward_kinematics(*given[:3], outputs=outputs, **options)
+        shape = np.shape(state.R2)[:-1]
+        rows = [_rows(one, shape, 1) for one in read_rows(PLANE if planar else SPACE, *given[:3]).values.values()]
+        rows = [np.insert(one, (2, 2, 2), 0.0, axis=1) if planar else one for one in rows]
+        samples = _Samples.of(_body1_by_pinocchio(rows, sequence), [one[:, 6:] for one in rows], (len(rows[0]),))
+        samples = samples._replace(shape=shape)
+        # The rates of Euler angles may be larger than what they add up to.
+        sizes = euler_rate_sizes(*(one[:, 3:6] for one in rows[1:])) if levels > 1 else ()
+        along = (size[:, None] * np.eye(3)[0] for size in sizes if size is not None)
+        of_scales = replace(samples.base, **dict(zip(("omega", "alpha"), along, strict=False)))
+    twin, tree = pair_twin(space).robot, tree_of_pair(space)
+    frames = {name: tree.known_frame("frames", name) for name in ("body2", *points)}
+    motion = samples.frames(twin, [twin.model.getFrameId(name) for name in frames])
+    own, near = (Scales(tree, samples.joints, one, True) for one in (of_scales, _at_origin(of_scales)))
+    scale = _frame_scales(own, near, frames.values())
+    theirs, scales = {}, {}
+    for letter, array in motion.items():
+        for k, name in enumerate(frames):
+            ending = POINT_ENDINGS.get(letter)
+            output = letter + "2" * (letter != "d") if k == 0 else None if ending is None else name + ending
+            if output is not None:
+                theirs[output], scales[output] = array[:, k], scale[letter][:, k]
+    if planar:
+        phi2 = np.asarray(state.phi2, np.float64).reshape(-1, 1)
+        S2 = theirs.pop("S2")
+        off = np.arctan2(S2[:, 1, :1], S2[:, 0, :1]) - phi2  # the attitude does not tell whole turns
+        theirs = {name: one[:, 2:] if name in {"omega2", "alpha2"} else one[:, :2] for name, one in theirs.items()}
+        theirs["phi2"] = phi2 + np.arctan2(np.sin(off), np.cos(off))
+        scales["phi2"] = 1 + np.abs(phi2) + np.abs(samples.joints[0])
     u = unit_roundoff(np.asarray(state.R2).dtype)
-    computed = state.arrays()
-    rows = tuple(
-        Comparison.of(name, computed[name], outputs[name], np.asarray(scales[name]), u, samples.shape)
-        for name in _outputs_of(pair, len(samples.joints))
+    ours = state.arrays()
+    compared = tuple(
+        Comparison.of(name, ours[name], theirs[name], scales[name], u, samples.shape) for name in outputs
     )
-    return CrossValidation(pair.name, samples.shape, int((~samples.finite).sum()), u, rows, subject, sequence)
+    subject = "in the plane" if planar else "attitude given" if by_body1 else f"Euler sequence {sequence}"
+    return CrossValidation(
+        pair.name, samples.shape, int((~samples.finite).sum()), u, compared, subject, options.get("sequence")
+    )
 
 
-def _body1_by_pinocchio(rows: list[Float64Array], sequence: str) -> dict[str, Float64Array]:
+def _body1_by_pinocchio(rows: list[Float64Array], sequence: str) -> Outputs:
     """Compute the motion of body 1 from q and, as far as given, its derivatives, shape (N, 7) each: its attitude is
     that of the last link of a chain of three joints, in reverse order for an extrinsic sequence.
     """
@@ -282,16 +286,24 @@ def _body1_by_pinocchio(rows: list[Float64Array], sequence: str) -> dict[str, Fl
 class _Case(NamedTuple):
     """What both computations of a robot have in common."""
 
-    robot: Mechanism
+    robot: Mechanism  # a tree without struts
     twin: Twin
     samples: _Samples
     frames: Mapping[str, Frame]
-    tips: tuple[str, ...]  # frames with Jacobians
+    tips: Mapping[str, Frame]  # frames with Jacobians
     gravity: Float64Array
 
     @property
     def tree(self) -> Tree:
         return tree_of(self.robot)
+
+    @property
+    def free(self) -> bool:
+        return self.robot.base == "free"
+
+    def scales(self, base: BodyMotion | None = None) -> Scales:
+        """Return the scales of errors, for another motion of the base if given."""
+        return Scales(self.tree, self.samples.joints, base or self.samples.base, self.free, self.gravity)
 
     def velocity_matrices(self) -> Float64Array:
         """Return the matrices from the velocities of the robot to Pinocchio's v; shape (N, nv, columns)."""
@@ -299,14 +311,7 @@ class _Case(NamedTuple):
         matrices = np.zeros((count, 6 + joints, 6 + dof))
         matrices[:, :3, :3] = matrices[:, 3:6, 3:6] = np.swapaxes(np.asarray(self.samples.base.S), -1, -2)
         matrices[:, 6:, 6:] = self.twin.ratios
-        return matrices if self.robot.base == "free" else matrices[..., 6:]
-
-    def with_accelerations(self, found: Mapping[str, Float64Array]) -> _Case:
-        """Return the case with the accelerations of forward dynamics."""
-        samples, base = self.samples, self.samples.base
-        if self.robot.base == "free":
-            base = replace(base, a=found["a1"], alpha=found["alpha1"])
-        return self._replace(samples=samples._replace(joints=[*samples.joints[:2], found["qdd"]], base=base))
+        return matrices if self.free else matrices[..., 6:]
 
 
 def _compare_robot(
@@ -318,20 +323,18 @@ def _compare_robot(
 ) -> CrossValidation:
     """Return the report on a robot; `coordinates` are q and, as far as given, qd and qdd."""
     tree, fall = tree_of(robot).single(), one_constant("gravity", gravity, 3)
-    linkage = Linkage.of(robot)
+    linkage = Linkage.of(robot, coordinates)
     inner = robot if linkage is None else linkage.plain
-    everything = coordinates if linkage is None else linkage.of_all_joints(coordinates)
     names = (frames,) if isinstance(frames, str) else tuple(tree.links if frames is None else frames)
     known = {name: tree.known_frame("frames", name) for name in names}
-    tips = robot.tips if frames is None else names
-    samples, u = _read_samples(inner, everything, base_motion)
-    ours = _outputs_by_equations(robot, coordinates, names, tips, base_motion, fall, samples.shape)
+    tips = {name: tree.known_frame("frames", name) for name in (robot.tips if frames is None else names)}
+    samples, u = _read_samples(inner, coordinates if linkage is None else linkage.coordinates, base_motion)
+    ours = _outputs_by_equations(robot, coordinates, names, (*tips,), base_motion, fall, samples.shape)
     twin, compared_with, other_names = urdf_twin(inner)
     if other_names:  # nothing else can be compared
         rows: tuple[Comparison, ...] = (Comparison("names", np.inf, np.inf, (), 1, worst_part=other_names[0]),)
     else:
-        case = _Case(inner, twin, samples, known, tips, fall)
-        rows = _robot_rows(case, ours, u, linkage, coordinates)
+        rows = _robot_rows(_Case(inner, twin, samples, known, tips, fall), ours, u, linkage, robot.names)
     return CrossValidation(
         robot.name, samples.shape, int((~samples.finite).sum()), u, rows,
         f"{robot.base} base, {len(known)} frames", base=robot.base, frames=len(known), compared_with=compared_with,
@@ -339,40 +342,32 @@ def _compare_robot(
 
 
 def _robot_rows(
-    case: _Case,
-    ours: dict[str, Float64Array],
-    u: float,
-    linkage: Linkage | None = None,
-    coordinates: Mapping[str, Any] | None = None,
+    case: _Case, ours: Outputs, u: float, linkage: Linkage | None, names: tuple[str, ...]
 ) -> tuple[Comparison, ...]:
-    """Return a row for each output of Pinocchio's; write the residual of forward dynamics to `ours`. With a linkage,
-    the case is of its tree, and `ours` and the coordinates of the closed robot.
-    """
-    names, shape = case.robot.names if linkage is None else linkage.robot.names, case.samples.shape
-    theirs, scales = _outputs_by_pinocchio(case), _output_scales(case)
-    singular = 0
+    """Return a row for each output of Pinocchio's; with a linkage, the case is of its tree."""
+    theirs, scales, singular = _outputs_by_pinocchio(case), _output_scales(case), 0
     if "tau" in theirs:
-        moved = ours if linkage is None else ours | {"qdd": linkage.accelerations(coordinates or {}, ours["qdd"])}
-        found = case.with_accelerations(moved)
+        qdd, base = ours["qdd"] if linkage is None else linkage.accelerations(ours["qdd"]), case.samples.base
+        base = replace(base, a=ours["a1"], alpha=ours["alpha1"]) if case.free else base
+        found = case._replace(samples=case.samples._replace(joints=[*case.samples.joints[:2], qdd], base=base))
         ours["forward_dynamics"], theirs["forward_dynamics"], singular = _residual(found, theirs)
-        scales["forward_dynamics"] = _generalized_scales(found)[1]
+        scales["forward_dynamics"] = _generalized(found.scales().forces(), case.free)
     if linkage is not None and theirs:
-        samples = case.samples
-        reduction, of_loops = linkage.compared(
-            case.twin, samples.joints, samples.states(case.twin), coordinates or {}
+        gaps = linkage.gaps(
+            case.samples.frames(case.twin, [_frame_number(case, name) for name in linkage.ends]),
+            case.scales(_at_origin(case.samples.base)),
         )
-        if "tau" in theirs:
-            ours["forward_dynamics"], _ = linkage.onto_coordinates(reduction, ours["forward_dynamics"])
-        theirs, scales = linkage.reduced(reduction, theirs, scales)
-        for name, values in of_loops.items():
+        linkage.reduce(ours, theirs, scales)
+        for name, values in gaps.items():
             ours[name], theirs[name], scales[name] = values
-    parts = dict.fromkeys((*_LETTERS, "d"), tuple(case.frames)) | {"jacobian": case.tips, "tau": names}
-    parts["forward_dynamics"] = (*(_BASE_WRENCH if case.robot.base == "free" else ()), *names)
+    parts = dict.fromkeys((*LETTERS, "d"), (*case.frames,)) | {"jacobian": (*case.tips,), "tau": names}
+    on_base = tuple(f"{part}_{axis}" for part in _FORCES[:2] for axis in "xyz") if case.free else ()
+    parts["forward_dynamics"] = (*on_base, *names)
     rows = []
     for name, expected in theirs.items():
         if expected.size or not case.samples.finite.size:  # a robot without joints has neither tau nor mass matrix
             left_out = {"singular": singular} if name == "forward_dynamics" else {}
-            own = parts.get(name, ("",))
+            own, shape = parts.get(name, ("",)), case.samples.shape
             rows.append(Comparison.of(name, ours[name], expected, scales[name], u, shape, own, **left_out))
     return tuple(rows)
 
@@ -388,9 +383,9 @@ def _read_samples(
     read = read_arguments(given, shapes, tree_of(robot).coordinate_names, BASE_LABELS)
     at_rest = {name[:-1]: np.eye(3) if name == "S1" else np.zeros(3) for name in names}
     of_base = {name[:-1]: value for name, value in read.values.items() if name not in coordinates}
-    of_joints = {name: read.values[name] for name in coordinates}
-    single = base_motion is None and all(getattr(part, "dtype", None) == np.float32 for part in of_joints.values())
-    samples = _Samples.of(at_rest | of_base | of_joints, broadcast_shape(read.shapes), len(coordinates))
+    of_joints = [read.values[name] for name in coordinates]
+    single = base_motion is None and all(getattr(part, "dtype", None) == np.float32 for part in of_joints)
+    samples = _Samples.of(at_rest | of_base, of_joints, broadcast_shape(read.shapes))
     return samples, unit_roundoff(np.float32 if single else np.float64)
 
 
@@ -402,7 +397,7 @@ def _outputs_by_equations(
     base_motion: BodyMotion | None,
     gravity: Float64Array,
     shape: tuple[int, ...],
-) -> dict[str, Float64Array]:
+) -> Outputs:
     """Compute the compared outputs by the equations; shape (N, ...) each."""
     q, *rates = coordinates.values()
     base: dict[str, Any] = {"base_motion": base_motion}
@@ -411,7 +406,7 @@ def _outputs_by_equations(
     if frames:
         state = robot.forward_kinematics(q, *rates, frames=frames, **base)
         outputs |= {name: (getattr(state, name), 3 if name == "S" else 2) for name in state.outputs}
-        outputs["jacobian"] = np.stack([robot.jacobian(q, name, **base) for name in tips], axis=-3), 3
+        outputs["jacobian"] = robot.jacobian(q, tips, **base), 3
     outputs["mass_matrix"] = robot.mass_matrix(q, **base), 2
     if rates:
         energy, momentum = robot.energy(q, rates[0], **fall), robot.momentum(q, rates[0], **base)
@@ -419,13 +414,13 @@ def _outputs_by_equations(
         outputs |= {"linear": (momentum.linear, 1), "angular": (momentum.angular, 1)}
     if len(rates) > 1:
         forces = robot.inverse_dynamics(q, *rates, joint_loads=False, **fall)
-        loads: dict[str, Any] = {name: forces[name] for name in ("force1", "torque1")} if robot.base == "free" else {}
+        loads: dict[str, Any] = {name: forces[name] for name in _FORCES[:2]} if robot.base == "free" else {}
         moved = robot.forward_dynamics(q, rates[0], forces.tau, joint_loads=False, **loads, **fall)
         outputs |= {name: (one[name], 1) for one in (forces, moved) for name in one.outputs}
     return {name: _rows(value, shape, rank) for name, (value, rank) in outputs.items()}
 
 
-def _outputs_by_pinocchio(case: _Case) -> dict[str, Float64Array]:
+def _outputs_by_pinocchio(case: _Case) -> Outputs:
     """Compute the compared outputs by Pinocchio, NaN at samples that are not finite; shape (N, ...) each."""
     pin = import_pinocchio("cross_validate")
     twin, count = case.twin, len(case.samples.finite)
@@ -434,7 +429,7 @@ def _outputs_by_pinocchio(case: _Case) -> dict[str, Float64Array]:
     twin.model.gravity = pin.Motion(case.gravity, np.zeros(3))
     outputs = case.samples.frames(twin, [_frame_number(case, name) for name in case.frames]) if case.frames else {}
     tips = [_frame_number(case, name) for name in case.tips]
-    found: dict[str, Float64Array] = {}
+    found: Outputs = {}
     sides = zip(*case.samples.states(twin), case.velocity_matrices(), np.asarray(case.samples.base.S), strict=True)
     for i, (*state, columns, S) in enumerate(sides):
         for name, value in _outputs_of_state(pin, twin, tips, state, columns, S).items():
@@ -489,15 +484,19 @@ def _outputs_of_state(
     return outputs
 
 
-def _residual(case: _Case, theirs: Mapping[str, Float64Array]) -> tuple[Float64Array, Float64Array, int]:
+def _generalized(forces: Mapping[str, Float64Array], free: bool) -> Float64Array:
+    """Return the generalized forces (force1, torque1, tau) of a free base, or tau, from these by name."""
+    parts = [np.broadcast_to(forces[name], (len(forces[name]), 3)) for name in _FORCES[:2]] if free else []
+    return np.concatenate((*parts, forces["tau"]), axis=1)
+
+
+def _residual(case: _Case, theirs: Outputs) -> tuple[Float64Array, Float64Array, int]:
     """Return the forces that the accelerations of forward dynamics require by `rnea`, those that act, NaN where the
     mass matrix is singular, and at how many samples it is.
     """
     pin, twin, columns = import_pinocchio("cross_validate"), case.twin, case.velocity_matrices()
     q, v, a = case.samples.states(twin)
-    acting = theirs["tau"].copy()
-    if case.robot.base == "free":
-        acting = np.concatenate((theirs["force1"], theirs["torque1"], acting), axis=-1)
+    acting = _generalized(theirs, case.free)
     required, singular = np.full_like(acting, np.nan), 0
     for i in np.flatnonzero(case.samples.finite):
         if np.isfinite(a[i]).all():
@@ -514,47 +513,13 @@ def _is_singular(matrix: Float64Array) -> bool:
     return not size.all() or bool(np.linalg.eigvalsh(matrix / size / size[:, None])[0] < 1e-12)
 
 
-# ---- scales
-
-
-def _scales_of(case: _Case, base: BodyMotion | None = None) -> tuple[Scales, Float64Array]:
-    """Return the Scales of a robot, and the matrix from the sizes of its velocities to those of all joints."""
-    ratios, offsets = joint_rules(case.tree)  # without joints that are held, which the twin may have
-    joints = [one @ ratios.T for one in case.samples.joints]
-    joints[0] = joints[0] + offsets
-    columns = np.zeros((6 + len(ratios), 6 + case.robot.dof))
-    columns[:6, :6], columns[6:, 6:] = np.eye(6), np.abs(ratios)
-    scales = Scales(case.tree, joints, base or case.samples.base, case.gravity)
-    return scales, columns if case.robot.base == "free" else columns[:, 6:]
-
-
-def _output_scales(case: _Case) -> dict[str, Float64Array]:
+def _output_scales(case: _Case) -> Outputs:
     """Return the error scales of all outputs by name, which broadcast against them."""
-    scales, columns = _scales_of(case)
-    by_output: dict[str, Float64Array] = {}
+    scales, found = case.scales(), Outputs()
     if case.frames:
-        base = case.samples.base
-        from_base, _ = _scales_of(case, replace(base, R=np.zeros_like(base.R)))
-        motions = [scales.motion(frame) for frame in case.frames.values()]
-        by_output |= {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in motions[0]}
-        by_output["S"] = by_output["S"][..., None]
-        by_output["d"] = np.stack([from_base.motion(frame)["R"] for frame in case.frames.values()], axis=1)[..., None]
-        jacobians = [scales.jacobian(case.frames[name]) @ columns for name in case.tips]
-        by_output["jacobian"] = np.stack(jacobians, axis=1)
-    by_output["mass_matrix"] = columns.T @ scales.mass_matrix() @ columns
-    (force, torque), tau = _generalized_scales(case)
-    by_output |= {"force1": force[:, 0], "torque1": torque[:, 0], "tau": tau[:, tau.shape[1] - case.robot.dof :]}
-    return by_output | scales.energy_and_momentum()
-
-
-def _generalized_scales(case: _Case) -> tuple[tuple[Float64Array, Float64Array], Float64Array]:
-    """Return the scales of the forces and torques on all bodies, and of generalized forces."""
-    scales, columns = _scales_of(case)
-    force, torque = scales.forces()
-    turns, shifts = np.abs([joint.axis for joint in case.tree.joints]).reshape(-1, 2).T
-    along = turns * torque[:, 1:] + shifts * force[:, 1:] + scales.rotor_efforts()
-    base = [np.repeat(force[:, :1], 3, axis=1), np.repeat(torque[:, :1], 3, axis=1)]
-    return (force, torque), np.concatenate((*base, along), axis=1) @ columns
+        found |= _frame_scales(scales, case.scales(_at_origin(case.samples.base)), case.frames.values())
+        found["jacobian"] = np.stack([scales.jacobian(frame) for frame in case.tips.values()], axis=1)
+    return found | {"mass_matrix": scales.mass_matrix()} | scales.forces() | scales.energy_and_momentum()
 
 
 # ---- simulated motions
@@ -588,34 +553,31 @@ def compare_loads(
     """
     samples, u = _read_samples(robot, {"q": q, "qd": qd, "qdd": qdd}, base_motion)
     # Forces do not depend on the position of the base, and a large one would round the levers.
-    samples = samples._replace(base=replace(samples.base, R=np.zeros_like(samples.base.R)))
-    links = tuple(link for link in robot.links if f"force_{link}" in loads)
-    fall = one_constant("gravity", gravity, 3)
-    case = _Case(robot, robot_twin(robot, has_free_flyer=True), samples, {}, links, fall)
-    required, scales = _outputs_by_pinocchio(case), _output_scales(case)
-    acting = {name: np.array(loads[name]) for name in ("tau", "force1", "torque1")}
-    columns = {"tau": slice(6 * (robot.base == "free"), None), "force1": slice(3), "torque1": slice(3, 6)}
+    samples, tree, free = samples._replace(base=_at_origin(samples.base)), tree_of(robot), robot.base == "free"
+    links = {link: tree.known_frame("links", link) for link in robot.links if f"force_{link}" in loads}
+    twin = robot_twin(robot, has_free_flyer=True)
+    case = _Case(robot, twin, samples, {}, links, one_constant("gravity", gravity, 3))
+    theirs, scales = _outputs_by_pinocchio(case), case.scales().forces()
+    # What acts, and the sizes of its terms.
+    acting, sizes = _generalized(loads, free), _generalized(scales, free)
+    parts = sum((np.abs(loads[part]) for part in TORQUE_PARTS if part in loads), np.zeros_like(loads["tau"]))
+    sizes = sizes + np.abs(acting)
+    sizes[:, 6 * free :] += parts  # which may cancel
     for k, link in enumerate(links):
-        on_link = np.concatenate((loads[f"force_{link}"], loads[f"torque_{link}"]), axis=1)
-        jacobian = required["jacobian"][:, k]
-        forces = np.einsum("nij,ni->nj", jacobian, on_link)
-        sizes = np.einsum("nij,ni->nj", np.abs(jacobian), np.abs(on_link))
-        for name in acting if robot.base == "free" else ("tau",):
-            acting[name] += forces[:, columns[name]]
-            scales[name] = scales[name] + (sizes[:, columns[name]] if scales[name].ndim > 1 else sizes.max(axis=1))
-    if is_planar:
-        for name, out_of_plane in (("force1", [2]), ("torque1", [0, 1])):
-            acting[name][:, out_of_plane] = required[name][:, out_of_plane]
+        on_link = np.concatenate((loads[f"force_{link}"], loads[f"torque_{link}"]), axis=1)[:, None]
+        jacobian = theirs["jacobian"][:, k]
+        acting = acting + (on_link @ jacobian)[:, 0]
+        sizes = sizes + (np.abs(on_link) @ np.abs(jacobian))[:, 0]
+    required = _generalized(theirs, free)
+    columns = {"tau": slice(6 * free, None), "force1": slice(3), "torque1": slice(3, 6)}
+    if is_planar and free:
+        acting[:, 2:5] = required[:, 2:5]
     rows = []
     for name in {"free": ("tau", "force1", "torque1"), "pinned": ("tau", "torque1")}.get(held, ("tau",)):
-        size = np.abs(loads[name])
-        if name == "tau":  # whose parts may cancel
-            size = size + sum(np.abs(loads[part]) for part in TORQUE_PARTS if part in loads)
-        scale = scales[name] + (size if scales[name].ndim > 1 else size.max(axis=1))
-        parts = robot.names if name == "tau" else ("",)
-        rows.append(
-            Comparison.of(name, acting[name], required[name], scale, u, samples.shape, parts, bound=MAX_LOAD_RATIO)
-        )
+        own, names = columns[name], robot.names if name == "tau" else ("",)
+        size = sizes[:, own] if name == "tau" else sizes[:, own].max(axis=1)
+        values = acting[:, own], required[:, own], size
+        rows.append(Comparison.of(name, *values, u, samples.shape, names, bound=MAX_LOAD_RATIO))
     return tuple(rows)
 
 

@@ -1,222 +1,146 @@
-"""Closed mechanisms and struts by Pinocchio: its constraints at all joints of the tree, whose results they reduce.
+"""Closed mechanisms and struts by Pinocchio, as the tree whose joints stand where the loops put them.
 
-Pinocchio's `RigidConstraintModel` gives the gaps of the loops, the lengths of the struts and their Jacobian J. The
-velocities of all joints are N q', with J N = 0 of the loops and q' those of the coordinates; a mass matrix is
-N^T M N, and efforts are N^T (tau - struts).
+Pinocchio moves the frames that loops and struts join: their points and axes must move as the loops say. The
+velocities of all joints are N q' with the coordinates' rates q'; of the mechanism, what is M and tau of the tree is
+N^T M N and N^T tau, less what the struts exert.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from hingepair.mechanism.mechanism import Mechanism, robot_of, tree_of
-from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array
-from hingepair.plans.closures import CONDITIONS
-from hingepair.validation.pinocchio_twin import Twin, import_pinocchio
+from hingepair.validation.scales import Scales
 
 Outputs = dict[str, Float64Array]
 
-
-class Reduction(NamedTuple):
-    """What leads from results of the tree to those of the robot at N samples."""
-
-    velocities: Float64Array  # N, of a free base with six more rows and columns
-    sizes: Float64Array  # its entries, with what rounding makes of them where they are ill conditioned
-    struts: Float64Array  # efforts of struts at the coordinates of the tree, which act beside tau
+_SHARED_AXES = {"ball": [], "hinge": [2], "weld": [0, 1, 2]}  # columns of S that both frames of a loop have alike
 
 
 class Linkage:
-    """A robot with loops or struts, and the tree without them (`plain`).
+    """A robot with loops or struts at N samples, and the tree without them (`plain`).
 
     Args:
         robot: the robot.
+        given: its q and, as far as known, qd and qdd.
     """
 
-    def __init__(self, robot: Mechanism) -> None:
+    def __init__(self, robot: Mechanism, given: Mapping[str, Any]) -> None:
         self.robot, tree = robot, tree_of(robot)
-        self.plain = robot_of(replace(tree, closure=None, struts=()), robot.base)
-        self._closed, self._struts = tree.closure is not None, [strut.name for strut in tree.struts]
-        self._items: list[
-            tuple[str, float, tuple[Frame, Frame]]
-        ] = []  # kind, distance and frames of loops and struts
-        self._size = 1.0
-        if tree.closure is not None:
-            pairs = zip(tree.closure.loops, tree.closure.frames, strict=True)
-            self._items = [
-                (loop.kind, loop.length or 0.0, pair) for loop, pair in pairs if loop.name not in robot.names
-            ]
-            self._size = tree.closure.size
-        self._loop_rows = sum(CONDITIONS[kind] for kind, _, _ in self._items)
-        self._items += [("distance", 0.0, strut.frames) for strut in tree.struts]
+        self._given, self._closure = [tree.rows(name, one) for name, one in given.items()], tree.closure
+        self._size = 1.0 if tree.closure is None else tree.closure.size
+        closed = () if tree.closure is None else zip(tree.closure.loops, tree.closure.frames, strict=True)
+        joined = {loop.name: (loop.kind, loop.length or 0.0, pair) for loop, pair in closed}
+        # Kind, length and frames of loops and struts; the length of a strut may be a coordinate.
+        self._joined = joined | {strut.name: ("distance", 0.0, strut.frames) for strut in tree.struts}
+        ends = [frame for _, _, pair in self._joined.values() for frame in pair]
+        self.ends = {f"end {k} of loops and struts": frame for k, frame in enumerate(ends)}
+        self.plain = robot_of(replace(tree, closure=None, struts=(), frames={**tree.frames, **self.ends}), robot.base)
+        self.coordinates = dict(zip(given, self._of_all_joints(*given.values()), strict=True))
 
     @classmethod
-    def of(cls, robot: Mechanism) -> Linkage | None:
+    def of(cls, robot: Mechanism, given: Mapping[str, Any]) -> Linkage | None:
         """Return the linkage of a robot; None of a tree without struts."""
         tree = tree_of(robot)
-        return cls(robot) if tree.closure is not None or tree.struts else None
+        return cls(robot, given) if tree.closure is not None or tree.struts else None
 
-    def of_all_joints(self, coordinates: Mapping[str, Any]) -> dict[str, Any]:
-        """Return q and, as far as given, qd and qdd of the tree."""
-        if not self._closed:
-            return dict(coordinates)
-        found = self.robot.all_coordinates(*coordinates.values())
-        return dict(zip(coordinates, found if len(coordinates) > 1 else (found,), strict=True))
+    def _of_all_joints(self, *given: Any) -> tuple[Any, ...]:
+        if self._closure is None:
+            return given
+        found = self.robot.all_coordinates(*given)
+        return found if len(given) > 1 else (found,)
 
-    def accelerations(self, coordinates: Mapping[str, Any], qdd: Float64Array) -> Float64Array:
-        """Return those of the tree, (N, ...), from those of the coordinates."""
-        if not self._closed:
-            return qdd
-        shape = np.shape(self.robot.all_coordinates(coordinates["q"]))[:-1]
-        given = coordinates["q"], coordinates["qd"], qdd.reshape(*shape, self.robot.dof)
-        return np.asarray(self.robot.all_coordinates(*given)[2], np.float64).reshape(len(qdd), -1)
+    def accelerations(self, qdd: Float64Array) -> Float64Array:
+        """Return those of the tree, (N, joints), from those of the coordinates, (N, dof)."""
+        shape = *np.broadcast_shapes(*(one.shape[:-1] for one in self._given)), qdd.shape[1]
+        return np.asarray(self._of_all_joints(*self._given[:2], qdd.reshape(shape))[2]).reshape(len(qdd), -1)
 
-    def compared(
-        self,
-        twin: Twin,
-        joints: list[Float64Array],
-        states: list[Float64Array],
-        coordinates: Mapping[str, Any],
-    ) -> tuple[Reduction, dict[str, tuple[Float64Array, Float64Array, Float64Array]]]:
-        """Return what reduces the results of the tree, and what both say of gaps and lengths with scales, by name.
+    def _condition(self) -> Any:
+        """Return by how much joints that follow may be further off than what determines them; (N, 1)."""
+        if self._closure is None:
+            return 1.0
+        return 1.0 + 1.0 / np.reshape(self.robot.transmission(self._given[0]), (-1, 1))
 
-        Args:
-            twin: the tree in Pinocchio.
-            joints: coordinates of the tree and, as far as known, their derivatives; (N, tree) each.
-            states: the same as Pinocchio has them.
-            coordinates: those of the robot.
+    def gaps(self, motion: Outputs, scales: Scales) -> dict[str, tuple[Float64Array, ...]]:
+        """Return, by name, gaps of loops and lengths of struts and their derivatives: what they are to be, what they
+        are by Pinocchio's motion of the `ends`, and the scales of their errors; (N, ...) each.
         """
-        found = [self._evaluated(twin, [state[k] for state in states]) for k in range(len(states[0]))]
-        values, J, changes, terms = (np.array(column, np.float64) for column in zip(*found, strict=True))
-        targets = [np.zeros_like(values) for _ in range(3)]  # of values, rates and accelerations
-        starts = np.cumsum([0, *(CONDITIONS[kind] for kind, _, _ in self._items)])
-        for (kind, length, _), start in zip(self._items, starts, strict=False):
-            targets[0][:, start] = length if kind == "distance" else 0.0
-        driving = [k for k, name in enumerate(self._struts) if name in self.robot.names]
-        forces = np.zeros((len(values), len(self._struts)))
-        if self._struts:
-            for k, state in enumerate(self.robot.struts(*[*coordinates.values()][:2]).values()):
-                row = self._loop_rows + k
-                targets[0][:, row], targets[1][:, row], forces[:, k] = (np.reshape(x, -1) for x in state)
-            for k in driving if "qdd" in coordinates else ():
-                own = tree_of(self.robot).rows("qdd", coordinates["qdd"]).reshape(len(values), -1)
-                targets[2][:, self._loop_rows + k] = own[:, self.robot.names.index(self._struts[k])]
-        rows, of_struts = J[:, : self._loop_rows], J[:, self._loop_rows :]
-        reduction, condition = self._reduced_velocities(rows, of_struts, forces)
-        scale = np.full(len(values), self._size) + np.abs(values).sum(axis=1)
-        outputs = {"gap": (targets[0], values, scale)}
-        if len(joints) > 1:
-            speeds = np.einsum("nij,nj->n", np.abs(J), np.abs(joints[1]))
-            speeds += self._size * np.abs(joints[1]).sum(axis=1)  # J is a difference of the motions of both frames
-            outputs["gap_rate"] = targets[1], np.einsum("nij,nj->ni", J, joints[1]), speeds
-        known = [*range(self._loop_rows), *(self._loop_rows + k for k in driving)]  # other struts move as they must
-        if len(joints) > 2 and known:
-            scale = terms.max(axis=1) * condition
-            outputs["gap_acceleration"] = targets[2][:, known], changes[:, known], scale
-        return reduction, outputs
+        states = self.robot.struts(*self._given[:2]) if tree_of(self.robot).struts else {}
+        names, found = ("gap", "gap_rate", "gap_acceleration")[: len(self._given)], list[list[Any]]()
+        for place, (name, (kind, length, pair)) in enumerate(self._joined.items()):
+            one, two = ({letter: array[:, 2 * place + k] for letter, array in motion.items()} for k in range(2))
+            apart = _distance(one, two) if kind == "distance" else _gap(one, two, _SHARED_AXES[kind], self._size)
+            expected: list[Any] = [length, 0.0, 0.0]
+            if name in states:
+                expected = [*(np.reshape(x, (-1, 1)) for x in states[name][:2]), apart[-1]]  # moves as it must
+            if name in self.robot.names and len(names) > 2:  # the length of a strut
+                expected[2] = self._given[2][..., [self.robot.names.index(name)]].reshape(-1, 1)
+            sizes = [scales.motion(frame) for frame in pair]
+            size = [sum(each[point][:, None] + self._size * each[turn][:, None] for each in sizes)
+                    for point, turn in (("R", "S"), ("v", "omega"), ("a", "alpha"))]  # fmt: skip
+            size[2] = (size[2] + self._size * sum(each["omega"][:, None] ** 2 for each in sizes)) * self._condition()
+            found.append([np.broadcast_arrays(*parts) for parts in zip(expected, apart, size, strict=False)])
+        of_levels = (zip(*level, strict=True) for level in zip(*found, strict=True))
+        columns = (tuple(np.concatenate(part, axis=1) for part in parts) for parts in of_levels)
+        return dict(zip(names, columns, strict=True))
 
-    def _reduced_velocities(
-        self, rows: Float64Array, of_struts: Float64Array, forces: Float64Array
-    ) -> tuple[Reduction, Float64Array]:
-        """Return the reduction, and the condition of the equations that give it."""
-        dof, free, count = self.robot.dof, 6 * (self.robot.base == "free"), len(rows)
-        joints = [joint.name for joint in tree_of(self.plain).coordinates]
-        inner, condition = np.broadcast_to(np.eye(dof), (count, dof, dof)), np.ones(count)
-        if self._closed:
-            unit = np.eye(len(joints))
-            chosen = [
-                np.broadcast_to(unit[joints.index(name)], (count, len(joints)))
-                if name in joints
-                else of_struts[:, self._struts.index(name)]
-                for name in self.robot.names
-            ]
-            equations = np.concatenate((rows, np.stack(chosen, axis=1)), axis=1)
-            usable = np.isfinite(equations).all(axis=(1, 2))
-            equations[~usable] = 1.0  # samples that are not compared
-            inner = np.linalg.pinv(equations)[..., -dof:]
-            condition = np.where(usable, 1.0 + np.linalg.cond(equations), np.nan)
-        N = np.zeros((count, free + len(joints), free + dof))
-        N[:, :free, :free], N[:, free:, free:] = np.eye(free), inner
-        sizes = np.abs(N)
-        worst = sizes[:, free:, free:].max(axis=(1, 2), initial=0.0)
-        sizes[:, free:, free:] += ((condition - 1) * worst)[:, None, None]
-        return Reduction(N, sizes, np.einsum("nk,nkj->nj", forces, of_struts)), condition
-
-    def reduced(self, reduction: Reduction, theirs: Outputs, scales: Outputs) -> tuple[Outputs, Outputs]:
-        """Return Pinocchio's outputs, and the scales of their errors, of the robot from those of the tree."""
-        N, sizes, _ = reduction
-        theirs, scales = dict(theirs), dict(scales)
-        for part, matrix in ((theirs, N), (scales, sizes)):
-            if "jacobian" in part:
-                part["jacobian"] = np.einsum("nfij,njk->nfik", part["jacobian"], matrix)
-            part["mass_matrix"] = np.swapaxes(matrix, 1, 2) @ part["mass_matrix"] @ matrix
-        for name in ("tau", "forward_dynamics"):
-            if name in theirs:
-                theirs[name], _ = self.onto_coordinates(reduction, theirs[name])
-                _, scales[name] = self.onto_coordinates(reduction, scales[name])
-        if "tau" in theirs and self.robot.base == "free":
-            theirs["tau"], scales["tau"] = theirs["tau"][:, 6:], scales["tau"][:, 6:]
-        if self._struts:  # whose energy Pinocchio does not know
-            theirs.pop("potential", None)
-        return theirs, scales
-
-    def onto_coordinates(self, reduction: Reduction, efforts: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return efforts at the coordinates, behind those of a free base, from those of the tree, and the sizes of
-        their terms.
+    def reduce(self, ours: Outputs, theirs: Outputs, scales: Outputs) -> None:
+        """Make Pinocchio's results of the tree, and the scales of errors, those of the robot, in place; of ours, what
+        forward dynamics leaves is one of the tree.
         """
-        rows = reduction.velocities.shape[1]
-        efforts, struts = (np.pad(x, ((0, 0), (rows - x.shape[1], 0))) for x in (efforts, reduction.struts))
-        found = np.einsum("nji,nj->ni", reduction.velocities, efforts - struts)
-        return found, np.einsum("nji,nj->ni", reduction.sizes, np.abs(efforts) + np.abs(struts))
+        (count, width, _), dof, q = theirs["mass_matrix"].shape, self.robot.dof, self._given[0]
+        free = 6 * (self.robot.base == "free")
+        units = [np.broadcast_to(unit, q.shape) for unit in np.eye(dof)]
+        N = np.zeros((count, width, free + dof))
+        N[:, :free, :free] = np.eye(free)
+        for k, unit in enumerate(units):
+            N[:, free:, free + k] = np.reshape(self._of_all_joints(q, unit)[1], (-1, width - free))
+        for part, matrix in ((ours, N), (theirs, N), (scales, np.abs(N) * np.expand_dims(self._condition(), -1))):
+            if part is not ours:
+                part["jacobian"] = part["jacobian"] @ matrix[:, None]
+                part["mass_matrix"] = np.swapaxes(matrix, 1, 2) @ part["mass_matrix"] @ matrix
+            if "tau" in theirs:
+                part["forward_dynamics"] = (part["forward_dynamics"][:, None] @ matrix)[:, 0]
+            if "tau" in theirs and part is not ours:
+                part["tau"] = (part["tau"][:, None] @ matrix[:, free:, free:])[:, 0]
+        if tree_of(self.robot).struts:
+            theirs.pop("potential", None)  # of struts, which Pinocchio does not know
+        if tree_of(self.robot).struts and "tau" in theirs:
+            rates = [self.robot.struts(q, unit) for unit in units]
+            for name, state in self.robot.struts(*self._given[:2]).items():
+                along = np.stack([np.ravel(one[name].rate) for one in rates], axis=-1)
+                exerted = np.reshape(state.force, (-1, 1)) * along
+                theirs["tau"] -= exerted
+                scales["tau"] = scales["tau"] + np.abs(exerted)
 
-    def _evaluated(self, twin: Twin, state: list[Float64Array]) -> tuple[Any, ...]:
-        """Return values of all conditions of loops and lengths of struts at a state of Pinocchio's, angles times the
-        size of the mechanism; their derivatives by the coordinates of the tree; their second derivatives by time; and
-        the sizes of the terms of these.
-        """
-        pin = import_pinocchio("cross_validate")
-        q, v, a = (*map(np.nan_to_num, state), *[np.zeros(twin.model.nv)] * 2)[:3]
-        pin.computeJointJacobians(twin.model, twin.data, q)
-        pin.forwardKinematics(twin.model, twin.data, q, v, a)
-        found: tuple[list[Any], ...] = ([], [], [], [])
-        for kind, _, pair in self._items:
-            for column, part in zip(found, self._condition(pin, twin, kind, pair), strict=True):
-                column.extend(part)
-        if not all(np.isfinite(part).all() for part in state):
-            return tuple(np.full(np.shape(column), np.nan) for column in found)
-        return found
 
-    def _condition(self, pin: Any, twin: Twin, kind: str, pair: tuple[Frame, Frame]) -> tuple[Any, ...]:
-        """Return what `_evaluated` does of one loop or strut, from Pinocchio's constraint between its frames and the
-        classical accelerations of both.
-        """
-        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        seats = [(twin.has_free_flyer + frame.body, pin.SE3(np.array(frame.S), np.array(frame.R))) for frame in pair]
-        contact = pin.ContactType.CONTACT_6D if kind in ("hinge", "weld") else pin.ContactType.CONTACT_3D
-        model = pin.RigidConstraintModel(contact, twin.model, *seats[0], *seats[1], pin.ReferenceFrame.LOCAL)
-        data = model.createData()
-        model.calc(twin.model, twin.data, data)
-        J = pin.getConstraintJacobian(twin.model, twin.data, model, data)[:, 6 * twin.has_free_flyer :] @ twin.ratios
-        apart, turn = np.array(data.c1Mc2.translation), np.array(data.c1Mc2.rotation)
-        back = (twin.data.oMi[seats[0][0]] * seats[0][1]).rotation.T  # to the axes of the first frame
-        rates = [pin.getFrameVelocity(twin.model, twin.data, *seat, world) for seat in seats]
-        changes = [pin.getFrameClassicalAcceleration(twin.model, twin.data, *seat, world) for seat in seats]
-        v, a = (back @ (one[1].linear - one[0].linear) for one in (rates, changes))
-        omega, alpha = rates[1].angular - rates[0].angular, changes[1].angular - changes[0].angular
-        size = sum(np.linalg.norm(one.linear) + self._size * np.linalg.norm(one.angular) for one in changes)
-        if kind == "distance":
-            distance = float(np.linalg.norm(apart))
-            along = apart / distance
-            bent = (v @ v - (along @ v) ** 2) / distance
-            return [distance], [-along @ J[:3]], [along @ a + bent], [size + v @ v / distance]
-        if kind == "hinge":
-            alpha = alpha - np.cross(rates[0].angular, omega)
-        angles = pin.log3(turn) if kind == "weld" else np.array([-turn[1, 2], turn[0, 2], 0.0])
-        count = CONDITIONS[kind]
-        scaled = np.concatenate((J[:3], self._size * J[3:]))[:count]
-        second = np.concatenate((a, self._size * (back @ alpha)))[:count]
-        return np.concatenate((apart, self._size * angles))[:count], scaled, second, [size] * count
+def _gap(one: Outputs, two: Outputs, axes: list[int], size: float) -> list[Float64Array]:
+    """Return how far the points of two frames are apart, and these axes, times a size, with derivatives; (N, ...)."""
+    found = []
+    for frame in (one, two):
+        shared = np.swapaxes(frame["S"], -1, -2)[:, axes] * size
+        levels = [(frame["d"], shared)]
+        if "v" in frame:
+            omega = frame["omega"][:, None]
+            turning = np.cross(omega, shared)
+            levels.append((frame["v"], turning))
+        if "a" in frame:
+            levels.append((frame["a"], np.cross(frame["alpha"][:, None], shared) + np.cross(omega, turning)))
+        found.append([np.concatenate((point, turn.reshape(len(point), -1)), axis=1) for point, turn in levels])
+    return [second - first for first, second in zip(*found, strict=True)]
+
+
+def _distance(one: Outputs, two: Outputs) -> list[Float64Array]:
+    """Return the distance of the points of two frames with its derivatives; (N, 1) each."""
+    apart, *rates = (two[letter] - one[letter] for letter in ("d", "v", "a") if letter in one)
+    found = [np.linalg.norm(apart, axis=1, keepdims=True)]
+    along = apart / found[0]
+    found += [(along * rate).sum(axis=1, keepdims=True) for rate in rates]
+    if len(rates) > 1:
+        found[2] += ((rates[0] ** 2).sum(axis=1, keepdims=True) - found[1] ** 2) / found[0]
+    return found

@@ -27,10 +27,12 @@ from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.robots.conventions import PINOCCHIO, check_base, read_state, written_a, written_q, written_v
-from hingepair.mechanism.tree import Frame, Tree
+from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
 from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, MassProperties
 
+LETTERS = ("R", "S", "v", "omega", "a", "alpha")
+"""Names of the parts of a motion."""
 MotionTuple = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
 """Motion of body 1, psi [rad], psid [rad/s] and psidd [rad/s^2]; psid is None without v, psidd is None without a."""
 
@@ -62,7 +64,7 @@ def frame_motions(
         R and S, with v also v and omega, with a also a and alpha; shape (N, frames, ...) each.
     """
     pin = import_pinocchio("cross_validate")
-    names = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(states)]
+    names = LETTERS[: 2 * len(states)]
     arrays = [np.empty((len(states[0]), len(frames), 3, *(3,) * (name == "S"))) for name in names]
     for i, sample in enumerate(zip(*states, strict=True)):
         pin.forwardKinematics(model, data, *sample)
@@ -184,20 +186,16 @@ class PairTwin:
         """
         if a is not None and v is None:
             raise ArgumentError("v", "the velocity that belongs to a", None)
-        given = {name: one for name, one in (("q", q), ("v", v), ("a", a)) if one is not None}
-        rows = {name: vectors(name, one, 7 + (name == "q")).astype(np.float64) for name, one in given.items()}
-        shape = broadcast_shape({name: one.shape[:-1] for name, one in rows.items()})
-        whole = [np.broadcast_to(one, (*shape, one.shape[-1])) for one in rows.values()]
-        derivatives: list[Any] = [*whole[1:], None]
-        first, *others = [read_state(PINOCCHIO, whole[0], one, True, 1, []) for one in derivatives]
-        body1, rates = cast(BodyMotion, first.base_motion), [one[..., 6] for one in whole[1:]]
-        if len(others) > 1:  # a spatial acceleration is turned as a velocity
-            spatial = cast(BodyMotion, others[0].base_motion)
+        state = read_state(PINOCCHIO, q, v, True, 1, [])
+        body1 = cast(BodyMotion, state.base_motion)
+        psi, psid, psidd = state.q[..., 0], None if state.qd is None else state.qd[..., 0], None
+        if a is not None:  # a spatial acceleration is turned as a velocity
+            spatial = read_state(PINOCCHIO, q, a, True, 1, [])
+            of_base, psidd = cast(BodyMotion, spatial.base_motion), cast(Any, spatial.qd)[..., 0]
             with np.errstate(all="ignore"):
-                a1 = np.asarray(spatial.v) + np.cross(np.asarray(body1.omega), np.asarray(body1.v))
-            body1 = replace(body1, a=a1, alpha=spatial.omega)
-        psid, psidd = (*rates, None, None)[:2]
-        return body1, first.q[..., 0], psid, psidd
+                a1 = np.asarray(of_base.v) + np.cross(np.asarray(body1.omega), np.asarray(body1.v))
+            body1 = replace(body1, a=a1, alpha=of_base.omega)
+        return body1, psi, psid, psidd
 
 
 def _column(name: str, values: ArrayLike) -> Float64Array:
@@ -258,17 +256,9 @@ def pair_twin(pair: HingePair) -> PairTwin:
     """Build a pair as a Pinocchio model, whose free-flyer is body 1."""
     check_pair(pair)
     check_single_pair(pair)
-    tree, home = tree_of_pair(pair), np.asarray(pair.home)
-    (hinge,) = tree.joints
-    masses = hinge.body
-    # The hinge has the axes of body 1 here, in which n is exact.
-    turned = MassProperties(masses.mass, home @ masses.centre_of_mass, home @ masses.inertia @ home.T)
-    frames = {
-        name: Frame(1, home @ frame.R, home @ frame.S) if frame.body else frame
-        for name, frame in {**tree.links, **tree.frames}.items()
-    }
-    hinge = replace(hinge, S=np.eye(3), n=pair.n, body=turned)
-    twin = tree_twin(replace(tree, joints=(hinge,), links={}, frames=frames), is_free=True, has_free_flyer=True)
+    tree = tree_of_pair(pair)
+    tree = replace(tree, links={}, frames={**tree.links, **tree.frames})
+    twin = tree_twin(tree, is_free=True, has_free_flyer=True)
     return PairTwin(twin.model, twin.data, int(twin.model.getFrameId("body2")), twin)
 
 
