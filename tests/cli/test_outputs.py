@@ -37,7 +37,7 @@ def test_outputs_are_checked_before_work(command, ending, target, tmp_path, monk
         "pictures.read_scene",
         "pictures.read_source",
         "derive.read_source",
-        "fit.read_poses",
+        "fit.read_recording",
     ):
         monkeypatch.setattr(f"hingepair.cli.{name}", work)
     Path("a.toml").write_text("")

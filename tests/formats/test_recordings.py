@@ -191,13 +191,13 @@ def test_one_body_may_be_read_alone() -> None:
     assert point.body1.S is None
 
 
-@pytest.mark.parametrize(("digits", "sequence"), [(("phi_{}1", "phi_{}2"), "XYZ"), (("phi1_{}", "phi2_{}"), "ZYX")])
-def test_euler_angles_are_attitudes(digits: tuple[str, str], sequence: str) -> None:
+@pytest.mark.parametrize("sequence", ["XYZ", "ZYX"])
+def test_euler_angles_are_attitudes(sequence: str) -> None:
     columns = {name: column for name, column in both().items() if not name.startswith("q")}
-    for S, form in zip((MADE.S1, MADE.S2), digits, strict=True):
+    for S, form in ((MADE.S1, "phi_{}1"), (MADE.S2, "phi_{}2")):
         phi = hp.matrix_to_euler(S, sequence)
         columns |= {form.format(c): phi[:, i] for i, c in enumerate("xyz")}
-    columns[digits[0].format("y")][5] = np.nan
+    columns["phi_y1"][5] = np.nan
     found = hp.read_recording(columns, sequence=None if sequence == "XYZ" else sequence)
     assert np.isnan(found.body1.S[5]).all()
     assert np.abs(np.delete(found.body1.S - MADE.S1, 5, axis=0)).max() < 12 * 2.0**-53

@@ -15,7 +15,7 @@ T = np.arange(200) * 0.01
 
 def read(columns, entries):
     table = open_columns(columns)
-    sources = read_sources(entries, VOCABULARY, table.units)
+    sources = read_sources(entries, VOCABULARY, table)
     return read_recorded(table, sources, VOCABULARY, lambda names: names).columns
 
 

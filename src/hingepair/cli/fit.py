@@ -13,7 +13,7 @@ import typer
 from hingepair.cli.options import PICTURE_SUFFIXES, ColumnOption, JsonOption, out_option, parse_columns
 from hingepair.cli.output import check_output, save_figure
 from hingepair.errors import ArgumentError, FitError, quoted
-from hingepair.formats.recordings import ColumnAdvice, are_imus, no_body_error, read_imus, read_poses
+from hingepair.formats.recordings import are_imus, no_body_error, read_imus, read_recording
 from hingepair.measured.hinge_fit import HingeFit, fit
 from hingepair.measured.hinge_report import HingeReport
 from hingepair.measured.imus import fit_imus
@@ -28,7 +28,6 @@ from hingepair.tables.whole_file import whole_file
 _ENDINGS = (*RESULT_FILE_SUFFIXES, *PICTURE_SUFFIXES, ".toml")
 _GAPS = 0.05  # longest gap between samples over which one clock's poses are interpolated to the other [s]
 # What messages on columns advise.
-_ADVICE = ColumnAdvice("--column '{ours}={name}'", "--column '{ours}={name}:{unit}'", "--ignore {name!r}")
 
 
 def fit_command(
@@ -101,7 +100,7 @@ def fit_command(
                     raise ArgumentError(name, "recordings of poses", "inertial sensors")
             fitted = fit_imus(*read_imus(files, columns))
         else:
-            recording = read_poses(files, columns, ignore or (), _GAPS, sequence, _ADVICE)
+            recording = read_recording(*files, columns=columns, ignore=ignore or (), gaps=_GAPS, sequence=sequence)
             body1, body2, t = recording.body1, recording.body2, recording.t
             if scenes and t is None:
                 raise ArgumentError("out", "a recording with a column t for a scene", "none")

@@ -10,14 +10,14 @@ import contextlib
 import fnmatch
 import os
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import unit_of
-from hingepair.errors import ArgumentError, RotationError, nearest, nearest_name
+from hingepair.errors import ArgumentError, RotationError, nearest
 from hingepair.measured.imus import ImuRecording
 from hingepair.measured.smoothing.resample import resample
 from hingepair.measured.smoothing.smooth import smooth
@@ -31,24 +31,35 @@ from hingepair.tables.column_tables import ColumnTable
 from hingepair.tables.data_frames import column_names
 from hingepair.tables.instants import checked_gaps, increasing_seconds, warn_of_measurements
 from hingepair.tables.recorded_columns import (
+    Recorded,
     Vocabulary,
-    check_sources,
     doubts_about_angles,
     headings_among,
+    nearest_column,
     open_columns,
     planar_zeros,
     read_recorded,
     read_sources,
 )
-from hingepair.tables.units import SCALES, read_heading
+from hingepair.tables.units import read_heading
 
 # Columns that results have and a recording of poses does not need.
 _IGNORED_COLUMNS = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
 
-# Names, in small letters, that other recorders give the column t.
-_TIME_ALIASES = frozenset({"time", "times", "timestamp", "stamp", "seconds", "sec", "time_s", "t_s"})
-# Names, in small letters, that other recorders give the columns x, y, z, x1 and so on.
-_POSITION_ALIAS = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)")
+
+def _columns_of(digit: str) -> dict[str, tuple[str, ...]]:
+    """Return the columns of a body, whose names have a digit or none, by what they hold."""
+    return {
+        "R": tuple(f"R{digit}_{c}" for c in "xyz"),
+        "xyz": tuple(f"{c}{digit}" for c in "xyz"),
+        "S": tuple(f"S{digit}_{row}{column}" for row in "xyz" for column in "xyz"),
+        "quat": tuple(f"q{c}{digit}" for c in "xyzw"),
+        "phi": tuple(f"phi_{c}{digit}" for c in "xyz"),
+    }
+
+
+_BODIES: Final = {digit: _columns_of(digit) for digit in ("1", "2", "")}
+_POSE_COLUMNS: Final = ("t", *(name for own in _BODIES.values() for names in own.values() for name in names))
 
 
 class Recording(NamedTuple):
@@ -65,34 +76,12 @@ class Recording(NamedTuple):
     t: NDArray[Any] | None
 
 
-class ColumnAdvice(NamedTuple):
-    """How a caller names columns: templates for messages on a column `name` that is `ours` here."""
-
-    columns: str
-    columns_with_unit: str
-    ignore: str
-
-    def degrees(self, name: str, headings: Collection[str]) -> str:
-        """Return how a caller states that the angle `name` is in degrees, and one of `headings` one of a compass."""
-        stated = self.columns_with_unit.format(ours=name, name="COLUMN", unit="deg")
-        compass = ' ("compass" in place of "deg" for headings clockwise from north)'
-        return stated + compass * (name in headings)
-
-
-# By the arguments of `read_recording`.
-_IN_PYTHON: Final = ColumnAdvice(
-    "columns={{{ours!r}: {name!r}}}",
-    "columns={{{ours!r}: {{'name': {name!r}, 'unit': {unit!r}}}}}",
-    "ignore=[{name!r}]",
-)
-
-
 class _RecordedBody(NamedTuple):
-    """Motion of one body, with what stands in its file; None for columns that the file lacks."""
+    """Motion of one body, with what stands in its table; None for instants that it lacks."""
 
     motion: BodyMotion
     t: NDArray[Any] | None
-    path: ColumnTable
+    table: ColumnTable
 
 
 def read_recording(
@@ -140,27 +129,55 @@ def read_recording(
     >>> recording.t, recording.body1.R[2]
     (array([0., 1., 2.]), array([3., 0., 0.]))
     """
-    return read_poses(sources, columns, ignore, gaps, sequence, _IN_PYTHON)
-
-
-def read_poses(
-    sources: Sequence[Any],
-    columns: Mapping[str, str | Mapping[str, str]] | None,
-    ignore: Sequence[str],
-    gaps: float,
-    sequence: str | None,
-    advice: ColumnAdvice,
-) -> Recording:
-    """Read recorded poses as `read_recording` does; messages on unknown columns take their words from `advice`."""
     if not 1 <= len(sources) <= 2:
         raise ArgumentError("sources", "one recording, or one of each body", f"{len(sources)}")
+    longest = checked_gaps(gaps)
+    if sequence is not None:
+        check_choice("sequence", sequence, SEQUENCE_NAMES)
     tables = []
     for source in sources:
         with _naming(source):
             tables.append(open_columns(source))
-    if sequence is not None:
-        check_choice("sequence", sequence, SEQUENCE_NAMES)
-    return _read_recording(tables, columns or {}, ignore, checked_gaps(gaps), sequence, advice)
+    order = sequence or "XYZ"
+    headings = [name for own in _BODIES.values() for name in headings_among(own["phi"], order)]
+    vocabulary = Vocabulary(_POSE_COLUMNS, unit_of, _component_names, headings)
+    with _naming(tables[-1]):  # either recording may have a column
+        places = read_sources(columns or {}, vocabulary, *tables)
+    bodies: dict[str, _RecordedBody] = {}
+    has_angles = False
+    for number, table in enumerate(tables, start=1):
+        own = {name: place for name, place in places.items() if place.column in table.arrays}
+        known = {*_POSE_COLUMNS, *(place.column for place in own.values())}
+
+        def choose(names: list[str], known: set[str] = known) -> list[str]:
+            # Where columns are named the file is another's: the rest is not ours to know.
+            return [name for name in names if name in known] if places else _chosen(names, ignore)
+
+        with _naming(table):
+            recorded = read_recorded(table, own, vocabulary, choose)
+            digits = [d for d, own in _BODIES.items() if not {*own["R"], *own["xyz"]}.isdisjoint(recorded.columns)]
+            if "1" in digits and "" in digits:
+                digits.remove("")  # coordinates beside poses, as results are saved
+            for digit in digits:
+                name = digit or str(number)
+                if name in bodies:
+                    raise ArgumentError("", f"body {name} once", "a second time")
+                may_be_point = name == "2" or (len(tables) == 1 and len(digits) == 1)
+                motion, angles = _body_motion(recorded, digit, order, may_be_point=may_be_point)
+                has_angles |= bool(angles)
+                unstated = {angle: recorded.columns[angle] for angle in angles if angle not in recorded.stated}
+                doubts = doubts_about_angles(unstated, lambda angle: _in_degrees(angle, headings))
+                warn_of_measurements(f"{table}: {doubt}" for doubt in doubts)
+                bodies[name] = _RecordedBody(motion, recorded.columns.get("t"), table)
+    for name in ("1", "2")[: 1 + (len(tables) == 2 or "2" in bodies)]:
+        if name not in bodies:
+            raise no_body_error(name, tables)
+    if sequence is not None and not has_angles:
+        raise ArgumentError("sequence", "None, since no attitude is in Euler angles phi_x, phi_y, phi_z", sequence)
+    first, second = bodies["1"], bodies.get("2")
+    if second is None or first.table is second.table:
+        return Recording(first.motion, second and second.motion, first.t)
+    return _on_one_clock(first, second, longest)
 
 
 @contextlib.contextmanager
@@ -176,65 +193,6 @@ def _naming(source: object) -> Iterator[None]:
         raise ArgumentError(name, error.expected, error.got) from None
 
 
-def _read_recording(
-    paths: Sequence[ColumnTable],
-    columns_by_name: Mapping[str, Any],
-    ignored_columns: Sequence[str],
-    max_gap: float,
-    sequence: str | None,
-    advice: ColumnAdvice,
-) -> Recording:
-    """Return the Recording of one or two files or tables, on one clock; refuse one without body 1 or body 2."""
-    headings = _headings(sequence or "XYZ")
-    bodies: dict[str, _RecordedBody] = {}
-    has_angles = False
-    is_alone = len(paths) == 1
-    vocabulary = Vocabulary(_POSE_COLUMNS, unit_of, _component_names, headings)
-    sources = read_sources(columns_by_name, vocabulary, {k: v for path in paths for k, v in path.units.items()})
-    with _naming(paths[-1]):  # either recording may have a column
-        check_sources(sources, [name for path in paths for name in path.shapes])
-    for place, path in enumerate(paths, start=1):
-        own = {name: source for name, source in sources.items() if source.column in path.shapes}
-        taken = {source.column for source in own.values()}
-
-        def choose(names: list[str], taken: Collection[str] = taken) -> list[str]:
-            if sources:  # the file is another's: the rest is not ours to know
-                names = [name for name in names if name in {*taken, *_POSE_COLUMNS}]
-            return _columns_to_read(names, ignored_columns, advice, taken)
-
-        with _naming(path):
-            columns, stated = read_recorded(path, own, vocabulary, choose)
-        digits = [
-            digit
-            for digit in ("1", "2", "")
-            if any(not columns.keys().isdisjoint(names) for names in _position_column_names(digit))
-        ]
-        if "1" in digits and "" in digits:
-            digits.remove("")  # coordinates beside poses, as results are saved
-        for digit in digits:
-            name = digit or str(place)
-            if name in bodies:
-                raise ArgumentError(f"{path}", f"body {name} once", "a second time")
-            may_be_point = name == "2" or (is_alone and len(digits) == 1)
-            angles = _angles_of(columns, digit)
-            has_angles |= bool(angles)
-            unstated = {angle: columns[angle] for angle in angles if angle not in stated}
-            _judge_angles(path, unstated, advice, headings)
-            motion = _body_motion(path, columns, digit, sequence or "XYZ", may_be_point=may_be_point)
-            bodies[name] = _RecordedBody(motion, columns.get("t"), path)
-    for name in ("1", "2")[: 1 + (len(paths) == 2 or "2" in bodies)]:
-        if name not in bodies:
-            raise no_body_error(name, paths)
-    if sequence is not None and not has_angles:
-        raise ArgumentError("sequence", "None, since no attitude is in Euler angles phi_x, phi_y, phi_z", sequence)
-    first, second = bodies["1"], bodies.get("2")
-    if second is None:
-        return Recording(first.motion, None, first.t)
-    if first.path is second.path:
-        return Recording(first.motion, second.motion, first.t)
-    return _resample_to_one_clock(first, second, max_gap)
-
-
 def no_body_error(body: str, sources: Sequence[object]) -> ArgumentError:
     """Return the error on recordings without body "1" or "2"."""
     expected = f"columns of body {body}: R{body}_x, ... or x{body}, ... (without {body} in a file of its own); "
@@ -242,130 +200,24 @@ def no_body_error(body: str, sources: Sequence[object]) -> ArgumentError:
     return ArgumentError(", ".join(map(str, sources)), expected, "none")
 
 
-def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap: float) -> Recording:
-    """Return both bodies at the instants of the body with the longer time steps."""
-    t1, t2 = _body_instants(first), _body_instants(second)
-    if np.array_equal(t1, t2):
-        return Recording(first.motion, second.motion, t1)
-    times = [increasing_seconds(f"{body.path}: t", t)[0] for body, t in ((first, t1), (second, t2))]
-    steps = [float(np.median(np.diff(time))) for time in times]
-    if steps[0] >= steps[1]:
-        recording = Recording(first.motion, resample(t2, second.motion, t1, max_gap), t1)
-    else:
-        recording = Recording(resample(t1, first.motion, t2, max_gap), second.motion, t2)
-    bodies = (recording.body1, recording.body2 or recording.body1)
-    is_known = np.logical_and(*(np.isfinite(body.R).all(axis=-1) for body in bodies))
-    if is_known.sum() < 2:
-        spans = [f"{time[-1]:.4g} s in steps of {step:.4g} s" for time, step in zip(times, steps, strict=True)]
-        expected = "recordings of the same time, by one clock and in one unit"
-        raise ArgumentError(f"{first.path}: t, {second.path}: t", expected, " and ".join(spans))
-    return recording
+def _in_degrees(angle: str, headings: Sequence[str]) -> str:
+    """Return how a user states that an angle is in degrees, and one of `headings` one of a compass."""
+    stated = f"columns={{{angle!r}: {{'name': 'COLUMN', 'unit': 'deg'}}}} (--column {angle}=COLUMN:deg)"
+    return stated + ' ("compass" in place of "deg" for headings clockwise from north)' * (angle in headings)
 
 
-def _body_instants(body: _RecordedBody) -> NDArray[Any]:
-    if body.t is None:
-        raise ArgumentError(f"{body.path}: t", "a column, since each body has a file", "no such column")
-    return body.t
-
-
-def _position_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
-    return tuple(f"R{digit}_{c}" for c in "xyz"), tuple(f"{c}{digit}" for c in "xyz")
-
-
-def _attitude_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
-    rotation, quaternion = (f"S{digit}_{r}{c}" for r in "xyz" for c in "xyz"), (f"q{c}{digit}" for c in "xyzw")
-    return tuple(rotation), tuple(quaternion), *_angle_column_names(digit)
-
-
-def _angle_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
-    return tuple(f"phi_{c}{digit}" for c in "xyz"), tuple(f"phi{digit}_{c}" for c in "xyz")
-
-
-def _headings(sequence: str) -> tuple[str, ...]:
-    """Return the angles that turn about z, of all bodies."""
-    groups = (names for digit in ("1", "2", "") for names in _angle_column_names(digit))
-    return tuple(name for names in groups for name in headings_among(names, sequence))
-
-
-def _angles_of(columns: Mapping[str, NDArray[Any]], digit: str) -> tuple[str, ...]:
-    """Return the columns with Euler angles of a body; none if others have its attitude, as those of results may."""
-    rotation, quaternion, *angles = _attitude_column_names(digit)
-    if not columns.keys().isdisjoint((*rotation, *quaternion)):
-        return ()
-    return tuple(name for names in angles for name in names if name in columns)
-
-
-def _pose_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
-    return (*_position_column_names(digit), *_attitude_column_names(digit))
-
-
-_POSE_COLUMNS: Final = (  # all names that columns of instants and of poses can have
-    "t",
-    *(name for digit in ("1", "2", "") for names in _pose_column_names(digit) for name in names),
-)
-
-
-def _judge_angles(
-    path: ColumnTable, angles: Mapping[str, Float64Array], advice: ColumnAdvice, headings: Collection[str]
-) -> None:
-    """Warn of angles that are probably in degrees, or refuse them."""
-    try:
-        doubts = doubts_about_angles(angles, lambda name: advice.degrees(name, headings))
-    except ArgumentError as error:
-        raise error.renamed(f"{path}: {error.name}") from None
-    warn_of_measurements([f"{path}: {doubt}" for doubt in doubts], stacklevel=6)
-
-
-def _body_motion(
-    path: ColumnTable, columns: Mapping[str, NDArray[Any]], column_digit: str, sequence: str, *, may_be_point: bool
-) -> BodyMotion:
-    """Return the poses of the body whose columns end in "1", "2" or ""; an attitude of which a part is missing, or
-    all is 0, is NaN, and a body without columns of one is a point if it may be.
-    """
-    planar = {
-        (z, *tilts): (x, y, turn)
-        for x, y, z in _position_column_names(column_digit)
-        for *tilts, turn in _angle_column_names(column_digit)
-    }
-    try:
-        zeros = planar_zeros(columns, planar, sequence)
-    except ArgumentError as error:
-        raise error.renamed(f"{path}: {error.name}") from None
-    columns = {**columns} | {name: np.zeros(len(next(iter(columns.values())))) for name in zeros}
-    R = _stack_columns(path, columns, _position_column_names(column_digit))
-    if all(columns.keys().isdisjoint(names) for names in _attitude_column_names(column_digit)):
-        if may_be_point:
-            return BodyMotion(R=R)
-        _, quaternion, angles, _ = map(", ".join, _attitude_column_names(column_digit))
-        expected = (
-            f"columns of the attitude of body 1: S{column_digit}_xx, ..., S{column_digit}_zz, or {quaternion}, or "
-            f"{angles} (a body that is known by its position alone must be body 2)"
-        )
-        raise ArgumentError(f"{path}", expected, "none")
-    attitude = _stack_columns(path, columns, _attitude_column_names(column_digit))
-    if attitude.shape[1] == 3:
-        attitude[~np.isfinite(attitude).all(axis=-1)] = np.nan
-        return BodyMotion(R=R, S=np.asarray(euler_to_matrix(attitude, sequence)))
-    attitude[~np.isfinite(attitude).all(axis=-1) | (attitude == 0).all(axis=-1)] = np.nan
-    if attitude.shape[1] == 9:
-        S = attitude.reshape(-1, 3, 3)
-        try:
-            return BodyMotion(R=R, S=S)
-        except RotationError:  # of a few digits
-            return BodyMotion(R=R, S=project_to_rotation(S))
-    return BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=attitude)
-
-
-def _stack_columns(
-    path: ColumnTable, columns: Mapping[str, NDArray[Any]], alternatives: tuple[tuple[str, ...], ...]
-) -> Float64Array:
-    """Return the columns (N, k) of the first alternative of which any is present; refuse it if one is missing."""
-    names = next((names for names in alternatives if not columns.keys().isdisjoint(names)), alternatives[-1])
+def _chosen(names: Sequence[str], ignored: Sequence[str]) -> list[str]:
+    """Return the names to be read, without those that are ignored or of results; refuse unknown ones."""
+    names = [name for name in names if not any(fnmatch.fnmatchcase(name, pattern) for pattern in ignored)]
     for name in names:
-        if name not in columns:
-            present = ", ".join(other for other in names if other in columns)
-            raise ArgumentError(f"{path}: {name}", f"a column, since the file has {present}", "none")
-    return np.stack([columns[name] for name in names], axis=-1)
+        if name not in _POSE_COLUMNS and not _IGNORED_COLUMNS.fullmatch(name):
+            short = name[:40]
+            expected = (
+                f"columns of poses{nearest_column(name, _POSE_COLUMNS)}, columns={{'NAME': {short!r}}} (--column "
+            )
+            expected += f"'NAME={short}'), or ignore=[{short!r}] (--ignore)"
+            raise ArgumentError(repr(short), expected, "an unknown column")
+    return [name for name in names if name in _POSE_COLUMNS]
 
 
 def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:
@@ -375,43 +227,70 @@ def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:
     return np.reshape(column_names({name: np.empty((1, *sample_shape))}), sample_shape)
 
 
-def _columns_to_read(
-    names: Sequence[str],
-    ignored_columns: Sequence[str],
-    advice: ColumnAdvice,
-    other_names: Collection[str] = (),
-) -> list[str]:
-    """Return the names to be read, without those that are ignored or of results; refuse unknown ones."""
-    known_names = [*_POSE_COLUMNS, *other_names]
-    wanted = []
-    for name in names:
-        if any(fnmatch.fnmatchcase(name, pattern) for pattern in ignored_columns):
-            continue
-        if name in known_names:
-            wanted.append(name)
-        elif not _IGNORED_COLUMNS.fullmatch(name):
-            short = name[:40]
-            ours, unit = _meant_column(name, known_names)
-            template = advice.columns_with_unit if unit else advice.columns
-            ways = [template.format(ours=ours or "NAME", name=short, unit=unit)]
-            hint = f" (nearest: {ours})" if ours else ""
-            expected = f"columns of poses{hint}, {', '.join(ways)}, or {advice.ignore.format(name=short)}"
-            raise ArgumentError(repr(short), expected, "an unknown column")
-    return wanted
-
-
-def _meant_column(name: str, known_names: Sequence[str]) -> tuple[str, str]:
-    """Return the known column that an unknown one probably stands for, and the unit in its name: t and ms for
-    time_ms; "" where there is none.
+def _body_motion(
+    recorded: Recorded, digit: str, sequence: str, *, may_be_point: bool
+) -> tuple[BodyMotion, tuple[str, ...]]:
+    """Return the poses of the body whose columns end in a digit, and its columns of Euler angles. An attitude of
+    which a part is missing, or all is 0, is NaN; a body without columns of one is a point if it may be.
     """
-    lower = re.sub(r"\s*[(\[]\w+[)\]]$", "", name.lower())  # "Time (Seconds)"
-    stem, _, unit = lower.rpartition("_")
-    for text, its_unit in ((lower, ""), (stem, unit)):
-        position = _POSITION_ALIAS.fullmatch(text)
-        column = "t" if text in _TIME_ALIASES else "".join(position.groups()) if position else text
-        if column in known_names and (not its_unit or its_unit in SCALES.get(unit_of(column), ())):
-            return column, its_unit
-    return nearest_name(name, known_names), ""
+    own, columns = _BODIES[digit], recorded.columns
+    *tilts, turn = own["phi"]
+    planar = {(z, *tilts): (x, y, turn) for x, y, z in (own["R"], own["xyz"])}
+    samples = len(next(iter(columns.values())))
+    columns |= {name: np.zeros(samples) for name in planar_zeros(columns, planar, sequence)}
+    R = _stacked(columns, own["R"] if not columns.keys().isdisjoint(own["R"]) else own["xyz"])
+    kind = next((kind for kind in ("S", "quat", "phi") if not columns.keys().isdisjoint(own[kind])), None)
+    if kind is None:
+        if may_be_point:
+            return BodyMotion(R=R), ()
+        expected = (
+            f"columns of the attitude of body 1: {own['S'][0]}, ..., {own['S'][-1]}, or {', '.join(own['quat'])}, or "
+            f"{', '.join(own['phi'])} (a body that is known by its position alone must be body 2)"
+        )
+        raise ArgumentError("", expected, "none")
+    attitude = _stacked(columns, own[kind])
+    is_missing = ~np.isfinite(attitude).all(axis=-1) | ((kind != "phi") & (attitude == 0).all(axis=-1))
+    attitude[is_missing] = np.nan
+    if kind == "phi":
+        return BodyMotion(R=R, S=np.asarray(euler_to_matrix(attitude, sequence))), own["phi"]
+    if kind == "quat":
+        return BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=attitude), ()
+    S = attitude.reshape(-1, 3, 3)
+    try:
+        return BodyMotion(R=R, S=S), ()
+    except RotationError:  # of a few digits
+        return BodyMotion(R=R, S=project_to_rotation(S)), ()
+
+
+def _stacked(columns: Mapping[str, NDArray[Any]], names: Sequence[str]) -> Float64Array:
+    """Return columns (N, k); refuse that one of them is missing."""
+    for name in names:
+        if name not in columns:
+            present = ", ".join(other for other in names if other in columns)
+            raise ArgumentError(name, f"a column, since the file has {present}", "none")
+    return np.stack([columns[name] for name in names], axis=-1)
+
+
+def _on_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap: float) -> Recording:
+    """Return both bodies at the instants of the body with the longer time steps."""
+    stamps = []
+    for body in (first, second):
+        if body.t is None:
+            raise ArgumentError(f"{body.table}: t", "a column, since each body has a file", "no such column")
+        stamps.append(body.t)
+    if np.array_equal(stamps[0], stamps[1]):
+        return Recording(first.motion, second.motion, first.t)
+    times = [increasing_seconds(f"{b.table}: t", t)[0] for b, t in zip((first, second), stamps, strict=True)]
+    steps = [float(np.median(np.diff(time))) for time in times]
+    if steps[0] >= steps[1]:
+        body1, body2, t = first.motion, resample(stamps[1], second.motion, stamps[0], max_gap), stamps[0]
+    else:
+        body1, body2, t = resample(stamps[0], first.motion, stamps[1], max_gap), second.motion, stamps[1]
+    if (np.isfinite(body1.R) & np.isfinite(body2.R)).all(axis=-1).sum() < 2:
+        spans = [f"{time[-1]:.4g} s in steps of {step:.4g} s" for time, step in zip(times, steps, strict=True)]
+        expected = "recordings of the same time, by one clock and in one unit"
+        raise ArgumentError(f"{first.table}: t, {second.table}: t", expected, " and ".join(spans))
+    return Recording(body1, body2, t)
 
 
 # ---- robots
@@ -429,40 +308,28 @@ def read_robot_recording(
     and `JOINTdd`, as scenes of robots write them. Missing qd and qdd are derived from q by `smooth` with `bandwidth`
     [Hz]. Other columns are passed over. `source` and `columns` are as for `read_recording`.
     """
-    rows, joints = ("q", "qd", "qdd", "tau"), robot.names
-    units = {"t": "s"}
-    for joint in tree_of(robot).coordinates:
-        per = (joint.unit, f"{joint.unit}/s", f"{joint.unit}/s^2", joint.effort_unit)
-        units |= {f"{name}_{joint.name}": unit for name, unit in zip(rows, per, strict=True)}
+    rows, units = ("q", "qd", "qdd", "tau"), {"t": "s"}
+    for own in tree_of(robot).coordinates:
+        per = (own.unit, f"{own.unit}/s", f"{own.unit}/s^2", own.effort_unit)
+        units |= {f"{name}_{own.name}": unit for name, unit in zip(rows, per, strict=True)}
     # Names of positions and rates in the results of scenes.
-    of_scenes = {f"{joint}{name[1:]}": f"{name}_{joint}" for joint in joints for name in rows[:3]}
-    of_scenes = {name: own for name, own in of_scenes.items() if name not in units}
+    of_scenes = {f"{joint}{name[1:]}": f"{name}_{joint}" for joint in robot.names for name in rows[:3]}
+    of_scenes = {name: ours for name, ours in of_scenes.items() if name not in units}
     vocabulary = Vocabulary(
         tuple(units),
         lambda name: units.get(of_scenes.get(name, name), "1"),
         lambda name, _: of_scenes.get(name, name),
     )
-    with _naming(source):
-        table = open_columns(source)
-        sources = read_sources(columns or {}, vocabulary, table.units)
-        check_sources(sources, table.shapes)
-        taken = {source.column for source in sources.values()}
-        found, _ = read_recorded(
-            table, sources, vocabulary, lambda names: [n for n in names if n in {*taken, *units}]
-        )
-    derived = [name for name in rows[1:3] if not all(f"{name}_{joint}" in found for joint in joints)]
+    found, table = _known_columns(source, columns or {}, vocabulary)
+    derived = [name for name in rows[1:3] if not all(f"{name}_{joint}" in found for joint in robot.names)]
     for name in units:
-        needed = bool(derived) if name == "t" else name.partition("_")[0] not in rows[1:3]
-        if needed and name not in found:
-            why = f", or hold the joint by --lock {name.partition('_')[2]}=POSITION" if name != "t" else ""
-            users = [other for other, source in sources.items() if source.column == name]
-            near, got = (
-                ("", f"it as {users[0]}, by columns") if users else (nearest(name, tuple(table.shapes)), "none")
-            )
-            raise ArgumentError(str(source), f"a column {name}{near}{why}", got)
+        kind, _, joint = name.partition("_")
+        if name not in found and (bool(derived) if name == "t" else kind not in rows[1:3]):
+            why = f", or hold the joint by --lock {joint}=POSITION" if joint else ""
+            raise ArgumentError(str(source), f"a column {name}{nearest(name, tuple(table.arrays))}{why}", "none")
     t = found.get("t")
     recorded = {
-        name: np.stack([found[f"{name}_{joint}"] for joint in joints], axis=-1)
+        name: np.stack([found[f"{name}_{joint}"] for joint in robot.names], axis=-1)
         for name in rows
         if name not in derived
     }
@@ -473,6 +340,18 @@ def read_robot_recording(
     return t, recorded
 
 
+def _known_columns(
+    source: Any, columns: Mapping[str, Any], vocabulary: Vocabulary
+) -> tuple[dict[str, NDArray[Any]], ColumnTable]:
+    """Return the columns of a recording that a vocabulary knows or entries name, by the names of this package."""
+    with _naming(source):
+        table = open_columns(source)
+        places = read_sources(columns, vocabulary, table)
+        known = {*vocabulary.columns, *(place.column for place in places.values())}
+        found = read_recorded(table, places, vocabulary, lambda names: [name for name in names if name in known])
+    return found.columns, table
+
+
 # ---- inertial sensors
 
 _IMU_UNITS: Final = {
@@ -480,8 +359,6 @@ _IMU_UNITS: Final = {
     **{f"omega_{c}": "rad/s" for c in "xyz"},
     **{f"force_{c}": "m/s^2" for c in "xyz"},
 }
-
-
 _IMU_VOCABULARY: Final = Vocabulary(tuple(_IMU_UNITS), lambda name: _IMU_UNITS.get(name, "1"))
 
 
@@ -490,7 +367,7 @@ def are_imus(sources: Sequence[Any], columns: Mapping[str, Any]) -> bool:
     shown = []
     for source in sources:
         with _naming(source):
-            headings = open_columns(source).shapes
+            headings = open_columns(source).arrays
         shown.append({read_heading(heading, _IMU_VOCABULARY.unit_of)[0] for heading in headings})
     return "force_x" in columns or all("force_x" in names for names in shown)
 
@@ -507,21 +384,15 @@ def read_imus(sources: Sequence[Any], columns: Mapping[str, Any]) -> tuple[ImuRe
     """
     if len(sources) != 2:
         raise ArgumentError("FILE", "two files of inertial sensors, one on each body", f"{len(sources)}")
-    recordings: list[ImuRecording] = []
-    for source in sources:
-        with _naming(source):
-            recordings.append(_read_imu(source, columns))
-    return recordings[0], recordings[1]
+    first, second = (_read_imu(source, columns) for source in sources)
+    return first, second
 
 
 def _read_imu(source: Any, columns: Mapping[str, Any]) -> ImuRecording:
-    table = open_columns(source)
-    places = read_sources(columns, _IMU_VOCABULARY, table.units)
-    check_sources(places, table.shapes)
-    wanted = {*_IMU_UNITS, *(place.column for place in places.values())}
-    found, _ = read_recorded(table, places, _IMU_VOCABULARY, lambda names: [name for name in names if name in wanted])
-    for name in _IMU_UNITS:
-        if name not in found:
-            raise ArgumentError(name, f"a column of this name{nearest(name, tuple(table.shapes))}", "none")
-    omega, force = (np.stack([found[f"{name}_{c}"] for c in "xyz"], axis=-1) for name in ("omega", "force"))
-    return ImuRecording(found["t"], omega, force)
+    found, table = _known_columns(source, columns, _IMU_VOCABULARY)
+    with _naming(source):
+        for name in _IMU_UNITS:
+            if name not in found:
+                raise ArgumentError(name, f"a column of this name{nearest(name, tuple(table.arrays))}", "none")
+        omega, force = (np.stack([found[f"{name}_{c}"] for c in "xyz"], axis=-1) for name in ("omega", "force"))
+        return ImuRecording(found["t"], omega, force)

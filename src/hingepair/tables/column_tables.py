@@ -1,17 +1,18 @@
-"""Tables of columns by name, of which chosen ones are read: pandas DataFrames, xarray Datasets, dicts of arrays, and
-files, whose readers are in `column_file`.
+"""Tables of columns by name: of files, whose readers are in `column_file`, pandas DataFrames, xarray Datasets and
+dicts of arrays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Final
+import re
+from collections.abc import Collection, Mapping
+from typing import Any, Final, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError
+from hingepair.numeric.arrays import Float64Array
 
 # Units as the conventions of climate data and pint write them.
 _UNIT_ALIASES: Final = {
@@ -22,23 +23,82 @@ _UNIT_ALIASES: Final = {
     **dict.fromkeys(("degree", "degrees"), "deg"),
     **dict.fromkeys(("dimensionless", ""), "1"),
 }
+_NUMBER: Final = "a number (nan or an empty cell where there is none)"
+_INSTANT: Final = (
+    "a number, or a date such as 2026-11-23T10:00:00.25+01:00 (ISO 8601) or 23.11.2026 10:00:00,25 "
+    "(DD.MM.YYYY HH:MM:SS), as in the first row"
+)
 
 
-@dataclass(frozen=True, eq=False)
-class ColumnTable:
-    """Columns that can be read, each an array of shape (N,), or (N, ...) of vectors and matrices."""
+class ColumnTable(NamedTuple):
+    """Columns, each an array of shape (N,), or (N, ...) of vectors and matrices."""
 
-    kind: str  # such as DataFrame, for messages
-    shapes: Mapping[str, tuple[int, ...]]  # of one sample of each column
-    # From the columns to read, and the one whose integers and dates stay as they are, to their arrays.
-    read: Callable[[Collection[str], str], Mapping[str, NDArray[Any]]]
-    units: Mapping[str, str] = field(default_factory=dict)  # that columns state, by name
-    index: str = ""  # name of the column that has the instants if none has their usual name
-    suffix: str = ""  # that of a file's name
+    kind: str  # such as DataFrame, or the path of a file, for messages
+    arrays: Mapping[str, NDArray[Any]]  # by name
+    units: Mapping[str, str] = {}  # that columns state, by name
+    row_index: str = ""  # name of the column that has the instants if none has their usual name
+    lines: NDArray[Any] | None = None  # of the file in which the samples stand
+    mark: str = "."  # sign that numbers in text may have for the decimal point
     doubled: Collection[str] = ()  # names that more than one column has
 
     def __str__(self) -> str:
         return self.kind
+
+    def numbers(self, name: str, expected: str = _NUMBER) -> Float64Array:
+        """Return a column as float64; refuse text and dates."""
+        array = self.arrays[name]
+        if array.dtype.kind in "fiu":
+            return array.astype(np.float64)
+        if self.lines is None:
+            self._refuse(name, 0, "numbers; pandas.read_csv(..., sep=';', decimal=',') reads decimal commas")
+        numbers = np.empty(len(array))
+        for row, cell in enumerate(array):
+            try:
+                numbers[row] = number_in(cell, self.mark)
+            except ValueError:
+                self._refuse(name, row, expected)
+        return numbers
+
+    def instants(self, name: str) -> NDArray[Any]:
+        """Return a column of instants: numbers, of which integers stay as they are, or dates (UTC where they name no
+        zone).
+        """
+        array = self.arrays[name]
+        if array.dtype.kind in "fiumM":
+            return array.astype(np.float64) if array.dtype.kind == "f" else array
+        if self.lines is None:
+            self._refuse(name, 0, "numbers, or dates, which pandas.to_datetime makes of text")
+        import pandas
+
+        dates = pandas.to_datetime([_iso_date(str(c)) for c in array], utc=True, format="ISO8601", errors="coerce")
+        missing = np.flatnonzero(dates.isna()).tolist()
+        if missing[:1] == [0]:
+            return self.numbers(name, _INSTANT)
+        if missing:
+            self._refuse(name, missing[0], _INSTANT)
+        return np.asarray(dates.tz_localize(None).to_numpy("datetime64[ns]"))
+
+    def _refuse(self, name: str, row: int, expected: str) -> NoReturn:
+        cell = repr(str(self.arrays[name].ravel()[row])[:40]) if self.arrays[name].size else "none"
+        raise ArgumentError(name if self.lines is None else f"line {self.lines[row]}: {name}", expected, cell)
+
+
+def number_in(cell: Any, mark: str = ".") -> float:
+    """Return the number in a cell of a file, NaN of a blank one; raise ValueError if it has none."""
+    if isinstance(cell, float):  # how pandas says blank
+        return cell
+    if not isinstance(cell, str) or "_" in cell:  # Python reads 1_5 as 15
+        raise ValueError
+    return float(cell.replace(mark, ".")) if cell.strip() else np.nan
+
+
+def _iso_date(cell: str) -> str:
+    """Return a cell whose date, if it is DD.MM.YYYY, is written as in ISO 8601, with a decimal point.
+
+    >>> _iso_date("23.11.2026 10:00:00,25")
+    '2026-11-23 10:00:00.25'
+    """
+    return re.sub(r"^(\d\d)\.(\d\d)\.(\d{4})\b", r"\3-\2-\1", cell.strip().replace(",", "."))
 
 
 def column_table(name: str, source: Any) -> ColumnTable:
@@ -62,21 +122,7 @@ def column_table(name: str, source: Any) -> ColumnTable:
     else:
         expected = "the path of a file, a pandas DataFrame, an xarray Dataset or a dict of arrays"
         raise ArgumentError(name, expected, kind)
-
-    def read(wanted: Collection[str], exact: str) -> dict[str, NDArray[Any]]:
-        return {name: _checked(name, arrays[name], name == exact) for name in wanted}
-
-    return ColumnTable(kind, {name: a.shape[1:] for name, a in arrays.items()}, read, units, index)
-
-
-def _checked(name: str, array: NDArray[Any], exact: bool) -> NDArray[Any]:
-    """Return an array of numbers, or of dates if it is `exact`; refuse text."""
-    if array.dtype.kind in ("fiumM" if exact else "fiu"):
-        return array
-    expected = "numbers; pandas.read_csv(..., sep=';', decimal=',') reads decimal commas"
-    if exact:
-        expected = "numbers, or dates, which pandas.to_datetime makes of text"
-    raise ArgumentError(name, expected, repr(str(array.ravel()[0])[:40]) if array.size else "none")
+    return ColumnTable(kind, arrays, units, index)
 
 
 def _of_dataset(source: Any) -> tuple[dict[str, NDArray[Any]], dict[str, str], str]:
@@ -84,14 +130,11 @@ def _of_dataset(source: Any) -> tuple[dict[str, NDArray[Any]], dict[str, str], s
     the units that they state, and the name of that dimension if it is a coordinate.
     """
     first = next((variable.dims[0] for variable in source.data_vars.values() if variable.dims), "")
-    arrays, units = {}, {}
-    for key, variable in {**source.coords, **source.data_vars}.items():
-        if variable.dims[:1] == (first,):
-            name = str(key)
-            arrays[name] = _array(variable)
-            if unit := variable.attrs.get("units"):
-                units[name] = _UNIT_ALIASES.get(str(unit), str(unit))
-    return arrays, units, str(first) if str(first) in arrays else ""
+    found = {**source.coords, **source.data_vars}
+    found = {str(key): variable for key, variable in found.items() if variable.dims[:1] == (first,)}
+    stated = {name: str(variable.attrs["units"]) for name, variable in found.items() if variable.attrs.get("units")}
+    units = {name: _UNIT_ALIASES.get(unit, unit) for name, unit in stated.items()}
+    return {name: _array(variable) for name, variable in found.items()}, units, str(first) if first in found else ""
 
 
 def _array(values: Any) -> NDArray[Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -79,13 +79,13 @@ def open_columns(source: Any, name: str = "sources") -> ColumnTable:
     return file_table(Path(source)) if isinstance(source, str | os.PathLike) else column_table(name, source)
 
 
-def read_sources(entries: Any, vocabulary: Vocabulary, stated_units: Mapping[str, str]) -> dict[str, ColumnSource]:
-    """Return where quantities stand, by their names.
+def read_sources(entries: Any, vocabulary: Vocabulary, *tables: ColumnTable) -> dict[str, ColumnSource]:
+    """Return where quantities stand in recordings, by their names.
 
     Args:
         entries: for each quantity the name of its column, or a dict of `name`, `unit`, `delay` and `rate`.
         vocabulary: names that quantities may have.
-        stated_units: units that columns themselves state, by their names.
+        tables: the recordings; one of them has the column.
 
     Raises:
         ArgumentError: an entry cannot be used; `name` is `columns` or such as `columns.psi.unit`.
@@ -94,6 +94,8 @@ def read_sources(entries: Any, vocabulary: Vocabulary, stated_units: Mapping[str
         expected = 'a table such as { t = "Time", psi = { name = "Angle", unit = "deg" } }'
         raise ArgumentError("columns", expected, quoted(entries))
     known = tuple(vocabulary.columns)
+    present = [column for table in tables for column in table.arrays]
+    units = {column: unit for table in tables for column, unit in table.units.items()}
     sources = {}
     for name, entry in entries.items():
         if name not in known:
@@ -107,10 +109,12 @@ def read_sources(entries: Any, vocabulary: Vocabulary, stated_units: Mapping[str
             raise ArgumentError(f"columns.{name}", _ENTRY, quoted(entry))
         column = given.get("name", name)
         delay, rate = (_number_with_unit(name, key, given[key]) if key in given else 0.0 for key in ("delay", "rate"))
+        if column not in present:
+            raise ArgumentError(f"columns.{name}", f"{choices(present)}{nearest(column, present)}", quoted(column))
         if name == "t" and rate:  # frame numbers
             sources[name] = ColumnSource(column, 1.0 / rate)
             continue
-        unit = given.get("unit") or stated_units.get(column) or heading_unit(column)
+        unit = given.get("unit") or units.get(column) or heading_unit(column)
         sources[name] = _with_unit(name, unit, vocabulary)._replace(column=column, delay=delay, rate=rate)
     return sources
 
@@ -146,19 +150,30 @@ def _number_with_unit(name: str, key: str, value: object) -> float:
     return float(number)
 
 
-def check_sources(sources: Mapping[str, ColumnSource], present: Collection[str]) -> None:
-    """Raise an ArgumentError if a recording, whose columns `present` names, lacks the column of a source."""
-    for name, source in sources.items():
-        if source.column not in present:
-            expected = f"{choices(tuple(present))}{nearest(source.column, tuple(present))}"
-            raise ArgumentError(f"columns.{name}", expected, quoted(source.column))
+class _Column(NamedTuple):
+    """What a column of a table holds."""
+
+    names: NDArray[Any]  # of its components, in the shape of a sample
+    factor: float = 1.0  # to SI units; NaN of a unit that the quantity cannot have
+    stated: bool = False  # whether its unit is
+
+
+def _named(table: ColumnTable, heading: str, vocabulary: Vocabulary) -> _Column:
+    """Return what a column holds that no entry names."""
+    is_index, unit = heading == table.row_index and "t" not in table.arrays, table.units.get(heading, "")
+    own = "t" if is_index else heading
+    name, factor = read_heading(f"{own} [{unit}]" if unit else own, vocabulary.unit_of)
+    if unit and name != own:
+        name, factor = own, np.nan
+    names = np.asarray(vocabulary.components(name, table.arrays[heading].shape[1:]))
+    return _Column(names, factor, not is_index and bool(unit or name != heading))
 
 
 def read_recorded(
     table: ColumnTable,
     sources: Mapping[str, ColumnSource],
     vocabulary: Vocabulary,
-    choose: Callable[[list[str]], Sequence[str]],
+    choose: Callable[[list[str]], list[str]],
 ) -> Recorded:
     """Return chosen columns of a table by the names of this package, in SI units: float64 but for `t`, whose integers
     and dates stay as they are.
@@ -174,67 +189,49 @@ def read_recorded(
             length or are empty; a column with a unit has dates.
     """
     taken = {source.column for source in sources.values()}
-    factors: dict[str, tuple[Any, float]] = {}  # names of the components and factor to SI, by heading
-    stated: set[str] = {name for name, source in sources.items() if source.states_unit}
-    unread: dict[str, str] = {}  # units that are none of the quantity, by column
-    for heading, shape in table.shapes.items():
-        is_index = heading == table.index and "t" not in table.shapes and heading not in taken
-        name, factor = ("t" if is_index else heading), 1.0
-        if heading not in taken:
-            unit = table.units.get(heading, "")
-            found, factor = read_heading(f"{name} [{unit}]" if unit else name, vocabulary.unit_of)
-            if unit and found != name:
-                unread[heading] = unit
-            else:
-                name = found
-        parts = heading if heading in taken else vocabulary.components(name, shape)
-        factors[heading] = parts, factor
-        if heading not in taken and not is_index and (name != heading or heading in table.units):
-            stated.update(np.ravel(parts).tolist())
-    names = [name for parts, _ in factors.values() for name in np.ravel(parts).tolist()]
-    names += [name for heading in table.doubled for name in np.ravel(factors[heading][0]).tolist()]
-    wanted = choose(names)
-    _check_once(wanted, sources)
-    headings = [h for h, (parts, _) in factors.items() if not {*wanted}.isdisjoint(np.ravel(parts).tolist())]
-    for heading in headings:
-        if heading in unread:
-            raise ArgumentError(heading, "the unit of this quantity, as a log may state it", repr(unread[heading]))
-    exact = sources["t"].column if "t" in sources else next((h for h in headings if factors[h][0] == "t"), "")
+    held = {h: _Column(np.asarray(h)) if h in taken else _named(table, h, vocabulary) for h in table.arrays}
+    wanted = choose([name for h in (*held, *table.doubled) for name in held[h].names.ravel().tolist()])
+    for name in wanted:
+        if wanted.count(name) > 1:
+            raise ArgumentError(name, "a column once", "a second one")
+    for name, source in sources.items():
+        if name in wanted and name not in taken and source.column in wanted:
+            raise ArgumentError(name, f"{name} once, from columns or from a column of this name", "both")
+    clock = sources["t"].column if "t" in sources else next((h for h in held if held[h].names.tolist() == "t"), "")
     columns: dict[str, NDArray[Any]] = {}
-    for heading, array in table.read(headings, exact).items():
-        parts, factor = np.asarray(factors[heading][0]), factors[heading][1]
-        if array.shape[1:] != parts.shape or not array.ndim:
-            expected = "shape " + str(("N", *parts.shape)).replace("'", "")
-            raise ArgumentError(heading, expected, f"shape {array.shape}")
-        for name, part in zip(parts.ravel().tolist(), array.reshape(len(array), parts.size).T, strict=True):
-            if name in wanted:
-                column = np.array(part, None if heading == exact else np.float64)
-                columns[name] = column if factor == 1.0 else column * factor
-    _check_lengths(columns)
-    in_order = {name: columns[name] for name in wanted if name in columns}
-    return Recorded(_in_own_names(in_order, sources, vocabulary), frozenset(stated))
-
-
-def _check_lengths(columns: Mapping[str, NDArray[Any]]) -> None:
+    for heading, (names, factor, _) in held.items():
+        if not {*wanted}.isdisjoint(names.ravel().tolist()):
+            if np.isnan(factor):
+                expected = "the unit of this quantity, as a log may state it"
+                raise ArgumentError(heading, expected, repr(table.units[heading]))
+            array = table.instants(heading) if heading == clock else table.numbers(heading)
+            if array.shape[1:] != names.shape or not array.ndim:
+                expected = "shape " + str(("N", *names.shape)).replace("'", "")
+                raise ArgumentError(heading, expected, f"shape {array.shape}")
+            parts = array.reshape(len(array), names.size).T
+            columns |= {
+                name: np.array(part) if factor == 1.0 else part * factor
+                for name, part in zip(names.ravel().tolist(), parts, strict=True)
+            }
+    columns = {name: columns[name] for name in wanted if name in columns}
     counts = {column.size for column in columns.values()}
     if len(counts) > 1:
         lengths = ", ".join(f"{name}: {column.size}" for name, column in columns.items())
         raise ArgumentError("", "columns of one length", lengths)
     if 0 in counts:
         raise ArgumentError("", "at least one sample", "none")
+    stated = {name for column in held.values() if column.stated for name in column.names.ravel().tolist()}
+    stated |= {name for name, source in sources.items() if source.states_unit}
+    return Recorded(_in_own_names(columns, sources, vocabulary), frozenset(stated))
 
 
-def _check_once(names: Iterable[str], sources: Mapping[str, ColumnSource]) -> None:
-    """Refuse columns that are to be read if one comes twice, also under another name."""
-    taken = {source.column for source in sources.values()}
-    found = set()
-    for name in names:
-        if name in found:
-            raise ArgumentError(name, "a column once", "a second one")
-        found.add(name)
-    for name, source in sources.items():
-        if name in found and name not in taken and source.column in found:
-            raise ArgumentError(name, f"{name} once, from columns or from a column of this name", "both")
+_TIMES: Final = frozenset({"time", "times", "timestamp", "stamp", "seconds", "sec", "zeit"})  # what others call t
+
+
+def nearest_column(name: str, known_names: Collection[str]) -> str:
+    """Return a remark on the known column that an unknown one probably stands for, or nothing."""
+    plain = re.sub(r"\s*[(\[].*", "", name).strip().lower()  # "Time (Seconds)"
+    return " (nearest: t)" if plain in _TIMES else nearest(name, known_names)
 
 
 def _in_own_names(

@@ -27,9 +27,9 @@ from hingepair.tables.instants import gap_sentences, instants_of
 from hingepair.tables.recorded_columns import (
     ColumnSource,
     Vocabulary,
-    check_sources,
     doubts_about_angles,
     headings_among,
+    nearest_column,
     open_columns,
     planar_zeros,
     read_recorded,
@@ -57,7 +57,6 @@ Part: TypeAlias = dict[str, Float64Array]
 """A quantity and its derivatives by name, as far as they are known; shape (N, k) each."""
 
 _WRITING: Final = "run --outputs q,qd,qdd --out FILE writes what is read here"
-_TIMES: Final = frozenset({"time", "timestamp", "stamp", "seconds", "zeit"})  # what others call t
 _DEGREES: Final = 'unit = "deg" for {} in [motion.columns]'  # for messages
 _HEADINGS: Final = f'{_DEGREES} (unit = "compass" for headings clockwise from north)'
 _PLANAR: Final = {  # columns that a log in the plane leaves out together, and those that it then has
@@ -163,8 +162,7 @@ class Log(NamedSource):
         with self.naming():
             columns = open_columns(path)
         with table.naming():
-            sources = read_sources(table.values.get("columns", {}), vocabulary, columns.units)
-            check_sources(sources, list(columns.shapes))
+            sources = read_sources(table.values.get("columns", {}), vocabulary, columns)
         with self.naming():
             self.columns, stated = read_recorded(
                 columns, sources, vocabulary, lambda names: self._chosen(names, sources, table)
@@ -175,8 +173,7 @@ class Log(NamedSource):
             self._kept_rows = np.flatnonzero(kept)
             self._complete_planar_columns("no column was named for" if sources else "the log has no")
             stamps = self.columns["t"]
-            rounded = stamps.astype(np.float64) if stamps.dtype == np.longdouble else stamps
-            t = instants_of("t", rounded)
+            t = instants_of("t", stamps)
             dated = stamps.dtype.kind in "mM"
             if dated or float(stamps[0]) != t[0]:
                 unit = "" if dated else " ns"
@@ -184,8 +181,7 @@ class Log(NamedSource):
             self.notes += [*([] if dated else suspicions("instants", "t", t)), *gap_sentences("t", t)]
             self._judge_units(stated)
         self.t = np.asarray(read_only(t))
-        precise = stamps if stamps.dtype == np.longdouble else t
-        self.since = np.asarray(precise - precise[0], dtype=np.float64)
+        self.since = t - t[0]
 
     def _chosen(self, names: list[str], sources: Mapping[str, ColumnSource], table: Table) -> list[str]:
         """Return the columns of the file to read, without those of [motion] ignore; leave unknown ones out if there
@@ -207,8 +203,7 @@ class Log(NamedSource):
             ignored.update(others)
         for name in names:
             if name not in ignored and name not in known_names:
-                near = " (nearest: t)" if name.strip().lower() in _TIMES else nearest(name, known_names)
-                got = f"an unknown column{near}"
+                got = f"an unknown column{nearest_column(name, known_names)}"
                 if name.partition("_")[0] in self.layout.result_prefixes:
                     got = f"a column of results, which are no motion ({_WRITING})"
                 expected = (
