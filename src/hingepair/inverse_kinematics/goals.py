@@ -1,5 +1,5 @@
-"""Goals: a position, an attitude or a direction of the z axis of a frame, the centre of mass, a coordinate. Each is a
-class that gives its equations.
+"""Goals: a position, an attitude or a direction of the z axis of a frame, the centre of mass. Each is a class that
+gives its equations.
 
 A target is a row of numbers, those of all goals in order.
 """
@@ -159,52 +159,6 @@ class CentreOfMass(Position):
         rows, n = found.centre_of_mass_jacobian(), found.form.dof
         moves = [list(rows[i * n : (i + 1) * n]) for i in range(3)]
         return Place(Pose(_IDENTITY, found.centre_from_base, ZERO_VECTOR), [*moves, *([0.0] * n for _ in range(3))])
-
-
-class Coordinate(Goal):
-    """Goal that a coordinate, an angle, has a value; `frame` is its column in q."""
-
-    shape = ()
-    is_length = False
-    rank = 1
-    error_name = "coordinate_error"
-
-    @property
-    def frames(self) -> tuple[int, ...]:
-        """Return nothing: no frame counts."""
-        return ()
-
-    def place(self, found: TreeQuantities, jacobian: Sequence[Any]) -> Place:  # noqa: ARG002
-        """Return the coordinate in the place of x."""
-        unit = [float(k == self.frame) for k in range(found.form.dof)]
-        pose = Pose(_IDENTITY, (found.values["q"][self.frame], 0.0, 0.0), ZERO_VECTOR)
-        return Place(pose, [unit, *([0.0] * found.form.dof for _ in range(5))])
-
-    def pose(self, frame: Pose) -> tuple[Scalar, ...]:
-        """Return the coordinate."""
-        return (frame.d[0],)
-
-    def error(self, frame: Pose, target: Sequence[Any]) -> Scalar:
-        """Return the absolute difference."""
-        off = target[0] - frame.d[0]
-        return where_less(off, 0.0, -off, off)
-
-    def approach(self, frame: Pose, moves: list[Any], target: Sequence[Any], weight: Any, tolerance: Any) -> Approach:
-        """Return the equation of the difference."""
-        off = (target[0] - frame.d[0]) * weight
-        unmet = where_less(self.error(frame, target), tolerance, 0.0, 1.0)
-        return Approach([[x * weight for x in moves[0]]], [off], off * off, unmet)
-
-    def comparable(self, values: Float64Array, reach: float) -> Float64Array:
-        """Return values relative to the reach, or to half a turn."""
-        size = reach if self.is_length else np.pi
-        return np.asarray(values / (size + np.abs(values)))
-
-
-class Displacement(Coordinate):
-    """Goal that a coordinate, a displacement, has a value."""
-
-    is_length = True
 
 
 class _Turned(Goal):

@@ -104,7 +104,8 @@ class _Branches:
         self.posture, self.share = targets.posture, 1.0  # what is approached from sample to sample, and how fast
         # One solution of each sample tells which are within reach.
         self.one = Solutions.nothing((len(targets.poses),), solver)
-        some = targets.at(self.finite)._replace(near=None, posture=None)
+        some = targets.at(self.finite)._replace(posture=None)
+        some = some if solver.holds else some._replace(near=None)
         found, self.steps.ravel()[self.finite], _ = solver.first(some, seed)
         self.one.put(self.finite, found)
 

@@ -18,8 +18,6 @@ _ERRORS = {  # texts of attributes
 }
 _ERRORS |= {
     "centre_of_mass_error": "Distance of the centre of mass from its target; None without one; (...,) m.",
-    "coordinate_error": "Differences of single coordinates from their targets, in the order of these; None without "
-    "any; (..., targets) rad or m.",
     "base_R": "Position of a base that was solved for; None of one that is held; (..., 3) m.",
     "base_S": "Attitude of a base that was solved for; None of one that is held; (..., 3, 3).",
 }
@@ -36,7 +34,6 @@ class _Solutions(Results):
     position_error: FloatArray | None
     angle_error: FloatArray | None
     centre_of_mass_error: FloatArray | None
-    coordinate_error: FloatArray | None
     base_R: FloatArray | None  # noqa: N815
     base_S: FloatArray | None  # noqa: N815
     steps: NDArray[np.int64]

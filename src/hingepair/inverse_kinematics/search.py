@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hingepair.engine.calls import Call
 from hingepair.engine.results import Results
-from hingepair.inverse_kinematics.goals import Coordinate, Goal, off_axis
+from hingepair.inverse_kinematics.goals import Goal, off_axis
 from hingepair.inverse_kinematics.starts import PER_SHARE, Starts
 from hingepair.inverse_kinematics.steps import Problem, measure_loop, shifts_by_column, slide_loop, step_loop
 from hingepair.numeric.arrays import Float64Array
@@ -35,6 +35,10 @@ _LAST_STEPS: Final = 200  # further steps from the best of these trials to the c
 _PULLS: Final = 40  # rounds of the approach to a posture
 _PULL_STEPS: Final = 4  # of each round towards the posture
 _LAST_PULLS: Final = 3  # further steps of a round without the posture, which bring the errors back
+_STEPS_OF_ONE: Final = 25  # of a single target from q0; beyond, other starts are tried
+_PULLS_OF_ONE: Final = 12  # of these, the first, that also approach a posture
+_ROUNDS_OF_ONE: Final = (0, 1, 2, 4, 8)  # numbers of other starts after which a solution ends its search
+_AT_REST: Final = 1e-6  # rad or m; a step towards a posture that changes less is the last
 _DISTINCT: Final = 1e-3  # rad, or m; solutions that differ by less are one
 _TURN: Final = 2 * np.pi
 
@@ -128,6 +132,7 @@ class Solver:
             self._moving = np.ones(form.dof, bool)
             self._turns = ~self._shifts
         self._moving[[*held]] = False
+        self.holds = bool(held)
         self.redundant = int(self._moving.sum()) > sum(goal.rank for goal in goals)
         sizes = [reach if goal.is_length else 1.0 for goal, reach in zip(goals, reaches, strict=True)]
         self._weights = np.array(weights, np.float64) / max(np.multiply(weights, sizes))
@@ -163,16 +168,6 @@ class Solver:
         """Step that also moves towards a posture."""
         return self._call(step_loop(self._problem, True))
 
-    @property
-    def step(self) -> Callable[..., Any]:
-        """A step of coordinates (..., dof) towards targets: the function of q, target and options."""
-        return self._step_call.rows
-
-    @property
-    def step_to_posture(self) -> Callable[..., Any]:
-        """A step that also moves towards a posture: the function of q, target, options and posture."""
-        return self._pull_call.rows
-
     def starts(self, seed: int) -> Starts:
         """Return the starts of a seed, within the limits and around their middle; only those of the last are kept."""
         found = self._starts.get(seed)
@@ -187,11 +182,24 @@ class Solver:
         """Return for each target the solution of the first trial that leads to one, or the closest pose found; and
         the counts of steps and starts.
         """
+        found, steps, starts = self.tried(targets, seed)
+        for at in _pieces(np.flatnonzero(~found.ok), max(1, _LANES // _CLOSE_TRIALS)):
+            ends, taken = self._closest(targets.at(at), seed)
+            found.put(at, ends)
+            steps[at] += taken
+        return found, steps, starts
+
+    def tried(
+        self, targets: Targets, seed: int, rounds: Sequence[int] = _ROUNDS
+    ) -> tuple[Solutions, Integers, Integers]:
+        """Return what `first` does, without closest poses; `rounds` are numbers of trials after which solved targets
+        rest.
+        """
         count = len(targets.poses)
         found = Solutions.nothing((count,), self)
         steps, starts = np.zeros(count, np.int64), np.zeros(count, np.int64)
         left = np.arange(count)
-        for first, end in itertools.pairwise(_ROUNDS):
+        for first, end in itertools.pairwise(rounds):
             for at in _pieces(left, max(1, _LANES // (end - first))):
                 ends, taken = self._trials(targets.at(at), range(first, end), PER_SHARE, seed)
                 best = ends.ok.argmax(axis=1)  # the first of those that are True
@@ -199,11 +207,45 @@ class Solver:
                 steps[at] += taken
                 starts[at] = end
             left = left[~found.ok[left]]
-        for at in _pieces(left, max(1, _LANES // _CLOSE_TRIALS)):
-            ends, taken = self._closest(targets.at(at), seed)
-            found.put(at, ends)
-            steps[at] += taken
         return found, steps, starts
+
+    # ---- one target, from coordinates near it, for control loops
+
+    def one(self, targets: Targets, q0: Float64Array, seed: int) -> tuple[Solutions, int, int]:
+        """Return the solution of one target that steps from q0 lead to, or else another start, or else the closest
+        pose next to where the steps from q0 lead; and the counts of steps and of starts.
+        """
+        if not np.isfinite(targets.poses).all():
+            return Solutions.nothing((1,), self), 0, 0
+        ends, steps = self._steps_from(q0, targets)
+        if ends.ok[0]:
+            return ends, steps, 1
+        found, more, starts = self.tried(targets._replace(posture=None), seed, _ROUNDS_OF_ONE)
+        steps += int(more[0])
+        if not found.ok[0]:
+            return self.approached(ends.q, targets), steps, int(starts[0])
+        if targets.posture is not None:
+            nearer, pulls = self._steps_from(found.q[0], targets)
+            found, steps = nearer if nearer.ok[0] else found, steps + pulls
+        return found, steps, int(starts[0])
+
+    def _steps_from(self, q0: Float64Array, targets: Targets) -> tuple[Solutions, int]:
+        """Return where steps from q0 lead, first also towards the posture, and their count."""
+        plain, pulling, pose = targets.options(), targets.options(pull=1.0), targets.poses[0]
+        q, steps = np.minimum(np.maximum(q0, self.low), self.high), 0
+        if targets.posture is not None:
+            for _ in range(_PULLS_OF_ONE):
+                before, q = q, self._pull_call.rows(q, pose, pulling, targets.posture[0])["q_new"]
+                steps += 1
+                if np.abs(q - before).max() < _AT_REST:
+                    break
+        for _ in range(_STEPS_OF_ONE):
+            found = self._step_call.rows(q, pose, plain)
+            q, unmet = found["q_new"], found["unmet"]
+            steps += 1
+            if unmet == 0:
+                break
+        return self.measure(q[None], targets), steps
 
     # ---- several solutions of each target
 
@@ -406,9 +448,7 @@ def _columns_that_move(goals: Sequence[Goal], form: Form, request: Request) -> s
     """Return the columns of the coordinates that move what goals compare."""
     columns: set[int] = set()
     for goal in goals:
-        if isinstance(goal, Coordinate):
-            columns.add(goal.frame)
-        elif not goal.frames:  # the centre of mass
+        if not goal.frames:  # the centre of mass
             columns |= {*form.columns}
         for frame in goal.frames:
             columns |= {form.columns[joint] for joint in joints_to_base(form, request.frames[frame])}

@@ -22,7 +22,7 @@ from hingepair.mechanism.building.folding import (
     unphysical_reason,
     written_joint,
 )
-from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
+from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, JointKind, RobotJoint
 from hingepair.mechanism.robots.samples import Payload, Samples
 from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, Tree, check_name
 from hingepair.numeric.arrays import (
@@ -35,7 +35,7 @@ from hingepair.numeric.arrays import (
 )
 from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.records import MimicRecord
-from hingepair.urdf.rigid import FramePose, MassProperties
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties
 
 
 def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
@@ -197,3 +197,39 @@ def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | 
     added = replace(added, samples=read_only(frame.origin + positions @ frame.S.T))
     samples = (tree.samples or Samples()).with_joints({}, [added.origin])
     return replace(tree, frames={**tree.frames, name: added}, samples=samples, source=None)
+
+
+# ---- a free base as six joints, for searches that move it
+
+BASE_JOINTS = 6
+"""Joints of a base: sliders along x, y and z, then hinges about x, y and z, in the axes in which it starts."""
+
+
+def tree_with_base_joints(tree: Tree) -> Tree:
+    """Return a robot whose base moves by `BASE_JOINTS` coordinates, which stand before its own."""
+    zero, axes = read_only(np.zeros(3)), np.eye(3)
+    kinds: tuple[JointKind, ...] = ("slider", "slider", "slider", "hinge", "hinge", "hinge")
+    base = [
+        Joint(
+            f"base {kind} {'xyz'[k % 3]}", kind, k, zero, read_only(axes), read_only(axes[k % 3]),
+            tree.base if k == BASE_JOINTS - 1 else ZERO_MASS_PROPERTIES,
+        )
+        for k, kind in enumerate(kinds)
+    ]  # fmt: skip
+    joints = [
+        replace(
+            joint,
+            parent=joint.parent + BASE_JOINTS,
+            mimic=None if joint.mimic is None else joint.mimic._replace(leader=joint.mimic.leader + BASE_JOINTS),
+        )
+        for joint in tree.plain().joints
+    ]
+    links, frames = (
+        {name: on_moved_base(frame) for name, frame in group.items()} for group in (tree.links, tree.frames)
+    )
+    return Tree(tree.name, (*base, *joints), ZERO_MASS_PROPERTIES, links, frames, tree.tips)
+
+
+def on_moved_base(frame: Frame) -> Frame:
+    """Return a frame of a robot as one of the robot with joints of the base."""
+    return replace(frame, body=frame.body + BASE_JOINTS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import Any, Final, NamedTuple, Unpack
 
 import numpy as np
@@ -14,19 +13,16 @@ from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.inverse_kinematics.goals import (
     Attitude,
     CentreOfMass,
-    Coordinate,
     Direction,
-    Displacement,
     Goal,
     Position,
     target_slices,
 )
-from hingepair.inverse_kinematics.one_target import solve_one
 from hingepair.inverse_kinematics.paths import follow
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.inverse_kinematics.search import MAX_TRIALS, Solutions, Solver, Targets
 from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
-from hingepair.mechanism.building.floating import BASE_JOINTS, on_moved_base, tree_with_base_joints
+from hingepair.mechanism.building.changes import BASE_JOINTS, on_moved_base, tree_with_base_joints
 from hingepair.mechanism.options import SEARCH_DEFAULTS, SearchOptions, check_options
 from hingepair.mechanism.robots.computations import RobotComputation
 from hingepair.mechanism.robots.constants import RobotConstants, axes_along, robot_constants
@@ -36,6 +32,7 @@ from hingepair.numeric.arrays import (
     Float64Array,
     broadcast_shape,
     check_choice,
+    finite_number,
     number_not_below_0,
     one_constant,
     real_array,
@@ -110,9 +107,7 @@ class Query(NamedTuple):
         goals = self.solver.goals
         for name in dict.fromkeys(goal.error_name for goal in goals):
             columns = [k for k, goal in enumerate(goals) if goal.error_name == name]
-            if name == "coordinate_error":
-                arrays[name] = errors[..., columns]
-            elif name == "centre_of_mass_error":
+            if name == "centre_of_mass_error":
                 arrays[name] = errors[..., columns[0]]
             else:
                 of_frames = np.zeros((*shape, self.frames))
@@ -217,10 +212,8 @@ class PreparedInverseKinematics:
             near[solver.dof - count :] = _checked_target("q0", q0, (count,))
             if not np.isfinite(near).all():
                 raise ArgumentError("q0", "finite numbers", "NaN or infinity")
-        rows = query.targets
-        posture = None if rows.posture is None else rows.posture[0]
-        tolerances = rows.position_tolerance, rows.angle_tolerance
-        found, steps, starts = solve_one(solver, pose, near, posture, tolerances, query.seed)
+        one = query.targets._replace(poses=pose[None], near=near[None])
+        found, steps, starts = solver.one(one, near, query.seed)
         start = None if query.base is None else base_motion or query.base
         arrays = query._replace(by_frame=np.ndim(R) == 2 or np.ndim(S) == 3, base=start).result_arrays(found, ())
         return InverseKinematics({**arrays, "steps": np.int64(steps), "starts": np.int64(starts)}, ())
@@ -273,28 +266,31 @@ def read_query(
     by_frame, wanted = _targets_by_frame(tree, R, S, given)
     frames, targets = _read_targets(tree, wanted, by_frame, given)
     shapes = {one.label: one.values.shape[: one.values.ndim - len(one.goal.shape)] for one in targets}
-    near = posture = None
-    if q0 is not None:
-        near = _read_posture("q0", q0, tree, path)
-        shapes["q0"] = near.shape[:-1]
-    box, held = _read_limits(given["limits"], tree), _read_held(given["held"], tree, q0)
+    near = None if q0 is None else _read_posture("q0", q0, tree, path)
+    posture = None if prefer is None or isinstance(prefer, str) else _read_posture("prefer", prefer, tree, False)
+    shapes |= {name: one.shape[:-1] for name, one in (("q0", near), ("prefer", posture)) if one is not None}
+    limits = _read_limits(given["limits"], tree)
+    fixed = _read_fixed(given["coordinates"], given["held"], tree, limits, near, path)
+    shapes |= {label: value.shape for label, value in fixed.values()}
     if isinstance(prefer, str):
         check_choice("prefer", prefer, ("middle",))
-    elif prefer is not None:
-        posture = _read_posture("prefer", prefer, tree, False)
-        shapes["prefer"] = posture.shape[:-1]
     if base_motion is not None:
         shapes["base_motion"] = _checked_base(base_motion).shape
     shape = broadcast_shape(shapes)
     if path and not shape:
         raise ShapeError("R", "an axis of samples, shape (..., samples, 3)", "one target")
 
-    solver = _solver(constants, frames, [one.goal for one in targets], box, held, solves)
+    solver = _solver(constants, frames, [one.goal for one in targets], limits, tuple(sorted(fixed)), solves)
     poses = np.concatenate([_in_base_axes(one, base_motion, shape) for one in targets], axis=1)
+    middle = solver.middle[solver.dof - len(constants.names) :]
     if isinstance(prefer, str):
-        posture = solver.middle[solver.dof - len(constants.names) :]
-    if solves and near is None:  # a solution is wanted near where the base starts
-        near = solver.middle[BASE_JOINTS:]
+        posture = middle
+    if near is None and (solves or fixed):  # a solution is wanted near where the base starts
+        near = middle
+    if near is not None and fixed:
+        near = np.array(np.broadcast_to(near, (*shape, len(middle))))
+        for column, (_, value) in fixed.items():
+            near[..., column] = value
     near, posture = (_rows_of(one, shape, solver.dof) for one in (near, posture))
     start = (base_motion or AT_REST) if solves else None
     return Query(
@@ -311,12 +307,25 @@ def _rows_of(posture: Float64Array | None, shape: tuple[int, ...], size: int) ->
     return rows.reshape(-1, size)
 
 
-def _read_held(held: Any, tree: Tree, q0: Any) -> tuple[int, ...]:
-    """Return the columns of the joints that do not move."""
-    columns = {tree.column("held", name) for name in ((held,) if isinstance(held, str) else held)}
-    if columns and q0 is None:
+def _read_fixed(
+    coordinates: Any, held: Any, tree: Tree, limits: Float64Array, q0: Float64Array | None, path: bool
+) -> dict[int, tuple[str, Float64Array]]:
+    """Return the joints that do not move by column: the name of the argument that says so, and where they stand."""
+    names = (held,) if isinstance(held, str) else tuple(held)
+    if names and q0 is None:
         raise ArgumentError("q0", "coordinates, at which joints are held", None)
-    return tuple(sorted(columns))
+    columns = [tree.column("held", name) for name in names]
+    found = {} if q0 is None else {column: ("q0", q0[..., column]) for column in columns}
+    for name, value in (coordinates or {}).items():
+        column, label = tree.column("coordinates", name), f"coordinates[{name!r}]"
+        found[column] = (
+            label,
+            np.asarray(finite_number(label, value) if path else real_array(label, value), np.float64),
+        )
+        low, high = limits[column]
+        if not ((low <= found[column][1]) & (found[column][1] <= high)).all():
+            raise ArgumentError(label, f"values within the limits, {low:g} to {high:g}", quoted(value))
+    return found
 
 
 def read_solutions(solutions: Any, select: str, q0: Any) -> int | None:
@@ -346,7 +355,7 @@ def _targets_by_frame(tree: Tree, R: Any, S: Any, given: Mapping[str, Any]) -> t
         frames = dict.fromkeys(name for value in present.values() for name in value)
         return True, {one: {name: value[one] for name, value in present.items() if one in value} for one in frames}
     if not present:
-        if given["centre_of_mass"] is None and given["coordinates"] is None:
+        if given["centre_of_mass"] is None:
             raise ArgumentError("R", "positions, or attitudes in S or direction", None)
         return False, {}
     if frame is None and len(tree.tips) != 1:
@@ -381,10 +390,6 @@ def _read_targets(
         tree.single()
         values = vectors("centre_of_mass", given["centre_of_mass"], 3).astype(np.float64)
         targets.append(_Target(CentreOfMass(-1), "centre_of_mass", values))
-    for name, value in (given["coordinates"] or {}).items():
-        column, label = tree.column("coordinates", name), f"coordinates[{name!r}]"
-        kind = Displacement if tree.coordinates[column].unit == "m" else Coordinate
-        targets.append(_Target(kind(column), label, real_array(label, value).astype(np.float64)))
     return frames, targets
 
 
@@ -505,7 +510,6 @@ def _solver(
             free = np.broadcast_to((-np.inf, np.inf), (BASE_JOINTS, 2))
             constants = robot_constants(tree_with_base_joints(tree), free=False)
             own, limits = [on_moved_base(frame) for frame in own], np.concatenate([free, limits])
-            goals = [replace(one, frame=one.frame + BASE_JOINTS * isinstance(one, Coordinate)) for one in goals]
             held = tuple(column + BASE_JOINTS for column in held)
         found = RobotComputation(constants, ("R", "S"), False, tuple(own), (), None)
         numbers = found.known["constants"]
