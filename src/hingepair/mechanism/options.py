@@ -7,7 +7,7 @@ editors list them, with their defaults.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, Final, TypeAlias, TypedDict, TypeVar
 
 from numpy.typing import ArrayLike, NDArray
@@ -24,88 +24,38 @@ Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 DEFAULT_GRAVITY: Final = SPACE.gravity  # (0, 0, -9.81) m/s^2, world axes
 
 
-class RunOptions(TypedDict, total=False):
-    """How a call is computed."""
+class Options(TypedDict, total=False):
+    """Options of methods; each method has some of them."""
 
+    outputs: Iterable[str] | None
+    sequence: str
+    gravity: ArrayLike
+    wrenches: Wrenches
+    joint_loads: bool | None
+    base_motion: BodyMotion | None
+    out: Out
     workers: int
     backend: str
 
 
-class OutOptions(RunOptions, total=False):
-    """How a call is computed, and where its results go."""
-
-    out: Out
-
-
-class OutputOptions(OutOptions, total=False):
-    """Options of a call with a choice of outputs."""
-
-    outputs: Iterable[str] | None
-
-
-class EulerOptions(OutputOptions, total=False):
-    """Options of a call that takes Euler angles."""
-
-    sequence: str
-
-
-class GravityOptions(OutOptions, total=False):
-    """Options of a call that depends on gravity."""
-
-    gravity: ArrayLike
-
-
-class BaseOptions(OutOptions, total=False):
-    """Options of a robot, whose base may move."""
-
-    base_motion: BodyMotion | None
-
-
-class JacobianOptions(BaseOptions, total=False):
-    """Options of what is computed of frames."""
+class FurtherOptions(Options, total=False):
+    """Those that other methods have as arguments, too."""
 
     frames: str | Iterable[str] | None
-
-
-class FrameOptions(JacobianOptions, total=False):
-    """Options of the motion of frames."""
-
-    outputs: Iterable[str] | None
-
-
-class WeightOptions(BaseOptions, total=False):
-    """Options of a robot under gravity."""
-
-    gravity: ArrayLike
-
-
-class WrenchOptions(WeightOptions, total=False):
-    """Options of a robot under gravity and wrenches."""
-
-    wrenches: Wrenches
-    outputs: Iterable[str] | None
-
-
-class DynamicsOptions(WrenchOptions, total=False):
-    """Options of a robot's dynamics."""
-
-    joint_loads: bool | None
-
-
-class ForwardOptions(DynamicsOptions, total=False):
-    """Options of forward dynamics, in which forces move a free base."""
-
     force1: ArrayLike
     torque1: ArrayLike
 
 
-class LoopOptions(TypedDict, total=False):
-    """Options of the wrenches in loops."""
-
-    gravity: ArrayLike
-    wrenches: Wrenches
-    base_motion: BodyMotion | None
-    backend: str
+RUN: Final = ("workers", "backend")  # options of a call without arrays to write into
+OUT: Final = ("out", *RUN)
+EULER: Final = ("outputs", "sequence", *OUT)
+GRAVITY: Final = ("gravity", *OUT)
+BASE: Final = ("base_motion", *OUT)  # of a robot, whose base may move
+WEIGHT: Final = ("gravity", *BASE)
+WRENCHES: Final = ("outputs", "wrenches", *WEIGHT)
+DYNAMICS: Final = ("joint_loads", *WRENCHES)
+FORWARD: Final = ("force1", "torque1", *DYNAMICS)  # forces move a free base
+LOOP: Final = ("gravity", "wrenches", "base_motion", "backend")  # of the wrenches in loops
 
 
 class SearchOptions(TypedDict, total=False):
@@ -163,35 +113,36 @@ _DEFAULTS: Final[dict[str, Any]] = {
 Method = TypeVar("Method", bound=Callable[..., Any])
 
 
-def with_options(**defaults: Any) -> Callable[[Method], Method]:
-    """Return a decorator that shows, in the signature of a method, the options that the annotation of its `**options`
-    names; `defaults` are those that differ from other methods'.
+def with_options(*names: str, **defaults: Any) -> Callable[[Method], Method]:
+    """Return a decorator that shows options in the signature of a method, which takes them as `**options`; `defaults`
+    are those that differ from other methods'.
     """
+    shown = {**defaults, **_DEFAULTS, **defaults}
 
     def decorate(method: Method) -> Method:
         signature = inspect.signature(method)
         *own, last = signature.parameters.values()
-        name = last.annotation.removeprefix("Unpack[").removesuffix("]")
-        annotations = method.__globals__[name].__annotations__
-        kind = inspect.Parameter.KEYWORD_ONLY
-        shown = [
-            inspect.Parameter(one, kind, default=value, annotation=annotations[one].__forward_arg__)
-            for one, value in {**defaults, **_DEFAULTS, **defaults}.items()
-            if one in annotations
+        types = method.__globals__[last.annotation.removeprefix("Unpack[").removesuffix("]")].__annotations__
+        options = [
+            inspect.Parameter(
+                one, inspect.Parameter.KEYWORD_ONLY, default=value, annotation=types[one].__forward_arg__
+            )
+            for one, value in shown.items()
+            if one in names or one in defaults
         ]
-        method.__signature__ = signature.replace(parameters=[*own, *shown])  # type: ignore[attr-defined]
+        method.__signature__ = signature.replace(parameters=[*own, *options])  # type: ignore[attr-defined]
         return method
 
     return decorate
 
 
-def check_options(method: str, options: Mapping[str, Any], accepted: type) -> None:
+def check_options(method: str, options: Mapping[str, Any], accepted: Collection[str]) -> None:
     """Refuse an option that a method does not have, as Python does.
 
     Raises:
         TypeError: an unknown option.
     """
     for name in options:
-        if name not in accepted.__annotations__:
-            near = nearest(name, accepted.__annotations__)
+        if name not in accepted:
+            near = nearest(name, accepted)
             raise TypeError(f"{method}() got an unexpected keyword argument {name!r}{near}")

@@ -19,19 +19,16 @@ from hingepair.engine.results import Results
 from hingepair.equations.quantities import QUANTITIES
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.options import (
-    BaseOptions,
-    DynamicsOptions,
-    EulerOptions,
-    ForwardOptions,
-    FrameOptions,
-    GravityOptions,
-    JacobianOptions,
-    LoopOptions,
-    OutOptions,
-    OutputOptions,
-    RunOptions,
-    WeightOptions,
-    WrenchOptions,
+    BASE,
+    DYNAMICS,
+    EULER,
+    FORWARD,
+    GRAVITY,
+    LOOP,
+    OUT,
+    RUN,
+    WEIGHT,
+    WRENCHES,
     check_options,
 )
 from hingepair.mechanism.states import (
@@ -61,7 +58,7 @@ class Task(NamedTuple):
     given: tuple[str, ...]  # names of the arguments
     outputs: tuple[str, ...]
     result: type[Results] | None = None  # None: the only output as an array
-    options: type = OutOptions  # those of the method
+    options: tuple[str, ...] = OUT  # those of the method
     masses: tuple[str, ...] = ()  # bodies of a pair that need mass properties
     hint: str = ""  # end of the message where body 1 has none: what to call instead
 
@@ -73,41 +70,41 @@ PARTS_OF_LOOPS: Final = ("loop_gaps", "loop_jacobian", "loop_wrenches", "tree_ta
 """Tasks of which messages, `transmission` and `loop_wrenches` are made; a prepared call has none of them."""
 FREE_BASE_OUTPUTS: Final = ("a1", "alpha1")  # of forward dynamics, where forces move the base
 ALL_COORDINATES: Final = ("q_all", "qd_all", "qdd_all")  # of a closed mechanism; each is a task, with those before it
-_B, _F, _J, _W = BaseOptions, FrameOptions, JacobianOptions, WeightOptions
+_J = ("frames", *BASE)
 
 ROBOT_TASKS: Final[Mapping[str, Task]] = {
     **{
-        level: Task(ROWS[: k + 1], tuple(x for x in FRAME_OUTPUTS if QUANTITIES[x].order <= k), MechanismState, _F)
+        level: Task(
+            ROWS[: k + 1],
+            tuple(x for x in FRAME_OUTPUTS if QUANTITIES[x].order <= k),
+            MechanismState,
+            ("outputs", *_J),
+        )
         for k, level in enumerate(MOTION_LEVELS)
     },
     **{name: Task(ROWS[: 1 + name.endswith("_rate")], (name,), None, _J) for name in JACOBIANS},
     "acceleration_bias": Task(("q", "qd"), ("acceleration_bias",), None, _J),
-    "inverse_dynamics": Task(ROWS, ("tau", "force1", "torque1"), MechanismForces, DynamicsOptions),
-    "inverse_dynamics_derivatives": Task(ROWS, DYNAMICS_MATRICES[:3], MechanismDerivatives, DynamicsOptions),
-    "joint_wrenches": Task(ROWS, ("force", "torque"), JointWrenches, WrenchOptions),
-    "torque_regressor": Task(ROWS, ("torque_regressor",), None, _W),
-    "forward_dynamics": Task(("q", "qd", "tau"), ("qdd", *FREE_BASE_OUTPUTS), MechanismAccelerations, ForwardOptions),
-    "forward_dynamics_derivatives": Task(
-        ("q", "qd", "tau"), DYNAMICS_MATRICES[3:], MechanismDerivatives, ForwardOptions
-    ),
+    "inverse_dynamics": Task(ROWS, ("tau", "force1", "torque1"), MechanismForces, DYNAMICS),
+    "inverse_dynamics_derivatives": Task(ROWS, DYNAMICS_MATRICES[:3], MechanismDerivatives, DYNAMICS),
+    "joint_wrenches": Task(ROWS, ("force", "torque"), JointWrenches, WRENCHES),
+    "torque_regressor": Task(ROWS, ("torque_regressor",), None, WEIGHT),
+    "forward_dynamics": Task(("q", "qd", "tau"), ("qdd", *FREE_BASE_OUTPUTS), MechanismAccelerations, FORWARD),
+    "forward_dynamics_derivatives": Task(("q", "qd", "tau"), DYNAMICS_MATRICES[3:], MechanismDerivatives, FORWARD),
+    **{name: Task(ROWS[:order], ALL_COORDINATES[:order], None, RUN) for order, name in enumerate(ALL_COORDINATES, 1)},
+    "struts": Task(("q", "qd"), ("strut_length", "strut_rate", "strut_force"), None, RUN),
+    **{name: Task(("q",), (name,), None, BASE) for name in PARTS_OF_LOOPS[:3]},
+    "tree_tau": Task(ROWS, ("tree_tau",), None, LOOP),
+    "mass_matrix": Task(("q",), ("mass_matrix",), None, BASE),
+    "bias_forces": Task(("q", "qd"), ("bias_forces",), None, WEIGHT),
+    "gravity_forces": Task(("q",), ("gravity_forces",), None, WEIGHT),
+    "centre_of_mass": Task(("q",), ("centre_of_mass",), None, BASE),
+    "centre_of_mass_jacobian": Task(("q",), ("centre_of_mass_jacobian",), None, BASE),
+    "centroidal_momentum_matrix": Task(("q",), ("centroidal_momentum_matrix",), None, BASE),
+    "centroidal_momentum_matrix_rate": Task(("q", "qd"), ("centroidal_momentum_matrix_rate",), None, BASE),
+    "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy, WEIGHT),
+    "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Momentum, BASE),
     **{
-        name: Task(ROWS[:order], ALL_COORDINATES[:order], None, RunOptions)
-        for order, name in enumerate(ALL_COORDINATES, 1)
-    },
-    "struts": Task(("q", "qd"), ("strut_length", "strut_rate", "strut_force"), None, RunOptions),
-    **{name: Task(("q",), (name,), None, _B) for name in PARTS_OF_LOOPS[:3]},
-    "tree_tau": Task(ROWS, ("tree_tau",), None, LoopOptions),
-    "mass_matrix": Task(("q",), ("mass_matrix",), None, _B),
-    "bias_forces": Task(("q", "qd"), ("bias_forces",), None, _W),
-    "gravity_forces": Task(("q",), ("gravity_forces",), None, _W),
-    "centre_of_mass": Task(("q",), ("centre_of_mass",), None, _B),
-    "centre_of_mass_jacobian": Task(("q",), ("centre_of_mass_jacobian",), None, _B),
-    "centroidal_momentum_matrix": Task(("q",), ("centroidal_momentum_matrix",), None, _B),
-    "centroidal_momentum_matrix_rate": Task(("q", "qd"), ("centroidal_momentum_matrix_rate",), None, _B),
-    "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy, _W),
-    "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Momentum, _B),
-    **{
-        f"momentum_about_{point}": Task(("q", "qd"), ("linear", f"angular_about_{point}"), Momentum, _B)
+        f"momentum_about_{point}": Task(("q", "qd"), ("linear", f"angular_about_{point}"), Momentum, BASE)
         for point in ("origin", "centre")
     },
 }
@@ -130,12 +127,12 @@ def _of_pair(kind: PairKind, moved: tuple[str, ...], placed: tuple[str, ...], so
     levels = enumerate(MOTION_LEVELS)
     state = STATES[kind]
     return {
-        **{level: Task(ROWS[: k + 1], kind.default_outputs(k), state, EulerOptions) for k, level in levels},
-        "inverse_dynamics": Task(moved, FORCES, Forces, GravityOptions, BODIES, _HINT),
-        "hinge_wrench": Task(moved, _WRENCH, HingeWrench, GravityOptions, ("body2",)),
+        **{level: Task(ROWS[: k + 1], kind.default_outputs(k), state, EULER) for k, level in levels},
+        "inverse_dynamics": Task(moved, FORCES, Forces, GRAVITY, BODIES, _HINT),
+        "hinge_wrench": Task(moved, _WRENCH, HingeWrench, GRAVITY, ("body2",)),
         "forward_dynamics": solved,
-        "energy": Task(placed, ("kinetic", "potential"), Energy, GravityOptions, ("body2",)),
-        "momentum": Task(placed, ("linear", "angular"), Momentum, OutOptions, BODIES),
+        "energy": Task(placed, ("kinetic", "potential"), Energy, GRAVITY, ("body2",)),
+        "momentum": Task(placed, ("linear", "angular"), Momentum, OUT, BODIES),
     }
 
 
@@ -144,18 +141,18 @@ PAIR_TASKS: Final[Mapping[PairKind, Mapping[str, Task]]] = {
     SPACE: {
         **_of_pair(
             SPACE, _MOVED, _PLACED,
-            Task((*_OF_BODY1, *FORCES), ACCELERATIONS, Accelerations, GravityOptions, BODIES),
+            Task((*_OF_BODY1, *FORCES), ACCELERATIONS, Accelerations, GRAVITY, BODIES),
         ),
-        "from_body1": Task((), (), PairState, OutputOptions),
+        "from_body1": Task((), (), PairState, ("outputs", *OUT)),
         "jacobian": Task(("S1", "psi"), ("jacobian",)),
         "acceleration_bias": Task(_OF_BODY1, ("acceleration_bias",)),
-        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), None, OutOptions, BODIES),
+        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), None, OUT, BODIES),
     },
     PLANE: {
         **_of_pair(
-            PLANE, ROWS, ROWS[:2], Task(("q", "qd", *FORCES), ("qdd",), None, GravityOptions, BODIES)
+            PLANE, ROWS, ROWS[:2], Task(("q", "qd", *FORCES), ("qdd",), None, GRAVITY, BODIES)
         ),
-        "mass_matrix": Task(("q",), ("mass_matrix",), None, OutOptions, BODIES),
+        "mass_matrix": Task(("q",), ("mass_matrix",), None, OUT, BODIES),
     },
 }  # fmt: skip
 """All that can be asked of pairs in space and in the plane."""

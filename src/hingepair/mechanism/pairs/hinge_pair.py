@@ -14,14 +14,7 @@ from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
-from hingepair.mechanism.options import (
-    DEFAULT_GRAVITY,
-    EulerOptions,
-    GravityOptions,
-    OutOptions,
-    OutputOptions,
-    with_options,
-)
+from hingepair.mechanism.options import DEFAULT_GRAVITY, EULER, GRAVITY, OUT, Options, with_options
 from hingepair.mechanism.pairs import accuracy, requests, residuals
 from hingepair.mechanism.pairs.geometry import Constants, Points, checked_record, spatial_constants
 from hingepair.mechanism.pairs.requests import AskedPair
@@ -178,13 +171,13 @@ class HingePair(AskedPair, Frozen, Shown):
         """Return the printed table: geometry, limits and masses."""
         return pair_sheet(self, ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit"))
 
-    @with_options()
+    @with_options(*EULER)
     def forward_kinematics(
         self,
         q: Coordinates,
         qd: Coordinates | None = None,
         qdd: Coordinates | None = None,
-        **options: Unpack[EulerOptions],
+        **options: Unpack[Options],
     ) -> PairState:
         """Compute the motion of body 2 from the seven coordinates (E1-E10); qd adds velocities, qdd accelerations.
 
@@ -255,14 +248,14 @@ class HingePair(AskedPair, Frozen, Shown):
         """
         return requests.prepare(self, given, outputs, sequence, gravity, execution_of(backend, workers))
 
-    @with_options()
+    @with_options("outputs", *OUT)
     def forward_kinematics_from_body1(
         self,
         body1: BodyMotion | None,
         psi: ArrayLike,
         psid: ArrayLike | None = None,
         psidd: ArrayLike | None = None,
-        **options: Unpack[OutputOptions],
+        **options: Unpack[Options],
     ) -> PairState:
         """Compute the motion of body 2 from that of body 1 and the hinge angle, without Euler angles (E1, E2, E5-E9);
         psid adds velocities, psidd accelerations.
@@ -341,8 +334,8 @@ class HingePair(AskedPair, Frozen, Shown):
 
         return Mechanism([self]).with_strut(point1, point2, name, **strut)
 
-    @with_options()
-    def mass_matrix(self, body1: BodyMotion | None, psi: ArrayLike, **options: Unpack[OutOptions]) -> FloatArray:
+    @with_options(*OUT)
+    def mass_matrix(self, body1: BodyMotion | None, psi: ArrayLike, **options: Unpack[Options]) -> FloatArray:
         """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (T4).
 
         It is symmetric; shape (..., 7, 7) [kg, kg m, kg m^2]. force1 and torque1 are those of `inverse_dynamics`.
@@ -357,14 +350,14 @@ class HingePair(AskedPair, Frozen, Shown):
         """
         return requests.ask_pair(self, "mass_matrix", {**motion_inputs("body1", body1, ("S",)), "psi": psi}, options)
 
-    @with_options()
+    @with_options(*GRAVITY)
     def inverse_dynamics(
         self,
         body1: BodyMotion | None,
         psi: ArrayLike,
         psid: ArrayLike,
         psidd: ArrayLike,
-        **options: Unpack[GravityOptions],
+        **options: Unpack[Options],
     ) -> Forces:
         """Compute the force and torque on body 1 and the hinge torque that a motion requires beside gravity (T1-T3).
 
@@ -383,7 +376,7 @@ class HingePair(AskedPair, Frozen, Shown):
         given = {**motion_inputs("body1", body1, _MOVED), **hinge}
         return requests.ask_pair(self, "inverse_dynamics", given, options)
 
-    @with_options()
+    @with_options(*GRAVITY)
     def forward_dynamics(
         self,
         body1: BodyMotion | None,
@@ -395,7 +388,7 @@ class HingePair(AskedPair, Frozen, Shown):
         hinge_torque: ArrayLike = 0.0,
         force2: ArrayLike = 0,
         torque2: ArrayLike = 0,
-        **options: Unpack[GravityOptions],
+        **options: Unpack[Options],
     ) -> Accelerations:
         """Compute the accelerations of the pair under gravity and the forces and torques on both bodies (T5, T6).
         Arguments not listed: see `HingePair`; of body1, S and omega are used.
@@ -425,14 +418,14 @@ class HingePair(AskedPair, Frozen, Shown):
         given = {**motion_inputs("body1", body1, ("S", "omega")), **hinge, **loads}
         return requests.ask_pair(self, "forward_dynamics", given, options)
 
-    @with_options()
+    @with_options(*GRAVITY)
     def hinge_wrench(
         self,
         body1: BodyMotion | None,
         psi: ArrayLike,
         psid: ArrayLike,
         psidd: ArrayLike,
-        **options: Unpack[GravityOptions],
+        **options: Unpack[Options],
     ) -> HingeWrench:
         """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3); body 1 needs no mass.
 
@@ -451,10 +444,8 @@ class HingePair(AskedPair, Frozen, Shown):
         rename_out(options)
         return requests.ask_pair(self, "hinge_wrench", given, options)
 
-    @with_options()
-    def energy(
-        self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[GravityOptions]
-    ) -> Energy:
+    @with_options(*GRAVITY)
+    def energy(self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[Options]) -> Energy:
         """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
         1 has no mass properties.
 
@@ -471,9 +462,9 @@ class HingePair(AskedPair, Frozen, Shown):
         given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
         return requests.ask_pair(self, "energy", given, options)
 
-    @with_options()
+    @with_options(*OUT)
     def momentum(
-        self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[OutOptions]
+        self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[Options]
     ) -> Momentum:
         """Compute the momentum of the pair: linear, and angular about the world's origin (T8).
 
@@ -528,8 +519,8 @@ class HingePair(AskedPair, Frozen, Shown):
         """
         return residuals.residuals(self._constants, self.name, body1, body2, tolerances, t)
 
-    @with_options()
-    def jacobian(self, body1: BodyMotion | None, psi: ArrayLike, **options: Unpack[OutOptions]) -> FloatArray:
+    @with_options(*OUT)
+    def jacobian(self, body1: BodyMotion | None, psi: ArrayLike, **options: Unpack[Options]) -> FloatArray:
         """Compute the Jacobian J in (v2, omega2) = J @ (v1, omega1, psi'), world axes; shape (..., 6, 7) (E8, E2).
 
         Arguments: see `HingePair`; of body1, S is used.
@@ -542,9 +533,9 @@ class HingePair(AskedPair, Frozen, Shown):
         """
         return requests.ask_pair(self, "jacobian", requests.body1_inputs(body1, psi), options)
 
-    @with_options()
+    @with_options(*OUT)
     def acceleration_bias(
-        self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[OutOptions]
+        self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[Options]
     ) -> FloatArray:
         """Compute the bias in (a2, alpha2) = J @ (a1, alpha1, psi'') + bias, with J of `jacobian`, world axes: a2
         [m/s^2], then alpha2 [rad/s^2]; shape (..., 6) (E9).
@@ -614,7 +605,7 @@ def pair_sheet(pair: Any, names: Iterable[str]) -> Sheet:
     return sheet_of(pair.name, [*((name, getattr(pair, name)) for name in names), *masses, *points])
 
 
-def rename_out(options: GravityOptions) -> None:
+def rename_out(options: Options) -> None:
     """Give the arrays of `out` the names of outputs, which differ from the attributes of a HingeWrench."""
     if "out" in options:
         options["out"] = renamed_out(options["out"], WRENCH_OUTPUTS)

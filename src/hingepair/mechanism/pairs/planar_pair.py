@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import motion_of_rotations
-from hingepair.mechanism.options import GravityOptions, OutOptions, OutputOptions, with_options
+from hingepair.mechanism.options import GRAVITY, OUT, Options, with_options
 from hingepair.mechanism.pairs import accuracy, requests
 from hingepair.mechanism.pairs.geometry import Constants, Points, checked_record, lifted, planar_constants
 from hingepair.mechanism.pairs.hinge_pair import HingePair, pair_sheet, rename_out
@@ -102,13 +102,13 @@ class PlanarPair(AskedPair, Frozen, Shown):
         """Return the printed table: u1, u2 and the masses."""
         return pair_sheet(self, ("u1", "u2"))
 
-    @with_options()
+    @with_options("outputs", *OUT)
     def forward_kinematics(
         self,
         q: Coordinates,
         qd: Coordinates | None = None,
         qdd: Coordinates | None = None,
-        **options: Unpack[OutputOptions],
+        **options: Unpack[Options],
     ) -> PlanarState:
         """Compute the motion of body 2 from the four coordinates (E11); qd adds velocities, qdd accelerations.
 
@@ -188,8 +188,8 @@ class PlanarPair(AskedPair, Frozen, Shown):
             points1=points1, points2=points2,
         )  # fmt: skip
 
-    @with_options()
-    def mass_matrix(self, q: Coordinates, **options: Unpack[OutOptions]) -> FloatArray:
+    @with_options(*OUT)
+    def mass_matrix(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the mass matrix M in M @ (x'', y'', phi'', psi'') + bias = (force1, torque1, hinge_torque) (T4),
         symmetric; shape (..., 4, 4) [kg, kg m, kg m^2]. Arguments: see `PlanarPair`.
 
@@ -200,9 +200,9 @@ class PlanarPair(AskedPair, Frozen, Shown):
         """
         return ask(self, "mass_matrix", (q,), options)
 
-    @with_options(gravity=PLANAR_GRAVITY)
+    @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
     def inverse_dynamics(
-        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[GravityOptions]
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> Forces:
         """Compute the force and torque on body 1 and the hinge torque that a motion requires beside gravity (T1-T3).
 
@@ -217,9 +217,9 @@ class PlanarPair(AskedPair, Frozen, Shown):
         """
         return ask(self, "inverse_dynamics", (q, qd, qdd), options)
 
-    @with_options(gravity=PLANAR_GRAVITY)
+    @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
     def hinge_wrench(
-        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[GravityOptions]
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> HingeWrench:
         """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3); body 1 needs no mass.
         hinge_torque is the torque, bearing_torque 0.
@@ -235,7 +235,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
         rename_out(options)
         return ask(self, "hinge_wrench", (q, qd, qdd), options)
 
-    @with_options(gravity=PLANAR_GRAVITY)
+    @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
     def forward_dynamics(
         self,
         q: Coordinates,
@@ -246,7 +246,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
         hinge_torque: ArrayLike = 0.0,
         force2: ArrayLike = 0,
         torque2: ArrayLike = 0.0,
-        **options: Unpack[GravityOptions],
+        **options: Unpack[Options],
     ) -> FloatArray:
         """Compute the accelerations of the coordinates under gravity and the forces and torques on both bodies (T5,
         T6). Arguments not listed: see `PlanarPair`.
@@ -272,8 +272,8 @@ class PlanarPair(AskedPair, Frozen, Shown):
         given = {"q": q, "qd": qd, "hinge_torque": hinge_torque, **loads}
         return requests.ask_pair(self, "forward_dynamics", given, options)
 
-    @with_options(gravity=PLANAR_GRAVITY)
-    def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[GravityOptions]) -> Energy:
+    @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
+    def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> Energy:
         """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
         1 has no mass properties. Arguments: see `PlanarPair`.
 
@@ -284,8 +284,8 @@ class PlanarPair(AskedPair, Frozen, Shown):
         """
         return ask(self, "energy", (q, qd), options)
 
-    @with_options()
-    def momentum(self, q: Coordinates, qd: Coordinates, **options: Unpack[OutOptions]) -> Momentum:
+    @with_options(*OUT)
+    def momentum(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> Momentum:
         """Compute the momentum of the pair: linear, and angular about the world's origin (T8). Arguments: see
         `PlanarPair`.
 

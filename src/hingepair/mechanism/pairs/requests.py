@@ -175,7 +175,7 @@ def _pair_request(pair: Any, task: Task, given: dict[str, Any], options: Mapping
     """
     constants: Constants = constants_of(pair)
     kind, outputs, sequence, gravity, lasts = constants.kind, task.outputs, None, None, True
-    if "outputs" in task.options.__annotations__:
+    if "outputs" in task.options:
         default = outputs or kind.default_outputs(("psid" in given) + ("psidd" in given))
         outputs = requested_outputs(options.get("outputs"), out, constants.levels, default)
         if "q" in given and not kind.planar:

@@ -211,7 +211,7 @@ def propagate_covariance(
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
     body1 = AT_REST if body1 is None else body1
-    check_options("propagate_covariance", tolerances, ToleranceOptions)
+    check_options("propagate_covariance", tolerances, TOLERANCE_DEFAULTS)
     own = point_scatter([point.name for point in pair.points], tolerances.get("points"))
     geometry, _ = geometry_scatter(pair.arrays["n"], tolerances, required=not own)
     turned = tuple(point.name for point in pair.points if point.body == 2)
@@ -314,7 +314,7 @@ def sample_pairs(
         rng = np.random.default_rng(seed)
     except (TypeError, ValueError):
         raise ArgumentError("seed", "an integer from 0 or a numpy.random.Generator", quoted(seed)) from None
-    check_options("sample_pairs", tolerances, ToleranceOptions)
+    check_options("sample_pairs", tolerances, TOLERANCE_DEFAULTS)
     n = pair.n
     own = point_scatter([*pair.points1, *pair.points2], tolerances.get("points"))
     geometry, uniform = geometry_scatter(n, tolerances, required=not own)

@@ -151,7 +151,7 @@ class PreparedInverseKinematics:
     ) -> None:
         if outputs is not None:
             raise ArgumentError("outputs", "None, since q and errors are returned", quoted(outputs))
-        check_options('prepare("inverse_kinematics")', options, SearchOptions)
+        check_options('prepare("inverse_kinematics")', options, SEARCH_DEFAULTS)
         for name in _OF_CALLS & options.keys():
             expected = "nothing: prepare takes frames=..., and its call the targets"
             raise ArgumentError(name, expected, quoted(options[name]))
@@ -247,7 +247,7 @@ def read_query(
     tree: Tree, constants: RobotConstants, R: Any, S: Any, method: str, **options: Unpack[SearchOptions]
 ) -> Query:
     """Return the checked arguments of a method of inverse kinematics; all but q0 of paths have samples."""
-    check_options(method, options, SearchOptions)
+    check_options(method, options, SEARCH_DEFAULTS)
     path = method == "inverse_kinematics_path"
     given: dict[str, Any] = {**SEARCH_DEFAULTS, **options}
     q0, prefer, base_motion, seed = (given[name] for name in ("q0", "prefer", "base_motion", "seed"))

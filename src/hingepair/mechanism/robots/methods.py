@@ -18,18 +18,19 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.linkages import follow_path
 from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, transmission
 from hingepair.mechanism.options import (
+    BASE,
     DEFAULT_GRAVITY,
+    DYNAMICS,
+    FORWARD,
+    LOOP,
+    RUN,
     SEARCH_DEFAULTS,
-    BaseOptions,
-    DynamicsOptions,
-    ForwardOptions,
-    FrameOptions,
-    LoopOptions,
-    RunOptions,
+    WEIGHT,
+    WRENCHES,
+    FurtherOptions,
+    Options,
     SearchOptions,
-    WeightOptions,
     Wrenches,
-    WrenchOptions,
     with_options,
 )
 from hingepair.mechanism.requests import (
@@ -101,13 +102,13 @@ class MechanismMethods(StateConventions, Frozen, Shown):
 
     # ---- kinematics
 
-    @with_options()
+    @with_options("frames", "outputs", *BASE)
     def forward_kinematics(
         self,
         q: Coordinates,
         qd: Coordinates | None = None,
         qdd: Coordinates | None = None,
-        **options: Unpack[FrameOptions],
+        **options: Unpack[FurtherOptions],
     ) -> MechanismState:
         """Compute the motion of frames (E2, E5, E7-E9). Arguments not listed: see `Mechanism`.
 
@@ -130,14 +131,14 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         given = coordinate_rows(q, qd, qdd)
         return ask(self._robot, MOTION_LEVELS[len(given) - 1], given, options)
 
-    @with_options()
+    @with_options(*BASE)
     def jacobian(
         self,
         q: Coordinates,
         frames: str | Iterable[str] | None = None,
         *,
         axes: str = "world",
-        **options: Unpack[BaseOptions],
+        **options: Unpack[Options],
     ) -> FloatArray:
         """Compute the Jacobian J of a frame, (v, omega) = J @ qd if the base is at rest, shape (..., 6, dof); for a
         free base, (v, omega) = J @ (v1, omega1, qd), shape (..., 6, 6 + dof) (E2, E8).
@@ -160,7 +161,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         check_choice("axes", axes, tuple(_JACOBIANS))
         return ask(self._robot, _JACOBIANS[axes], (q,), {"frames": frames, **options})
 
-    @with_options()
+    @with_options(*BASE)
     def jacobian_rate(
         self,
         q: Coordinates,
@@ -168,7 +169,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         frames: str | Iterable[str] | None = None,
         *,
         axes: str = "world",
-        **options: Unpack[BaseOptions],
+        **options: Unpack[Options],
     ) -> FloatArray:
         """Compute the time derivative of `jacobian`, of the same shape. Of `base_motion`, S and omega are used.
 
@@ -184,13 +185,13 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         check_choice("axes", axes, tuple(_JACOBIANS))
         return ask(self._robot, f"{_JACOBIANS[axes]}_rate", (q, qd), {"frames": frames, **options})
 
-    @with_options()
+    @with_options(*BASE)
     def acceleration_bias(
         self,
         q: Coordinates,
         qd: Coordinates,
         frames: str | Iterable[str] | None = None,
-        **options: Unpack[BaseOptions],
+        **options: Unpack[Options],
     ) -> FloatArray:
         """Compute the bias in (a, alpha) = J @ qdd + bias of frames, with J of `jacobian`, world axes, shape (...,
         6) or (..., frames, 6); for a free base in (a, alpha) = J @ (a1, alpha1, qdd) + bias (E9).
@@ -348,9 +349,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
 
     # ---- dynamics
 
-    @with_options()
+    @with_options(*DYNAMICS)
     def inverse_dynamics(
-        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[DynamicsOptions]
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> MechanismForces:
         """Compute the torques and forces of the joints, and on the base, that a motion requires (T1-T3). Arguments
         not listed: see `Mechanism`.
@@ -372,9 +373,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "inverse_dynamics", (q, qd, qdd), options)
 
-    @with_options()
+    @with_options(*FORWARD)
     def forward_dynamics(
-        self, q: Coordinates, qd: Coordinates, tau: Coordinates, **options: Unpack[ForwardOptions]
+        self, q: Coordinates, qd: Coordinates, tau: Coordinates, **options: Unpack[FurtherOptions]
     ) -> MechanismAccelerations:
         """Compute the accelerations of the robot under given torques and forces (T5, T6). Arguments not listed: see
         `Mechanism`.
@@ -399,9 +400,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "forward_dynamics", (q, qd, tau), options)
 
-    @with_options()
+    @with_options(*WRENCHES)
     def joint_wrenches(
-        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[WrenchOptions]
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> JointWrenches:
         """Compute what each joint's carrying body exerts on the joint's body during a motion, at the joint's point
         (T1-T3). Arguments not listed: see `inverse_dynamics`.
@@ -422,9 +423,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "joint_wrenches", (q, qd, qdd), options)
 
-    @with_options()
+    @with_options(*WEIGHT)
     def torque_regressor(
-        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[WeightOptions]
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> FloatArray:
         """Compute the regressor Y in tau = Y @ p + armature * qdd (T13), shape (..., dof, 10 * bodies), where p are
         the robot's `inertial_parameters`; for a free base in (force1, torque1, tau) = Y @ p + (0, 0, armature * qdd),
@@ -443,9 +444,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "torque_regressor", (q, qd, qdd), options)
 
-    @with_options()
+    @with_options(*DYNAMICS)
     def inverse_dynamics_derivatives(
-        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[DynamicsOptions]
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> MechanismDerivatives:
         """Compute the derivatives of the torques of `inverse_dynamics` by q, qd and qdd, exactly up to rounding.
 
@@ -474,9 +475,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "inverse_dynamics_derivatives", (q, qd, qdd), options)
 
-    @with_options()
+    @with_options(*FORWARD)
     def forward_dynamics_derivatives(
-        self, q: Coordinates, qd: Coordinates, tau: Coordinates, **options: Unpack[ForwardOptions]
+        self, q: Coordinates, qd: Coordinates, tau: Coordinates, **options: Unpack[FurtherOptions]
     ) -> MechanismDerivatives:
         """Compute the derivatives of the accelerations of `forward_dynamics` by q, qd and tau, exactly up to rounding
         (T11).
@@ -581,13 +582,13 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             self.forward_dynamics(q0, qd0, np.zeros(computation.form.dof), joint_loads=False)  # which warns
         return result
 
-    @with_options()
+    @with_options(*RUN)
     def all_coordinates(
         self,
         q: Coordinates,
         qd: Coordinates | None = None,
         qdd: Coordinates | None = None,
-        **options: Unpack[RunOptions],
+        **options: Unpack[Options],
     ) -> Any:
         """Compute the coordinates of all joints of a closed mechanism, an array (..., joints); with qd and qdd, a
         tuple of these and their derivatives.
@@ -616,9 +617,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             raise ShapeError("q", f"shape (samples, {rows.shape[-1]}), a path", str(rows.shape))
         return follow_path(self._tree, rows, guess)
 
-    @with_options()
+    @with_options(*LOOP)
     def loop_wrenches(
-        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[LoopOptions]
+        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> dict[str, LoopWrench]:
         """Compute what the body of each loop's first frame exerts on that of the second during a motion, world axes.
 
@@ -649,9 +650,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
         return transmission(closure, ask(self._robot, "loop_jacobian", (q,), {"backend": backend}))
 
-    @with_options()
+    @with_options(*RUN)
     def struts(
-        self, q: Coordinates, qd: Coordinates | None = None, **options: Unpack[RunOptions]
+        self, q: Coordinates, qd: Coordinates | None = None, **options: Unpack[Options]
     ) -> dict[str, StrutState]:
         """Compute the lengths of all struts [m], their rates [m/s] and forces [N], by name. Arguments not listed: see
         `Mechanism`.
@@ -668,8 +669,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             states[strut.name] = StrutState(length, rate, force)
         return states
 
-    @with_options()
-    def mass_matrix(self, q: Coordinates, **options: Unpack[BaseOptions]) -> FloatArray:
+    @with_options(*BASE)
+    def mass_matrix(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the mass matrix M in M @ qdd + bias = tau (T4), shape (..., dof, dof); for a free base in M @ (a1,
         alpha1, qdd) + bias = (force1, torque1, tau), world axes, shape (..., 6 + dof, 6 + dof). `bias_forces` is the
         bias.
@@ -684,8 +685,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "mass_matrix", (q,), options)
 
-    @with_options()
-    def bias_forces(self, q: Coordinates, qd: Coordinates, **options: Unpack[WeightOptions]) -> FloatArray:
+    @with_options(*WEIGHT)
+    def bias_forces(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the generalized forces at zero acceleration, the bias in tau = M @ qdd + bias (T1-T3), shape (...,
         dof); for a free base (force1, torque1, tau), shape (..., 6 + dof).
 
@@ -701,8 +702,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "bias_forces", (q, qd), options)
 
-    @with_options()
-    def gravity_forces(self, q: Coordinates, **options: Unpack[WeightOptions]) -> FloatArray:
+    @with_options(*WEIGHT)
+    def gravity_forces(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3), shape (..., dof); for a
         free base (force1, torque1, tau), shape (..., 6 + dof).
 
@@ -715,8 +716,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "gravity_forces", (q,), options)
 
-    @with_options()
-    def centre_of_mass(self, q: Coordinates, **options: Unpack[BaseOptions]) -> FloatArray:
+    @with_options(*BASE)
+    def centre_of_mass(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the robot's centre of mass, world axes [m]; shape (..., 3). The base counts only if it is free. NaN
         if nothing has mass.
 
@@ -729,8 +730,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "centre_of_mass", (q,), options)
 
-    @with_options()
-    def centre_of_mass_jacobian(self, q: Coordinates, **options: Unpack[BaseOptions]) -> FloatArray:
+    @with_options(*BASE)
+    def centre_of_mass_jacobian(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the Jacobian J of the centre of mass, whose velocity is J @ qd if the base is at rest, shape (...,
         3, dof); for a free base J @ (v1, omega1, qd), world axes, shape (..., 3, 6 + dof).
 
@@ -743,8 +744,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "centre_of_mass_jacobian", (q,), options)
 
-    @with_options()
-    def centroidal_momentum_matrix(self, q: Coordinates, **options: Unpack[BaseOptions]) -> FloatArray:
+    @with_options(*BASE)
+    def centroidal_momentum_matrix(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the matrix A of the momentum about the centre of mass, (linear, angular) = A @ qd if the base is at
         rest, shape (..., 6, dof) (T12); for a free base A @ (v1, omega1, qd), world axes, shape (..., 6, 6 + dof).
 
@@ -759,9 +760,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "centroidal_momentum_matrix", (q,), options)
 
-    @with_options()
+    @with_options(*BASE)
     def centroidal_momentum_matrix_rate(
-        self, q: Coordinates, qd: Coordinates, **options: Unpack[BaseOptions]
+        self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]
     ) -> FloatArray:
         """Compute the time derivative of `centroidal_momentum_matrix`, of the same shape. Of `base_motion`, S and
         omega are used.
@@ -776,8 +777,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "centroidal_momentum_matrix_rate", (q, qd), options)
 
-    @with_options()
-    def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[WeightOptions]) -> Energy:
+    @with_options(*WEIGHT)
+    def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> Energy:
         """Compute the kinetic energy and the potential energy in uniform gravity [J] (T7); the latter is 0 for a mass
         at the world's origin.
 
@@ -791,9 +792,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "energy", (q, qd), options)
 
-    @with_options()
+    @with_options(*BASE)
     def momentum(
-        self, q: Coordinates, qd: Coordinates, *, about: str = "origin", **options: Unpack[BaseOptions]
+        self, q: Coordinates, qd: Coordinates, *, about: str = "origin", **options: Unpack[Options]
     ) -> Momentum:
         """Compute the linear and the angular momentum of the robot, world axes (T8).
 

@@ -94,7 +94,7 @@ class RobotRequests:
             compute = functools.partial(ask, self)
             wrenches = with_function_wrenches(compute, self.tree, given["q"], given.get("qd"), base_motion, wrenches)
         loads, links = read_wrenches(wrenches, self.tree)
-        accepts = task.options.__annotations__
+        accepts = task.options
         if "force1" in accepts:
             loads = {**loads, **self._base_loads(options.get("force1", 0), options.get("torque1", 0))}
         frames = self._frames_of(computed, options.get("frames"))
