@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import numpy as np
@@ -133,7 +132,7 @@ def test_measured_motion_passes_with_tolerances_of_its_own():
     assert pair.residuals(*poses, tolerances={"gap": 2e-3, "tilt": 1e-3}).ok
     half = pair.residuals(*poses, tolerances={"gap": 2e-3})
     assert [row.ok for row in half.rows] == [True, False]
-    assert [row.basis for row in half.rows] == ["given", "32 u * (1)"]
+    assert [row.basis for row in half.rows] == ["given", "32 u * scale"]
     size = np.linalg.norm(half.gap, axis=-1)
     assert half.rows[0].worst_sample == (int(np.argmax(size)),)
     assert abs(half.rows[0].ratio - size.max() / 2e-3) <= 4 * U[np.float64]
@@ -188,7 +187,6 @@ def test_the_report_says_how_large_on_the_whole_and_when() -> None:
     assert report.rows[0].rms == pytest.approx(np.sqrt(25e-6 / 3), abs=2.0**-52)  # m, of positions of 2 m
     assert report.rows[0].worst_time == 11.3
     assert " 11.3 " in str(report)
-    assert json.loads(report.to_json())["rows"][0]["worst_time"] == 11.3
     days = np.array(["2026-11-20", "2026-11-21", "2026-11-22"], dtype="datetime64[D]")
     assert pair.residuals(body1, body2, t=days).rows[0].worst_time == "2026-11-22"
     assert pair.residuals(body1, body2).rows[0].worst_time is None

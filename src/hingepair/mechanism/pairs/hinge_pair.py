@@ -517,7 +517,7 @@ class HingePair(AskedPair, Frozen, Shown):
         >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
         True
         """
-        return residuals.residuals(self._constants, self.name, body1, body2, tolerances, t)
+        return residuals.residuals(self._constants, body1, body2, tolerances, t)
 
     @with_options(*OUT)
     def jacobian(self, body1: BodyMotion | None, psi: ArrayLike, **options: Unpack[Options]) -> FloatArray:
