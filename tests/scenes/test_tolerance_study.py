@@ -84,8 +84,8 @@ def test_limits_of_the_scene_are_those_of_drawings(scene_path):
     np.testing.assert_allclose(study.std, same.std, rtol=64 * U)
     assert [note for note in study.notes if "three standard deviations" in note]
     assert same.notes == ()  # options replace limits
-    shown = run_command("tolerance", scene_path, "--tolerance", "u2=+-0,2 mm").stdout
-    assert "u1 = +-3 mm, 0, 0; axis = +-0.1 deg uniform; u2 = +-0,2 mm" in shown
+    shown = run_command("tolerance", scene_path, "--tolerance", "u2=+-0.2 mm").stdout
+    assert "u1 = +-3 mm, 0, 0; axis = +-0.1 deg uniform; u2 = +-0.2 mm" in shown
     assert "_std" not in shown
     options = ("--tolerance", "u1=+-1 mm uniform", "--tolerance", "u2_std=0", "--json")
     told = json.loads(run_command("tolerance", scene_path, *options).stdout)

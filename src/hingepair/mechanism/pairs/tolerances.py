@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
 from hingepair.mechanism.options import check_options, with_options
@@ -22,21 +21,16 @@ from hingepair.plans.geometry import GEOMETRY_SHAPES
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.units import SCALES
 
-GEOMETRY_COMPONENT_NAMES: Final = tuple(
-    f"{vector}_{letter}" for vector in ("u1", "u2", "n", "home") for letter in "xyz"
-)
+LIMITS: Final = ("u1", "u2", "axis", "home")
+"""The arguments that are limits of the geometry as on drawings, such as "+-0.2 mm"."""
+DEVIATIONS: Final = ("u1_std", "u2_std", "axis_std", "home_std")
+"""The arguments that are standard deviations of the geometry, in the order of `LIMITS`."""
+GEOMETRY_COMPONENT_NAMES: Final = tuple(f"{name}_{letter}" for name in ("u1", "u2", "n", "home") for letter in "xyz")
 """The twelve numbers of a pair's geometry, in the order of its covariance: u1 and u2 [m], n, and the rotation vector
 that turns home [rad], both in body 1's axes. `HingeFit.covariance` has the same order."""
 
-DEVIATIONS: Final = ("u1_std", "u2_std", "axis_std", "home_std")
-"""The arguments that are standard deviations of the geometry."""
-
-LIMITS: Final = ("u1", "u2", "axis", "home")
-"""The arguments that are limits of the geometry as on drawings, such as "+-0.2 mm"; in the order of `DEVIATIONS`."""
-
 Limits: TypeAlias = str | Sequence[str] | None
 """Limits of a vector: one text for all components, three texts, or one text with three between commas."""
-
 PointTolerances: TypeAlias = Mapping[str, Any] | None
 """Limits of points by name, or their standard deviations: a number or three [m]."""
 
@@ -63,94 +57,90 @@ TOLERANCE_DEFAULTS: Final[dict[str, Any]] = {
 }
 """Defaults of tolerances, in the order of signatures."""
 
-# A comma between two digits is a decimal comma.
-_SEPARATOR = re.compile(r"\s*(?:;|,(?=\s|[+±])|(?<!\d),)\s*")
-# Size, exponent, unit and distribution of a limit such as "+-0.2 mm uniform".
-_LIMIT = re.compile(
-    r"(?:±|\+/?-)\s*(\d+(?:[.,]\d*)?|[.,]\d+)(e[+-]?\d+)?\s*([A-Za-z°µμ]+)(?:\s+(normal|uniform))?", re.ASCII
-)
+# Size, unit and distribution of a limit such as "+-0.2 mm uniform".
+_LIMIT = re.compile(r"(?:±|\+/?-)\s*([\d.]+)\s*([A-Za-z°µμ]+)(?:\s+(normal|uniform))?", re.ASCII)
 _UNIT_ALIASES: Final = {"°": "deg", "µm": "um", "μm": "um"}  # units as drawings write them
-
-
 _UNIFORM: Final = np.sqrt(3.0)  # end of a uniform distribution, in standard deviations
 
 
-class PointScatter(NamedTuple):
-    """How the components of a point scatter, in body axes."""
-
-    std: Float64Array  # [m]; (3,)
-    uniform: NDArray[np.bool_]  # components that are uniformly distributed, not normally; (3,)
-
-    def draws(self, rng: np.random.Generator, samples: int) -> Float64Array:
-        """Return random deviations (samples, 3)."""
-        normal, even = rng.standard_normal((samples, 3)), rng.uniform(-_UNIFORM, _UNIFORM, (samples, 3))
-        return np.where(self.uniform, even, normal) * self.std
-
-
 class Scatter(NamedTuple):
-    """How the geometry of pairs scatters."""
+    """How numbers scatter: of the geometry of pairs, or of a point in body axes."""
 
-    covariance: Float64Array  # in the order of `GEOMETRY_COMPONENT_NAMES`; (12, 12)
-    uniform: NDArray[np.bool_]  # components that are uniformly distributed, not normally; (12,)
+    covariance: Float64Array  # (k, k)
+    uniform: NDArray[np.bool_]  # components that are uniformly distributed, not normally; (k,)
 
-
-def _std(covariance: Any) -> Any:
-    """Return standard deviations, the roots of the diagonal, 0 where rounding made it negative; shape (..., k)."""
-    variances = np.linalg.diagonal(covariance)
-    return np.sqrt(np.where(variances < 0, 0 * variances, variances))
-
-
-def _contributions(jacobian: Any, geometry: Any, point: str = "") -> dict[str, Any]:
-    """Return the variances that each component of the geometry, and of a point, alone causes, by name."""
-    names = (*GEOMETRY_COMPONENT_NAMES, *(f"{point}_{letter}" for letter in "xyz"))[: geometry.shape[0]]
-    columns = {"axis" if k == 6 else names[k]: slice(k, k + 3 if k == 6 else k + 1)
-               for k in range(len(names)) if k not in {7, 8}}  # fmt: skip
-    variances = {}
-    for name, part in columns.items():
-        slopes = jacobian[..., part]
-        products = (slopes @ geometry[part, part]) * slopes
-        variances[name] = products.sum(axis=-1)
-    return variances
+    def draws(self, rng: np.random.Generator, samples: int, axis: Float64Array | None = None) -> Float64Array:
+        """Return random deviations (samples, k); of a geometry with the hinge axis `axis`, whose tilts are even over
+        a disk where they are uniform.
+        """
+        size = samples, len(self.uniform)
+        units = np.where(self.uniform, rng.uniform(-_UNIFORM, _UNIFORM, size), rng.standard_normal(size))
+        if axis is not None and self.uniform[6]:
+            across = rng.standard_normal((samples, 3))
+            across -= (across @ axis)[:, None] * axis
+            radii = 2.0 * np.sqrt(rng.random((samples, 1)))
+            units[:, 6:9] = radii * across / np.linalg.norm(across, axis=1, keepdims=True)
+        values, axes = np.linalg.eigh(self.covariance)
+        # The symmetric square root does not depend on the order of the eigenvectors.
+        found: Float64Array = units @ (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
+        return found
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
-class PointCovariance(Frozen):
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class _FirstOrder(Frozen):
+    """Covariance that scattered numbers cause, to first order, at every sample; read-only arrays."""
+
+    covariance: Float64Array
+    jacobian: Float64Array
+    geometry: Float64Array
+    names: tuple[str, ...]
+
+    def _std(self) -> Any:
+        """Return the roots of the diagonal, 0 where rounding made it negative; shape (..., k)."""
+        return np.sqrt(np.maximum(np.linalg.diagonal(self.covariance), 0.0))
+
+    def contributions(self) -> dict[str, Float64Array]:
+        """Return the variances that each component of the geometry alone causes, by name: u1_x to u2_z, "axis" for n
+        as a whole, home_x to home_z, and of a point its own, such as handle_x. They add up if the components are
+        independent.
+        """
+        variances = {}
+        for k, name in enumerate(self.names):
+            if k not in {7, 8}:
+                part = slice(6, 9) if k == 6 else slice(k, k + 1)
+                slopes = self.jacobian[..., part]
+                variances["axis" if k == 6 else name] = ((slopes @ self.geometry[part, part]) * slopes).sum(axis=-1)
+        return variances
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PointCovariance(_FirstOrder):
     """Covariance of the position of a point that tolerances of the pair's geometry and of the point cause, to first
     order, at every sample; read-only arrays.
 
     Attributes:
-        name: name of the point.
         R: covariance of the position, world axes [m^2]; shape (..., 3, 3).
         jacobian: derivatives of the position with respect to the geometry and to the point, body axes; shape
             (..., 3, 15).
         geometry: covariance of the geometry and of the point; shape (15, 15).
     """
 
-    name: str
-    R: Float64Array
-    jacobian: Float64Array
-    geometry: Float64Array
-
-    def __repr__(self) -> str:
-        return f"PointCovariance({self.name}, shape={tuple(self.R.shape[:-2])}: R, R_std, jacobian, geometry)"
+    @property
+    def R(self) -> Float64Array:
+        """Covariance of the position, world axes [m^2]; shape (..., 3, 3)."""
+        return self.covariance
 
     @property
     def R_std(self) -> Float64Array:
         """Standard deviations of the components of the position [m]; shape (..., 3)."""
-        std: Float64Array = _std(self.R)
+        std: Float64Array = self._std()
         return std
 
-    def contributions(self) -> dict[str, Float64Array]:
-        """Return the variances of the position [m^2], (..., 3), that each component of the geometry alone causes, as
-        `PoseCovariance.contributions`, and each component of the point, such as handle_x.
-        """
-        return _contributions(self.jacobian, self.geometry, self.name)
 
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
-class PoseCovariance(Frozen):
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PoseCovariance(_FirstOrder):
     """Covariance of the pose of body 2 that tolerances of the pair's geometry cause, to first order, at every sample;
-    read-only arrays.
+    read-only arrays. `found["handle"]` is the `PointCovariance` of the point with this name.
 
     The pose is R2 [m] and the attitude error [rad], the rotation vector away from the attitude without tolerances,
     world axes. The geometry is u1, u2, n, and the rotation vector by which home deviates, body-1 axes.
@@ -159,20 +149,17 @@ class PoseCovariance(Frozen):
         covariance: covariance of the pose [m, rad]; shape (..., 6, 6).
         jacobian: derivatives of the pose with respect to the geometry; shape (..., 6, 12).
         geometry: covariance of the geometry; shape (12, 12).
-        points: a PointCovariance for each point of the pair, or None; `found["handle"]` is that of the name handle.
+        points: a PointCovariance by the name of each point of the pair.
     """
 
-    covariance: Float64Array
-    jacobian: Float64Array
-    geometry: Float64Array
-    points: tuple[PointCovariance, ...] | None = None
+    points: Mapping[str, PointCovariance] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        names = ("R2", "R2_std", "attitude", "attitude_std", *(repr(point.name) for point in self.points or ()))
+        names = ("R2", "R2_std", "attitude", "attitude_std", *self.points)
         return f"PoseCovariance(shape={tuple(self.covariance.shape[:-2])}: {', '.join(names)})"
 
     def __getitem__(self, point: str) -> PointCovariance:
-        return {own.name: own for own in self.points or ()}[point]
+        return self.points[point]
 
     @property
     def R2(self) -> Float64Array:
@@ -187,75 +174,52 @@ class PoseCovariance(Frozen):
     @property
     def R2_std(self) -> Float64Array:
         """Standard deviations of the components of R2 [m]; shape (..., 3)."""
-        std: Float64Array = _std(self.covariance)[..., :3]
+        std: Float64Array = self._std()[..., :3]
         return std
 
     @property
     def attitude_std(self) -> Float64Array:
         """Standard deviations of the components of the attitude error [rad]; shape (..., 3)."""
-        std: Float64Array = _std(self.covariance)[..., 3:]
+        std: Float64Array = self._std()[..., 3:]
         return std
-
-    def contributions(self) -> dict[str, Float64Array]:
-        """Return the variances of the pose [m^2, rad^2], (..., 6), that each component of the geometry alone causes,
-        by name: u1_x to u2_z, "axis" for n as a whole, and home_x to home_z. They add up if the components are
-        independent.
-        """
-        return _contributions(self.jacobian, self.geometry)
 
 
 def propagate_covariance(
     pair: Constants, body1: BodyMotion | None, psi: ArrayLike, tolerances: ToleranceOptions
 ) -> PoseCovariance:
-    """Compute what `HingePair.propagate_covariance` returns, from a covariance, or else from tolerances."""
+    """Compute what `HingePair.propagate_covariance` returns, from a covariance, or else from tolerances (E5, E7)."""
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
-    body1 = AT_REST if body1 is None else body1
     check_options("propagate_covariance", tolerances, TOLERANCE_DEFAULTS)
-    own = point_scatter([point.name for point in pair.points], tolerances.get("points"))
-    geometry, _ = geometry_scatter(pair.arrays["n"], tolerances, required=not own)
-    turned = tuple(point.name for point in pair.points if point.body == 2)
-    slopes = _geometry_jacobian(pair, body1, psi, turned)
-
-    def scattered(jacobian: Any, variances: Float64Array) -> tuple[Any, ...]:
-        arrays = (jacobian @ variances) @ np.matrix_transpose(jacobian), jacobian, variances
-        return tuple(map(read_only, arrays))
-
-    found = []
-    if pair.points:
-        attitudes = {1: body1.S + 0 * slopes[..., :3, :3], 2: _attitude_of_body2(pair, body1, psi)}
-        for name, body in pair.points:
-            row = 6 + 3 * turned.index(name) if body == 2 else 0
-            by_geometry = slopes[..., row : row + 3, :] if body == 2 else 0 * slopes[..., :3, :]
-            both = np.zeros((15, 15))
-            both[:12, :12] = geometry
-            both[12:, 12:] = np.diag(own[name].std ** 2) if name in own else 0.0
-            R, jacobian, variances = scattered(np.concat([by_geometry, attitudes[body]], axis=-1), both)
-            found.append(PointCovariance(name=name, R=R, jacobian=jacobian, geometry=variances))
-    pose, slopes, variances = scattered(slopes[..., :6, :], geometry)
-    return PoseCovariance(covariance=pose, jacobian=slopes, geometry=variances, points=tuple(found) or None)
-
-
-def _geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike, points: tuple[str, ...] = ()) -> Any:
-    """Compute the derivatives of R2, of body 2's attitude and of some points (rows) by u1, u2, n and home (columns);
-    shape (..., 6 + 3 k, 12) (E5, E7). Changes of the attitude are rotation vectors in world axes; those of home, in
-    body-1 axes.
-    """
-    names, outputs = ("u1", "u2", "n", "home"), ("d", "S2", *points)
-    arguments = tuple((name, GEOMETRY_SHAPES[name]) for name in names)
+    points = [point.name for point in pair.points]
+    own = point_scatter(points, tolerances.get("points"))
+    geometry = geometry_scatter(pair.arrays["n"], tolerances, required=not own).covariance
+    shapes = {name: GEOMETRY_SHAPES[name] for name in ("u1", "u2", "n", "home")}
+    if points:
+        shapes["points"] = (3 * len(points),)
+    outputs = ("d", "S2", *points)
     computation = computation_of(pair, outputs, by_geometry=True)
-    derivative = Derivative("jacobian", outputs, arguments)
-    given = body1_inputs(body1, psi)
+    given = body1_inputs(AT_REST if body1 is None else body1, psi)
+    derivative = Derivative("jacobian", outputs, tuple(shapes.items()))
     call = computation.call(tuple(given), "auto", derivatives=(derivative,))
     found = computation.answer(call, given, None, 1, INPUT_LABELS)
-    rows = [[found[f"{output}_{name}"] for name in names] for output in outputs]
-    return np.concat([np.concat(row, axis=-1) for row in rows], axis=-2)
+    slopes = {one: np.concat([found[f"{one}_{name}"] for name in shapes], axis=-1) for one in outputs}
 
+    def first_order(jacobian: Any, variances: Float64Array, *names: str) -> tuple[Any, ...]:
+        arrays = (jacobian @ variances) @ np.matrix_transpose(jacobian), jacobian, variances
+        return *map(read_only, arrays), (*GEOMETRY_COMPONENT_NAMES, *names)
 
-def _attitude_of_body2(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> Any:
-    """Compute S2; shape (..., 3, 3) (E5)."""
-    given = body1_inputs(body1, psi)
-    return computation_of(pair, ("S2",)).compute(given, execution_of("auto", 1), labels=INPUT_LABELS)["S2"]
+    by_point = {}
+    for k, name in enumerate(points):
+        both = np.zeros((15, 15))
+        both[:12, :12] = geometry
+        if name in own:
+            both[12:, 12:] = own[name].covariance
+        columns = [*range(12), *range(12 + 3 * k, 15 + 3 * k)]
+        letters = (f"{name}_{letter}" for letter in "xyz")
+        by_point[name] = PointCovariance(*first_order(slopes[name][..., columns], both, *letters))
+    pose = np.concat([slopes["d"], slopes["S2"]], axis=-2)[..., :12]
+    return PoseCovariance(*first_order(pose, geometry), by_point)
 
 
 @with_options(**TOLERANCE_DEFAULTS)
@@ -317,21 +281,16 @@ def sample_pairs(
     check_options("sample_pairs", tolerances, TOLERANCE_DEFAULTS)
     n = pair.n
     own = point_scatter([*pair.points1, *pair.points2], tolerances.get("points"))
-    geometry, uniform = geometry_scatter(n, tolerances, required=not own)
-    values, axes = np.linalg.eigh(geometry)
-    # The symmetric square root does not depend on the order of the eigenvectors.
-    root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
-    du1, du2, tilt, turn = np.split(_unit_draws(rng, samples, n, uniform) @ root, 4, axis=1)
-    variances = np.diagonal(geometry)
-    changed: dict[str, Any] = {}
-    if variances[:3].any():
-        changed["u1"] = pair.u1 + du1
-    if variances[3:6].any():
-        changed["u2"] = pair.u2 + du2
-    if variances[6:9].any():
-        changed["n"] = (rotation_exp(np.cross(n, tilt)) @ n[:, None])[..., 0]
-    if variances[9:].any():
-        changed["home"] = rotation_exp(turn) @ pair.home
+    geometry = geometry_scatter(n, tolerances, required=not own)
+    du1, du2, tilt, turn = np.split(geometry.draws(rng, samples, n), 4, axis=1)
+    made = {
+        "u1": pair.u1 + du1,
+        "u2": pair.u2 + du2,
+        "n": (rotation_exp(np.cross(n, tilt)) @ n[:, None])[..., 0],
+        "home": rotation_exp(turn) @ pair.home,
+    }
+    scattered = np.split(np.diagonal(geometry.covariance), 4)
+    changed: dict[str, Any] = {name: made[name] for name, one in zip(made, scattered, strict=True) if one.any()}
     for key, positions in (("points1", pair.points1), ("points2", pair.points2)):
         some = {name: positions[name] + own[name].draws(rng, samples) for name in positions if name in own}
         if some:
@@ -339,19 +298,7 @@ def sample_pairs(
     return replace(pair, **changed)
 
 
-def _unit_draws(rng: np.random.Generator, samples: int, n: Float64Array, uniform: NDArray[np.bool_]) -> Float64Array:
-    """Return random numbers (samples, 12) of variance 1; those of the axis have it in each direction across n."""
-    draws = rng.standard_normal((samples, 12))
-    if uniform[6]:  # evenly over a disk
-        across = draws[:, 6:9] - (draws[:, 6:9] @ n)[:, None] * n
-        radii = 2.0 * np.sqrt(rng.random((samples, 1)))
-        draws[:, 6:9] = radii * across / np.linalg.norm(across, axis=1, keepdims=True)
-    others = [k for k in np.flatnonzero(uniform) if not 6 <= k < 9]
-    draws[:, others] = rng.uniform(-_UNIFORM, _UNIFORM, (samples, len(others)))
-    return draws
-
-
-def point_scatter(names: Sequence[str], tolerances: PointTolerances) -> dict[str, PointScatter]:
+def point_scatter(names: Sequence[str], tolerances: PointTolerances) -> dict[str, Scatter]:
     """Return how points scatter, by name.
 
     Args:
@@ -370,9 +317,10 @@ def point_scatter(names: Sequence[str], tolerances: PointTolerances) -> dict[str
             raise ArgumentError("points", expected, quoted(name))
         label, parts = f"points[{name!r}]", value if isinstance(value, list | tuple) else (value,)
         if any(isinstance(part, str) for part in parts):
-            found[name] = PointScatter(*read_limits(label, value))
+            std, uniform = read_limits(label, value)
         else:
-            found[name] = PointScatter(_three_deviations(label, value), np.zeros(3, np.bool_))
+            std, uniform = _three_deviations(label, value), np.zeros(3, np.bool_)
+        found[name] = Scatter(np.diag(std**2), uniform)
     return found
 
 
@@ -390,14 +338,13 @@ def geometry_scatter(n: Float64Array, tolerances: Mapping[str, Any], *, required
     """
     sizes, uniform, names = np.zeros((4, 3)), np.zeros((4, 3), bool), []
     for k, (limit, deviation) in enumerate(zip(LIMITS, DEVIATIONS, strict=True)):
-        std = _three_deviations(deviation, tolerances.get(deviation, 0.0))
+        sizes[k] = _three_deviations(deviation, tolerances.get(deviation, 0.0))
         within = tolerances.get(limit)
         if within is not None:
-            if std.any():
+            if sizes[k].any():
                 raise ArgumentError(deviation, f"0, since {limit} gives the tolerance", quoted(tolerances[deviation]))
-            std, uniform[k] = read_limits(limit, within)
-        if std.any():
-            sizes[k] = std
+            sizes[k], uniform[k] = read_limits(limit, within)
+        if sizes[k].any():
             names.append(limit if within is not None else deviation)
     if (covariance := tolerances.get("covariance")) is not None:
         if names:
@@ -415,16 +362,17 @@ def geometry_scatter(n: Float64Array, tolerances: Mapping[str, Any], *, required
 
 
 def read_limits(name: str, value: Any) -> tuple[Float64Array, NDArray[np.bool_]]:
-    """Return the standard deviations (3,) that limits as on drawings mean, of normal ones a third, and which of them
-    are of uniform distributions.
+    """Return the standard deviations (3,) that limits as on drawings mean, and which of them are of uniform
+    distributions. A normal limit is three standard deviations; a uniform one half an interval, of the axis the radius
+    of a disk.
 
-    >>> read_limits("u1", "+-0.3 mm, +-0,6 mm normal, 0")[0].round(6).tolist()
+    >>> read_limits("u1", "+-0.3 mm, +-0.6 mm normal, 0")[0].round(6).tolist()
     [0.0001, 0.0002, 0.0]
     """
     si = "rad" if name in {"axis", "home"} else "m"
-    parts = _SEPARATOR.split(value.strip()) if isinstance(value, str) else value
+    parts = re.split("[,;]", value) if isinstance(value, str) else value
     if isinstance(parts, Sequence) and (len(parts) == 1 or (len(parts) == 3 and name != "axis")):
-        found = [_read_limit(part, si, round_zone=name == "axis") for part in parts]
+        found = [_read_limit(part, si, 2.0 if name == "axis" else _UNIFORM) for part in parts]
         if None not in found:
             std, uniform = zip(*(found * (3 // len(found))), strict=True)
             return np.array(std), np.array(uniform)
@@ -435,23 +383,18 @@ def read_limits(name: str, value: Any) -> tuple[Float64Array, NDArray[np.bool_]]
     raise ArgumentError(name, f"{expected}; {number} a standard deviation", quoted(value))
 
 
-def _read_limit(part: Any, si: str, *, round_zone: bool) -> tuple[float, bool] | None:
-    """Return the standard deviation [m or rad] that one limit such as "+-0.2 mm uniform" means, and whether it is of
-    a uniform distribution; None if it cannot be read. A normal limit is three standard deviations; a uniform one half
-    an interval or, with `round_zone`, the radius of a disc. `si` is the unit from which others are converted.
+def _read_limit(part: Any, si: str, uniform: float) -> tuple[float, bool] | None:
+    """Return the standard deviation [m or rad] that one limit such as "+-0.2 mm uniform" means, and whether it is
+    uniform; None if it cannot be read. A uniform limit has `uniform` standard deviations.
     """
-    if isinstance(part, str) and part.strip() == "0":
+    text = part.strip() if isinstance(part, str) else ""
+    if text == "0":
         return 0.0, False
-    match = _LIMIT.fullmatch(part.strip()) if isinstance(part, str) else None
-    scales = {si: 1.0, **SCALES[si]}
-    if match is None or (unit := _UNIT_ALIASES.get(match[3], match[3])) not in scales:
+    match, scales = _LIMIT.fullmatch(text), {si: 1.0, **SCALES[si]}
+    if match is None or match[1].count(".") > 1 or (unit := _UNIT_ALIASES.get(match[2], match[2])) not in scales:
         return None
-    if re.fullmatch(r"0*[1-9]\d*,\d{3}", match[1]):  # a thousand, or one?
-        return None
-    limit = float(match[1].replace(",", ".") + (match[2] or "")) * scales[unit]
-    if match[4] != "uniform":
-        return limit / 3.0, False
-    return limit / (2.0 if round_zone else np.sqrt(3.0)), True
+    is_uniform = match[3] == "uniform"
+    return float(match[1]) * scales[unit] / (uniform if is_uniform else 3.0), is_uniform
 
 
 def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
