@@ -58,7 +58,7 @@ TOLERANCE_DEFAULTS: Final[dict[str, Any]] = {
 """Defaults of tolerances, in the order of signatures."""
 
 # Size, unit and distribution of a limit such as "+-0.2 mm uniform".
-_LIMIT = re.compile(r"(?:±|\+/?-)\s*([\d.]+)\s*([A-Za-z°µμ]+)(?:\s+(normal|uniform))?", re.ASCII)
+_LIMIT = re.compile(r"(?:±|\+/?-)\s*(\d+\.?\d*|\.\d+)\s*([A-Za-z°µμ]+)(?:\s+(normal|uniform))?", re.ASCII)
 _UNIT_ALIASES: Final = {"°": "deg", "µm": "um", "μm": "um"}  # units as drawings write them
 _UNIFORM: Final = np.sqrt(3.0)  # end of a uniform distribution, in standard deviations
 
@@ -219,7 +219,7 @@ def propagate_covariance(
         letters = (f"{name}_{letter}" for letter in "xyz")
         by_point[name] = PointCovariance(*first_order(slopes[name][..., columns], both, *letters))
     pose = np.concat([slopes["d"], slopes["S2"]], axis=-2)[..., :12]
-    return PoseCovariance(*first_order(pose, geometry), by_point)
+    return PoseCovariance(*first_order(pose, geometry), points=by_point)
 
 
 @with_options(**TOLERANCE_DEFAULTS)
@@ -391,7 +391,7 @@ def _read_limit(part: Any, si: str, uniform: float) -> tuple[float, bool] | None
     if text == "0":
         return 0.0, False
     match, scales = _LIMIT.fullmatch(text), {si: 1.0, **SCALES[si]}
-    if match is None or match[1].count(".") > 1 or (unit := _UNIT_ALIASES.get(match[2], match[2])) not in scales:
+    if match is None or (unit := _UNIT_ALIASES.get(match[2], match[2])) not in scales:
         return None
     is_uniform = match[3] == "uniform"
     return float(match[1]) * scales[unit] / (uniform if is_uniform else 3.0), is_uniform
