@@ -205,9 +205,9 @@ def propagate_covariance(
     found = computation.answer(call, given, None, 1, INPUT_LABELS)
     slopes = {one: np.concat([found[f"{one}_{name}"] for name in shapes], axis=-1) for one in outputs}
 
-    def first_order(jacobian: Any, variances: Float64Array, *names: str) -> tuple[Any, ...]:
-        arrays = (jacobian @ variances) @ np.matrix_transpose(jacobian), jacobian, variances
-        return *map(read_only, arrays), (*GEOMETRY_COMPONENT_NAMES, *names)
+    def first_order(jacobian: Any, variances: Float64Array, *names: str) -> tuple[Any, Any, Any, tuple[str, ...]]:
+        covariance = read_only((jacobian @ variances) @ np.matrix_transpose(jacobian))
+        return covariance, read_only(jacobian), read_only(variances), (*GEOMETRY_COMPONENT_NAMES, *names)
 
     by_point = {}
     for k, name in enumerate(points):
@@ -219,7 +219,7 @@ def propagate_covariance(
         letters = (f"{name}_{letter}" for letter in "xyz")
         by_point[name] = PointCovariance(*first_order(slopes[name][..., columns], both, *letters))
     pose = np.concat([slopes["d"], slopes["S2"]], axis=-2)[..., :12]
-    return PoseCovariance(*first_order(pose, geometry), points=by_point)
+    return PoseCovariance(*first_order(pose, geometry), by_point)
 
 
 @with_options(**TOLERANCE_DEFAULTS)
