@@ -138,7 +138,7 @@ class Residuals(Results):
 
     def _sheet(self) -> Sheet:
         """Return the printed table."""
-        title = f"two motions against the constraints of the hinge, u = {self.u:.3g}"
+        title = f"two motions against the constraints E1 and E2, u = {self.u:.3g}"
         return Sheet(title, (_HEADINGS, *(row._cells() for row in self.rows)), (self.verdict,))
 
 
