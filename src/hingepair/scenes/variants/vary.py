@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 import json
 import re
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array, real_array
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.scenes.bodies import BODY_KEYS, construct_from_table, read_body, read_mechanism, with_payload
+from hingepair.scenes.bodies import read_body, read_mechanism
 from hingepair.scenes.load import load_scene, scene_from_tables, with_constants_evaluated
 from hingepair.scenes.motions.functions import FunctionSource, read_function_motion
 from hingepair.scenes.motions.known import Known
@@ -148,14 +147,6 @@ def _variants_again(path: str, tables: str, keys: tuple[str, ...], outputs: tupl
     return Variants(scene_from_tables(values, Path(path)), keys, outputs)
 
 
-def _joined_batches(found: Sequence[Batch]) -> Batch:
-    """Return variants with the same instants together."""
-    first = found[0]
-    arrays = {name: np.concatenate([batch.arrays[name] for batch in found]) for name in first.arrays}
-    reasons = [reason for batch in found for reason in batch.reasons]
-    return Batch(first.t, arrays, reasons, [own for batch in found for own in batch.touches])
-
-
 class Variants:
     """Computer of the outputs of a scene for any values of some of its numbers. A process to which it is sent reads
     the scene once.
@@ -188,40 +179,28 @@ class Variants:
         for start in range(0, len(numbers), step):
             rows = numbers[start : start + step]
             batch = self._together(rows)
-            if batch is None:
-                yield from self._one_by_one(rows)
-            else:
-                yield batch
+            yield from map(self._one, rows.tolist()) if batch is None else [batch]
 
     def compute(self, numbers: Sequence[float]) -> Batch:
         """Return the results of one variant; refuse one that cannot be computed."""
-        scene = self.scene_of(numbers)
+        return self._of_scene(self.scene_of(numbers))
+
+    def _of_scene(self, scene: Scene) -> Batch:
         arrays = {name: array[None] for name, array in scene.arrays(self.outputs).items()}
         return Batch(scene.times(), arrays, [""], [touches_of(scene.motion)])
 
-    def _one_by_one(self, numbers: Float64Array) -> Iterator[Batch]:
-        """Yield variants that are computed each by itself, those in a row with the same instants together; NaN and
-        the reason for one that cannot be computed.
-        """
-        found: list[Batch] = []
-        for row in numbers.tolist():
-            try:
-                one = self.compute(row)
-            except ArgumentError as error:
-                like = found[-1] if found else self._plain
-                lost = {name: np.full(array.shape, np.nan) for name, array in like.arrays.items()}
-                one = Batch(like.t, lost, [str(error)], [{}])
-            if found and not np.array_equal(found[-1].t, one.t):
-                yield _joined_batches(found)
-                found = []
-            found.append(one)
-        yield _joined_batches(found)
+    def _one(self, numbers: Sequence[float]) -> Batch:
+        """Return the results of one variant; NaN and the reason if it cannot be computed."""
+        try:
+            return self.compute(numbers)
+        except ArgumentError as error:
+            lost = {name: np.full(array.shape, np.nan) for name, array in self._plain.arrays.items()}
+            return Batch(self._plain.t, lost, [str(error)], [{}])
 
     @lock_free_cached_property
     def _plain(self) -> Batch:
         """The scene as its file describes it."""
-        arrays = {name: array[None] for name, array in self.scene.arrays(self.outputs).items()}
-        return Batch(self.scene.times(), arrays, [""], [touches_of(self.scene.motion)])
+        return self._of_scene(self.scene)
 
     # ---- variants together
 
@@ -362,24 +341,14 @@ class Variants:
         """Return the outputs of robots that differ in payloads."""
         if any(path[:2] != ("mechanism", "payload") for path in self.paths):
             return None
-        table = self.scene.tables.table("mechanism")
-        links = tuple(dict.fromkeys(str(path[2]) for path in self.paths))
-        robot = self._unloaded
-        payload = table.table("payload")
-        robot = with_payload(robot, table, [link for link in payload.values if link not in links])
+        values, links = self.scene.tables.values, dict.fromkeys(str(path[2]) for path in self.paths)
+        others = {link: own for link, own in values["mechanism"]["payload"].items() if link not in links}
+        mechanism = {**values["mechanism"], "payload": others}
+        tables = replace(self.scene.tables, values={**values, "mechanism": mechanism})
+        robot = read_mechanism(tables, self.scene.path.parent, base=self.scene.mechanism_only.base)
+        variants = [replace(tables, values=with_numbers(values, self.paths, row)) for row in numbers.tolist()]
         for link in links:
-            described = payload.table(link)
-            bodies = []
-            for row in numbers.tolist():
-                values = copy.deepcopy(described.values)
-                for path, number in zip(self.paths, row, strict=True):
-                    if path[2] == link:
-                        here: Any = values
-                        for step in path[3:-1]:
-                            here = here[step]
-                        here[path[-1]] = number
-                own = replace(described, values=values)
-                bodies.append(construct_from_table(own, _body, own.read(BODY_KEYS, ("mass",))))
+            bodies = [read_body(variant.table("mechanism").table("payload"), link) for variant in variants]
             robot = robot.with_payload(
                 link,
                 mass=np.array([body.mass for body in bodies])[:, None],
@@ -388,20 +357,6 @@ class Variants:
             )
         # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
         return self._arrays(MechanismSubject(robot, self.scene.frames), self._known, self.outputs, "compiled")
-
-    @lock_free_cached_property
-    def _unloaded(self) -> Any:
-        """The robot without payload."""
-        values = self.scene.tables.values
-        bare = {name: value for name, value in values["mechanism"].items() if name != "payload"}
-        tables = replace(self.scene.tables, values={**values, "mechanism": bare})
-        return read_mechanism(tables, self.scene.path.parent, base=self.scene.mechanism_only.base)
-
-
-def _body(**values: Any) -> Any:
-    from hingepair.mechanism.bodies.body import Body
-
-    return Body(**values)
 
 
 def _texts(value: Any) -> Iterator[str]:
