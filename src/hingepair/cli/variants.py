@@ -83,12 +83,6 @@ def sweep_command(
             f"Write the results to FILE ({', '.join(STORE_SUFFIXES)}); default: the sweep's name with .parquet."
         ),
     ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS", help="Address of a dask.distributed scheduler; default: this process computes."
-        ),
-    ] = None,
     units: UnitsOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -96,23 +90,20 @@ def sweep_command(
 
     A sweep file names a scene, the numbers of it that are varied, and what is kept of each variant; the page "Scene
     files" of the documentation describes the format. A sweep that was interrupted is continued by the same command,
-    without computing finished chunks again. To compute on other machines, start `dask scheduler` on one and `dask
-    worker ADDRESS` on each, and give --scheduler ADDRESS. A log or URDF file that the scene names is read there too.
+    without computing finished chunks again.
     """
     sweep = load_sweep(sweep_file, units)
-    path = sweep.default_store() if out is None else out
+    path, count, keys = out or sweep.default_store(), len(sweep.numbers), sweep.variants.keys
     with contextlib.ExitStack() as stack:
         progress: Progress | None = None
         if sys.stderr.isatty():
             bar = stack.enter_context(typer.progressbar(length=sweep.chunks, label="computing", file=sys.stderr))
             progress = lambda done, _: bar.update(done - bar.pos)  # noqa: E731
-        run_sweep(sweep, path, scheduler, progress)
+        run_sweep(sweep, path, progress)
     if as_json:
-        facts = {"title": sweep.title, "variants": sweep.variants, "chunks": sweep.chunks, "keys": sweep.keys}
-        print(json_text(facts | {"file": str(path)}))
+        print(json_text({"title": sweep.title, "variants": count, "keys": keys, "file": str(path)}))
         return
-    shown = f"{sweep.variants} variants of {', '.join(sweep.keys)} in {sweep.chunks} chunks"
-    print_lines(sweep.title, shown, f"written: {path}")
+    print_lines(sweep.title, f"{count} variants of {', '.join(keys)}", f"written: {path}")
 
 
 def search_command(

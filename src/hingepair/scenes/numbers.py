@@ -43,6 +43,8 @@ def number_path(table: Table, values: Mapping[str, Any], key: str) -> NumberPath
         if not isinstance(here, dict | list):
             table.refuse("key", "the key of a number of the scene", repr(key))
         here = here[step]
+    if isinstance(here, list) and here:
+        table.refuse("key", f"one number: {key}[0] to {key}[{len(here) - 1}]", f"{key!r}, which is a list")
     if isinstance(here, bool) or not isinstance(here, int | float | str):
         table.refuse("key", "the key of a number of the scene, or of an expression", repr(key))
     return tuple(path)

@@ -6,20 +6,20 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.load import load_scene
 from hingepair.scenes.numbers import number_at
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.variants.reductions import REDUCTIONS, reduction_ending
-from hingepair.scenes.variants.vary import Variants
+from hingepair.scenes.variants.vary import Variants, lost_variants
 from hingepair.tables.sheets import align_columns, cell_text
 
 Range = tuple[float, float] | None
@@ -124,7 +124,9 @@ def search(
         raise ArgumentError("maximize", "None beside minimize", quoted(maximize))
     aim = minimize if maximize is None else maximize
     if not conditions and aim is None:
-        raise ArgumentError("until", 'a condition such as "psi_last = 1.5", or minimize=', "none")
+        raise ArgumentError(
+            "until", 'a condition such as "psi_last = 1.5", or a result to minimize or maximize', "none"
+        )
     names = (*(condition.result for condition in conditions), *(() if aim is None else (aim,)))
     tried = _Tried(scene, vary, names, conditions, units)
     if aim is not None:
@@ -135,21 +137,14 @@ def search(
         x = _least_misses(tried, tried.start)
     results = dict(zip(names, tried.results(x), strict=True))
     held = tried.meets(x) and all(map(math.isfinite, results.values()))
-    notes = [] if held else tried.doubts(x)
-    if aim is not None:
-        near = np.minimum(x - tried.low, tried.high - x) < 1e-6 * (tried.high - tried.low)
-        ended = zip(tried.keys, x, near, strict=True)
-        notes += [f"{key} = {value:.6g} is at an end of its range" for key, value, is_near in ended if is_near]
     changes = len({tuple(own) for own in tried.known.values()}) > 1 or len(tried.known) == 1
-    if not changes:
-        notes.append(f"{', '.join(names)} does not change with {', '.join(tried.keys)}")
     return Search(
         values=dict(zip(tried.keys, x.tolist(), strict=True)),
         start=dict(zip(tried.keys, tried.given.tolist(), strict=True)),
         results=results,
         units=tried.units(),
         conditions=tuple(map(str, conditions)),
-        notes=tuple(notes),
+        notes=tuple(tried.notes(x, held, changes, aim is not None)),
         ok=held and changes,
         evaluations=len(tried.known),
         scene=tried.variants.scene_of(x.tolist()),
@@ -160,14 +155,12 @@ def read_condition(text: object) -> Condition:
     """Return the condition that a text such as "psi_t_min = 5" states."""
     match = _CONDITION.fullmatch(text) if isinstance(text, str) else None
     try:
-        if match is None:
-            raise ValueError
-        value = float(match[3])
-        if not math.isfinite(value):
-            raise ValueError
+        value = float(match[3]) if match else math.nan
     except ValueError:
+        value = math.nan
+    if match is None or not math.isfinite(value):
         expected = 'conditions such as "psi_t_min = 5" or "psid_max <= 1": result, sign, number'
-        raise ArgumentError("until", expected, quoted(text)) from None
+        raise ArgumentError("until", expected, quoted(text))
     return Condition(match[1], match[2] if match[2] == "=" else f"{match[2][0]}=", value)
 
 
@@ -196,6 +189,7 @@ class _Tried:
         self.has_ranges = all(one is not None for one in ranges)
         self.start = np.clip(self.given, self.low, self.high)
         self.known: dict[bytes, list[float]] = {}
+        self.reasons: dict[bytes, str] = {}  # why numbers have no results
         self._in_units = scene.in_units(units or "")
         self.results(self.start)  # says at once what cannot be computed
 
@@ -208,19 +202,18 @@ class _Tried:
                     if self.known:  # a result that is NaN is not found
                         warnings.filterwarnings("ignore", ".* is beyond its stroke", DynamicsWarning)
                     batch = self.variants.compute(np.asarray(x, np.float64).tolist())
-            except ArgumentError:
+            except ArgumentError as error:
                 if not self.known:
                     raise
+                self.reasons[key] = str(error)
                 self.known[key] = [math.nan] * len(self._names)
                 return self.known[key]
-            reductions = tuple(dict.fromkeys(reduction for _, reduction in self._columns))
-            reduced = batch.reduced(reductions, self._in_units)
-            columns = {heading.partition(" [")[0]: values for heading, values in reduced.items()}
-            for name, (_, reduction) in zip(self._names, self._columns, strict=True):
+            reduced = batch.reduced(tuple({reduction for _, reduction in self._columns}), self._in_units)
+            columns = {heading.partition(" [")[0]: float(values[0]) for heading, values in reduced.items()}
+            for name in self._names:
                 if name not in columns:
-                    alike = [column for column in columns if column.endswith(f"_{reduction}")]
-                    raise ArgumentError("until", choices(alike), quoted(name))
-            self.known[key] = [float(columns[name][0]) for name in self._names]
+                    raise ArgumentError("until", choices(tuple(columns)) + nearest(name, columns), quoted(name))
+            self.known[key] = [columns[name] for name in self._names]
         return self.known[key]
 
     def misses(self, x: Float64Array) -> Float64Array:
@@ -241,27 +234,30 @@ class _Tried:
             for one, got, first in zip(self.conditions, self.results(x), self.results(self.start), strict=False)
         )
 
-    def doubts(self, x: Float64Array) -> list[str]:
-        """Return sentences on why numbers were not found: a result without a value, an instant behind the motion, or
-        a result that jumps.
+    def notes(self, x: Float64Array, held: bool, changes: bool, is_aim: bool) -> Iterator[str]:
+        """Yield sentences on what was found at numbers x: why conditions do not hold, numbers at an end of their
+        range, results that do not change, and variants that cannot be computed.
         """
-        sentences = []
-        for name, *values in zip(self._names, *self.known.values(), strict=True):
-            if not any(map(math.isfinite, values)):
-                where = "at any of the numbers tried"
-                if len(self.keys) == 1 and self.has_ranges:
-                    where = f"anywhere in {self.low[0]:g}..{self.high[0]:g}"
-                sentences.append(f"{name} has no value {where}")
-        units = self._in_units.units
+        units, one_key = self._in_units.units, len(self.keys) == 1
         stop = units.factor("s") * self.variants.scene_of(x.tolist()).stop
-        beside = [got for key, got in self.known.items() if np.allclose(np.frombuffer(key), x, rtol=1e-9, atol=0.0)]
-        for place, one in enumerate(self.conditions):
+        near = [got for key, got in self.known.items() if np.allclose(np.frombuffer(key), x, rtol=1e-9, atol=0.0)]
+        for place, name in enumerate(self._names if not held else ()):
+            if not any(math.isfinite(got[place]) for got in self.known.values()):
+                span = f"anywhere in {self.low[0]:g}..{self.high[0]:g}"
+                yield f"{name} has no value {span if one_key and self.has_ranges else 'at any of the numbers tried'}"
+        for place, one in enumerate(self.conditions if not held else ()):
             if self._columns[place][1].startswith("t_") and one.value >= stop:
-                unit = units.unit("s")
-                sentences.append(f"{one} is not within the motion, which ends at t = {stop:.6g} {unit} (time.stop)")
-            if len(self.keys) == 1 and {-1.0, 1.0} <= {np.sign(one.miss(got[place])) for got in beside}:
-                sentences.append(f"{one.result} jumps past {one.value:.6g} at {self.keys[0]} = {x[0]:.6g}")
-        return sentences
+                yield f"{one} is not within the motion, which ends at t = {stop:.6g} {units.unit('s')} (time.stop)"
+            if one_key and {-1.0, 1.0} <= {np.sign(one.miss(got[place])) for got in near}:
+                yield f"{one.result} jumps past {one.value:.6g} at {self.keys[0]} = {x[0]:.6g}"
+        for key, value, low, high in zip(self.keys, x, self.low, self.high, strict=True) if is_aim else ():
+            if min(value - low, high - value) < 1e-6 * (high - low):
+                yield f"{key} = {value:.6g} is at an end of its range"
+        if not changes:
+            yield f"{', '.join(self._names)} does not change with {', '.join(self.keys)}"
+        rows = np.array([np.frombuffer(key) for key in self.known])
+        if lost := lost_variants(self.keys, rows, [self.reasons.get(key, "") for key in self.known]):
+            yield lost
 
 
 def _output_in(scene: Scene, column: str) -> str:
@@ -283,7 +279,8 @@ def _column(name: str) -> tuple[str, str]:
     """Return (column, reduction) of the name of a result."""
     reduction = reduction_ending(name)
     if reduction is None:
-        raise ArgumentError("until", f"a result that ends in a reduction, _ and {choices(REDUCTIONS)}", quoted(name))
+        hint = nearest(name.rpartition("_")[2], REDUCTIONS)
+        raise ArgumentError("until", f"a result that ends in _ and {choices(REDUCTIONS)}{hint}", quoted(name))
     return name[: -len(reduction) - 1], reduction
 
 

@@ -20,8 +20,6 @@ from hingepair.tables.sheets import instant_text
 from hingepair.tables.suspicions import DEGREES_IN_SCENES, suspicions
 from hingepair.tables.units import SI, Units
 
-POSE_COMPONENTS: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
-"""First columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""
 _MAX_INSTANTS: Final = 101
 _LEAST_SHARE: Final = 0.01  # of a variance; dimensions that cause less are not named
 _LIMITS_NOTE: Final = (
@@ -32,66 +30,43 @@ _LIMITS_NOTE: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ToleranceStudy(Frozen):
-    """Deviations of the pose of body 2, and of points, along a scene under tolerances, to first order. The last axis
-    of arrays has six components of the pose, `POSE_COMPONENTS`, and three of each point: k numbers.
+    """Deviations of the pose of body 2, and of points, along a scene under tolerances, to first order. Components are
+    those of R2 and of points [m], and of the rotation vector `attitude` [rad], world axes; in the plane those in it.
     """
 
     #: title of the scene
     title: str
     #: instants [s]; (N,)
     t: Float64Array
-    #: standard deviations; (N, k)
-    std: Float64Array
-    #: variances that each dimension causes alone, by name of the dimension; (N, k)
-    contributions: Mapping[str, Float64Array]
+    #: standard deviations by component; (N,) each
+    std: Mapping[str, Float64Array]
+    #: by component, the variances that dimensions cause alone, by name of the dimension; (N,) each
+    contributions: Mapping[str, Mapping[str, Float64Array]]
     #: limits, such as "+-0.2 mm", and standard deviations of the geometry, by argument of `propagate_covariance`
     tolerances: Mapping[str, Any]
     #: sentences on what limits mean, on standard deviations in doubtful units, and on instants that are left out
     notes: tuple[str, ...] = ()
     #: units of tables unless others are asked for
     units: Units = SI
-    #: names of the points
-    points: tuple[str, ...] = ()
-
-    @property
-    def components(self) -> dict[str, str]:
-        """SI units of the components, by name."""
-        names = (*POSE_COMPONENTS, *(f"{name}_{letter}" for name in self.points for letter in "xyz"))
-        return {name: "rad" if name.startswith("attitude_") else "m" for name in names}
 
     def shares(self) -> dict[str, dict[str, float]]:
         """Return, by component, the fractions (0 to 1) of its variance that dimensions cause, the largest first, as
         means over the instants. Dimensions without effect are left out.
         """
         found = {}
-        for k, component in enumerate(self.components):
-            causes = {name: float(own[:, k].sum()) for name, own in self.contributions.items()}
-            total = sum(causes.values())
-            ordered = sorted(causes.items(), key=lambda cause: -cause[1])
-            found[component] = {name: own / total for name, own in ordered if own > 0}
+        for component, causes in self.contributions.items():
+            sums = sorted(((float(own.sum()), name) for name, own in causes.items()), reverse=True)
+            found[component] = {name: own / sum(own for own, _ in sums) for own, name in sums if own > 0}
         return found
 
     def facts(self, units: str | None = None) -> dict[str, Any]:
         """Return what --json prints, in units in place of SI units; by default in those of the scene."""
-        shown = self.units if units is None else Units.of(units)
-        largest, shares = self.std.argmax(axis=0), self.shares()
-        components = [
-            {
-                "component": name,
-                "unit": shown.unit(si),
-                "std": shown.factor(si) * float(self.std[largest[k], k]),
-                "t": shown.factor("s") * float(self.t[largest[k]]),
-                "shares": shares[name],
-            }
-            for k, (name, si) in enumerate(self.components.items())
-        ]
-        tolerances = {
-            name: {point: np.asarray(one).tolist() for point, one in value.items()}
-            if name == "points"
-            else np.asarray(value).tolist()
-            for name, value in self.tolerances.items()
-        }
-        facts = {"title": self.title, "instants": len(self.t), "tolerances": tolerances}
+        shown, shares, components = self.units if units is None else Units.of(units), self.shares(), []
+        for name, std in self.std.items():
+            si, k = "rad" if name.startswith("attitude_") else "m", std.argmax()
+            own = {"component": name, "unit": shown.unit(si), "std": shown.factor(si) * float(std[k])}
+            components.append(own | {"t": shown.factor("s") * float(self.t[k]), "shares": shares[name]})
+        facts = {"title": self.title, "instants": len(self.t), "tolerances": self.tolerances}
         return {**facts, "components": components, "notes": self.notes}
 
     def table(self, units: str | None = None) -> list[tuple[str, ...]]:
@@ -104,10 +79,9 @@ class ToleranceStudy(Frozen):
         t = (self.units if units is None else Units.of(units)).unit("s")
         rows: list[tuple[str, ...]] = [("", "unit", "std", "at t" if t == "s" else f"at t [{t}]", "caused by")]
         for own in self.facts(units)["components"]:
-            causes = (f"{name} {100 * part:.0f} %" for name, part in own["shares"].items() if part >= _LEAST_SHARE)
-            rows.append(
-                (own["component"], own["unit"], f"{own['std']:.4g}", instant_text(own["t"]), ", ".join(causes))
-            )
+            causes = [f"{name} {100 * part:.0f} %" for name, part in own["shares"].items() if part >= _LEAST_SHARE]
+            at = instant_text(own["t"])
+            rows.append((own["component"], own["unit"], f"{own['std']:.4g}", at, ", ".join(causes)))
         return rows
 
 
@@ -162,25 +136,26 @@ def study_tolerances(scene: Scene, **tolerances: Any) -> ToleranceStudy:
     is_known = np.isfinite(R).all(axis=1) & np.isfinite(S).all(axis=(1, 2)) & np.isfinite(psi)
     if not is_known.any():
         raise SceneError(f"{scene.path}: motion", "a pose at some instant", f"none at {len(t)} instants")
-    body1 = BodyMotion(R=R[is_known], S=S[is_known])
-    found = pair.propagate_covariance(body1, psi[is_known], **tolerances)
-    points = tuple(name for name in _point_names(scene) if name in pair.points2 or name in of_points)
-    of_pose, by_point = found.contributions(), [found[name].contributions() for name in points]
-    none = np.zeros((len(body1.R), 6))
+    found = pair.propagate_covariance(BodyMotion(R=R[is_known], S=S[is_known]), psi[is_known], **tolerances)
+    by_pose, std, contributions = found.contributions(), {}, {}
+    arrays = {"R2": (found.R2_std, {name: own[:, :3] for name, own in by_pose.items()})}
+    arrays["attitude"] = (found.attitude_std, {name: own[:, 3:] for name, own in by_pose.items()})
+    for name in _point_names(scene):
+        if name in pair.points2 or name in of_points:
+            arrays[name] = (found[name].R_std, found[name].contributions())
+    for name, (deviations, causes) in arrays.items():
+        for k, letter in enumerate("xyz"):
+            if not scene.subject.planar or (letter == "z") == (name == "attitude"):
+                std[f"{name}_{letter}"] = deviations[:, k]
+                contributions[f"{name}_{letter}"] = {cause: own[:, k] for cause, own in causes.items()}
     return ToleranceStudy(
         title=scene.title,
         t=t[is_known],
-        std=np.concatenate((found.R2_std, found.attitude_std, *(found[name].R_std for name in points)), axis=-1),
-        contributions={
-            name: np.concatenate(
-                (of_pose.get(name, none), *(point.get(name, none[:, :3]) for point in by_point)), axis=-1
-            )
-            for name in dict.fromkeys((*of_pose, *itertools.chain(*by_point)))
-        },
+        std=std,
+        contributions=contributions,
         tolerances=tolerances,
         notes=_notes(scene, tolerances, int((~is_known).sum()), len(t)),
         units=scene.units,
-        points=points,
     )
 
 

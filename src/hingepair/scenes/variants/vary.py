@@ -359,6 +359,16 @@ class Variants:
         return self._arrays(MechanismSubject(robot, self.scene.frames), self._known, self.outputs, "compiled")
 
 
+def lost_variants(keys: Sequence[str], numbers: Float64Array, reasons: Sequence[str]) -> str:
+    """Return a sentence on how many variants cannot be computed, and why the first cannot; empty without any."""
+    lost = [k for k, reason in enumerate(reasons) if reason]
+    if not lost:
+        return ""
+    first = ", ".join(f"{key} = {value:.6g}" for key, value in zip(keys, numbers[lost[0]], strict=True))
+    which = f"{len(lost)} of {len(reasons)} variants cannot be computed"
+    return f"{which}, the first with {first}: {reasons[lost[0]]}"
+
+
 def _texts(value: Any) -> Iterator[str]:
     """Yield all texts in nested tables and lists."""
     if isinstance(value, str):
