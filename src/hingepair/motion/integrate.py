@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import Execution, execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError
 from hingepair.mechanism.pairs.geometry import Constants, check_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.pairs.requests import computation_of
 from hingepair.mechanism.requests import STATES
-from hingepair.motion.magnus import AngleIntegral, AttitudeIntegral
-from hingepair.motion.signals import SampledSignal, Signal, interpolate, read_position, read_signal
+from hingepair.motion.magnus import AngleIntegral, AttitudeIntegral, Integral
+from hingepair.motion.signals import SampledSignal, interpolate, read_position, read_signal
 from hingepair.motion.steps import estimate_error, select_steps
 from hingepair.motion.trajectory import (
     Deferred,
-    PlanarTrajectory,
     Trajectory,
     quaternions_to_matrices,
     rotate_to_world,
@@ -45,47 +43,37 @@ class Solution(Deferred):
     asked for.
 
     Args:
-        integrals: those of the attitude of body 1, in the plane of its angle, and of psi.
+        integrals: those of the attitude of body 1 and of psi.
         t: instants.
-        start: attitude of body 1 at the first instant, (3, 3), in the plane its angle [rad].
-        psi_0: hinge angle at the first instant.
         tol: largest error [rad]; None: one step for each interval.
 
     Raises:
         ArgumentError: a result overflows.
     """
 
-    def __init__(
-        self,
-        integrals: tuple[AttitudeIntegral | AngleIntegral, AngleIntegral],
-        t: Array,
-        start: Array | float,
-        psi_0: float,
-        tol: float | None,
-    ) -> None:
-        self._integrals = integrals
-        self._steps, self._errors = select_steps(integrals, t, tol)
-        turning, hinge = integrals
-        begin: Any = start if isinstance(start, float) else matrix_to_quaternion(start)
-        self._values = turning.integrate(self._steps, begin), hinge.integrate(self._steps, psi_0)
-        #: unit quaternions of body 1, without a jump of sign, or its angles [rad]; and hinge angles [rad]
-        self.attitudes, self.psi = (self._steps.at_instants(rows) for rows in self._values)
+    def __init__(self, integrals: Sequence[Integral], t: Array, tol: float | None) -> None:
+        self._integrals, self._steps = integrals, select_steps(integrals, t, tol)
+        self._values = [one.accumulated(one.changes(self._steps)) for one in integrals]
+        for one, values in zip(integrals, self._values, strict=True):
+            if not np.isfinite(values[-1]).all():
+                finite = np.isfinite(self._steps.at_instants(values)).reshape(len(t), -1).all(axis=1)
+                first = int(np.argmin(finite))
+                got = f"overflow between the instants {first - 1} and {first}"
+                raise ArgumentError(one.name, "a rate that turns by a finite angle in each step", got)
+        #: unit quaternions of body 1, without a jump of sign; and hinge angles [rad]
+        self.quats, self.psi = map(self._steps.at_instants, self._values)
         #: number of steps
         self.steps = self._steps.step_count
 
     @functools.cached_property
     def error(self) -> float:
         """Estimate of the largest error of the attitude [rad]."""
-        return min(self._estimate(0), np.pi)
+        return min(estimate_error(self._integrals[0], self._steps, self._values[0]), np.pi)
 
     @functools.cached_property
     def psi_error(self) -> float:
         """Estimate of the largest error of psi [rad]."""
-        return self._estimate(1)
-
-    def _estimate(self, k: int) -> float:
-        integral = self._integrals[k]
-        return estimate_error(integral, self._steps, self._values[k], self._errors.get(integral))
+        return estimate_error(self._integrals[1], self._steps, self._values[1])
 
 
 METHODS: Final = ("magnus6",)  # of integration
@@ -93,24 +81,19 @@ RATE_FRAME_NAMES: Final = ("world", "body")  # axes in which omega1 and alpha1 m
 
 RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
 
-# Arguments that give rates, by input of a pair's program.
-_RATES: Final = {
-    **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
-    **{"psid": "psid", "psidd": "psidd"},
-}
+_RATES: Final = {"omega1", "alpha1", "psid", "psidd"}  # arguments
 # Forms of the argument R1 that give an input of a plan, for messages.
 _R1_FORMS: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 
 
 def integrate(
-    pair: HingePair | PlanarPair,
+    pair: HingePair,
     t: ArrayLike,
     omega1: RateArgument,
     psid: RateArgument,
     *,
     R1: Any = None,
     S1_0: ArrayLike | None = None,
-    phi_0: float | None = None,
     psi_0: float = 0.0,
     method: str = "magnus6",
     frame: str = "world",
@@ -132,8 +115,7 @@ def integrate(
       since 1970 as floats are rounded to 2.4e-7 s: give datetime64 or integer nanoseconds.)
 
     Args:
-        pair: a HingePair; or a PlanarPair, whose omega1 and alpha1 are numbers like psid, and whose R1, v1 and a1
-            have two components.
+        pair: a HingePair; `to_spatial()` makes one of a PlanarPair.
         t: instants, increasing; shape (N,): seconds (floats), datetime64, or nanoseconds since 1970 (integers).
         omega1: angular velocity of body 1 [rad/s].
         psid: hinge rate psi' [rad/s].
@@ -142,10 +124,9 @@ def integrate(
             a tuple (R1, v1) or (R1, v1, a1) of arrays, or a callable that returns one. If R1 is not constant and v1
             (or a1) is not given, v2 (or a2) of the result is None.
         S1_0: attitude of body 1 at t[0], body to world; shape (3, 3); the identity by default.
-        phi_0: in place of S1_0, the angle of body 1 of a PlanarPair at t[0] [rad]; 0 by default.
         psi_0: hinge angle at t[0] [rad]; 0 by default.
         method: "magnus6", a Magnus series of order 6 from omega1 at three times in each step, the only one.
-        frame: axes of omega1 and alpha1: "world" (the default), or "body" of a HingePair.
+        frame: axes of omega1 and alpha1: "world" (the default) or "body".
         tol: largest allowed error of the attitude and of psi at any instant [rad]. By default, each interval of t is
             one step, and the error has no limit. With tol, steps are divided until the error is small enough, of a
             callable into at least about 500 in all. A jump or a kink of a callable costs about sixty further steps,
@@ -160,7 +141,6 @@ def integrate(
     Returns:
         A `Trajectory`: the instants `.t`, the attitude of body 1 (`.S1`, `.quat_wxyz`), `.psi`, the outputs, such as
         `.R2`, and estimates of the largest error at any instant, `.error_estimate` and `.psi_error_estimate` [rad].
-        Of a PlanarPair, a `PlanarTrajectory`, with the angle `.phi` of body 1.
 
     Raises:
         ArgumentError: an argument cannot be used, a rate is not finite, or tol is not reached. A
@@ -178,57 +158,50 @@ def integrate(
     >>> round(float(motion.psi[-1]), 9)
     1.0
     """
-    instants = instants_of("t", t)
-    planar = isinstance(pair, PlanarPair)
-    if not planar:
-        check_pair(pair)
+    check_pair(pair)
     check_choice("method", method, METHODS)
-    check_choice("frame", frame, RATE_FRAME_NAMES[:1] if planar else RATE_FRAME_NAMES)
-    other, unused = ("S1_0", S1_0) if planar else ("phi_0", phi_0)
-    if unused is not None:
-        raise ArgumentError(other, f"None for a {type(pair).__name__}", quoted(unused))
+    check_choice("frame", frame, RATE_FRAME_NAMES)
     if tol is not None and not finite_number("tol", tol) > 0:
         raise ArgumentError("tol", "a positive number", tol)
+    instants = instants_of("t", t)
     execution = execution_of_steps(backend, len(instants))
-    start: Any = finite_number("phi_0", phi_0 or 0.0)
-    if not planar:
-        start = np.eye(3) if S1_0 is None else one_constant("S1_0", S1_0, 3, 3)
-        check_rotation("S1_0", start)
+    start = np.eye(3) if S1_0 is None else one_constant("S1_0", S1_0, 3, 3)
+    check_rotation("S1_0", start)
     rates = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
     signals = {
-        name: read_signal(name, value, instants, () if planar or name in {"psid", "psidd"} else (3,))
+        name: read_signal(name, value, instants, () if name in {"psid", "psidd"} else (3,))
         for name, value in rates.items()
         if value is not None or name in {"omega1", "psid"}
     }
-    size = 2 if planar else 3
-    points = read_position(np.zeros(size) if R1 is None else R1, instants, size)
+    points = read_position(np.zeros(3) if R1 is None else R1, instants)
     names = _checked_outputs(constants_of(pair), outputs, signals.keys() | points.keys())
-    interpolate([signals[name] for name in ("omega1", "psid") if isinstance(signals[name], SampledSignal)])
-    turning: AttitudeIntegral | AngleIntegral = AngleIntegral("omega1", signals["omega1"], execution)
-    if not planar:
-        turning = AttitudeIntegral("omega1", signals["omega1"], execution, frame == "body")
-    integrals = turning, AngleIntegral("psid", signals["psid"], execution)
-    solution = Solution(integrals, instants, start, finite_number("psi_0", psi_0), tol)
+    sampled = [one for name in ("omega1", "psid") if isinstance(one := signals[name], SampledSignal)]
+    interpolate(sampled)
+    quat, angle = matrix_to_quaternion(start), finite_number("psi_0", psi_0)
+    turning = AttitudeIntegral("omega1", signals["omega1"], execution, quat, frame == "body")
+    solution = Solution((turning, AngleIntegral("psid", signals["psid"], execution, angle)), instants, tol)
     if tol is not None and not (left := float(np.maximum(solution.error, solution.psi_error))) <= tol:
         each = f"omega1 leaves {solution.error:.2g}, psid leaves {solution.psi_error:.2g}"
         raise ArgumentError("tol", f"at least the error that is left, {left:.2g} rad ({each})", tol)
-    fields: dict[str, Any] = {
-        "t": read_only(instants),
-        "psi": read_only(solution.psi),
-        "R1": read_only(np.broadcast_to(points["R1"], (len(instants), size))),
-        "state": _state(pair, frame, execution, instants, signals, points, solution, names),
-        "pair": pair,
-        "method": method,
-        "steps": solution.steps,
-        "_solution": solution,
-    }
-    if planar:
-        phi = solution.attitudes
-        quats = np.stack((np.cos(phi / 2), 0 * phi, 0 * phi, np.sin(phi / 2)), axis=-1)
-        trajectory: Trajectory = PlanarTrajectory(**fields, phi=read_only(phi), quat_wxyz=read_only(quats))
-    else:
-        trajectory = Trajectory(**fields, quat_wxyz=read_only(solution.attitudes))
-    if any(isinstance(signals[name], SampledSignal) for name in ("omega1", "psid")):
+    inputs = {**points, "psi": solution.psi}
+    if names:
+        inputs["S1"] = quaternions_to_matrices(solution.quats)
+    for name in _needed_inputs(constants_of(pair), names) & _RATES:
+        inputs[name] = signals[name].values_at(instants)
+        if frame == "body" and name in {"omega1", "alpha1"}:
+            inputs[name] = rotate_to_world(inputs["S1"], inputs[name])
+    trajectory = Trajectory(
+        t=read_only(instants),
+        psi=read_only(solution.psi),
+        quat_wxyz=read_only(solution.quats),
+        R1=read_only(np.broadcast_to(points["R1"], (len(instants), 3))),
+        state=_state(constants_of(pair), names, inputs, execution),
+        pair=pair,
+        method=method,
+        steps=solution.steps,
+        _solution=solution,
+    )
+    if sampled:
         warn_of_measurements(_instant_doubts(trajectory))
     return trajectory
 
@@ -245,47 +218,27 @@ def _instant_doubts(trajectory: Trajectory) -> list[str]:
     return suspicions("sampled motion", "t", np.stack((t, angle), axis=-1))
 
 
-def _state(
-    pair: HingePair | PlanarPair,
-    frame: str,
-    execution: Execution,
-    t: Array,
-    signals: Mapping[str, Signal],
-    points: Mapping[str, NDArray[Any]],
-    solution: Solution,
-    outputs: tuple[str, ...],
-) -> Any:
-    """Return the requested outputs at all instants t as a `PairState` or `PlanarState`."""
-    constants, psi = constants_of(pair), solution.psi
+def _state(pair: Constants, outputs: tuple[str, ...], inputs: Mapping[str, Any], execution: Execution) -> Any:
+    """Return the outputs at all instants as a `PairState`."""
+    result, shape = STATES[pair.kind], inputs["psi"].shape
     if not outputs:
-        return STATES[constants.kind]({}, psi.shape)
-    needed, inputs = _needed_inputs(constants, outputs), {**points, "psi": psi}
-    if constants.kind.planar:
-        inputs["phi1"] = solution.attitudes
-    else:
-        inputs["S1"] = quaternions_to_matrices(solution.attitudes)
-    for name in needed & _RATES.keys():
-        inputs[name] = signals[_RATES[name]].values_at(t)
-        if frame == "body" and name in {"omega1", "alpha1"}:
-            inputs[name] = rotate_to_world(inputs["S1"], inputs[name])
-    inputs = {name: inputs[name] for name in inputs if name in needed}
-    computation = computation_of(constants, outputs, result=STATES[constants.kind])
-    call = computation.call(tuple(inputs), execution.backend)
-    return call.run(inputs, {"t": psi.shape}, workers=execution.workers)
+        return result({}, shape)
+    needed = {name: inputs[name] for name in inputs if name in _needed_inputs(pair, outputs)}
+    call = computation_of(pair, outputs, result=result).call(tuple(needed), execution.backend)
+    return call.run(needed, {"t": shape}, workers=execution.workers)
 
 
 def _needed_inputs(pair: Constants, outputs: tuple[str, ...]) -> set[str]:
     """Return the names of the inputs that outputs need, the constants of the pair apart."""
-    computation, attitude = computation_of(pair, outputs), "phi1" if pair.kind.planar else "S1"
-    return {name for one in outputs for name in computation.missing_inputs(one, ())} | {attitude, "psi"}
+    computation = computation_of(pair, outputs)
+    return {name for one in outputs for name in computation.missing_inputs(one, ())} | {"S1", "psi"}
 
 
 def _checked_outputs(pair: Constants, outputs: Outputs, arguments: Set[str]) -> tuple[str, ...]:
     """Return the names of the outputs, all of body 2 for which the `arguments` suffice if `outputs` is None; refuse
     those that need more.
     """
-    available = {"S1", "phi1", "psi"} | arguments
-    available |= {name for name, argument in _RATES.items() if argument in arguments}
+    available = {"S1", "psi"} | arguments
     if outputs is None:
         default = pair.kind.default_outputs(ACCELERATION)
         return tuple(name for name in default if _needed_inputs(pair, (name,)) <= available)
@@ -294,5 +247,5 @@ def _checked_outputs(pair: Constants, outputs: Outputs, arguments: Set[str]) -> 
         for missing in sorted(_needed_inputs(pair, (name,)) - available):
             expected = f"{_R1_FORMS.get(missing, 'a value')}, since output {name} needs it"
             got = f"no {missing}" if missing in _R1_FORMS else None
-            raise ArgumentError(_RATES.get(missing, "R1"), expected, got)
+            raise ArgumentError("R1" if missing in _R1_FORMS else missing, expected, got)
     return names

@@ -221,8 +221,8 @@ def _call_with_times(name: str, function: Callable[[Array], Any], times: Array) 
         raise ArgumentError(name, expected, f"{type(error).__name__}: {error}") from error
 
 
-def read_position(R1: Any, t: NDArray[np.float64], size: int) -> dict[str, NDArray[Any]]:
-    """Return the arrays R1 and, as far as they are known, v1 and a1, each of shape (size,) or (N, size).
+def read_position(R1: Any, t: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+    """Return the arrays R1 and, as far as they are known, v1 and a1, each of shape (3,) or (N, 3).
     `R1` is a point, which is at rest; points at t; a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns
     one of these.
     """
@@ -239,11 +239,11 @@ def read_position(R1: Any, t: NDArray[np.float64], size: int) -> dict[str, NDArr
         if value is None:
             raise ArgumentError(label, "a point, points, or (R1, v1, a1)", None)
         points = real_array(label, value)
-        if points.shape not in {(size,), (len(times), size)}:
-            raise ShapeError(label, f"shape ({size},) or {(len(times), size)}", f"shape {points.shape}")
+        if points.shape not in {(3,), (len(times), 3)}:
+            raise ShapeError(label, f"shape (3,) or {(len(times), 3)}", f"shape {points.shape}")
         found[key] = points if points.ndim == 1 else points[: len(t)]
     if name in parts and found["R1"].ndim == 1:  # one point, at rest
-        found |= {"v1": np.zeros(size), "a1": np.zeros(size)}
+        found |= {"v1": np.zeros(3), "a1": np.zeros(3)}
     return found
 
 

@@ -17,7 +17,7 @@ from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK
 from hingepair.mechanism.tree import Joint
 from hingepair.motion.simulated import SimulatedMotion, SimulatedRobotMotion
-from hingepair.motion.trajectory import PlanarTrajectory, Trajectory
+from hingepair.motion.trajectory import Trajectory
 from hingepair.numeric.arrays import is_table, real_array
 from hingepair.scenes.motions.known import PSI, Known
 from hingepair.scenes.motions.motion import MotionSource
@@ -89,13 +89,13 @@ def moving(
         pair = source.pair
         known = Known(PSI, len(source.t), ((source.psi,), (source.psid,), (source.psidd,)), source.body1)
         return Moving(pair, pair.name, source.t, known, arrays=source.recorded())
-    if isinstance(source, Trajectory) and not isinstance(source, PlanarTrajectory):
+    if isinstance(source, Trajectory):
         body1 = BodyMotion(R=source.R1, S=source.S1)
         known = Known(PSI, len(source.t), ((source.psi,),), body1)
         return Moving(source.pair, source.pair.name, source.t, known, arrays=source.recorded())
     if isinstance(source, HingePair):
         return _swept(source)
-    expected = "a pair in space, a scene, its result, or a trajectory in space"
+    expected = "a pair in space, a scene, its result, or a trajectory"
     raise ArgumentError("source", expected, type(source).__name__)
 
 
