@@ -62,7 +62,7 @@ def test_what_the_file_lacks_is_not_there(tmp_path):
     assert pose.evaluate().state.outputs == ("R2", "S2", "d")
     assert pose.evaluate().v2 is None
     assert ("first derivatives of the coordinates", "the motion does not give them") in pose.plan().skipped
-    with pytest.raises(hp.ArgumentError, match=r"one of R2, S2, d, R1, S1, q, psi, quat1, quat2; .*smooth.* 'v2'"):
+    with pytest.raises(hp.ArgumentError, match=r"one of R2, S2, d, R1, S1, psi, q, quat1, quat2; .*smooth.* 'v2'"):
         pose.evaluate(("R2", "v2"))
     with pytest.raises(hp.SceneError, match=r"my\.toml: outputs\.names: .* got 'omega1'"):
         scene_of(tmp_path, some(columns, "t", *EULER), '[outputs]\nnames = ["omega1"]\n')

@@ -80,7 +80,7 @@ def test_coordinates_are_results(tmp_path):
     np.testing.assert_array_equal(result.qd[:, 3:], np.tile([3.0, 1, 5, 10], (11, 1)))
     assert (result.q.shape, result.qdd.shape, result.psidd.shape) == ((11, 7), (11, 7), (11,))
     named = scene.evaluate(("R2", "psi", "qd", "v1"))
-    assert list(named.recorded())[:4] == ["R2", "v1", "psi", "phid_x"]
+    assert list(named.recorded())[:4] == ["R2", "psi", "phid_x", "phid_y"]
     assert set(named.recorded()) == {"R2", "v1", "x", "y", "z", "phi_x", "phi_y", "phi_z"} | {
         *("psi", "phid_x", "phid_y", "phid_z", "psid")
     }

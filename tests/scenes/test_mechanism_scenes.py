@@ -266,7 +266,7 @@ def test_what_a_motion_lacks_is_refused_where_it_is_needed(tmp_path: Path) -> No
     (tmp_path / "log.csv").write_text("t,boom\n0,0\n1,1\n2,1\n")
     scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\n")
     assert list(scene.evaluate().requested_arrays()) == ["R_ram", "S_ram", "boom"]
-    with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of R, S, d, quat, q; .*smooth.*got 'v'"):
+    with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of R, S, d, quat, q, .*smooth.*got 'v'"):
         scene.evaluate(("v",))
     with pytest.raises(hp.ArgumentError, match="scene: expected a motion with accelerations"):
         scene.forces()

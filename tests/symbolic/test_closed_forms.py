@@ -12,7 +12,7 @@ import pytest
 import sympy
 
 import hingepair as hp
-from hingepair.scenes.subjects.pair import PairSubject
+from hingepair.scenes.subject import Subject
 from hingepair.symbolic.exact import exact, exact_axis
 from support.commands import run_command
 
@@ -176,7 +176,7 @@ def test_constants_stay_letters_in_the_pair_too(tmp_path):
     R2 = hp.derive(found, ("reach",)).R2
     assert R2.free_symbols == {T, reach}
     assert sympy.expand(R2.subs(reach, sympy.Rational(1, 4)) - hp.derive(found).R2) == sympy.zeros(2, 1)
-    other = replace(found, subject=PairSubject(hp.PlanarPair(u1=(1, 2), u2=(3, 4))))
+    other = replace(found, subject=Subject(hp.PlanarPair(u1=(1, 2), u2=(3, 4))))
     assert not hp.derive(other, ("reach",)).R2.has(reach)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.scenes.subjects.pair import PairSubject
+from hingepair.scenes.subject import Subject
 from hingepair.validation.cross_validate import compare_rates
 from hingepair.validation.report import MAX_LOAD_RATIO
 
@@ -163,7 +163,7 @@ def test_loads_of_another_pair_are_no_loads_of_this_motion(scenes, harm):
     scene = scenes(SPACE, "free")
     motion = scene.motion.simulated
     assert all(row.ok for row in scene.cross_validate().forces)
-    harmed = PairSubject(HARM[harm](scene.pair))
+    harmed = Subject(HARM[harm](scene.pair))
     other = with_simulated(replace(scene, subject=harmed), robot=harmed.robot)
     assert not all(row.ok for row in other.cross_validate().forces)
     assert not any(row.ok for row in replace(scene, gravity=(0, 0, -9.8)).cross_validate().forces[:3])

@@ -12,7 +12,7 @@ from hingepair.cli.output import check_output, write_text
 from hingepair.cli.sources import read_source
 from hingepair.errors import ArgumentError, HingePairError
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.scenes.subjects.pair import FURTHER_OUTPUTS
+from hingepair.scenes.subject import FURTHER_OUTPUTS
 
 _DERIVED = ("omega1", "R2", "S2", "phi2", "v2", "omega2", "a2", "alpha2")
 """Outputs that are derived unless --outputs or the scene names others, as far as the pair has them."""

@@ -31,7 +31,6 @@ from hingepair.pictures.curves import (
 from hingepair.pictures.mechanism_plot import plot_mechanism
 from hingepair.pictures.moving import Array, Moving, Shown, moving
 from hingepair.plans.pairs import point_outputs, unit_among
-from hingepair.scenes.subjects.pair import PAIR_FORCES
 from hingepair.tables.units import Columns, Units
 
 if TYPE_CHECKING:
@@ -166,12 +165,8 @@ def _collect_outputs(shown: Moving, outputs: tuple[str, ...], collector: CurveCo
     if shown.scene is None:
         collector.add_piece(shown.t, len(shown.t), _chosen(shown.arrays, outputs))
         return
-    forces = [name for name in outputs if name in PAIR_FORCES]
-    if others := [name for name in outputs if name not in PAIR_FORCES]:
-        for part in shown.scene.blocks(others):
-            collector.add_piece(part.t, len(shown.t), part.requested_arrays())
-    if forces:
-        collector.add_piece(shown.t, len(shown.t), shown.scene.arrays(forces))
+    for part in shown.scene.blocks(outputs):
+        collector.add_piece(part.t, len(shown.t), part.requested_arrays())
 
 
 def _collect_motion(shown: Moving, pair: HingePair, collector: CurveCollector) -> tuple[str, ...]:

@@ -98,7 +98,7 @@ def derive(
     if frame is not None:
         raise ArgumentError("frame", "a robot, whose frame it is", quoted(scene_or_pair))
     if isinstance(scene_or_pair, Scene):
-        scene, pair = scene_or_pair, scene_or_pair.require_pair().pair
+        scene, pair = scene_or_pair, scene_or_pair.subject.pair
         names = _symbolic_names(symbolic, pair, scene.constants)
         symbolic_constants = tuple(name for name in names if name in scene.constants)
         motion = dict.fromkeys(scene.expressions, exact(0))  # body 1 may rest

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.equations.quantities import ACCELERATION
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.mechanism import tree_of
@@ -192,15 +191,15 @@ class SceneForces(Record):
 
 
 def scene_forces(
-    scene: Any, arrays: dict[str, NDArray[Any]], gravity: tuple[float, ...], *, assumed: bool
+    scene: Any, known: Known, arrays: dict[str, NDArray[Any]], gravity: tuple[float, ...], *, assumed: bool
 ) -> SceneForces:
-    """Return the forces `arrays` of a Scene, computed with `gravity`, as `Scene.forces` describes them; `assumed`
-    says whether nobody gave it.
+    """Return the forces `arrays` of a Scene along its known motion, computed with `gravity`, as `Scene.forces`
+    describes them; `assumed` says whether nobody gave it.
     """
     subject, motion, t = scene.subject, scene.motion, scene.t
     dynamics = scene.tables.table("dynamics", required=False)
     notes = [*non_finite_sentences(arrays)]
-    known = motion.source.part(slice(None), ACCELERATION)
+    tau: Any = arrays.pop("tau", None)
     columns = known.joint_columns(0) | arrays
     if motion.simulated is not None:
         notes += impact_sentences(motion.simulated.impacts, {joint.name: joint.unit for joint in subject.joints})
@@ -215,8 +214,6 @@ def scene_forces(
     if subject.mechanism is None:
         notes += _torque_limit_sentences(subject.pair, t, arrays)
         return SceneForces(scene, columns, gravity=gravity[: subject.dimensions], notes=tuple(notes))
-    efforts = [arrays[f"tau_{name}"] for name in subject.names]
-    tau = np.stack(efforts, axis=-1) if efforts else np.zeros((len(t), 0))
     loads = tuple(_summarize_joint(joint, i, t, known, tau[:, i]) for i, joint in enumerate(subject.joints))
     for load in loads:
         notes += _effort_limit_sentences(load, len(t))

@@ -17,9 +17,7 @@ from hingepair.scenes.motions.dynamics import Dynamics, link_wrenches, read_dyna
 from hingepair.scenes.motions.functions import read_function_motion
 from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.scene import Scene
-from hingepair.scenes.subjects.either import Subject
-from hingepair.scenes.subjects.mechanism import MechanismSubject
-from hingepair.scenes.subjects.pair import PairSubject
+from hingepair.scenes.subject import Subject
 from hingepair.scenes.suspicions import file_suspicions
 from hingepair.scenes.tables import Table, read_let, read_tables
 from hingepair.symbolic.expressions import constant_name_fault, parse_constant
@@ -78,8 +76,8 @@ def scene_from_tables(
     elif motion.simulated is None:
         motion = replace(motion, loads=dynamics.loads, wrenches=link_wrenches(subject, dynamics))
     simulated = motion.simulated
-    if simulated is not None and isinstance(subject, MechanismSubject):
-        subject = MechanismSubject(simulated.robot, subject.frames)
+    if simulated is not None and subject.mechanism is not None:
+        subject = Subject(simulated.robot, subject.frames)
     scene = Scene(
         path=path,
         title=tables.text("title", default=subject.name),
@@ -113,14 +111,14 @@ def _read_again(tables: Table, path: Path, subject: Subject | None, motion: Moti
 def read_subject(tables: Table, folder: Path) -> Subject:
     """Return what moves in a scene."""
     if not is_of_mechanism(tables):
-        return PairSubject(read_pair(tables))
+        return Subject(read_pair(tables))
     mechanism = tables.table("mechanism", required=False)
     for key, now in _BEFORE.items():
         if key in mechanism.values:
             mechanism.refuse(key, now, "a key of [mechanism]")
     base = tables.table("dynamics", required=False).values.get("base")
     robot = read_mechanism(tables, folder, base="free" if base == "free" else "fixed")
-    return MechanismSubject(robot, tuple(mechanism.table("frames", required=False).values) or robot.tips)
+    return Subject(robot, tuple(mechanism.table("frames", required=False).values) or robot.tips)
 
 
 def _read_motion(tables: Table, folder: Path, subject: Subject, dynamics: Dynamics) -> Motion:

@@ -20,7 +20,7 @@ from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, VELOCITY
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS, HingeLoad, stop_range
+from hingepair.mechanism.bodies.hinge_load import HingeLoad, stop_range
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
@@ -34,10 +34,7 @@ from hingepair.scenes.forces import SceneForces, scene_forces
 from hingepair.scenes.motions.known import Known, Rows
 from hingepair.scenes.motions.motion import Motion, limit_sentences
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers
-from hingepair.scenes.subjects.either import Subject
-from hingepair.scenes.subjects.mechanism import MechanismSubject
-from hingepair.scenes.subjects.pair import PairSubject
-from hingepair.scenes.subjects.subject import Acting, Computed
+from hingepair.scenes.subject import Acting, Computed, Request, Subject, order_of
 from hingepair.scenes.tables import Table
 from hingepair.tables.sheets import instant_text
 from hingepair.tables.units import SI, Columns, Units, UnitsLike
@@ -100,15 +97,12 @@ class SceneResult(Frozen, Result):
     scene: Scene
     #: the motion at the instants
     known: Known
-    #: the requested outputs
-    requested: Any
     #: the states and forces
     computed: Computed
     #: index of the first instant; 0 except in blocks
     first: int = 0
     _names_hidden_from_dir: ClassVar[frozenset[str]] = Result._names_hidden_from_dir | {
-        *("computed", "energy_balance", "first", "known", "requested"),
-        "requested_arrays",
+        *("computed", "energy_balance", "first", "known", "requested_arrays"),
     }
 
     @property
@@ -136,7 +130,7 @@ class SceneResult(Frozen, Result):
 
     def requested_arrays(self) -> dict[str, NDArray[Any]]:
         """Return the requested outputs by name; shape (samples, ...). Coordinates are named like columns of a log."""
-        return self.scene.subject.arrays(self.requested, self.known, self.computed)
+        return self.computed.arrays
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return the requested outputs and the coordinates by name; shape (samples, ...)."""
@@ -205,7 +199,8 @@ class Scene:
     @property
     def pair(self) -> HingePair | PlanarPair | None:
         """The HingePair, or for a planar scene the PlanarPair; None in the scene of a mechanism."""
-        return self.subject.pair
+        pair: HingePair | PlanarPair | None = self.subject.pair
+        return pair
 
     @property
     def mechanism(self) -> Mechanism | None:
@@ -213,21 +208,16 @@ class Scene:
         return self.subject.mechanism
 
     @property
-    def mechanism_only(self) -> Mechanism:
-        """The mechanism; an ArgumentError in the scene of a pair."""
-        if self.mechanism is None:
-            raise ArgumentError("scene", "the scene of a mechanism", "the scene of a pair")
-        return self.mechanism
-
-    @property
     def frames(self) -> tuple[str, ...]:
         """Frames of a mechanism that are computed by default; none of a pair."""
-        return self.subject.frames if isinstance(self.subject, MechanismSubject) else ()
+        return self.subject.frames
 
     @property
     def space(self) -> HingePair:
-        """The pair as a HingePair."""
-        return self.require_pair().space
+        """The pair as a HingePair; a SceneError in the scene of a mechanism."""
+        if self.pair is None:
+            self.tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
+        return self.subject.space
 
     @property
     def sequence(self) -> str | None:
@@ -238,12 +228,6 @@ class Scene:
     def dimensions(self) -> int:
         """Number of components of a vector such as gravity."""
         return self.subject.dimensions
-
-    def require_pair(self) -> PairSubject:
-        """Return what moves if it is a pair; otherwise raise a SceneError."""
-        if not isinstance(self.subject, PairSubject):
-            self.tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
-        return self.subject
 
     def coordinates(self) -> JointCoordinates:
         """Return (q, qd, qdd) of the joints at all instants, each of shape (samples, dof); psi of a pair."""
@@ -370,8 +354,8 @@ class Scene:
 
                 Of a pair in space: R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, and the
                 quaternions quat1, quat2; in the plane: R2, phi2, d, v2, omega2, a2, alpha2; in both: the coordinates
-                q, qd, qdd, psi, psid, psidd, and of a point tip, its position, velocity and acceleration: tip, tip_v,
-                tip_a.
+                q, qd, qdd, psi, psid, psidd; of a point tip, its position, velocity and acceleration: tip, tip_v,
+                tip_a; and with masses the forces that `forces` lists, such as hinge_torque.
 
                 Of a robot: R, S, quat, d, v, omega, a or alpha for all frames of the scene; the name of a link, a
                 joint or another frame for all motion of it; a name such as R_tool for one quantity of one frame; q,
@@ -410,17 +394,21 @@ class Scene:
             rows = slice(start, start + RESULT_ROWS_PER_BLOCK)
             yield self._evaluated(rows, request, min(self.motion.level, VELOCITY))
 
-    def request(self, outputs: Iterable[str] | None) -> Any:
+    def request(self, outputs: Iterable[str] | None) -> Request:
         """Return what `evaluate` computes for these outputs; raise an ArgumentError for unknown ones, or for outputs
         that need derivatives that the motion lacks.
         """
         return self.subject.request(self.outputs if outputs is None else outputs, self.motion)
 
-    def _evaluated(self, rows: Rows, request: Any, min_order: int = 0) -> SceneResult:
-        known = self.known(rows, max(self.subject.order(request, self.motion.level), min_order))
+    def arrays(self, outputs: Iterable[str] | None = None) -> dict[str, NDArray[Any]]:
+        """Return outputs by name; shape (samples, ...)."""
+        return self.evaluate(outputs).requested_arrays()
+
+    def _evaluated(self, rows: Rows, request: Request, min_order: int = 0) -> SceneResult:
+        known = self.known(rows, max(order_of(request), min_order))
         computed = self.subject.compute(request, known, self._acting(rows), self.backend)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
-        return SceneResult(self.motion.t[rows], self, known, request, computed, first)
+        return SceneResult(self.motion.t[rows], self, known, computed, first)
 
     def _acting(self, rows: Rows, gravity: tuple[float, ...] | None = None) -> Acting:
         return Acting(self.motion, rows, self.gravity if gravity is None else gravity)
@@ -431,50 +419,22 @@ class Scene:
         Args:
             outputs: as for `evaluate`.
         """
-        names, counts, order = self.subject.plan(self.request(outputs), self.motion)
-        level = self.motion.level
-        operations = OperationCounts(*map(sum, zip((0, 0, 0), *counts, strict=True)))
+        request, level = self.request(outputs), self.motion.level
+        names = tuple(item.name for item in request if item.of in ("state", "force"))
+        operations = OperationCounts(
+            *map(sum, zip((0, 0, 0), *self.subject.operations(request, self.motion), strict=True))
+        )
         reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
-        skipped = [(f"{('first', 'second')[i]} derivatives of the coordinates", reasons[i]) for i in range(order, 2)]
+        skipped = [
+            (f"{('first', 'second')[i]} derivatives of the coordinates", reasons[i])
+            for i in range(order_of(request), 2)
+        ]
         if operations.folded:
             known_results = "their results are known, such as products with 0 or 1"
             skipped.append((f"{operations.folded} operations", known_results))
         if operations.shared:
             skipped.append((f"operations at each instant: {operations.shared}", "they depend on constants only"))
         return ScenePlan(names, operations, tuple(skipped))
-
-    def check_arrays(self, outputs: Iterable[str]) -> None:
-        """Raise an ArgumentError for outputs that `arrays` does not compute."""
-        names = tuple(outputs)
-        moving = tuple(name for name in names if name not in self.subject.force_names)
-        if moving:
-            self.request(moving)
-
-    def arrays(self, outputs: Iterable[str] | None = None) -> dict[str, NDArray[Any]]:
-        """Return outputs by name, those of `forces` too; shape (samples, ...)."""
-        if outputs is None:
-            return self.evaluate().requested_arrays()
-        names, of_forces = tuple(outputs), self.subject.force_names
-        self.check_arrays(names)
-        moving = [name for name in names if name not in of_forces]
-        arrays = self.evaluate(moving).requested_arrays() if moving else {}
-        if len(moving) < len(names):
-            if self.motion.level < ACCELERATION:
-                self.tables.refuse("motion", "a motion with accelerations, which forces need", self.motion.origin)
-            forces = self._force_arrays()
-            for name in names:
-                if name in of_forces and name not in forces:
-                    needed = "masses of body 1, as in [pair.body1] mass = 2.0" if name.endswith("1") else ""
-                    if name.removesuffix("_torque") in TORQUE_PARTS:
-                        needed = f"a load in [dynamics.psi] whose part {name} is"
-                    self.tables.refuse("pair", needed or f"a pair in space, which {name} needs", "none")
-                arrays |= {name: forces[name]} if name in of_forces else {}
-        return arrays
-
-    def _force_arrays(self, gravity: tuple[float, ...] | None = None) -> dict[str, NDArray[Any]]:
-        """Return the forces that the motion requires at all instants."""
-        rows = slice(None)
-        return self.subject.forces(self.known(rows, ACCELERATION), self._acting(rows, gravity))
 
     def unit(self, name: str) -> str:
         """Return the unit of an output, or of one of its components such as R2_x."""
@@ -546,7 +506,11 @@ class Scene:
             expected = f"a motion with accelerations, which forces need{motion.hint}"
             raise ArgumentError("scene", expected, motion.origin)
         assumed = gravity is None and not self.has_own_gravity
-        return scene_forces(self, self._force_arrays(fall), fall, assumed=assumed)
+        known, acting = self.known(slice(None), ACCELERATION), self._acting(slice(None), fall)
+        arrays = self.subject.forces(known, acting)
+        struts = tuple(item for item in self.subject.items.values() if item.of == "strut" and item.quantity != "rate")
+        arrays |= self.subject.compute(struts, known, acting, self.backend).arrays
+        return scene_forces(self, known, arrays, fall, assumed=assumed)
 
     def energy_balance(self) -> EnergyBalance:
         """Compute the energy balance of a motion that [dynamics] simulates: the work of each load since the first
@@ -638,7 +602,7 @@ def scene_of_simulation(found: SimulatedRobotMotion) -> Scene:
     from hingepair.scenes.motions.dynamics import simulated_motion
 
     robot = found.robot
-    subject = MechanismSubject(robot, found.state().frames)
+    subject = Subject(robot, found.state().frames)
     return Scene(
         path=Path(robot.name), title=found.described, subject=subject, motion=simulated_motion(subject, found, {}),
         outputs=None, constants={}, files=(), tables=Table(robot.name, "", {}, {}), gravity=found.gravity,

@@ -30,8 +30,7 @@ from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.motions.functions import read_base, read_functions
 from hingepair.scenes.motions.known import PSI, RATE_SUFFIXES, EulerBase, Known
 from hingepair.scenes.motions.motion import LazyValue, Motion, impact_sentences, read_instants
-from hingepair.scenes.subjects.either import Subject
-from hingepair.scenes.subjects.mechanism import MechanismSubject
+from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 from hingepair.symbolic.expressions import number, parse_expression
 from hingepair.symbolic.time_functions import TimeFunctions
@@ -115,13 +114,10 @@ def read_dynamics(tables: Table, subject: Subject) -> Dynamics:
             table.refuse(key, now, "a key of [dynamics]")
     names = _variables(subject, table)
     readers = _readers(subject, names)
-    if isinstance(subject, MechanismSubject) and "dynamics" in tables.values:
-        subject.check_joint_names(table, tuple(readers))
-        for key in table.values:
-            if key not in readers and key not in subject.names:
-                subject.refuse_joint(table, key, tuple(readers))
-    own = {key: value for key, value in table.values.items() if key not in subject.names or key in readers}
-    table.check_keys((*readers, *subject.names))
+    if "dynamics" in tables.values:
+        subject.check_joint_names(table, readers)
+        subject.check_keys(table, readers)
+    own = {key: value for key, value in table.values.items() if key in readers}
     options = replace(table, values=own).read(readers)
     moves_base = not motion.values.keys().isdisjoint({*subject.base_names, "file"})
     rest = "free" if subject.pair is not None and simulates(tables, subject) else "fixed"

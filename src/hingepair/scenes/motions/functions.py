@@ -16,8 +16,7 @@ from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.motions.known import PSI, EulerBase, Known, Rows
 from hingepair.scenes.motions.motion import Motion, read_instants
 from hingepair.scenes.motions.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
-from hingepair.scenes.subjects.either import Subject
-from hingepair.scenes.subjects.mechanism import MechanismSubject
+from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import Table, names_in
 from hingepair.symbolic.expressions import Expression, number, parse_expression
 from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
@@ -126,9 +125,7 @@ def base_at(
 def read_function_motion(tables: Table, subject: Subject) -> Motion:
     """Return the Motion that the tables [motion] and [time] define by functions of t."""
     motion = tables.table("motion")
-    if isinstance(subject, MechanismSubject):
-        subject.check_joint_names(motion, ("file", *subject.base_names, "sequence"))
-    subject.check_motion_keys(motion, further=("file",))
+    subject.check_motion_keys(motion)
     base, sequence = read_base(motion, subject)
     joints = read_functions(motion, PSI if subject.pair is not None else subject.moved_by(motion))
     how = "" if subject.pair is None else base_phrase(base, sequence)

@@ -167,10 +167,10 @@ class Known:
         return columns | ({} if order else quaternion_columns(self.body1.S))
 
 
-def quaternion_columns(S: NDArray[Any] | None, digit: str = "") -> dict[str, Float64Array]:
-    """Return the quaternions (qw >= 0) of rotation matrices (N, 3, 3) as columns qx, qy, qz, qw + `digit`, (N,)."""
+def quaternion_columns(S: NDArray[Any] | None, before: str = "q", behind: str = "") -> dict[str, Float64Array]:
+    """Return the quaternions (w >= 0) of rotation matrices (N, 3, 3) as columns such as qx, qy, qz, qw, (N,)."""
     w, x, y, z = matrix_to_quaternion(np.asarray(S, dtype=np.float64)).T
-    return {f"q{letter}{digit}": column for letter, column in zip("xyzw", (x, y, z, w), strict=True)}
+    return {f"{before}{letter}{behind}": column for letter, column in zip("xyzw", (x, y, z, w), strict=True)}
 
 
 def known_by_body1(names: tuple[str, ...], joints: Derivatives, arrays: Mapping[str, NDArray[Any]]) -> Known:

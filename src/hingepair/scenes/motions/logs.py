@@ -20,7 +20,7 @@ from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.scenes.motions.known import RATE_SUFFIXES
-from hingepair.scenes.subjects.either import Subject
+from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import NamedSource, Table
 from hingepair.tables.column_tables import ColumnTable
 from hingepair.tables.instants import gap_sentences, instants_of

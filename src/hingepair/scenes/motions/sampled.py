@@ -27,8 +27,7 @@ from hingepair.scenes.motions.functions import base_at, base_phrase, read_base
 from hingepair.scenes.motions.known import PSI, RATE_SUFFIXES, EulerBase, Known, known_by_body1
 from hingepair.scenes.motions.logs import EULER, HINGE_NAMES, LOG_ARRAYS, POSITION, QUATERNION, Log, Part, log_path
 from hingepair.scenes.motions.motion import LazyValue, Motion
-from hingepair.scenes.subjects.either import Subject
-from hingepair.scenes.subjects.mechanism import MechanismSubject
+from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import Table
 from hingepair.tables.instants import MeasurementWarning, split_at_gaps
 from hingepair.tables.suspicions import suspicions
@@ -51,7 +50,7 @@ def read_log(tables: Table, folder: Path, subject: Subject) -> Motion:
     options: tuple[str, ...] = ("file", "columns", "ignore", "frame", *_SMOOTHING_KEYS)
     pair = subject.pair if isinstance(subject.pair, HingePair) and table.flag("integrate") else None
     integrated = pair is not None
-    if isinstance(subject, MechanismSubject):
+    if subject.mechanism is not None:
         subject.check_joint_names(table, options)
         options = (*options, "sequence", *subject.base_names)
     else:

@@ -266,7 +266,7 @@ def _output_in(scene: Scene, column: str) -> str:
     for count in range(len(parts), 0, -1):
         output = "_".join(parts[:count])
         try:
-            scene.check_arrays((output,))
+            scene.request((output,))
         except ArgumentError as error:
             refusal = refusal or error
         else:

@@ -108,7 +108,7 @@ def read_tolerances(scene: Scene) -> dict[str, Any]:
 
 
 def _point_names(scene: Scene) -> list[str]:
-    return [point.name for point in constants_of(scene.require_pair().pair).points]
+    return [point.name for point in constants_of(scene.space).points]
 
 
 def study_tolerances(scene: Scene, **tolerances: Any) -> ToleranceStudy:

@@ -22,10 +22,7 @@ from hingepair.scenes.motions.functions import FunctionSource, read_function_mot
 from hingepair.scenes.motions.known import Known
 from hingepair.scenes.numbers import keep_motion, number_path, with_numbers
 from hingepair.scenes.scene import Scene
-from hingepair.scenes.subjects.either import Subject
-from hingepair.scenes.subjects.mechanism import MechanismSubject
-from hingepair.scenes.subjects.pair import PairSubject
-from hingepair.scenes.subjects.subject import Acting, Arrays
+from hingepair.scenes.subject import Acting, Arrays, Subject, order_of
 from hingepair.scenes.tables import Table
 from hingepair.scenes.variants.reductions import Touches, check_reductions, reduce_arrays, touches_of
 from hingepair.symbolic.expressions import Expression
@@ -163,7 +160,7 @@ class Variants:
         self.outputs = None if outputs is None else tuple(outputs)
         self.paths = [number_path(entry, scene.tables.values, key) for key in keys]
         if self.outputs is not None:
-            scene.check_arrays(self.outputs)
+            scene.request(self.outputs)
 
     def __reduce__(self) -> tuple[Any, ...]:
         tables = json.dumps(self.scene.tables.values, default=str)  # in the order of the file
@@ -255,18 +252,9 @@ class Variants:
 
     def _arrays(self, subject: Subject, known: Known, names: tuple[str, ...] | None, backend: str = "auto") -> Arrays:
         """Return the outputs, and forces, of a subject along a known motion."""
-        scene = self.scene
-        moving = None if names is None else tuple(name for name in names if name not in subject.force_names)
-        acting = Acting(scene.motion, slice(None), scene.gravity)
-        arrays: Arrays = {}
-        if moving is None or moving:
-            request = scene.request(moving)
-            part = known.part(slice(None), subject.order(request, scene.motion.level))
-            arrays |= subject.arrays(request, part, subject.compute(request, part, acting, backend))
-        if names is not None and len(moving or ()) < len(names):
-            forces = subject.forces(known, acting)
-            arrays |= {name: forces[name] for name in names if name in subject.force_names}
-        return arrays
+        scene, request = self.scene, self.scene.request(names)
+        part = known.part(slice(None), order_of(request))
+        return subject.compute(request, part, Acting(scene.motion, slice(None), scene.gravity), backend).arrays
 
     @lock_free_cached_property
     def _known(self) -> Known:
@@ -275,7 +263,7 @@ class Variants:
     def _of_subjects(self, numbers: Float64Array) -> Batch | None:
         """Compute variants along one motion that differ in geometry or masses."""
         subject = self.scene.subject
-        arrays = self._of_pairs(numbers) if isinstance(subject, PairSubject) else self._of_payloads(numbers)
+        arrays = self._of_pairs(numbers) if subject.pair is not None else self._of_payloads(numbers)
         if arrays is None:
             return None
         plain = self._plain.arrays
@@ -301,7 +289,7 @@ class Variants:
         pair = replace(pair, **{key: array[:, None] for key, array in geometry.items()}) if geometry else pair
         known, names = self._known, self.outputs
         if not masses:
-            return self._arrays(PairSubject(pair), known, names)
+            return self._arrays(Subject(pair), known, names)
         table = self.scene.tables.table("pair")
         ends = {body: (numbers[:, column].min(), numbers[:, column].max()) for body, column in masses.items()}
 
@@ -310,7 +298,7 @@ class Variants:
                 body: read_body(replace(table, values={body: {**table.values[body], "mass": chosen[body]}}), body)
                 for body in masses
             }
-            return self._arrays(PairSubject(replace(pair, **bodies)), known, names)
+            return self._arrays(Subject(replace(pair, **bodies)), known, names)
 
         least = {body: own[0] for body, own in ends.items()}
         base = with_masses(**least)
@@ -345,7 +333,7 @@ class Variants:
         others = {link: own for link, own in values["mechanism"]["payload"].items() if link not in links}
         mechanism = {**values["mechanism"], "payload": others}
         tables = replace(self.scene.tables, values={**values, "mechanism": mechanism})
-        robot = read_mechanism(tables, self.scene.path.parent, base=self.scene.mechanism_only.base)
+        robot = read_mechanism(tables, self.scene.path.parent, base=self.scene.subject.robot.base)
         variants = [replace(tables, values=with_numbers(values, self.paths, row)) for row in numbers.tolist()]
         for link in links:
             bodies = [read_body(variant.table("mechanism").table("payload"), link) for variant in variants]
@@ -356,7 +344,7 @@ class Variants:
                 inertia=np.array([body.inertia for body in bodies])[:, None],
             )
         # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
-        return self._arrays(MechanismSubject(robot, self.scene.frames), self._known, self.outputs, "compiled")
+        return self._arrays(Subject(robot, self.scene.frames), self._known, self.outputs, "compiled")
 
 
 def lost_variants(keys: Sequence[str], numbers: Float64Array, reasons: Sequence[str]) -> str:

@@ -1,1 +1,0 @@
-"""What moves in a scene, a pair or a mechanism: its joints, its outputs and its forces."""
