@@ -58,22 +58,5 @@ def _cached_execution(backend: str, workers: int) -> Execution:
 
 def execution_of_steps(backend: str, steps: int) -> Execution:
     """Return the execution, by one thread, of steps computed in many chunks: "auto" compiles many steps."""
-    execution = execution_of(backend, 1)
-    many = steps >= 10_000  # NumPy takes some 0.5 us longer for each
-    return Execution("compiled", 1) if execution.backend == "auto" and many else execution
-
-
-def kernel_pays(operations: int, samples: int) -> bool:
-    """Return whether the backend "auto" compiles a kernel for a call: whether NumPy would take much longer for this
-    one.
-
-    Args:
-        operations: operations of one sample.
-        samples: samples of the call.
-
-    >>> kernel_pays(200, 100), kernel_pays(200, 100_000)
-    (False, True)
-    """
-    # What an operation takes longer by NumPy, for each call and for each sample [s], measured on one machine.
-    seconds = operations * (4.5e-7 + samples * 7.5e-10)
-    return seconds >= 2e-3  # a kernel on disk is there after a few ms, one that LLVM makes after some hundredths
+    chosen = ("compiled" if steps >= 10_000 else "numpy") if backend == "auto" else backend
+    return execution_of(chosen, 1)

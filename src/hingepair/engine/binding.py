@@ -46,17 +46,21 @@ def bind(shapes: NamedShapes, values: Mapping[str, Any]) -> Bound:
         values: inputs by name: arrays, tuples of numbers and arrays, numbers, or `Constant`s.
     """
     sources: list[ComponentSource] = []
-    bound = Bound((), [], [], [])
+    bound, tails = Bound((), [], [], []), dict(shapes)
+    whole = {}  # places of whole arrays, in the order of the values
+    for name, value in values.items():
+        if name in tails and isinstance(value, np.ndarray):
+            whole[name] = len(bound.arrays)
+            bound.arrays.append(value)
+            bound.tails.append(tails[name])
     places: dict[int, int] = {}  # of components that are arrays, by id: one may come several times
     for name, shape in shapes:
         value = values[name]
         if isinstance(value, Constant):
             sources += value.sources
             bound.numbers.extend(value.numbers)
-        elif isinstance(value, np.ndarray):
-            sources += [(len(bound.arrays), k) for k in range(math.prod(shape))]
-            bound.arrays.append(value)
-            bound.tails.append(shape)
+        elif name in whole:
+            sources += [(whole[name], k) for k in range(math.prod(shape))]
         else:
             for component in value if isinstance(value, tuple) else (value,):
                 if not isinstance(component, np.ndarray):
@@ -71,13 +75,13 @@ def bind(shapes: NamedShapes, values: Mapping[str, Any]) -> Bound:
     return bound._replace(pattern=tuple(sources))
 
 
-def bind_constant(shape: ArrayShape, value: Any) -> Any:
-    """Return an input of one sample as a `Constant`, and one of more samples unchanged. Numbers fold; those in arrays
-    are parameters, so that one program serves them all.
+def bind_constant(shape: ArrayShape, value: Any, fold: bool = True) -> Any:
+    """Return an input of one sample as a `Constant`, and one of more samples unchanged. Numbers fold unless `fold` is
+    False; those in arrays are parameters, so that one program serves them all.
     """
     parts = value if isinstance(value, tuple) else (value,)
     if sum(map(np.size, parts)) != math.prod(shape):
         return value
     numbers = [(float(x), isinstance(part, np.ndarray)) for part in parts for x in np.ravel(part).tolist()]
-    sources = tuple(None if held else FOLDED.get(x) for x, held in numbers)
+    sources = tuple(None if held or not fold else FOLDED.get(x) for x, held in numbers)
     return Constant(sources, tuple(x for (x, _), source in zip(numbers, sources, strict=True) if source is None))

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import Execution
-from hingepair.engine.binding import ArrayShape, ComponentSource, Constant, NamedShapes, bind_constant
+from hingepair.engine.binding import ArrayShape, Constant, NamedShapes, bind, bind_constant
 from hingepair.engine.direct import Direct, direct_calls
+from hingepair.engine.layout import Operand
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, empty, output_arrays
 from hingepair.engine.results import Results
-from hingepair.engine.slices import run_slices
 from hingepair.engine.ufunc import MAX_OPERANDS, Code, make_ufunc
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
@@ -95,53 +95,32 @@ class Call:
         shown = [k for k, (name, _) in enumerate(loop.outputs) if name not in limits]
         self.outputs = tuple(loop.outputs[k][0] for k in shown)
         self._result_of = _result_maker(result, loop.outputs, shown)
-        self._bound_constants = {
-            name: bind_constant(tail, self._constants[name]) for name, tail in loop.inputs if name in self._constants
+        constant = [(name, tail) for name, tail in loop.inputs if name in self._constants]
+        self._bound_constants = {  # by whether calls share a kernel, in which nothing folds
+            shares: {name: bind_constant(tail, self._constants[name], not shares) for name, tail in constant}
+            for shares in (False, True)
         }
+        needed = {name for name, _ in loop.inputs}
+        self._used = [name for name in self.argument_shapes if name in needed]
+        self._operands = [Operand(tail, name in needed) for name, tail in self.argument_shapes.items()]
         tails = [*self.argument_shapes.values(), *(tail for _, tail in loop.outputs)]
         self.has_kernels = (
-            backend != "numpy"
-            and loop.traced
-            and shape == ()
-            and not any(0 in tail for tail in tails)
-            and all(isinstance(one, Constant) for one in self._bound_constants.values())
-        )
+            backend != "numpy" and shape == () and not any(0 in tail for tail in tails)
+            and all(isinstance(one, Constant) for one in self._bound_constants[False].values())
+        )  # fmt: skip
         self._shared = shared and backend == "auto"
-        self._compiled: dict[tuple[str, bool], tuple[Code, Direct]] = {}  # by dtype, and whether others share it
+        self._directs: dict[tuple[str, bool], Direct] = {}  # by dtype, and whether others share the kernel
         self.rows: Rows = self._any_rows
         if backend == "compiled":
             self.compile()
 
     # ---- kernels
 
-    @lock_free_cached_property
-    def program(self) -> Program:
-        """The program for arguments that all vary from sample to sample, in which constants are folded."""
-        return self.program_with_numbers()[0]
-
     def program_with_numbers(self, shared: bool = False) -> tuple[Program, list[float]]:
         """Return the program for arguments that all vary, and its constant numbers, of which `shared` folds none."""
-        places = {name: k for k, name in enumerate(self._used)}
-        pattern: list[ComponentSource] = []
-        numbers: list[float] = []
-        for name, tail in self.loop.inputs:
-            bound = self._bound_constants.get(name)
-            if not isinstance(bound, Constant):  # an argument; constants that vary by sample for what is said of it
-                place = places.setdefault(name, len(places))
-                pattern += [(place, k) for k in range(math.prod(tail))]
-            elif shared:
-                pattern += [None] * len(bound.sources)
-                numbers += np.array(self._constants[name], np.float64).ravel().tolist()
-            else:
-                pattern += bound.sources
-                numbers += bound.numbers
-        return self.loop.program(tuple(pattern)), numbers
-
-    @lock_free_cached_property
-    def _used(self) -> list[str]:
-        """Arguments that the loop needs, in the order of the arguments."""
-        needed = {name for name, _ in self.loop.inputs}
-        return [name for name in self.argument_shapes if name in needed]
+        arguments = {name: np.empty(self.argument_shapes[name]) for name in self._used}
+        bound = bind(self.loop.inputs, {**arguments, **self._bound_constants[shared]})
+        return self.loop.program(bound.pattern), bound.numbers
 
     def compile(self) -> None:
         """Compile the kernel now; for the backend "auto" that is the one of calls of any number of samples.
@@ -151,20 +130,16 @@ class Call:
         """
         self._shared = False
         if self.has_kernels:
-            self._kernel("d", False)
+            self._direct("d", False)
 
-    def machine_code(self, char: str, shared: bool = False, needed: bool = True) -> Code:
-        """Return the kernel for a dtype, its arrays and its constants; without a kernel where LLVM fails and it is
-        not `needed`.
+    def machine_code(self, char: str, shared: bool = False) -> Code:
+        """Return the kernel for a dtype, its arrays and its constants.
 
         Raises:
             CompilationError: LLVM fails.
         """
         program, numbers = self.program_with_numbers(shared)
-        layout = program.layout([(tail, name in self._used) for name, tail in self.argument_shapes.items()], numbers)
-        kernel = program.kernel(layout, char) if needed else program.kernel_or_none(layout, char)
-        with np.errstate(over="ignore"):
-            return Code(kernel, layout, np.array(numbers, char))
+        return program.code(self._operands, numbers, char)
 
     @lock_free_cached_property
     def _largest_constant(self) -> float:
@@ -178,20 +153,20 @@ class Call:
             expected = "numbers below 3.4e38, since the arguments are float32"
             raise ArgumentError(self._constants_name, expected, self._largest_constant)
 
-    def _kernel(self, char: str, shared: bool) -> tuple[Code, Direct] | None:
-        """Return the kernel for a dtype and its direct calls; None if LLVM fails and the backend is "auto"."""
-        compiled = self._compiled.get((char, shared))
-        if compiled is not None:
-            return compiled
-        code = self.machine_code(char, shared, self._backend == "compiled")
-        if code.kernel is None:
-            return None
-        width = max(math.prod(tail) for _, tail in self.loop.outputs) * code.constants.itemsize
-        most = max(1, MIN_REUSED_BYTES // width)  # of larger results the memory is used again
-        compiled = self._compiled[char, shared] = code, direct_calls(code, char, most, self.result is not None)
-        if char == "d" and shared == self._shared:
-            self.rows = self._direct_rows(compiled[1])
-        return compiled
+    def _direct(self, char: str, shared: bool) -> Direct | None:
+        """Return the direct calls of the kernel for a dtype; None if LLVM fails and the backend is "auto"."""
+        if (char, shared) not in self._directs:
+            program, numbers = self.program_with_numbers(shared)
+            compiled = program.code if self._backend == "compiled" else program.code_or_none
+            code = compiled(self._operands, numbers, char)
+            if code is None:
+                return None
+            width = max(math.prod(tail) for _, tail in self.loop.outputs) * code.constants.itemsize
+            most = max(1, MIN_REUSED_BYTES // width)  # of larger results the memory is used again
+            direct = self._directs[char, shared] = direct_calls(code, char, most, self.result is not None)
+            if char == "d" and shared == self._shared:
+                self.rows = self._direct_rows(direct)
+        return self._directs[char, shared]
 
     @lock_free_cached_property
     def ufunc(self) -> np.ufunc:
@@ -302,26 +277,22 @@ class Call:
     ) -> Any:
         """Return the results of samples of this shape; `named` are the values as messages name them."""
         self._check_constants(dtype.char)
-        kernel, samples = None, math.prod(shape)
-        few = samples < _FEW_SAMPLES
-        if self.has_kernels and samples and (few or not any(type(one) is tuple for one in values.values())):
-            kernel = self._kernel(dtype.char, self._shared and few)
-        given, tails = [values[name] for name in self.argument_shapes], [*self.argument_shapes.values()]
-        if kernel is not None:
-            arrays = [_joined(one, tail, dtype) for one, tail in zip(given, tails, strict=True)]
-            if out is None and samples < _DIRECT_SAMPLES:
-                made = kernel[1].make(*(_plain(x, shape, tail, dtype) for x, tail in zip(arrays, tails, strict=True)))
+        samples = math.prod(shape)
+        few, given = samples < _FEW_SAMPLES, [values[name] for name in self.argument_shapes]
+        if few:
+            tails = [*self.argument_shapes.values()]
+            given = [_joined(one, tail, dtype) for one, tail in zip(given, tails, strict=True)]
+            direct = self._direct(dtype.char, self._shared) if self.has_kernels and samples else None
+            if direct is not None and out is None and samples < _DIRECT_SAMPLES:
+                made = direct.make(*(_plain(x, shape, tail, dtype) for x, tail in zip(given, tails, strict=True)))
                 if made is not None:
                     self._check_limits(made, given, False)
                     return self._result_of(made, shape, True)
         outputs = output_arrays(self.loop.outputs, shape, dtype, out, named, self.result is None)
+        arguments = {name: one for name, one in zip(self.argument_shapes, given, strict=True) if name in self._used}
+        bound = bind(self.loop.inputs, {**arguments, **self._bound_constants[self._shared and few]})
+        self.loop.run_bound(bound, outputs, shape, dtype, Execution(self._backend, workers))
         found = tuple(outputs.values())
-        if kernel is not None:
-            operations = self.program.weighted_operations if workers > 1 else 1
-            run_slices(kernel[0], arrays, found, shape, operations=operations, workers=workers)
-        else:
-            inputs = {**self._bound_constants, **values}
-            self.loop.run(inputs, outputs, shape, dtype, Execution(self._backend, workers))
         self._check_limits(found, given, out is not None)
         return self._result_of(found, shape, False)
 

@@ -92,7 +92,7 @@ def library_function(library: str, calls: Callable[[Chain], Call]) -> Callable[.
     """Return calls as a function of arrays of "jax" or "torch"."""
     package, call, function = require(library, f"f.{library}"), calls(()), of_calls(calls)
     if library == "jax" and function.call is None:
-        expected = "a call with few enough joints for one program, without samples among its constants"
+        expected = "a call without samples among its constants"
         raise ArgumentError("jax", expected, ", ".join(call.outputs))
     applied = jax_function(function) if library == "jax" else torch_function(function)
 

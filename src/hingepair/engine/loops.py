@@ -13,13 +13,13 @@ import functools
 import itertools
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.backend import Execution, compiler_lock, kernel_pays
+from hingepair.engine.backend import Execution, compiler_lock
 from hingepair.engine.binding import ArrayShape, Bound, InputPattern, NamedShapes, bind
 from hingepair.engine.direct import direct_ir
 from hingepair.engine.interpreter import Interpreter, interpreter
@@ -30,8 +30,8 @@ from hingepair.engine.llvm.scan import scan_ir
 from hingepair.engine.llvm.schedule import ComponentGroup, Schedule
 from hingepair.engine.slices import run_slices
 from hingepair.engine.threads import run_in_threads
-from hingepair.engine.trace import FUNCTIONS, Trace, TracedValue, needed_values, operation_count
 from hingepair.engine.trace import Operand as TracedOperand
+from hingepair.engine.trace import Trace, TracedValue, needed_values, operation_count
 from hingepair.engine.ufunc import Code
 from hingepair.errors import CompilationError, ShapeError
 from hingepair.numeric.arrays import Block, split_into_blocks
@@ -78,8 +78,6 @@ class Loop:
         form: what the function is made of, if that and the sources of `object_cache.TRACED_PACKAGES` decide what it
             computes: numbers, texts and tuples, whose `repr` says all. Then a process that finds the kernel on disk
             need not trace the function.
-        traced: whether `run` traces the function. If not, the function computes with arrays of samples itself: for
-            functions of so many operations that straight-line code takes long to make.
     """
 
     def __init__(
@@ -91,7 +89,6 @@ class Loop:
         *,
         exact: bool = False,
         form: object = None,
-        traced: bool = True,
     ) -> None:
         self.name = name
         self.function = function
@@ -99,7 +96,6 @@ class Loop:
         self.outputs: NamedShapes = tuple(outputs.items())
         self.exact = exact
         self.form = form
-        self.traced = traced
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
 
     def run(
@@ -116,44 +112,24 @@ class Loop:
             dtype: dtype to compute in, float64 or float32.
             execution: backend and number of threads.
         """
+        self.run_bound(bind(self.inputs, values), out, shape, dtype, execution)
+
+    def run_bound(
+        self, bound: Bound, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
+    ) -> None:
+        """Compute as `run` does, from inputs that are bound."""
         if 0 in shape:
             return
-        bound = bind(self.inputs, values)
-        if not self.traced:
-            held = sum(math.prod(tail) for _, tail in self.outputs) + 4 * len(bound.pattern)
-            by_numpy = Interpreter(functools.partial(self._compute, bound), held)
+        program, code, targets = self.program(bound.pattern), None, [out[name] for name, _ in self.outputs]
+        tails = [*bound.tails, *(tail for _, tail in self.outputs)]
+        if execution.backend != "numpy" and bound.arrays and not any(0 in tail for tail in tails):
+            inputs = [Operand(tail) for tail in bound.tails]
+            compiled = program.code if execution.backend == "compiled" else program.code_or_none
+            code = compiled(inputs, bound.numbers, dtype.char)
+        if code is not None:
+            run_slices(code, bound.arrays, targets, shape, execution.workers)
         else:
-            program = self.program(bound.pattern)
-            if program.run_kernel(bound, out, shape, dtype, execution):
-                return
-            by_numpy = program.interpreter
-        self._run_numpy(by_numpy, bound, out, shape, dtype, execution.workers)
-
-    def _run_numpy(
-        self, function: Interpreter, bound: Bound, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], workers: int
-    ) -> None:
-        """Compute the outputs by NumPy, over blocks of samples."""
-        inputs = [one for array, tail in zip(bound.arrays, bound.tails, strict=True) for one in _views(array, tail)]
-        targets = [one for name, tail in self.outputs for one in _views(out[name], tail)]
-        on_samples = functools.partial(function.run, *(dtype.type(x) for x in bound.numbers))
-        size = min(_BLOCK, max(1, _HELD_NUMBERS // (function.width + 1)))
-        blocks: list[Block] = [*split_into_blocks(shape, size)] if inputs else [()]
-        run_in_threads(lambda block: fill_blocks(on_samples, inputs, targets, dtype, [block]), blocks, workers)
-
-    def _compute(self, bound: Bound, *numbers: Any) -> list[Any]:
-        """Return the components of all outputs by the function itself, on numbers and arrays of NumPy."""
-        constants, arrays = iter(numbers[: len(bound.numbers)]), numbers[len(bound.numbers) :]
-        starts = [0, *itertools.accumulate(math.prod(tail) for tail in bound.tails)]
-        parts = (
-            arrays[starts[one[0]] + one[1]] if isinstance(one, tuple) else next(constants) if one is None else one
-            for one in bound.pattern
-        )
-        values = {
-            name: tuple(itertools.islice(parts, math.prod(tail))) if tail else next(parts)
-            for name, tail in self.inputs
-        }
-        results = self.function(values)
-        return [one for name, _ in self.outputs for one in components(results[name])]
+            program.run_numpy(bound, targets, shape, dtype, execution.workers)
 
     def count_operations(self, values: Mapping[str, Any]) -> OperationCounts:
         """Count the operations for these inputs, of which arrays vary and numbers are known."""
@@ -185,39 +161,36 @@ class Program:
         self._kernels: dict[tuple[Layout, str], Kernel] = {}
         self._compiles = True  # until LLVM fails
 
-    # ---- runs over samples
-
-    def run_kernel(
-        self, bound: Bound, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
-    ) -> bool:
-        """Compute the outputs by a kernel if the backend has one and it pays; return whether it did. There is none of
-        an output without components, as of a robot without joints.
-        """
-        backend, outputs = execution.backend, self.loop.outputs
-        if not bound.arrays or backend == "numpy" or any(0 in tail for _, tail in outputs):
-            return False
-        if backend == "auto" and not kernel_pays(self.weighted_operations, math.prod(shape)):
-            return False
-        layout = self.layout([(tail, True) for tail in bound.tails], bound.numbers)
-        kernel = (self.kernel if backend == "compiled" else self.kernel_or_none)(layout, dtype.char)
-        if kernel is None:
-            return False
-        code, targets = Code(kernel, layout, np.array(bound.numbers, dtype)), [out[name] for name, _ in outputs]
-        operations = self.weighted_operations if execution.workers > 1 else 1
-        run_slices(code, bound.arrays, targets, shape, operations=operations, workers=execution.workers)
-        return True
+    def run_numpy(
+        self, bound: Bound, out: Sequence[NDArray[Any]], shape: ArrayShape, dtype: np.dtype[Any], workers: int
+    ) -> None:
+        """Compute the outputs by NumPy, over blocks of samples."""
+        inputs = [one for array, tail in zip(bound.arrays, bound.tails, strict=True) for one in _views(array, tail)]
+        targets = [
+            one for array, (_, tail) in zip(out, self.loop.outputs, strict=True) for one in _views(array, tail)
+        ]
+        with np.errstate(all="ignore"):
+            on_samples = functools.partial(self.interpreter.run, *np.array(bound.numbers, dtype))
+        size = min(_BLOCK, max(1, _HELD_NUMBERS // (self.interpreter.width + 1)))
+        blocks: list[Block] = [*split_into_blocks(shape, size)] if inputs else [()]
+        run_in_threads(lambda block: fill_blocks(on_samples, inputs, targets, dtype, [block]), blocks, workers)
 
     # ---- kernels
 
-    def layout(self, inputs: Iterable[tuple[ArrayShape, bool]], numbers: Sequence[float]) -> Layout:
-        """Return the arrays of a kernel: inputs, by the shape of a sample and whether they are read; constants."""
-        outputs = tuple(Operand(tail) for _, tail in self.loop.outputs)
-        return Layout(tuple(Operand(*one) for one in inputs), outputs, bool(numbers))
+    def code(self, inputs: Sequence[Operand], numbers: Sequence[float], char: str) -> Code:
+        """Return the kernel that reads these arrays, for a dtype, with its constants.
 
-    def kernel_or_none(self, layout: Layout, char: str) -> Kernel | None:
-        """Return the kernel for a layout and a dtype. If LLVM fails, warn once, return None, and do not try again."""
+        Raises:
+            CompilationError: LLVM fails.
+        """
+        layout = Layout(tuple(inputs), tuple(Operand(tail) for _, tail in self.loop.outputs), bool(numbers))
+        with np.errstate(over="ignore"):
+            return Code(self.kernel(layout, char), layout, np.array(numbers, char))
+
+    def code_or_none(self, inputs: Sequence[Operand], numbers: Sequence[float], char: str) -> Code | None:
+        """Return what `code` does. If LLVM fails, warn once, return None, and do not try again."""
         try:
-            return self.kernel(layout, char) if self._compiles else None
+            return self.code(inputs, numbers, char) if self._compiles else None
         except CompilationError as error:
             warnings.warn(f"{error}; computing with NumPy", RuntimeWarning, stacklevel=2)
             self._compiles = False
@@ -292,12 +265,6 @@ class Program:
         traced = self.traced
         inputs = [*traced.constants, *itertools.chain(*traced.arrays)]
         return interpreter(inputs, traced.results)
-
-    @lock_free_cached_property
-    def weighted_operations(self) -> int:
-        """Number of operations, in which a sine or square root counts as ten."""
-        operations = [value.operation for value in self.needed_values if value.operation != "input"]
-        return sum(10 if one in FUNCTIONS else 1 for one in operations)
 
     @lock_free_cached_property
     def needed_values(self) -> list[TracedValue]:

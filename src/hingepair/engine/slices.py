@@ -14,7 +14,7 @@ from hingepair.engine.threads import run_in_threads
 from hingepair.engine.ufunc import Code
 from hingepair.numeric.arrays import Block, split_into_blocks
 
-_MIN_WORK: Final = 1_000_000  # least operations of a thread: about 0.1 ms, as handing it work takes
+_MIN_WORK: Final = 400_000  # least bytes of a thread: they take about the 0.1 ms that handing it work takes
 _COPIED_SAMPLES: Final = 2_000  # of a block that is copied, in which samples follow each other in the dtype
 _PROTOTYPE: Final = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)  # of a kernel
 
@@ -24,8 +24,6 @@ def run_slices(
     inputs: Sequence[NDArray[Any]],
     outputs: Sequence[NDArray[Any]],
     shape: tuple[int, ...],
-    *,
-    operations: int,
     workers: int,
 ) -> None:
     """Call a kernel for all samples; it writes its results into `outputs`.
@@ -35,12 +33,11 @@ def run_slices(
         inputs: arrays whose leading axes broadcast to the samples.
         outputs: arrays of the dtype in which the kernel computes.
         shape: shape of the samples.
-        operations: of one sample.
         workers: threads at most.
     """
     size, dtype, layout = math.prod(shape), outputs[0].dtype, code.layout
-    workers = max(1, min(workers, size * operations // _MIN_WORK))
     tails = [one.sample_shape for one in layout.operands]
+    workers = max(1, min(workers, size * dtype.itemsize * sum(map(math.prod, tails)) // _MIN_WORK))
     wide = [
         one if one.shape == shape + tail else np.broadcast_to(one, shape + tail)
         for one, tail in zip(inputs, tails, strict=False)

@@ -14,10 +14,15 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from hingepair.errors import ArgumentError
+
 Operand: TypeAlias = "TracedValue | float"
 
 FUNCTIONS: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
 """Names of the operations of a trace that are not plain arithmetic."""
+
+MAX_OPERATIONS: Final = 1_000_000
+"""Most operations that are recorded: LLVM compiles them in about a minute, with more than a gigabyte."""
 
 
 class TracedValue:
@@ -120,6 +125,9 @@ class Trace:
         if value is None and operation in {"+", "*"}:
             value = self._recorded.get((operation, operands[1], operands[0]))
         if value is None:
+            if len(self._recorded) >= MAX_OPERATIONS:
+                expected = f"at most {MAX_OPERATIONS:,} operations, as fewer joints, outputs or derivatives take"
+                raise ArgumentError("program", expected, "more")
             varies = any(isinstance(operand, TracedValue) and operand.varies for operand in operands)
             value = self._recorded[key] = TracedValue(self, operation, operands, varies)
         return value

@@ -9,7 +9,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.engine.backend import Execution, execution_of_steps
+from hingepair.engine.backend import Execution, execution_of, execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.pairs.geometry import Constants, check_pair, constants_of
@@ -195,7 +195,7 @@ def integrate(
         psi=read_only(solution.psi),
         quat_wxyz=read_only(solution.quats),
         R1=read_only(np.broadcast_to(points["R1"], (len(instants), 3))),
-        state=_state(constants_of(pair), names, inputs, execution),
+        state=_state(constants_of(pair), names, inputs, execution_of(backend, 1)),
         pair=pair,
         method=method,
         steps=solution.steps,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -20,8 +19,6 @@ from hingepair.plans import dask_chunks
 from hingepair.plans.arguments import CoordinateNames, check_out, read_arguments
 from hingepair.plans.dask_chunks import is_dask
 from hingepair.plans.derivatives import Derivative, derivative_loop
-from hingepair.plans.functions import change_shape
-from hingepair.plans.trees import check_derived
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERRORS, check_rotation
 
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
@@ -55,7 +52,6 @@ class Computation:
         samples_name: name in messages of the constants that have samples; by default `owner`.
         shape: leading shape of a pair whose geometry has axes.
         shared: whether few samples of a plain call are computed by a kernel for any constants.
-        operations: estimated number of operations, where it may be large.
         constant_shapes: shapes of the constants by which outputs can be differentiated.
         by_constants: returns the computation whose derivatives by constants are taken; by default this one.
     """
@@ -73,15 +69,13 @@ class Computation:
         samples_name: str | None = None,
         shape: ArrayShape = (),
         shared: bool = False,
-        operations: int = 0,
         constant_shapes: Mapping[str, ArrayShape] | None = None,
         by_constants: Callable[[], Computation] | None = None,
     ) -> None:
         self.outputs, self.shapes, self.known = outputs, shapes, known
         self.result, self.coordinates = result, coordinates
-        self._loop, self._owner, self._shape = loop, owner, shape
+        self._loop, self._owner, self._shape, self._shared = loop, owner, shape, shared
         self.samples_name = samples_name or owner
-        self._shared, self._operations = shared, operations
         self.constant_shapes, self._by_constants = constant_shapes or {}, by_constants
         self._calls: dict[Any, Call] = {}
         self._sufficient: set[tuple[str, ...]] = set()  # names of arguments that suffice
@@ -224,18 +218,6 @@ class Computation:
         arrays = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
         known = self.known if gravity is None else {**self.known, "gravity": gravity}
         return loop.count_operations({**arrays, **known, **values})
-
-    def check_differentiable(self, derivative: Derivative, given: tuple[str, ...], times: int = 1) -> None:
-        """Refuse a derivative, of one taken so many `times` in all, whose program would take too long to make.
-
-        Raises:
-            ArgumentError: the robot has too many joints.
-        """
-        sizes = [math.prod(change_shape(*argument)) for argument in derivative.arguments]
-        columns = sum(sizes) if derivative.kind == "jacobian" else 1
-        operations = columns * self._operations * 4 ** (times - 1)
-        traced, names = self._loop(self.outputs, given).traced, (f"by {name}" for name, _ in derivative.arguments)
-        check_derived(len(self.coordinates.names), traced, operations, names)
 
 
 def _compute_chunk(

@@ -72,8 +72,6 @@ class Prepared:
 
     def __str__(self) -> str:
         title = f"{', '.join(self.outputs)} from {', '.join(self.given)}"
-        if not self._call.loop.traced:
-            return f"{title}: joint by joint, without a program"
         count = self.operations
         once = f", {count.shared} once for all samples" if count.shared else ""
         return (
@@ -110,7 +108,7 @@ class Prepared:
         are computed by kernels. An attitude changes by its nine entries.
 
         Raises:
-            ArgumentError: the robot has too many joints, or the pair's geometry has axes.
+            ArgumentError: the pair's geometry has axes.
         """
         return self._function_of("jax")
 
@@ -122,7 +120,7 @@ class Prepared:
         graph there. Rotations are not checked; an attitude changes by its nine entries.
 
         Raises:
-            ArgumentError: the robot has too many joints.
+            ArgumentError: the program has too many operations.
         """
         return self._function_of("torch")
 
@@ -136,7 +134,7 @@ class Prepared:
             name: name of the function.
 
         Raises:
-            ArgumentError: the robot has too many joints, or the geometry of the pair has samples.
+            ArgumentError: the geometry of the pair has samples.
             MissingDependencyError: CasADi is not installed.
         """
         from hingepair.engine.casadi_function import casadi_function
@@ -155,7 +153,7 @@ class Prepared:
             name: name of the function.
 
         Raises:
-            ArgumentError: the robot has too many joints, the geometry of the pair has samples, or the name is none.
+            ArgumentError: the geometry of the pair has samples, or the name is none.
 
         >>> import hingepair as hp
         >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
@@ -180,7 +178,7 @@ class Prepared:
         """Return the call without checks of attitudes; refuse what is no program for one state."""
         call = self._unchecked
         if not call.has_kernels:
-            expected = "a call with few enough joints for one program, without samples among its constants"
+            expected = "a call without samples among its constants"
             raise ArgumentError(method, expected, ", ".join(self.outputs))
         return call
 
@@ -198,7 +196,6 @@ class Prepared:
             prefix = f"{times}_" if times > 1 else ""
             arguments = tuple((name, call.argument_shapes[name]) for name in names)
             derivatives = (*derivatives, Derivative(kind, outputs, arguments, entries=True, prefix=prefix))
-            self._computation.check_differentiable(derivatives[-1], self.given, times)
             added = [f"change_{one}" for one in names] if kind == "jvp" else [f"weight_{one}" for one in outputs]
             given = (*given, *(f"{prefix}{one}" for one in added))
             call = self._computation.call(given, "auto", self._gravity, derivatives=derivatives)
@@ -263,7 +260,7 @@ class Prepared:
             first_moments have the shape (2, 2), its inertias, about z, the shape (2,).
 
         Raises:
-            ArgumentError: the robot has too many joints.
+            ArgumentError: the program has too many operations.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -305,7 +302,7 @@ class Prepared:
             its own: it is not summed over samples that share an argument.
 
         Raises:
-            ArgumentError: the robot has too many joints.
+            ArgumentError: the program has too many operations.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -332,7 +329,7 @@ class Prepared:
             matrix is an angular velocity, axes of the world.
 
         Raises:
-            ArgumentError: the robot has too many joints.
+            ArgumentError: the program has too many operations.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -368,7 +365,6 @@ class Prepared:
         computation = self._computation if {*names} <= {*self.given} else self._computation.by_constants
         shapes = {**self._call.argument_shapes, **computation.constant_shapes}
         derivative = Derivative(kind, outputs, tuple((name, shapes[name]) for name in names))
-        computation.check_differentiable(derivative, self.given)
         labels = {f"{prefix}_{name}": f"{label}[{name!r}]" for name in further}
         call = computation.call(
             (*self.given, *labels), self._execution.backend, self._gravity, prepared=True, derivatives=(derivative,)

@@ -16,12 +16,10 @@ from hingepair.equations import trees as eq
 from hingepair.equations.dynamics import cayley_attitude, cayley_rate, solve_symmetric
 from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross, dot, scale, subtract
 from hingepair.plans.trees import (
-    MAX_TRACED_OPERATIONS,
     OUTPUTS,
     Form,
     Request,
     TreeQuantities,
-    estimated_operations,
     input_shapes,
     output_shape,
 )
@@ -56,7 +54,6 @@ def state_loop(form: Form, request: Request, pinned: bool, outputs: tuple[str, .
     return Loop(
         "state", functools.partial(_outputs, form, loaded, pinned, outputs), inputs,
         {name: shapes[name] for name in outputs}, form=("state", form, loaded, pinned, outputs),
-        traced=2 * estimated_operations(form, asked) <= MAX_TRACED_OPERATIONS,
     )  # fmt: skip
 
 

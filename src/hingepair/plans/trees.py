@@ -32,7 +32,6 @@ from hingepair.equations.spatial import (
     subtract,
     transpose,
 )
-from hingepair.errors import ArgumentError
 from hingepair.numeric.blocks import cosine, sine
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.attitudes import rotation_defect
@@ -1000,55 +999,6 @@ def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
     return shapes | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
 
 
-MAX_TRACED_OPERATIONS: Final = 100_000
-"""Estimated number of operations up to which a request becomes straight-line code, which takes some seconds to make
-and to compile."""
-
-
-MAX_DERIVED_OPERATIONS: Final = 7_500_000
-"""Most operations of derivatives, by an estimate of what they take before they fold: those of a chain of 45 joints by
-all arguments. It becomes a program of a million operations, which LLVM compiles in a minute, with 1.6 GB."""
-
-
-def estimated_operations(form: Form, request: Request) -> int:
-    """Return about how many operations a request takes where nothing folds, from the number of joints alone.
-
-    >>> chain = Form((0, 1), ((1.0, 0.0),) * 2, (0, 1), (None,) * 62)
-    >>> estimated_operations(chain, Request(("mass_matrix",), False))
-    520
-    """
-    joints, depths = len(form.parents), [0]
-    for parent in form.parents:
-        depths.append(depths[parent] + 1)
-    outputs = {*request.outputs}
-    by_ancestor = 40 * sum(depths)
-    total = 0
-    momenta = {"centroidal_momentum_matrix", "centroidal_momentum_matrix_rate"}
-    if outputs & {"mass_matrix", "tau_qdd", "centre_of_mass_jacobian", *momenta}:
-        total += 200 * joints + by_ancestor
-    if "torque_regressor" in outputs:
-        total += 300 * joints + 100 * (sum(depths) + 6 * request.free * joints)
-    if outputs & {"qdd", "a1", "alpha1", "pivots", *DYNAMICS_MATRICES[3:]}:
-        total += (
-            (500 * joints + by_ancestor + velocity_count(form, request) ** 3 // 3) if form.follows else 1200 * joints
-        )
-    inverse = {"tau", "force1", "torque1", *DYNAMICS_MATRICES}
-    if outputs & {*inverse, "force", "torque", "bias_forces", "gravity_forces"}:
-        total += 300 * joints
-    if outputs - {*inverse, "qdd", "a1", "alpha1", "pivots", "mass_matrix", "S1_check"}:
-        total += 120 * (joints + len(request.frames))
-    return total
-
-
-def check_derived(joints: int, traced: bool, operations: int, names: Iterable[str]) -> None:
-    """Refuse derivatives whose program would take too long to make: `operations` are an estimate of what they take
-    before they fold, and `names` say what they are.
-    """
-    if not traced or operations > MAX_DERIVED_OPERATIONS:
-        got = f"{joints} joints, derivatives {', '.join(names)}"
-        raise ArgumentError("robot", "fewer joints, or fewer derivatives", got)
-
-
 def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the outputs of a request by name, each a scalar or a flat tuple of components, from the inputs by name,
     which may be scalars of any kind.
@@ -1058,19 +1008,7 @@ def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> 
 
 @functools.lru_cache(maxsize=512)
 def request_loop(form: Form, request: Request) -> Loop:
-    """Return the `Loop` that computes a request over samples, cached by form and request.
-
-    Raises:
-        ArgumentError: derivatives of so many joints would take too long to make.
-    """
+    """Return the `Loop` that computes a request over samples, cached by form and request."""
     outputs = {name: output_shape(name, form, request) for name in request.outputs}
-    inputs = input_shapes(form, request)
     function = functools.partial(compute_request, form, request)
-    traced = estimated_operations(form, request) <= MAX_TRACED_OPERATIONS
-    if derived := [name for name in request.outputs if name in DERIVED]:
-        matrices = [name for name in derived if name in DYNAMICS_MATRICES]
-        plain = request._replace(outputs=tuple(name.partition("_")[0] for name in matrices))
-        joints, columns = len(form.parents), len(matrices) * velocity_count(form, request)
-        # Derivatives of torques share less than the torques themselves.
-        check_derived(joints, traced, columns * max(estimated_operations(form, plain), 750 * joints), derived)
-    return Loop("robot", function, inputs, outputs, form=TreeForm(form, request), traced=traced)
+    return Loop("robot", function, input_shapes(form, request), outputs, form=TreeForm(form, request))

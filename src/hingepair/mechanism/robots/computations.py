@@ -39,7 +39,6 @@ from hingepair.plans.trees import (
     FRAME_OUTPUTS,
     OF_FRAMES,
     Request,
-    estimated_operations,
     input_shapes,
     output_shape,
     request_loop,
@@ -202,10 +201,6 @@ class RobotComputation(Computation):
             known, result, constants.tree.coordinate_names,
             owner="robot", samples_name="lengths" if samples is not None and samples.lengths else "payload",
             shape=known["samples"].shape[:-1] if varied else (),
-            # Derivatives of torques share less than the torques themselves.
-            operations=max(
-                estimated_operations(self.form, self.request), 750 * len(self.form.parents) * self.needs_masses
-            ),
             constant_shapes=body_constants(len(self.form.parents), free),
         )  # fmt: skip
 

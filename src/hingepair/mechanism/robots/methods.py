@@ -174,7 +174,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """Compute the time derivative of `jacobian`, of the same shape. Of `base_motion`, S and omega are used.
 
         Raises:
-            ArgumentError: the robot has too many joints.
+            ArgumentError: the program has too many operations.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -464,7 +464,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             base (..., 6 + dof, 6 + dof). tau_qdd is the mass matrix.
 
         Raises:
-            ArgumentError: the robot has too many joints.
+            ArgumentError: the program has too many operations.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -494,7 +494,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             singular.
 
         Raises:
-            ArgumentError: the robot has too many joints.
+            ArgumentError: the program has too many operations.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -554,7 +554,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             Where the mass matrix is singular, motions become NaN, and a DynamicsWarning says so.
 
         Raises:
-            ArgumentError: the robot has too many joints.
+            ArgumentError: the program has too many operations.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -768,7 +768,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         omega are used.
 
         Raises:
-            ArgumentError: the robot has too many joints.
+            ArgumentError: the program has too many operations.
 
         >>> import numpy as np
         >>> import hingepair as hp
