@@ -378,10 +378,11 @@ class Chains:
                 found[key] = _total(found.get(driver, 0.0) * column[i] for driver, column in parts) - value
         return tuple(found.get(column, 0.0) for column in range(self._width))
 
-    def accelerations(self, bias: Sequence[Scalar], qdd: Sequence[Scalar]) -> tuple[Scalar, ...]:
+    def accelerations(self, qd: Sequence[Scalar], qdd: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Return the second derivatives of all coordinates of the tree, G q'' + g."""
         return tuple(
-            _total(x * qdd[k] for k, x in row.items()) + g for row, g in zip(self.transfer(), bias, strict=True)
+            _total(x * qdd[k] for k, x in row.items()) + g
+            for row, g in zip(self.transfer(), self.bias(qd), strict=True)
         )
 
     def wrenches(self, poses: Sequence[eq.Pose]) -> tuple[Scalar, ...]:

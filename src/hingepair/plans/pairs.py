@@ -17,7 +17,7 @@ from hingepair.engine.loops import Loop
 from hingepair.equations import spatial as eq
 from hingepair.equations.joints import HINGE
 from hingepair.equations.quantities import QUANTITIES, Quantity, sample_shape, unit_of
-from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross, rotate, scale, subtract
+from hingepair.equations.spatial import ZERO_VECTOR, Vector, add, cross, rotate, scale, subtract
 from hingepair.equations.trees import Pose, Rates, axis_of
 from hingepair.numeric.blocks import hinge_terms
 from hingepair.numeric.caching import lock_free_cached_property
@@ -191,14 +191,15 @@ class PairQuantities(TreeQuantities):
             for (body, _), lever in zip(self.frames, self.levers, strict=True)
         ]
 
-    def _accelerations_of_frames(self, body_accelerations: Sequence[Rates], qdd: Sequence[Scalar]) -> list[Rates]:
-        """Return (a, alpha) of all frames, from those of the bodies."""
-        (a1, alpha1), (_, omega1), (psid,), (psidd,) = body_accelerations[0], self.velocities[0], self.qd, qdd
+    @lock_free_cached_property
+    def frame_accelerations(self) -> list[Rates]:
+        """List of (a, alpha) of all frames."""
+        (a1, alpha1), (_, omega1), (psid,), (psidd,) = self.accelerations[0], self.velocities[0], self.qd, self.qdd
         found = []
         for (body, _), lever in zip(self.frames, self.levers, strict=True):
             relative = eq.relative_acceleration(lever.by_psi, lever.centripetal, psid, psidd)
             a = eq.acceleration2(a1, omega1, alpha1, lever.d, lever.by_psi, psid, relative)
-            found.append((a, body_accelerations[body][1]))
+            found.append((a, self.accelerations[body][1]))
         return found
 
 

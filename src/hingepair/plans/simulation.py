@@ -118,7 +118,7 @@ def _rates(
 
 def _pinned_accelerations(moving: TreeQuantities) -> tuple[Scalar, ...]:
     """Return q'' where a1 is 0: the rows of M for a1, which come last, are left out."""
-    bias, values = moving.bias_forces(True), moving.values
+    bias, values = moving.coasting.balance(), moving.values
     size = 3 + moving.form.dof
     loads = [load - force for load, force in zip((*values["torque1"], *values["tau"]), bias[3:], strict=True)]
     solved = solve_symmetric(moving.mass_entries[: size * (size + 1) // 2], tuple(loads[::-1]))[0]

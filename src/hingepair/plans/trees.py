@@ -6,9 +6,11 @@ them; all others are parameters, so that one program serves every robot of the s
 
 from __future__ import annotations
 
+import copy
 import functools
 import itertools
 import math
+from collections import ChainMap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Final, NamedTuple
 
@@ -177,6 +179,28 @@ class TreeQuantities:
         """Return outputs by name, each a scalar or a flat tuple of components."""
         return {name: OUTPUTS[name].compute(self) for name in names}
 
+    def with_values(self, **changed: Any) -> TreeQuantities:
+        """Return the quantities for other values, except of the coordinates."""
+        other: TreeQuantities = copy.copy(self)
+        for name in self.__dict__:
+            if isinstance(getattr(type(self), name, None), lock_free_cached_property):
+                del other.__dict__[name]
+        values: Any = self.values  # those of a pair are computed where they are read
+        other.values = ChainMap(changed, values)
+        return other
+
+    @lock_free_cached_property
+    def coasting(self) -> TreeQuantities:
+        """The quantities for q'' = 0, and without acceleration of a free base."""
+        base = dict.fromkeys(_BASE_ACCELERATIONS, ZERO_VECTOR) if self.request.free else {}
+        return self.with_values(qdd=(0.0,) * self.form.dof, **base)
+
+    @property
+    def resting(self) -> TreeQuantities:
+        """The quantities for a robot and a base that rest."""
+        base = dict.fromkeys(("v1", "omega1", *_BASE_ACCELERATIONS), ZERO_VECTOR)
+        return self.with_values(**dict.fromkeys(("qd", "qdd"), (0.0,) * self.form.dof), **base)
+
     # ---- coordinates of joints, and what acts along them
 
     @lock_free_cached_property
@@ -190,15 +214,10 @@ class TreeQuantities:
         return self.values["qd"] if self.chains is None else self.chains.rates(self.values["qd"])
 
     @lock_free_cached_property
-    def tree_bias(self) -> Sequence[Scalar]:
-        """Second derivatives of the tree's coordinates where those in q are 0."""
-        return [0.0] * self.form.tree_dof if self.chains is None else self.chains.bias(self.values["qd"])
-
-    @lock_free_cached_property
     def tree_qdd(self) -> Sequence[Scalar]:
         """Second derivatives of the tree's coordinates."""
         given = self.values["qdd"]
-        return given if self.chains is None else self.chains.accelerations(self.tree_bias, given)
+        return given if self.chains is None else self.chains.accelerations(self.values["qd"], given)
 
     def _values_by_joint(self, row: Sequence[Scalar]) -> list[Scalar]:
         """Return q, qd or qdd of each joint; a mimic joint has that of its leader, times the multiplier."""
@@ -219,16 +238,6 @@ class TreeQuantities:
     def qdd(self) -> list[Scalar]:
         """List of the second derivatives q'' of all joints."""
         return self._values_by_joint(self.tree_qdd)
-
-    @lock_free_cached_property
-    def bias_qdd(self) -> list[Scalar]:
-        """List of the second derivatives of all joints where those of q are 0: zeros, unless loops are closed."""
-        return self._values_by_joint(self.tree_bias)
-
-    @property
-    def at_rest(self) -> list[Scalar]:
-        """List of zeros, one for each joint."""
-        return [0.0] * len(self.links)
 
     @lock_free_cached_property
     def transfer(self) -> list[dict[int, Scalar]]:
@@ -272,16 +281,8 @@ class TreeQuantities:
     @lock_free_cached_property
     def accelerations(self) -> list[eq.Rates]:
         """List of (a, alpha) of all bodies, world axes, the base first."""
-        return self._body_accelerations(self.qdd, self._base_acceleration)
-
-    @property
-    def _base_acceleration(self) -> eq.Rates:
-        """Pair of the accelerations (a1, alpha1) of the base; a1 is zero if it was not given."""
-        return self.values.get("a1", ZERO_VECTOR), self.values["alpha1"]
-
-    def _body_accelerations(self, qdd: Sequence[Scalar], base_acceleration: eq.Rates) -> list[eq.Rates]:
-        """Return (a, alpha) of all bodies, the base first, world axes."""
-        return eq.body_accelerations(self.links, self.poses, self.qd, qdd, self.velocities, base_acceleration)
+        base = self.values.get("a1", ZERO_VECTOR), self.values["alpha1"]
+        return eq.body_accelerations(self.links, self.poses, self.qd, self.qdd, self.velocities, base)
 
     @lock_free_cached_property
     def frame_poses(self) -> list[eq.Pose]:
@@ -302,12 +303,8 @@ class TreeQuantities:
     @lock_free_cached_property
     def frame_accelerations(self) -> list[eq.Rates]:
         """List of (a, alpha) of the frames with outputs, world axes."""
-        return self._accelerations_of_frames(self.accelerations, self.qdd)
-
-    def _accelerations_of_frames(self, body_accelerations: Sequence[eq.Rates], _: Sequence[Scalar]) -> list[eq.Rates]:
-        """Return (a, alpha) of the frames with outputs, world axes, from those of the bodies and the joints."""
         return [
-            eq.frame_acceleration(pose, self.velocities[body][1], body_accelerations[body])
+            eq.frame_acceleration(pose, self.velocities[body][1], self.accelerations[body])
             for pose, (body, _) in zip(self.shown_poses, self.shown, strict=True)
         ]
 
@@ -343,9 +340,7 @@ class TreeQuantities:
         """Return the accelerations (a, alpha) of all frames for q'' = 0, as one flat tuple. A free base is taken to
         have no acceleration; any other base has the given acceleration.
         """
-        base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration
-        bodies = self._body_accelerations(self.bias_qdd, base)
-        return _chain_vectors((*a, *alpha) for a, alpha in self._accelerations_of_frames(bodies, self.bias_qdd))
+        return _chain_vectors((*a, *alpha) for a, alpha in self.coasting.frame_accelerations)
 
     # ---- dynamics, base axes
 
@@ -354,45 +349,32 @@ class TreeQuantities:
         """Rotation matrix that converts vectors from world axes to base axes."""
         return transpose(self.values["S1"])
 
-    def _transmitted_wrenches(self, motions: list[eq.Acceleration], with_rates: bool = True) -> list[eq.Wrench]:
-        """Return what the joints transmit, own axes, about the bodies' reference points; that on the base first (T2,
-        T3). Struts push on their bodies, at rest unless `with_rates`.
+    @lock_free_cached_property
+    def motions_in_own_axes(self) -> list[eq.Acceleration]:
+        """The motions of all bodies, the base first, each in the axes of the body, with a less gravity (T1)."""
+        omega, alpha = (rotate(self.base_axes, self.values[name]) for name in ("omega1", "alpha1"))
+        falling = rotate(self.base_axes, subtract(self.values["a1"], self.values["gravity"]))
+        return eq.accelerations_in_own_axes(self.links, self.placements, self.qd, self.qdd, omega, alpha, falling)
+
+    @lock_free_cached_property
+    def transmitted_wrenches(self) -> list[eq.Wrench]:
+        """List of the wrenches (force, torque) that the joints transmit, each in the axes of the joint's body about
+        its reference point, with the total wrench on the base first (T2, T3).
         """
-        wrenches = eq.inertial_wrenches(self.base, self.links, motions)
+        wrenches = eq.inertial_wrenches(self.base, self.links, self.motions_in_own_axes)
         for k, place in enumerate(self.request.loaded):
             body, frame = self.frames[place]
             back = transpose(self.poses[body].S)
             force, torque = rotate(back, self.values[f"force_{k}"]), rotate(back, self.values[f"torque_{k}"])
             f, t = wrenches[body]
             wrenches[body] = subtract(f, force), subtract(t, add(torque, cross(frame["R"], force)))
-        for k, strut in enumerate(self.strut_list):
-            length, along = self.strut_lines[k]
-            push = scale(along, strut.force(length, self.strut_rates[k] if with_rates else 0.0))
+        for strut, (length, along), rate in zip(self.strut_list, self.strut_lines, self.strut_rates, strict=True):
+            push = scale(along, strut.force(length, rate))
             for (body, point), force in zip(strut.points(), (scale(push, -1.0), push), strict=True):
                 own = rotate(transpose(self.poses[body].S), force)
                 f, t = wrenches[body]
                 wrenches[body] = subtract(f, own), subtract(t, cross(point, own))
         return eq.sum_inward(self.links, self.placements, wrenches)
-
-    def _motions_in_own_axes(
-        self, qd: Sequence[Scalar], qdd: Sequence[Scalar], omega: Vector, alpha: Vector, a: Vector
-    ) -> list[eq.Acceleration]:
-        """Return the motions of all bodies, the base first, each in its own axes, with a less gravity (T1)."""
-        return eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
-
-    @lock_free_cached_property
-    def motions_in_own_axes(self) -> list[eq.Acceleration]:
-        """The given motion of all bodies, the base first, each in the axes of the body."""
-        omega, alpha = (rotate(self.base_axes, self.values[name]) for name in ("omega1", "alpha1"))
-        falling = rotate(self.base_axes, subtract(self.values["a1"], self.values["gravity"]))
-        return self._motions_in_own_axes(self.qd, self.qdd, omega, alpha, falling)
-
-    @lock_free_cached_property
-    def transmitted_wrenches(self) -> list[eq.Wrench]:
-        """List of the wrenches (force, torque) that the joints transmit during the given motion, each in the axes of
-        the joint's body, with the total wrench on the base first.
-        """
-        return self._transmitted_wrenches(self.motions_in_own_axes)
 
     @lock_free_cached_property
     def joint_wrenches(self) -> list[eq.Wrench]:
@@ -402,24 +384,14 @@ class TreeQuantities:
         bodies = zip(self.poses[1:], self.transmitted_wrenches[1:], strict=True)
         return [(rotate(pose.S, force), rotate(pose.S, torque)) for pose, (force, torque) in bodies]
 
-    @lock_free_cached_property
-    def transmitted_bias_wrenches(self) -> list[eq.Wrench]:
-        """List of the wrenches (force, torque) that the joints transmit for q'' = 0, each in the axes of the joint's
-        body, with the total wrench on the base first. For a free base, its acceleration and gravity are left out.
-
-        Gravity acts on all bodies of a free robot alike, so it is added when the accelerations have been solved for.
-        """
-        values, free = self.values, self.request.free
-        omega = rotate(self.base_axes, values["omega1"])
-        alpha = fall = ZERO_VECTOR
-        if not free:
-            alpha = rotate(self.base_axes, values["alpha1"])
-            fall = rotate(self.base_axes, subtract(values["a1"], values["gravity"]))
-        return self._transmitted_wrenches(self._motions_in_own_axes(self.qd, self.bias_qdd, omega, alpha, fall))
+    @property
+    def motor_efforts(self) -> list[Scalar]:
+        """List of the efforts of all joints, those of springs, dampers and friction among them (T3, T10)."""
+        return eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd)
 
     def efforts(self) -> tuple[Scalar, ...]:
         """Return a tuple of the efforts tau of all coordinates (inverse dynamics)."""
-        efforts = eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd)
+        efforts = self.motor_efforts
         if self.loads:
             rates = zip(self.loads, self.qd, strict=True)
             friction = [self._dry_friction(load.friction, 0.0, 0.0, rate) for load, rate in rates]
@@ -430,10 +402,16 @@ class TreeQuantities:
     def tree_efforts(self) -> tuple[Scalar, ...]:
         """Return the efforts along the coordinates of the tree that the given motion takes without loops."""
         sums: list[Scalar] = [0.0] * self.form.tree_dof
-        efforts = eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd)
-        for column, (ratio, _), effort in zip(self.form.columns, self.ratios, efforts, strict=True):
+        for column, (ratio, _), effort in zip(self.form.columns, self.ratios, self.motor_efforts, strict=True):
             sums[column] = sums[column] + effort * ratio
         return tuple(sums)
+
+    def balance(self) -> tuple[Scalar, ...]:
+        """Return the forces by coordinate that the motion takes, with force1 and torque1 of a free base first, beside
+        those of springs, dampers and friction.
+        """
+        on_base = (*self.base_wrench(0), *self.base_wrench(1)) if self.request.free else ()
+        return (*on_base, *self.efforts_by_coordinate(self.motor_efforts))
 
     # ---- loads of joints
 
@@ -559,27 +537,6 @@ class TreeQuantities:
         """Return force1 (kind 0) or torque1 (kind 1), which acts on the base, world axes."""
         return rotate(self.values["S1"], self.transmitted_wrenches[0][kind])
 
-    def bias_forces(self, with_rates: bool) -> tuple[Scalar, ...]:
-        """Return a tuple of the forces, by coordinate, for which q'' = 0 under gravity and under the wrenches that
-        act on links. A free base then has no acceleration, and its force1 and torque1 come first. If `with_rates` is
-        False, the base and the joints are taken to be at rest.
-        """
-        values, still = self.values, ZERO_VECTOR
-        if self.request.free:
-            fall = rotate(self.base_axes, scale(values["gravity"], -1.0))
-            alpha = still
-        else:
-            fall = rotate(self.base_axes, subtract(values["a1"] if with_rates else still, values["gravity"]))
-            alpha = rotate(self.base_axes, values["alpha1"]) if with_rates else still
-        omega = rotate(self.base_axes, values["omega1"]) if with_rates else still
-        qd, qdd = (self.qd, self.bias_qdd) if with_rates else (self.at_rest, self.at_rest)
-        motions = self._motions_in_own_axes(qd, qdd, omega, alpha, fall)
-        wrenches = self._transmitted_wrenches(motions, with_rates=with_rates)
-        tau = self.efforts_by_coordinate(eq.driving_efforts(self.links, wrenches, qdd))
-        if not self.request.free:
-            return tau
-        return (*rotate(values["S1"], wrenches[0][0]), *rotate(values["S1"], wrenches[0][1]), *tau)
-
     @lock_free_cached_property
     def composites(self) -> list[eq.Matter]:
         """List of the composite bodies, the base first, as tuples (mass, first, second): the mass and the first and
@@ -621,14 +578,19 @@ class TreeQuantities:
     # ---- forward dynamics
 
     @lock_free_cached_property
-    def motor_loads(self) -> list[Scalar]:
-        """List of the joint efforts tau, with those of springs and dampers, less the bias forces, for robots without
-        mimic joints.
+    def unforced(self) -> TreeQuantities:
+        """The quantities for q'' = 0. Gravity acts on all bodies of a free robot alike: it is left out here, and
+        added to the accelerations that are solved for.
         """
-        bias = eq.along_axes(self.links, self.transmitted_bias_wrenches)
-        if self.loads:
-            bias = [force - load for force, load in zip(bias, self.spring_and_damper_efforts, strict=True)]
-        return [self.values["tau"][column] - force for column, force in zip(self.form.columns, bias, strict=True)]
+        return self.coasting.with_values(gravity=ZERO_VECTOR) if self.request.free else self.coasting
+
+    @lock_free_cached_property
+    def bias(self) -> list[Scalar]:
+        """List of the efforts of all joints for which q'' = 0, beside those of springs and dampers."""
+        bias = self.unforced.motor_efforts
+        if not self.loads:
+            return bias
+        return [force - load for force, load in zip(bias, self.spring_and_damper_efforts, strict=True)]
 
     def _friction_of_joint(self, k: int, effort: Scalar, pivot: Scalar) -> Scalar:
         """Return the effort of dry friction at a joint; all else has this effort while the joint's parent rests."""
@@ -659,18 +621,19 @@ class TreeQuantities:
         """Return (a1, alpha1, q'') by articulated bodies (T5); NaN where M is singular."""
         steps, _ = self.articulated
         friction = self._friction_of_joint if self.loads else None
-        left, (force, torque) = eq.accelerations_by_loads(
-            self.links, self.placements, steps, self.motor_loads, friction
-        )
+        loads = [
+            self.values["tau"][column] - force for column, force in zip(self.form.columns, self.bias, strict=True)
+        ]
+        left, (force, torque) = eq.accelerations_by_loads(self.links, self.placements, steps, loads, friction)
         a = alpha = ZERO_VECTOR
         if self.request.free:
-            f, t = self.transmitted_bias_wrenches[0]
+            f, t = self.unforced.transmitted_wrenches[0]
             values, back = self.values, self.base_axes
-            loads = (
+            on_base = (
                 *subtract(rotate(back, values["force1"]), add(f, force)),
                 *subtract(rotate(back, values["torque1"]), add(t, torque)),
             )
-            accelerations, _ = solve_symmetric(self.articulated_base, loads)
+            accelerations, _ = solve_symmetric(self.articulated_base, on_base)
             a, alpha = accelerations[:3], accelerations[3:]
         qdd = eq.joint_accelerations(self.links, self.placements, steps, left, alpha, a)
         return self._nan_where_singular(rotate(self.values["S1"], a), rotate(self.values["S1"], alpha), tuple(qdd))
@@ -731,14 +694,12 @@ class TreeQuantities:
         M is eliminated from the tips inward, where entries between branches are zero.
         """
         values, shift = self.values, 6 * self.request.free
-        bias = eq.driving_efforts(self.links, self.transmitted_bias_wrenches, self.bias_qdd)
-        if self.loads:
-            bias = [force - load for force, load in zip(bias, self.spring_and_damper_efforts, strict=True)]
-        loads = [load - force for load, force in zip(values["tau"], self.efforts_by_coordinate(bias), strict=True)]
+        pairs = zip(values["tau"], self.efforts_by_coordinate(self.bias), strict=True)
+        loads = [load - force for load, force in pairs]
         if self.loads:
             loads = self._with_friction(loads)
         if shift:
-            f, t = (rotate(values["S1"], part) for part in self.transmitted_bias_wrenches[0])
+            f, t = (self.unforced.base_wrench(kind) for kind in (0, 1))
             loads = [*subtract(values["force1"], f), *subtract(values["torque1"], t), *loads]
         accelerations = solve_symmetric(self.mass_entries, tuple(loads[::-1]))[0][::-1]
         a, alpha = (accelerations[:3], accelerations[3:6]) if shift else (ZERO_VECTOR, ZERO_VECTOR)
@@ -780,14 +741,9 @@ class TreeQuantities:
         """Return the Jacobian of the velocity of the robot's centre of mass with respect to v1 and omega1 of a free
         base and to q', as a flat tuple row by row (three rows).
         """
-        joint_columns = []
         share = _reciprocal(self.composites[0].mass)
-        for link, matter, pose in zip(self.links, self.composites[1:], self.poses[1:], strict=True):
-            force, _ = eq.axis_wrench(link.axis, matter)
-            joint_columns.append((scale(rotate(pose.S, force), share), ZERO_VECTOR))
-        base = eq.base_jacobian_columns(self.centre_from_base) if self.request.free else ()
-        entries = _matrix_rows(self._jacobian_columns(joint_columns, base))
-        return entries[: 3 * velocity_count(self.form, self.request)]
+        linear = self.centroidal_momentum_matrix()[: 3 * velocity_count(self.form, self.request)]
+        return tuple(x * share for x in linear)
 
     def centroidal_momentum_matrix(self) -> tuple[Scalar, ...]:
         """Return the matrix A of (linear momentum, angular momentum about the centre of mass) = A (v1, omega1, q'),
@@ -933,8 +889,8 @@ OUTPUTS: Final[Mapping[str, Output]] = {
     "torque": Output(_INVERSE_INPUTS, lambda c: _chain_vectors(torque for _, torque in c.joint_wrenches)),
     "torque_regressor": Output(_INVERSE_INPUTS, TreeQuantities.torque_regressor),
     "mass_matrix": Output(_POSE_INPUTS, TreeQuantities.mass_matrix),
-    "bias_forces": Output((*_RATE_INPUTS, *_BASE_ACCELERATIONS, "gravity"), lambda c: c.bias_forces(True)),
-    "gravity_forces": Output((*_POSE_INPUTS, "gravity"), lambda c: c.bias_forces(False)),
+    "bias_forces": Output((*_RATE_INPUTS, *_BASE_ACCELERATIONS, "gravity"), lambda c: c.coasting.balance()),
+    "gravity_forces": Output((*_POSE_INPUTS, "gravity"), lambda c: c.resting.balance()),
     "qdd": Output(_FORWARD_INPUTS, lambda c: c.solved[2]),
     "a1": Output(_FORWARD_INPUTS, lambda c: c.solved[0]),
     "alpha1": Output(_FORWARD_INPUTS, lambda c: c.solved[1]),
