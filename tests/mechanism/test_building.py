@@ -360,17 +360,17 @@ def test_pairs_without_names_are_told_apart_by_their_places():
 
 def test_a_joint_comes_back_as_a_pair():
     tree = tree_of_file("panda")
-    knee = pair_of(tree, tree.joints[3])
+    knee = pair_of(tree, 4)
     expected = hp.load_robot_hinge("panda", "panda_joint4")
     for name in ("u1", "u2", "n", "home"):
         assert np.array_equal(getattr(knee, name), getattr(expected, name)), name
     assert (knee.limits, knee.torque_limit, knee.rate_limit) == (expected.limits, 87.0, expected.rate_limit)
     assert knee.body2.mass == expected.body2.mass
-    finger = pair_of(tree, tree.joints[7])
+    finger = pair_of(tree, 8)
     assert (type(finger), finger.limits) == (Slider, (0.0, 0.04))
     assert np.array_equal(finger.n, tree.joints[7].S[:, 1])
     continuous = tree_of_file("kinova")
-    assert pair_of(continuous, continuous.joints[0]).limits is None
+    assert pair_of(continuous, 1).limits is None
 
 
 # ---------------------------------------------------------------- payloads and frames
@@ -446,7 +446,7 @@ def test_a_body_without_a_link_does_not_take_the_place_of_another():
         model.addJoint(model.njoints - 1, pin.JointModelRX(), pin.SE3(np.eye(3), np.array((0, 0, 1.0))), name)
     model.addFrame(pin.Frame("lower", 1, pin.SE3.Identity(), pin.FrameType.BODY))
     links = tree_of(hp.Mechanism.from_pinocchio(model)).links
-    assert {name: frame.body for name, frame in links.items()} == {"universe": 0, "lower": 1, "lower_link": 2}
+    assert {name: frame.body for name, frame in links.items()} == {"universe": 0, "lower": 1, "lower_": 2}
 
 
 def test_a_pair_of_a_robot_leaves_out_masses_that_no_body_has():

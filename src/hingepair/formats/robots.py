@@ -10,11 +10,12 @@ from __future__ import annotations
 import functools
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
 from hingepair.errors import ArgumentError, MissingDependencyError, nearest, quoted
-from hingepair.mechanism.building.urdf import hinge_of_urdf
+from hingepair.mechanism.building.urdf import from_urdf
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 
@@ -72,7 +73,7 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
     >>> pair.n.tolist(), pair.u1.tolist()
     ([0.0, 1.0, 0.0], [0.02, 0.0, -0.273])
     """
-    return hinge_of_urdf(robot_urdf(robot), joint, name=f"{robot}/{joint}")
+    return replace(from_urdf(robot_urdf(robot), joint), name=f"{robot}/{joint}")
 
 
 def robot_names() -> tuple[str, ...]:

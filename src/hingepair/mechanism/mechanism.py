@@ -354,12 +354,11 @@ class Mechanism(MechanismMethods):
         """Return a moving joint by name, as a HingePair, Slider or Screw between the frames of the links behind their
         joints. A body that has no mass, or no possible one, is None.
         """
-        for candidate in self._tree.joints:
-            if candidate.name == joint:
-                return changes.pair_of(self._tree, candidate)
-        names = [candidate.name for candidate in self._tree.joints]
-        expected = choices(names) + nearest(str(joint), names) if names else "no joint, since none moves"
-        raise ArgumentError("joint", expected, quoted(joint))
+        names = [one.name for one in self._tree.joints]
+        if joint not in names:
+            expected = choices(names) + nearest(str(joint), names) if names else "no joint, since none moves"
+            raise ArgumentError("joint", expected, quoted(joint))
+        return changes.pair_of(self._tree, names.index(joint) + 1)
 
     def _instead(self, _: str) -> str:
         return "; methods such as with_payload and with_base return changed copies"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import Body, Shape, warn_of_dynamics
+from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.building.folding import (
@@ -35,45 +35,44 @@ from hingepair.numeric.arrays import (
 )
 from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.records import MimicRecord
-from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties
+from hingepair.urdf.rigid import IDENTITY_POSE, ZERO_MASS_PROPERTIES, FramePose, MassProperties
 
 
-def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
-    """Return a joint of a tree as a pair between the frames of the two bodies that it connects."""
-    carrier = tree.single().bodies[joint.parent]
-    made: Any = JOINT_CLASSES[joint.kind]
-    pair: RobotJoint = made(
-        u1=joint.u,
-        u2=(0.0, 0.0, 0.0),
-        n=joint.S @ joint.n,
-        home=joint.S,
-        name=joint.name,
-        body1=body_or_none(f"body1 of {joint.name!r}", carrier),
-        body2=body_or_none(f"body2 of {joint.name!r}", joint.body),
-        **limits_of_pair(joint),
-        **({"pitch": joint.pitch} if KINDS[joint.kind].has_pitch else {}),
-    )
-    return pair
-
-
-def limits_of_pair(joint: Joint) -> dict[str, Any]:
-    """Return the arguments of a pair that hold the limits of a joint; None of those that are infinite."""
-    return {
-        "limits": joint.position_limits if np.isfinite(joint.position_limits).all() else None,
-        "torque_limit": joint.effort_limit if np.isfinite(joint.effort_limit) else None,
-        "rate_limit": joint.rate_limit if np.isfinite(joint.rate_limit) else None,
+def pair_of(
+    tree: Tree,
+    number: int,
+    ends: tuple[FramePose, FramePose] = (IDENTITY_POSE, IDENTITY_POSE),
+) -> RobotJoint:
+    """Return joint `number` of a tree as a pair, whose frames are `ends` in the axes of the tree's bodies. A body is
+    None without mass and, with a DynamicsWarning, where no rigid body has its mass properties.
+    """
+    joint = tree.single().joints[number - 1]
+    seat = ends[0].seen(FramePose(joint.S, joint.u))
+    limits: dict[str, Any] = {
+        "limits": joint.position_limits,
+        "torque_limit": joint.effort_limit,
+        "rate_limit": joint.rate_limit,
     }
-
-
-def body_or_none(label: str, masses: MassProperties, shapes: Iterable[Shape] = (), warns: bool = True) -> Body | None:
-    """Return mass properties as a Body; None without mass, and where no rigid body has them, which it `warns` of."""
-    if not masses.mass:
-        return None
-    if reason := unphysical_reason(masses):
-        if warns:
-            warn_of_dynamics(f"{label}: no rigid body has its mass properties, which are left out: {reason}")
-        return None
-    return Body(masses.mass, masses.centre_of_mass, masses.inertia, shapes)
+    options = {key: value for key, value in limits.items() if np.isfinite(value).all()}
+    for k, body in enumerate((joint.parent, number)):
+        end, masses, label = ends[k].seen(IDENTITY_POSE), tree.bodies[body], f"body{k + 1}"
+        if masses.mass and (reason := unphysical_reason(masses)):
+            message = (
+                f"{label} of {joint.name!r}: no rigid body has its mass properties, which are left out: {reason}"
+            )
+            warn_of_dynamics(message)
+        elif masses.mass:
+            shapes = placed_shapes(tree.drawings[body].shapes if tree.drawings else (), end)
+            masses = masses.placed(end)
+            options[label] = Body(masses.mass, masses.centre_of_mass, masses.inertia, shapes)
+    if KINDS[joint.kind].has_pitch:
+        options["pitch"] = joint.pitch
+    made: Any = JOINT_CLASSES[joint.kind]
+    with np.errstate(all="ignore"):
+        n, home = seat.rotation @ joint.n + 0.0, seat.placed(ends[1]).rotation + 0.0
+    u2 = ends[1].seen(IDENTITY_POSE).origin + 0.0
+    pair: RobotJoint = made(seat.origin + 0.0, u2, n, home=home, name=joint.name, **options)
+    return pair
 
 
 def add_body(tree: Tree, link: str, body: Body | None) -> Tree:

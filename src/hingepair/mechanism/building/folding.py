@@ -100,7 +100,14 @@ def fold_parts(name: str, parts: Sequence[JointPart], locked: Mapping[str, float
         parts: the base, and joints depth-first; names are unique.
         locked: positions [rad or m] of the joints to lock, by name.
     """
-    rules = _joint_rules(parts, _checked_positions(parts, locked_positions(parts, locked)))
+    positions = locked_positions(parts, locked)
+    for part in parts:
+        (least, most), unit = part.joint.position_limits, part.joint.unit
+        position = positions.get(part.name, least)
+        if not least <= position <= most:
+            limits = f"{least:g} to {most:g} {unit}"
+            warn_of_dynamics(f"locked: {part.name!r} is held at {position:g} {unit}, beyond its limits, {limits}")
+    rules = _joint_rules(parts, positions)
     moving = [part for part in parts if not isinstance(rules[part.name], float)]
     body_numbers = {part.name: number for number, part in enumerate(moving, 1)}
     with np.errstate(all="ignore"):  # numbers that overflow are refused below
@@ -108,10 +115,13 @@ def fold_parts(name: str, parts: Sequence[JointPart], locked: Mapping[str, float
         masses: list[dict[str, MassProperties]] = [{} for _ in range(len(moving) + 1)]
         for part, (body, pose) in zip(parts, body_poses, strict=True):
             masses[body] |= {link: one.placed(pose) for link, one in part.masses.items()}
-        joints = tuple(
-            _tree_joint(part, *body_poses[part.joint.parent], mass_properties(one), body_numbers, rules)
-            for part, one in zip(moving, masses[1:], strict=True)
-        )
+        joints = []
+        for part, own in zip(moving, masses[1:], strict=True):
+            (parent, carrier), rule = body_poses[part.joint.parent], rules[part.name]
+            frame = _frame_in_body(f"joint {part.name!r}", parent, carrier.placed(part.pose))
+            mimic = Mimic(body_numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None
+            n, sum_of = read_only(part.joint.n + 0.0), mass_properties(own)
+            joints.append(replace(part.joint, parent=parent, u=frame.R, S=frame.S, n=n, body=sum_of, mimic=mimic))
         links, frames = _links_and_frames(parts, body_poses, body_numbers)
         base_masses = mass_properties(masses[0])
         drawn: list[list[tuple[LinkDrawing, FramePose]]] = [[] for _ in masses]
@@ -125,7 +135,7 @@ def fold_parts(name: str, parts: Sequence[JointPart], locked: Mapping[str, float
     without_mass = {own: link for part, (own, _) in zip(parts, body_poses, strict=True) for link in part.without_mass}
     leaves = tuple(leaf for part in parts for leaf in part.leaves)
     return Tree(
-        name, joints, base_masses, links, frames, tuple(tips), tuple(filter(None, notes)),
+        name, tuple(joints), base_masses, links, frames, tuple(tips), tuple(filter(None, notes)),
         tuple(filter(None, of_base)), drawings, without_mass=without_mass, leaves=leaves,
     )  # fmt: skip
 
@@ -152,18 +162,6 @@ def locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | N
         rule = by_name[joint].follows
         if rule is not None and rule.leader in by_name and rule.leader not in positions:
             raise ArgumentError("locked", f"{rule.leader!r}, which it follows, beside it", quoted(joint))
-    return positions
-
-
-def _checked_positions(parts: Sequence[JointPart], positions: dict[str, float]) -> dict[str, float]:
-    """Return the positions, with a DynamicsWarning for those beyond limits."""
-    for part in parts:
-        least, most = part.joint.position_limits
-        position = positions.get(part.name, least)
-        if not least <= position <= most:
-            unit = part.joint.unit
-            limits = f"{least:g} to {most:g} {unit}"
-            warn_of_dynamics(f"locked: {part.name!r} is held at {position:g} {unit}, beyond its limits, {limits}")
     return positions
 
 
@@ -214,22 +212,6 @@ def displaced(joint: Joint, position: float) -> FramePose:
         sine, cosine = sine_and_cosine(axis.turn(position))
         turn = np.array(hinge_rotation(tuple(joint.n.tolist()), (sine, versine(sine, cosine)))).reshape(3, 3)
     return FramePose(turn, joint.n * axis.shift(position))
-
-
-def _tree_joint(
-    part: JointPart,
-    parent_body: int,
-    carrier_pose: FramePose,
-    masses: MassProperties,
-    body_numbers: Mapping[str, int],
-    rules: Mapping[str, JointRule],
-) -> Joint:
-    """Return a moving part as a Joint; the part that carries it has `carrier_pose` in the body `parent_body`."""
-    frame = _frame_in_body(f"joint {part.name!r}", parent_body, carrier_pose.placed(part.pose))
-    rule = rules[part.name]
-    mimic = Mimic(body_numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None
-    n = read_only(part.joint.n + 0.0)
-    return replace(part.joint, parent=parent_body, u=frame.R, S=frame.S, n=n, body=masses, mimic=mimic)
 
 
 def limit_or_infinity(value: float) -> float:

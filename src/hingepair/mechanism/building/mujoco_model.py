@@ -6,9 +6,9 @@ MuJoCo's compiler resolves defaults, included files, angles and inertias of geom
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,8 @@ from hingepair.mechanism.building.folding import (
     fold_parts,
     written_joint,
 )
-from hingepair.mechanism.building.mujoco_linkages import closed_near, read_loops
 from hingepair.mechanism.joints import JointKind
+from hingepair.mechanism.linkages import Loop, close_tree
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Joint, Tree, unused_name
 from hingepair.numeric.arrays import Float64Array
@@ -36,6 +36,8 @@ from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties, exact_quarter_turns
 
 _KINDS: dict[int, JointKind] = {2: "slider", 3: "hinge"}  # by mjtJoint, MuJoCo's type of a joint
+_LOOP_KINDS = {0: "ball", 1: "weld"}  # of loops, by the type of an equality (mjtEq)
+_SITE = 6  # what an equality joins (mjtObj)
 _JOINT_EQUALITY = 2  # mjEQ_JOINT, the type of an equality by which a joint follows another
 _UNKNOWN = LinkDrawing(None)  # geoms are not read
 _FREE, _TYPE_NAMES = 0, ("free", "ball", "slide", "hinge")
@@ -64,6 +66,15 @@ def _compiled(model: Any) -> Any:
         raise ArgumentError("model", "MJCF that MuJoCo can read", str(error)) from None
 
 
+class _BodyFrame(NamedTuple):
+    """A frame of a body that the model has no site for."""
+
+    name: str
+    body: int
+    position: Any
+    quat_wxyz: Any
+
+
 class _Reader:
     """Reader of the bodies and joints of an MjModel, in MuJoCo's order, which is depth-first.
 
@@ -84,7 +95,7 @@ class _Reader:
         self._site_names = _names(model.site, model.nsite, "site", frames)
         self._rules = self._mimic_rules()
         equalities = _names(model.equality, model.neq, "equality", frames)
-        self._loops = [*read_loops(model, equalities, self._site_names)]
+        self._loops = [*_read_loops(model, equalities, self._site_names)]
 
     def parts(self) -> tuple[str, Literal["fixed", "free"], list[JointPart]]:
         """Return the name of the model, the kind of the base and the parts."""
@@ -113,14 +124,20 @@ class _Reader:
         return self._title(), ("free" if root else "fixed"), parts
 
     def closed(self, tree: Tree) -> Tree:
-        """Return a tree with the loops of the model closed near qpos0 or a keyframe."""
-        model, title = self._model, self._title()
-        positions = [
-            {name: float(qpos[model.jnt_qposadr[joint]]) for joint, name in enumerate(self._joint_names)}
-            for qpos in (model.qpos0, *model.key_qpos)
-        ]
-        loops = [loop for loop, _ in self._loops]
-        return closed_near(tree, loops, positions, lambda message: warn_of_dynamics(f"{title}: {message}"))
+        """Return a tree with the loops of the model closed near qpos0 or a keyframe; else open, with a warning."""
+        model, loops, refused = self._model, [loop for loop, _ in self._loops], None
+        joints = {joint.name for joint in tree.own_coordinates}
+        for qpos in (model.qpos0, *model.key_qpos) if loops else ():
+            places = zip(self._joint_names, model.jnt_qposadr, strict=True)
+            try:
+                return close_tree(tree, loops, None, {name: float(qpos[k]) for name, k in places if name in joints})
+            except ArgumentError as error:
+                refused = error
+        if refused is not None:
+            names = ", ".join(str(loop.name) for loop in loops)
+            left = f"the loops {names} are left open, and can be closed by robot.closed"
+            warn_of_dynamics(f"{self._title()}: {left}: {refused}")
+        return tree
 
     def _title(self) -> str:
         return self._model.names[: self._model.names.index(b"\0")].decode() or "model"
@@ -205,7 +222,16 @@ class _Reader:
             (np.count_nonzero(getattr(model, "dof_dampingpoly", ())), "damping polynomials"),
             (np.count_nonzero(getattr(model, "jnt_stiffnesspoly", ())), "stiffness polynomials"),
         ) if count]  # fmt: skip
-        left_out += self._standing_bodies() + self._loads_of_base()
+        read = {0, *self._bodies()}
+        if standing := [name for body, name in enumerate(self._body_names) if body not in read]:
+            left_out.append(f"bodies that stand in the world ({', '.join(standing)})")
+        if self._root:
+            joint = int(model.body_jntadr[self._root])
+            six = slice(first := int(model.jnt_dofadr[joint]), first + 6)
+            loads = {"damping": model.dof_damping[six], "armature": model.dof_armature[six]}
+            loads |= {"dry friction": model.dof_frictionloss[six], "stiffness": model.jnt_stiffness[joint]}
+            if found := [name for name, values in loads.items() if np.any(values)]:
+                left_out.append(f"{', '.join(found)} of the free joint")
         if model.opt.density or model.opt.viscosity or model.opt.wind.any():
             left_out.append("the medium (density, viscosity, wind)")
         if left_out:
@@ -213,23 +239,6 @@ class _Reader:
         if not np.array_equal(model.opt.gravity, DEFAULT_GRAVITY):
             gravity = model.opt.gravity.tolist()
             warn_of_dynamics(f"the model's gravity {gravity} is not the robot's: methods take gravity=")
-
-    def _standing_bodies(self) -> list[str]:
-        """Return, for the message, the bodies that stand in the world beside a free base."""
-        read = {0, *self._bodies()}
-        left = [name for body, name in enumerate(self._body_names) if body not in read]
-        return [f"bodies that stand in the world ({', '.join(left)})"] if left else []
-
-    def _loads_of_base(self) -> list[str]:
-        """Return, for the message, what acts at the free joint of the base."""
-        if not self._root:
-            return []
-        model, joint = self._model, int(self._model.body_jntadr[self._root])
-        six = slice(first := int(model.jnt_dofadr[joint]), first + 6)
-        loads = {"damping": model.dof_damping[six], "armature": model.dof_armature[six]}
-        loads |= {"dry friction": model.dof_frictionloss[six], "stiffness": model.jnt_stiffness[joint]}
-        found = [name for name, values in loads.items() if np.any(values)]
-        return [f"{', '.join(found)} of the free joint"] if found else []
 
 
 def _names(of: Any, count: int, kind: str, taken: set[str]) -> list[str]:
@@ -242,3 +251,20 @@ def _names(of: Any, count: int, kind: str, taken: set[str]) -> list[str]:
 def _pose(origin: Any = (0.0, 0.0, 0.0), quat_wxyz: Any = (1.0, 0.0, 0.0, 0.0)) -> FramePose:
     S: Float64Array = np.asarray(quaternion_to_matrix("quat", quat_wxyz, scalar_first=True), np.float64)
     return FramePose(exact_quarter_turns(S), np.array(origin, np.float64))
+
+
+def _read_loops(model: Any, names: Sequence[str], sites: Sequence[str]) -> Iterator[tuple[Loop, list[_BodyFrame]]]:
+    """Yield the loops of a model, with the frames that they need: active equalities `connect` and `weld`."""
+    for number, name in enumerate(names):
+        kind, data = _LOOP_KINDS.get(int(model.eq_type[number])), model.eq_data[number]
+        if kind is None or not model.eq_active0[number]:
+            continue
+        first, second = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
+        if model.eq_objtype[number] == _SITE:
+            yield Loop(sites[first], sites[second], kind, name=name), []
+        else:
+            places, turn = (data[:3], data[3:6]), (1.0, 0.0, 0.0, 0.0)
+            one, other = places if kind == "ball" else places[::-1]
+            own = data[6:10] if kind == "weld" else turn
+            frames = [_BodyFrame(f"{name}_1", first, one, own), _BodyFrame(f"{name}_2", second, other, turn)]
+            yield Loop(frames[0].name, frames[1].name, kind, name=name), frames

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import Body
+from hingepair.mechanism.bodies.body import Body, inertial_parameters
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import BodyDrawing, LinkDrawing, placed_shapes
 from hingepair.mechanism.building.changes import add_frame
@@ -128,14 +128,10 @@ def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[J
         sorted_parents = [numbers.get(parent_numbers[old] - 1, 0) for old in order]
         expected = f"the order {', '.join(names[i] for i in order)} with parents={sorted_parents}"
         raise ArgumentError("pairs", f"{expected}: depth-first, siblings by name", ", ".join(names))
-    bodies = [
-        _shared_body([("body1", pair) for pair, parent in zip(checked, parent_numbers, strict=True) if parent == 0])
-    ]
-    for number, pair in enumerate(checked, 1):
-        carried = [
-            ("body1", other) for other, parent in zip(checked, parent_numbers, strict=True) if parent == number
-        ]
-        bodies.append(_shared_body([("body2", pair), *carried]))
+    sides: list[list[tuple[str, RobotJoint]]] = [[], *([("body2", pair)] for pair in checked)]
+    for pair, parent in zip(checked, parent_numbers, strict=True):
+        sides[parent].append(("body1", pair))
+    bodies = [_shared_body(one) for one in sides]
     seats = [IDENTITY_POSE, *(FramePose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
     parts = [_add_body(JointPart(written_joint("")), BASE_LINK, bodies[0], IDENTITY_POSE, is_leaf=False)]
     for number, (pair, parent) in enumerate(zip(checked, parent_numbers, strict=True), 1):
@@ -177,11 +173,7 @@ def _checked_pairs(pairs: Iterable[RobotJoint]) -> list[RobotJoint]:
         if pair.name in names:
             raise ArgumentError("pairs", "a different name for each, by name=", f"{pair.name!r} twice")
         if pair.name == BASE_LINK:
-            raise ArgumentError(
-                "pairs",
-                f"names other than {BASE_LINK!r}, which is that of the base",
-                quoted(pair.name),
-            )
+            raise ArgumentError("pairs", f"names other than {BASE_LINK!r}, that of the base", quoted(pair.name))
         names.add(pair.name)
     return checked
 
@@ -191,13 +183,13 @@ def _checked_parents(pairs: Sequence[RobotJoint], parents: Sequence[int] | None)
     count = len(pairs)
     if parents is None:
         return list(range(count))
-    parent_numbers = list(parents) if isinstance(parents, Iterable) else None
-    if parent_numbers is None or len(parent_numbers) != count:
-        raise ArgumentError("parents", f"{count} numbers, one for each pair", quoted(parents))
-    for parent in parent_numbers:
+    numbers = list(parents) if isinstance(parents, Iterable) else []
+    for parent in numbers:
         if isinstance(parent, bool) or not isinstance(parent, int | np.integer) or not 0 <= parent <= count:
             raise ArgumentError("parents", f"numbers from 0 (the base) to {count}", quoted(parent))
-    return [int(parent) for parent in parent_numbers]
+    if len(numbers) != count:
+        raise ArgumentError("parents", f"{count} numbers, one for each pair", quoted(parents))
+    return [int(parent) for parent in numbers]
 
 
 def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
@@ -221,27 +213,14 @@ def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> l
 
 
 def _shared_body(sides_of_pairs: Sequence[tuple[str, RobotJoint]]) -> Body | None:
-    """Return the Body that these sides of pairs describe, None if none does; refuse those that differ."""
-    first_given: tuple[str, Body] | None = None
-    for side, pair in sides_of_pairs:
-        body: Body | None = getattr(pair, side)
-        if body is None:
-            continue
-        where = f"{side} of {pair.name!r}"
-        if first_given is None:
-            first_given = where, body
-        elif not _same_body(first_given[1], body):
-            raise ArgumentError(where, f"the body that {first_given[0]} is, or None", body)
-    return None if first_given is None else first_given[1]
-
-
-def _same_body(one: Body, other: Body) -> bool:
-    """Return whether two Body objects have equal mass properties; their shapes are not compared."""
-    return one is other or (
-        one.mass == other.mass
-        and np.array_equal(one.centre_of_mass, other.centre_of_mass)
-        and np.array_equal(one.inertia, other.inertia)
-    )
+    """Return the Body that these sides of pairs describe, None if none does; refuse those whose masses differ."""
+    given = [(f"{side} of {pair.name!r}", getattr(pair, side)) for side, pair in sides_of_pairs]
+    given = [(where, body) for where, body in given if body is not None]
+    for where, body in given:
+        one, other = (inertial_parameters(x.mass, x.centre_of_mass, x.inertia) for x in (given[0][1], body))
+        if not np.array_equal(one, other):
+            raise ArgumentError(where, f"the body that {given[0][0]} is, or None", body)
+    return given[0][1] if given else None
 
 
 def _add_body(part: JointPart, link: str, body: Body | None, pose: FramePose, is_leaf: bool) -> JointPart:

@@ -85,18 +85,15 @@ def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentE
 
 def _parts_of_joint(model: Any, number: int, parent_part: int, first_part: int, names: set[str]) -> list[JointPart]:
     """Return a joint as parts numbered from `first_part`: several of a chain, whose last carries the body."""
-    joint, name = model.joints[number], model.names[number]
-    pose = _convert_placement(model.jointPlacements[number])
-    idx_q, idx_v = joint.idx_q, joint.idx_v
-    if joint.shortname() != _COMPOSITE:
-        return [_part_of_joint(model, joint, name, number, parent_part, pose, idx_q, idx_v)]
-    parts: list[JointPart] = []
-    for i, (single, seat) in enumerate(_chain(joint, pose), 1):
-        carrier = first_part + i - 2 if i > 1 else parent_part
-        own = unused_name(f"{name}_{i}", names)
+    joint, name, parts = model.joints[number], model.names[number], list[JointPart]()
+    idx_q, idx_v, is_chain = joint.idx_q, joint.idx_v, joint.shortname() == _COMPOSITE
+    for single, seat in _chain(joint, _convert_placement(model.jointPlacements[number])):
+        own = unused_name(f"{name}_{len(parts) + 1}", names) if is_chain else name
+        carrier = first_part + len(parts) - 1 if parts else parent_part
         parts.append(_part_of_joint(model, single, own, number, carrier, seat, idx_q, idx_v))
         idx_q, idx_v = idx_q + single.nq, idx_v + single.nv
-    parts[-1].frames[name] = IDENTITY_POSE
+    if is_chain:
+        parts[-1].frames[name] = IDENTITY_POSE
     return parts
 
 
@@ -112,14 +109,7 @@ def _chain(joint: Any, seat: FramePose) -> Iterator[tuple[Any, FramePose]]:
 
 
 def _part_of_joint(
-    model: Any,
-    joint: Any,
-    name: str,
-    joint_number: int,
-    parent_part: int,
-    pose: FramePose,
-    idx_q: int,
-    idx_v: int,
+    model: Any, joint: Any, name: str, joint_number: int, parent_part: int, pose: FramePose, idx_q: int, idx_v: int
 ) -> JointPart:
     """Return a joint, or one of a composite joint, as a part that another carries."""
     name_of_kind = joint.shortname()
@@ -138,7 +128,8 @@ def _part_of_joint(
         mimic = joint.extract()
         if mimic.scaling == 0:
             raise _unsupported_joint_error(model, joint_number, "a mimic joint that moves")
-        leader = next(model.names[i] for i in range(model.njoints) if _is_leader(model, i, joint))
+        followed = (one.nq > 0 and one.idx_q == joint.idx_q for one in [*model.joints][1:])
+        leader = model.names[1 + [*followed].index(True)]
         kind_of_mimic: JointKind = "hinge" if motion[3:].any() else "slider"
         follower = written_joint(name, kind_of_mimic, parent_part, pose, _unit_axis(motion / mimic.scaling))
         return JointPart(follower, MimicRecord(leader, mimic.scaling, mimic.offset))
@@ -149,33 +140,18 @@ def _part_of_joint(
     armature = float(model.armature[idx_v])
     if not 0 <= armature < np.inf:
         raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
+    least, most = float(model.lowerEffortLimit[idx_v]), float(model.upperEffortLimit[idx_v])
+    least = least if least <= 0 and least < most else -most  # above 0 where a model never had one
+    try:
+        load = HingeLoad(damping=model.damping[idx_v], friction=model.upperDryFrictionLimit[idx_v])
+    except ArgumentError as error:
+        raise error.renamed(f"joint {name!r}, {error.name}") from None
     own_joint = written_joint(
         name, kind, parent_part, pose,
         _unit_axis(motion), limits, rate_limit=limit_or_infinity(model.upperVelocityLimit[idx_v]),
-        **_effort(float(model.lowerEffortLimit[idx_v]), float(model.upperEffortLimit[idx_v])),
-        armature=armature, load=_load(name, float(model.damping[idx_v]), float(model.upperDryFrictionLimit[idx_v])),
-        pitch=pitch, continuous=joint.nq == 2,
+        **effort_fields(least, most), armature=armature, load=load, pitch=pitch, continuous=joint.nq == 2,
     )  # fmt: skip
     return JointPart(own_joint)
-
-
-def _effort(lower: float, upper: float) -> dict[str, Any]:
-    """Return the fields of bounds of an effort; a lower one above 0, as of models that never had one, is none."""
-    return effort_fields(lower if lower <= 0 and lower < upper else -upper, upper)
-
-
-def _load(name: str, damping: float, friction: float) -> HingeLoad:
-    """Return damping and dry friction as a HingeLoad; errors name the joint."""
-    try:
-        return HingeLoad(damping=damping, friction=friction)
-    except ArgumentError as error:
-        raise error.renamed(f"joint {name!r}, {error.name}") from None
-
-
-def _is_leader(model: Any, number: int, mimic: Any) -> bool:
-    """Return whether the joint of this number has the coordinate that the mimic joint `mimic` follows."""
-    joint = model.joints[number]
-    return number > 0 and joint.nq > 0 and joint.idx_q == mimic.idx_q
 
 
 def _unit_axis(motion: Float64Array) -> Float64Array:
@@ -187,45 +163,36 @@ class _BodyContents:
     """Links, further frames and mass properties of the bodies of a model, by the number of the body's joint."""
 
     def __init__(self, model: Any) -> None:
-        self._model = model
-        self._links: dict[int, dict[str, FramePose]] = {}
-        self._frames: dict[int, dict[str, FramePose]] = {}
-        bodies = {i for i, frame in enumerate(model.frames) if frame.type.name == "BODY"}
-        carrying: set[str] = set()
+        self._model, self._parents = model, {*map(int, model.parents)}
+        self._links, self._frames = ([dict[str, FramePose]() for _ in range(model.njoints)] for _ in range(2))
+        self._carrying: set[str] = set()  # names of the links that carry others
         others: dict[str, Any] = {}
-        for i, frame in enumerate(model.frames):
-            kinds = self._links if i in bodies else self._frames
-            if i not in bodies and i > 0:
+        frames = [*model.frames]
+        for frame in frames[1:]:
+            is_link, pose = frame.type.name == "BODY", _convert_placement(frame.placement)
+            if not is_link:
                 first = others.setdefault(frame.name, frame)
                 if first.parentJoint != frame.parentJoint or not first.placement.isApprox(frame.placement):
                     raise ArgumentError(f"frame {frame.name!r}", "one place for frames of one name", "two places")
-            if frame.type.name != "JOINT" and i > 0:
-                kinds.setdefault(frame.parentJoint, {})[frame.name] = _convert_placement(frame.placement)
-            above = frame.parentFrame
-            while i in bodies and above > 0 and above not in bodies:
-                above = model.frames[above].parentFrame
-            if i in bodies and above in bodies:
-                carrying.add(model.frames[above].name)
-        self._carrying = carrying
-        self._names = {name for links in self._links.values() for name in links}
-        self._parents = {int(parent) for parent in model.parents}
+            if frame.type.name != "JOINT":
+                (self._links if is_link else self._frames)[frame.parentJoint][frame.name] = pose
+            above = frames[frame.parentFrame]
+            while is_link and above.parentFrame > 0 and above.type.name != "BODY":
+                above = frames[above.parentFrame]
+            if is_link and above.type.name == "BODY":
+                self._carrying.add(above.name)
 
     def fill(self, part: JointPart, joint: int) -> JointPart:
         """Return the part of a joint with its body."""
-        links = self._links.get(joint)
-        part.leaves += [link for link in links or () if link not in self._carrying]
+        links, body = self._links[joint], self._model.inertias[joint]
+        leaves = [link for link in links if link not in self._carrying]
         if not links:
-            name = self._model.names[joint]
-            while name in self._names:  # a link of another body
-                name += "_link"
-            links = {name: IDENTITY_POSE}
-            part.leaves += [] if joint in self._parents else [name]
-        body = self._model.inertias[joint]
-        part.links |= links
-        part.frames |= self._frames.get(joint, {})
-        part.masses[next(iter(links))] = MassProperties(
-            float(body.mass), np.array(body.lever), np.array(body.inertia)
-        )
+            name = unused_name(self._model.names[joint], {name for own in self._links for name in own})
+            links, leaves = {name: IDENTITY_POSE}, [] if joint in self._parents else [name]
+        part.links, part.leaves = links, leaves
+        part.frames |= self._frames[joint]
+        masses = MassProperties(float(body.mass), np.array(body.lever), np.array(body.inertia))
+        part.masses[next(iter(links))] = masses
         return part
 
 

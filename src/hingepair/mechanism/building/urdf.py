@@ -5,15 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal, NamedTuple
-
-import numpy as np
+from typing import Literal, cast
 
 from hingepair.errors import ArgumentError, URDFError, choices, nearest, quoted
-from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
+from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.bodies.shapes import link_drawing, placed_shapes
-from hingepair.mechanism.building.changes import body_or_none, limits_of_pair
+from hingepair.mechanism.bodies.shapes import link_drawing
+from hingepair.mechanism.building.changes import pair_of
 from hingepair.mechanism.building.folding import (
     JointPart,
     chosen_base,
@@ -48,13 +46,13 @@ def tree_of_urdf(
     if tolerance > _MAX_SNAP:
         raise ArgumentError("snap", f"an angle [rad] of at most {_MAX_SNAP}", snap)
     robot = read_urdf(path_or_text, tolerance)
-    own, parts = _parts(robot, warns=True)
+    own, parts = _parts(robot)
     held = locked_positions(parts, locked)
     tree = fold_parts(robot.name, parts, held)
     return replace(tree, source=Source(robot.text, held, tolerance)), chosen_base(base, own)
 
 
-def _parts(robot: records.RobotRecord, *, warns: bool) -> tuple[Literal["fixed", "free"], list[JointPart]]:
+def _parts(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"], list[JointPart]]:
     """Return the kind of the base, and the parts: the base, then the joints depth-first by name."""
     root, joints = robot.root, robot.joints
     is_free = bool(joints) and joints[0].type == "floating" and all(joint.parent != root for joint in joints[1:])
@@ -70,11 +68,8 @@ def _parts(robot: records.RobotRecord, *, warns: bool) -> tuple[Literal["fixed",
             raise URDFError(f"joint {joint.name!r}", expected, quoted(joint.type) if joint.type else "none")
         mimic = joint.mimic
         if mimic is not None and mimic.leader not in names:
-            lost = (
-                f"joint {joint.name!r} follows {mimic.leader!r}, which the robot does not have; it moves on its own"
-            )
-            if warns:
-                warn_of_dynamics(lost)
+            lost = f"follows {mimic.leader!r}, which the robot does not have; it moves on its own"
+            warn_of_dynamics(f"joint {joint.name!r} {lost}")
             mimic = None
         numbers[joint.child] = len(parts)
         own = written_joint(
@@ -134,21 +129,8 @@ def from_urdf(
     >>> hp.from_urdf(hp.to_urdf(pair), joint="hinge", body2_frame="body2").u2.tolist()
     [-0.25, 0.1, 0.0]
     """
-    return hinge_of_urdf(path_or_text, joint, body1_frame, body2_frame, warns=True)
-
-
-def hinge_of_urdf(
-    path_or_text: str | os.PathLike[str],
-    joint: str,
-    body1_frame: str | None = None,
-    body2_frame: str | None = None,
-    *,
-    name: str | None = None,
-    warns: bool = False,
-) -> HingePair:
-    """Return what `from_urdf` does, under another name; masses are left out with a warning if it `warns`."""
     robot = read_urdf(path_or_text)
-    parts = _parts(robot, warns=False)[1]
+    parts = _parts(robot)[1]
     tree = fold_parts(robot.name, parts)
     hinges = {one.name: number for number, one in enumerate(tree.joints, 1) if one.kind == "hinge"}
     if joint not in hinges:
@@ -156,44 +138,14 @@ def hinge_of_urdf(
         kind = next((f", which is {one.type}" for one in robot.joints if one.name == joint), "")
         raise URDFError("joint", known + ("" if kind else nearest(str(joint), hinges)), f"{quoted(joint)}{kind}")
     number, record = hinges[joint], next(one for one in robot.joints if one.name == joint)
-    one = _Side.of(tree, "body1_frame", tree.joints[number - 1].parent, record.parent, body1_frame)
-    two = _Side.of(tree, "body2_frame", number, record.child, body2_frame)
-    home, u1 = one.seat.seen(record.pose)
-    with np.errstate(all="ignore"):
-        n = home @ tree.joints[number - 1].n + 0.0
-    return HingePair(
-        u1=u1 + 0.0,
-        u2=two.seat.seen(IDENTITY_POSE).origin + 0.0,
-        n=n,
-        home=one.seat.seen(record.pose.placed(two.seat)).rotation + 0.0,
-        name=joint if name is None else name,
-        **limits_of_pair(tree.joints[number - 1]),
-        body1=one.body(tree, warns),
-        body2=two.body(tree, warns),
-    )
-
-
-class _Side(NamedTuple):
-    """One of the two bodies of a hinge, and the link whose frame is the body's."""
-
-    number: int  # of the body in the tree
-    seat: FramePose  # pose of the frame in the axes of the link at the hinge
-    frame: FramePose  # the same in those of the tree's body
-    places: dict[str, FramePose]  # of all links of the body, in the frame
-
-    @classmethod
-    def of(cls, tree: Tree, argument: str, number: int, own: str, name: str | None) -> _Side:
-        """Return the side of a body; `own` is its link at the hinge, `name` the argument."""
-        links = {link: FramePose(one.S, one.R) for link, one in tree.links.items() if one.body == number}
-        if name is not None and name not in links:
-            raise URDFError(argument, f"a link rigidly fixed to {own!r}: {choices(list(links))}", quoted(name))
-        frame = links[name or own]
-        seat = IDENTITY_POSE if name in (None, own) else links[own].seen(frame)
-        return cls(number, seat, frame, {link: frame.seen(pose) for link, pose in links.items()})
-
-    def body(self, tree: Tree, warns: bool) -> Body | None:
-        """Return mass properties and shapes in the frame; None without mass, or with one of no rigid body."""
-        from_here = self.frame.seen(IDENTITY_POSE)
-        shapes = placed_shapes(tree.drawings[self.number].shapes, from_here)
-        label = f"the body of {', '.join(map(repr, self.places))}"
-        return body_or_none(label, tree.bodies[self.number].placed(from_here), shapes, warns)
+    ends = []
+    for argument, body, own, link in (
+        ("body1_frame", tree.joints[number - 1].parent, record.parent, body1_frame),
+        ("body2_frame", number, record.child, body2_frame),
+    ):
+        links = {name: frame for name, frame in tree.links.items() if frame.body == body}
+        if link is not None and link not in links:
+            raise URDFError(argument, f"a link rigidly fixed to {own!r}: {choices(list(links))}", quoted(link))
+        frame = links[link or own]
+        ends.append(FramePose(frame.S, frame.R))
+    return cast(HingePair, pair_of(tree, number, (ends[0], ends[1])))
