@@ -257,7 +257,6 @@ def pulse(t, _psi, _psid):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:t steps by 10 s")
 def test_a_short_pulse_in_a_long_rest_is_not_missed():
     t = np.linspace(0, 100, 11)
     found = turned(wheel(3.0), t, 0.0, 0.0, pulse, gravity=WEIGHTLESS)

@@ -53,7 +53,6 @@ def test_samples_whose_instants_are_milliseconds_are_warned_of():
     for omega, psid in ((np.tile((0, 0, 0.5), (50, 1)), still), (np.zeros((50, 3)), still + 0.5)):
         with pytest.warns(hp.MeasurementWarning, match="^t steps by 10 s: is it in seconds"):
             hp.integrate(PAIR, t, omega, psid)
-        hp.integrate(PAIR, t, omega / 100, psid / 100)
         hp.integrate(PAIR, t, (0, 0, 0.5), 0.5)
 
 

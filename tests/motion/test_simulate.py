@@ -280,12 +280,6 @@ def test_numbers_that_look_like_degrees_are_warned_of():
         hp.simulate(pair, [0, 0.01], turning, 0.0, 0.0)
 
 
-def test_instants_that_look_like_milliseconds_are_warned_of():
-    with pytest.warns(hp.DynamicsWarning, match="^t steps by 10 s: is it in seconds"):
-        hp.simulate(flywheel(), np.arange(20) * 10.0, STILL, 0.0, 1.0, base="fixed")
-    hp.simulate(flywheel(), np.arange(20) * 10.0, STILL, 0.0, 0.01, base="fixed")
-
-
 def sum_of_errors(total, _, psi):
     total[0] += np.mean(1 - psi) * 0.01
 

@@ -54,15 +54,3 @@ def test_bodies_far_apart_are_suspicious() -> None:
     ]
     assert suspicions("distance", "R2 - R1", np.array([0.4, 0.6, 1e5])) == []
     assert suspicions("distance", "R2 - R1", np.array([np.nan])) == []
-
-
-@pytest.mark.parametrize(
-    ("radius", "rate", "doubted"),
-    [(300.0, 2.0, True), (800.0, 0.1, False), (0.05, 600.0, False), (0.3, 2.0, False)],
-    ids=["arm in mm", "aircraft", "crank", "arm"],
-)
-def test_a_body_that_is_fast_and_jerked_is_suspicious(radius: float, rate: float, doubted: bool) -> None:
-    phase = np.linspace(0, 4 * np.pi, 101)
-    v = radius * rate * np.stack((np.cos(phase), np.sin(phase), 0 * phase), axis=-1)
-    a = radius * rate**2 * np.stack((-np.sin(phase), np.cos(phase), 0 * phase), axis=-1)
-    assert bool(suspicions("motion", "body 1", np.stack((v, a), axis=1))) is doubted

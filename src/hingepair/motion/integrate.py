@@ -202,20 +202,8 @@ def integrate(
         _solution=solution,
     )
     if sampled:
-        warn_of_measurements(_instant_doubts(trajectory))
+        warn_of_measurements(suspicions("instants", "t", instants))
     return trajectory
-
-
-def _instant_doubts(trajectory: Trajectory) -> list[str]:
-    """Return a sentence if the instants of sampled rates are probably not in seconds, judged by how far body 1 and
-    the hinge turn from each of the first instants to the next.
-    """
-    t = trajectory.t[:4096]
-    quats = trajectory.quat_wxyz[: len(t)]
-    turned = 2 * np.arccos(np.minimum(np.abs((quats[1:] * quats[:-1]).sum(axis=1)), 1.0))
-    turned += np.abs(np.diff(trajectory.psi[: len(t)]))
-    angle = np.concatenate(([0.0], np.cumsum(turned)))
-    return suspicions("sampled motion", "t", np.stack((t, angle), axis=-1))
 
 
 def _state(pair: Constants, outputs: tuple[str, ...], inputs: Mapping[str, Any], execution: Execution) -> Any:

@@ -17,7 +17,7 @@ from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.tree import loads_note
-from hingepair.motion.equations_of_motion import REST, RobotMotion, RobotPrograms, RobotSamples
+from hingepair.motion.equations_of_motion import REST, RobotMotion, RobotPrograms
 from hingepair.motion.events import UserEvent
 from hingepair.motion.given import (
     EffortArgument,
@@ -292,7 +292,7 @@ def simulate_robot(
     make_motion = functools.partial(RobotMotion, laws, kind, start, q, qd, acting, programs, moves)
     found = Simulation(make_motion, instants, options)
     samples, q_range, impacts, passed = found.run.samples, list[Any](), list[Impact](), list[str]()
-    in_degrees = _unit_doubts(robot, acting, q, qd, start, samples)
+    in_degrees = _unit_doubts(robot, acting, q, qd, start)
     for k, joint in enumerate(tree_of(robot).coordinates):
         extremes, doubts = joint_range(found.run, k, joint.name, joint.position_limits, options.tol)
         q_range.append(extremes)
@@ -326,21 +326,19 @@ simulate.register(Mechanism, cast(Any, simulate_robot))
 
 
 def _unit_doubts(
-    robot: Mechanism, loads: Loads, q: Array, qd: Array, start: BodyMotion | GivenMotion, samples: RobotSamples
+    robot: Mechanism, loads: Loads, q: Array, qd: Array, start: BodyMotion | GivenMotion
 ) -> dict[str, str]:
-    """Return sentences, by argument, on angles and rates that look like degrees and instants like milliseconds. One
-    mistake in several joints is one sentence.
+    """Return sentences, by argument, on angles and rates that look like degrees. One mistake in several joints is
+    one sentence.
     """
     hinges = [k for k, joint in enumerate(tree_of(robot).coordinates) if joint.unit == "rad"]
     names, omega = [robot.names[k] for k in hinges], getattr(start, "omega", None)
     stops = [np.array(stop_range(loads.joint_loads[name])) for name in names]
-    moved = [np.stack((samples.t, samples.motion.q[:, k]), axis=-1) for k in hinges[:1]]
     found = dict[str, str]()
     for kind, form, values in (
         ("written angles", "loads[{!r}].stops", [one[np.isfinite(one)] for one in stops]),
         ("written angles", "q0[{!r}]", q[hinges]),
         ("written rates", "qd0[{!r}]", qd[hinges]),
-        ("sampled motion", "t", moved),
         ("written rates", "base_motion.omega", [] if omega is None else [omega[None]]),
     ):
         labels = [form.format(name) for name in names] if "{" in form else [form]

@@ -569,15 +569,13 @@ class Scene:
             yield f"{joint.name} presses {depths}: more instants show the peak of its force"
 
     def suspicions(self) -> tuple[str, ...]:
-        """Return sentences on numbers of the file, and on the motion at up to 101 instants, that are probably in
+        """Return sentences on numbers of the file, and on functions at up to 101 instants, that are probably in
         another unit, such as degrees or millimetres.
         """
         rows, motion = self.spread(suspicions.MAX_JUDGED), self.motion
         limits = {joint.name: joint.position_limits for joint in self.subject.joints if joint.unit == "rad"}
         sentences = suspicions.file_suspicions(self.tables.values, limits)
         sentences += suspicions.function_suspicions(motion.functions, np.asarray(motion.t[rows]), limits)
-        if motion.level:
-            sentences += suspicions.motion_suspicions(motion.t, self.known(rows, motion.level), self.pair is not None)
         return tuple(dict.fromkeys(sentences))
 
     # ---- how a scene is shown

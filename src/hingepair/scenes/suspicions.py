@@ -1,4 +1,4 @@
-"""Suspicions of units in a scene: of the numbers as its file has them, and of its motion.
+"""Suspicions of units in a scene: of the numbers as its file has them, and of functions of time.
 
 What each quantity is judged by stands in `hingepair.tables.suspicions`; here it is found.
 """
@@ -15,7 +15,6 @@ from hingepair.tables.suspicions import DEGREES_IN_SCENES, suspicions
 
 if TYPE_CHECKING:
     from hingepair.scenes.motions.functions import FunctionsOfTime
-    from hingepair.scenes.motions.known import Known
 
 MAX_JUDGED: Final = 101
 """Number of instants at which a motion is judged, evenly spread."""
@@ -106,22 +105,3 @@ def function_suspicions(
                 yield from suspicions(
                     kind if constant else _FUNCTION_KINDS[kind], label, values, radians=DEGREES_IN_SCENES
                 )
-
-
-def motion_suspicions(t: Float64Array, known: Known, is_pair: bool) -> Iterator[str]:
-    """Yield a sentence if the instants t are probably not in seconds, judged by the rates of the known motion at some
-    of them, or if body 1 of a pair probably moves in millimetres.
-    """
-    rates = np.max([np.abs(known.column(1, i)) for i in range(len(known.names))], axis=0, initial=0.0)
-    rates = np.broadcast_to(rates, (known.count,))
-    if is_pair:
-        body1 = known.body1
-        rates = rates + np.linalg.norm(np.broadcast_to(np.asarray(body1.omega), (known.count, 3)), axis=1)
-    step = float(np.median(np.diff(np.asarray(t[:MAX_JUDGED])))) if len(t) > 1 else 0.0
-    stamps = step * np.arange(len(rates))
-    yield from suspicions("sampled motion", "t", np.stack((stamps, step * np.cumsum(rates)), axis=-1))
-    if is_pair and known.level > 1:
-        moved = (
-            np.broadcast_to(np.asarray(array, dtype=np.float64), (len(rates), 3)) for array in (body1.v, body1.a)
-        )
-        yield from suspicions("motion", "body 1", np.stack(tuple(moved), axis=1))

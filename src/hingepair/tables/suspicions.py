@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hingepair.numeric.arrays import Float64Array, row_norms
 
@@ -25,13 +25,8 @@ class _Doubt(NamedTuple):
 
     size: Callable[[Float64Array], float]  # of finite values
     least: float  # suspicious size
-    sentence: str  # format of {name}, {size}, {turns}, {largest} (with its sign), {values} and {convert_...}
+    sentence: str  # format of {name}, {size}, {turns}, {largest} (with its sign) and {convert_...}
     most: float = np.inf  # suspicious size
-
-
-def _finite(values: Float64Array) -> Float64Array:
-    """Return the finite rows."""
-    return values[np.isfinite(values).all(axis=tuple(range(1, values.ndim)))]
 
 
 def _median_step(t: Float64Array) -> float:
@@ -50,26 +45,19 @@ def _span(values: Float64Array) -> float:
 def _turned(angles: Float64Array) -> float:
     """Return how far an angle turns in all if it never turns back (NaN unless by multiples of 45), else its span."""
     steps = np.diff(angles)
-    turn = abs(float(steps.sum()))
-    if (steps >= 0).all() or (steps <= 0).all():
-        return (
-            turn if turn % 45 < 1e-9 * turn or -turn % 45 < 1e-9 * turn else np.nan
-        )  # a wheel, unless whole degrees
-    return _span(angles)
-
-
-def _round(part: float) -> Callable[[Float64Array], float]:
-    """Return a function that returns the largest size if all values are whole multiples of `part`, else NaN."""
-    return lambda values: np.nan if np.mod(values, part).any() else float(np.abs(values).max(initial=0.0))
+    if (steps < 0).any() and (steps > 0).any():
+        return _span(angles)
+    turn = abs(float(steps.sum()))  # a wheel, unless whole degrees
+    return turn if min(turn % 45, -turn % 45) < 1e-9 * turn else np.nan
 
 
 def _largest(values: Float64Array) -> float:
     return float(np.abs(values).max(initial=0.0))
 
 
-def _ratio(values: Float64Array) -> float:
-    """Return the ratio of the first to the second value; NaN if the second is 0."""
-    return float(values[0] / values[1]) if values[1] else np.nan
+def _round(part: float) -> Callable[[Float64Array], float]:
+    """Return a function that returns the largest size if all values are whole multiples of `part`, else NaN."""
+    return lambda values: np.nan if np.mod(values, part).any() else _largest(values)
 
 
 def _swing(rates: Float64Array) -> float:
@@ -77,69 +65,44 @@ def _swing(rates: Float64Array) -> float:
     return _largest(rates) if rates.size and rates.min() < 0 < rates.max() else np.nan
 
 
-def _undersampled_step(motion: Float64Array) -> float:
-    """Return the median time step, NaN unless a step turns by a radian or more; of instants and angles, (N, 2)."""
-    turn = _median(np.abs(np.diff(motion[:, 1])))
-    return _median_step(motion[:, 0]) if turn >= 1.0 else np.nan
-
-
-def _fast_and_jerked(motion: Float64Array) -> float:
-    """Return the rms of velocities about their mean, NaN if accelerations are as small as those of a flight."""
-    v, a = motion[:, 0] - motion[:, 0].mean(axis=0), motion[:, 1]
-    rms_v, rms_a = (float(np.sqrt((array * array).sum(axis=1).mean())) for array in (v, a))
-    return rms_v if rms_a > 50.0 else np.nan
-
-
-# Ends of sentences.
-_RADIANS = "is it in radians? Degrees become radians by {convert_name}."
+_STEPS = "{name} steps by {size:.3g} s: is it in seconds? "
+_SPAN = "rad, {turns:.3g} turns: is it in radians? "
+_TAKEN = "{name}: {largest:g} is taken for "
 _DEGREES = "degrees become radians by {convert_largest}."
 _MILLIMETRES = "Millimetres become metres by the factor 1e-3."
-_METRES = "is it in metres? " + _MILLIMETRES
-
-
-def _doubts_about_steps(size: Callable[[Float64Array], float]) -> tuple[_Doubt, ...]:
-    """Return the doubts about median steps, each up to the largest step of a usual recording in its unit [s]."""
-    units = (
-        (1.0, 500.0, "Milliseconds become seconds by 1e-3"),
-        (500.0, 5e5, "Microseconds become seconds by 1e-6"),
-        (5e5, np.inf, "Nanoseconds become seconds by 1e-9"),
-        (np.finfo(float).tiny, 1e-6, "Days become seconds by 86400"),
-    )
-    start = "{name} steps by {size:.3g} s: is it in seconds? "
-    return tuple(_Doubt(size, least, f"{start}{text} * {{name}}.", most) for least, most, text in units)
-
-
-_TWO_TURNS = 2.000001 * _FULL_TURN
+_TWO_TURNS = 2.000001 * _FULL_TURN  # [rad]; two turns of a wheel are not suspicious
 # How values are judged, by what they are.
 _QUANTITIES: Final[Mapping[str, tuple[_Doubt, ...]]] = {
     # Sensors of motion take at least a sample a second and at most a million.
-    "instants": _doubts_about_steps(_median_step),
-    # Instants and an angle [rad], (N, 2), of a computed motion, which may be slow.
-    "sampled motion": _doubts_about_steps(_undersampled_step),
+    "instants": (
+        _Doubt(_median_step, 1.0, _STEPS + "Milliseconds become seconds by 1e-3 * {name}.", 500.0),
+        _Doubt(_median_step, 500.0, _STEPS + "Microseconds become seconds by 1e-6 * {name}.", 5e5),
+        _Doubt(_median_step, 5e5, _STEPS + "Nanoseconds become seconds by 1e-9 * {name}."),
+        _Doubt(_median_step, np.finfo(float).tiny, _STEPS + "Days become seconds by 86400 * {name}.", 1e-6),
+    ),
     # A recorded angle: more than two turns, and fewer than two if read as degrees. What spans more is a wheel.
-    "angle": (_Doubt(_span, _TWO_TURNS, "{name} spans {size:.3g} rad, {turns:.3g} turns: " + _RADIANS, 720.0),),
-    # An angle as a function that somebody wrote: as a recorded one, but one that never turns back may be a wheel.
-    "turning": (
+    "angle": (
         _Doubt(
-            _turned,
+            _span,
             _TWO_TURNS,
-            "{name} turns by {size:.3g} rad, {turns:.3g} turns: is it in radians? 30 degrees are {convert_30}.",
+            "{name} spans {size:.3g} " + _SPAN + "Degrees become radians by {convert_name}.",
             720.0,
         ),
     ),
+    # An angle as a function that somebody wrote: as a recorded one, but one that never turns back may be a wheel.
+    "turning": (
+        _Doubt(_turned, _TWO_TURNS, "{name} turns by {size:.3g} " + _SPAN + "30 degrees are {convert_30}.", 720.0),
+    ),
     # What somebody wrote: degrees are written in whole fives and rates in parts of a turn, radians hardly ever.
-    "written angles": (
-        _Doubt(_round(5.0), 10.0, "{name}: {largest:g} is taken for radians, {turns:.3g} turns; " + _DEGREES, 36e3),
-    ),
-    "written rates": (
-        _Doubt(_round(45.0), 45.0, "{name}: {largest:g} is taken for rad/s, {turns:.3g} turns a second; " + _DEGREES),
-    ),
+    "written angles": (_Doubt(_round(5.0), 10.0, _TAKEN + "radians, {turns:.3g} turns; " + _DEGREES, 36e3),),
+    "written rates": (_Doubt(_round(45.0), 45.0, _TAKEN + "rad/s, {turns:.3g} turns a second; " + _DEGREES),),
+    "written lengths": (_Doubt(_largest, 50.0, _TAKEN + "metres. " + _MILLIMETRES),),
     # A rate as a function that somebody wrote: motors that turn one way may be fast.
     "rate": (_Doubt(_swing, 40.0, "{name} comes to {size:.3g} rad/s: is it in rad/s? 30 degrees are {convert_30}."),),
     # Usual gyroscopes end at 2000 degrees a second, 35 rad/s.
     "gyroscope": (
         _Doubt(
-            lambda omega: float(row_norms(omega).max(initial=0.0)),
+            lambda omega: _largest(row_norms(omega)),
             40.0,
             "{name} comes to {size:.3g} rad/s: is it in rad/s? Degrees a second become rad/s by {convert_name}.",
         ),
@@ -155,15 +118,7 @@ _QUANTITIES: Final[Mapping[str, tuple[_Doubt, ...]]] = {
         ),
     ),
     # Between the reference points of two bodies that share a hinge, and on one body.
-    "distance": (_Doubt(_median, 50.0, "{name} is {size:.3g} m long: " + _METRES),),
-    "written lengths": (_Doubt(_largest, 50.0, "{name}: {largest:g} is taken for metres. " + _MILLIMETRES),),
-    # Velocity and acceleration of a body, (N, 2, 3): neither a flight nor a small fast machine has both.
-    "motion": (_Doubt(_fast_and_jerked, 50.0, "{name} moves at {size:.3g} m/s: " + _METRES),),
-    # A standard deviation and the longest lever of the pair.
-    "std of length": (
-        _Doubt(_ratio, 0.05, "{name} is {values[0]:.3g} m, beside levers of {values[1]:.3g} m: " + _METRES),
-    ),
-    "std of angle": (_Doubt(_largest, 0.05, "{name}: {largest:g} is taken for radians; " + _DEGREES),),
+    "distance": (_Doubt(_median, 50.0, "{name} is {size:.3g} m long: is it in metres? " + _MILLIMETRES),),
     # The first component of quaternions: 1 is half a turn about x, and no turn at all if it is the scalar.
     "quaternion x": (
         _Doubt(
@@ -171,15 +126,6 @@ _QUANTITIES: Final[Mapping[str, tuple[_Doubt, ...]]] = {
             0.95,
             "{name} has a median size of {size:.2g}, half a turn about x: is it the scalar? The order is qx, qy, qz, "
             "qw.",
-        ),
-    ),
-    # A radius of gyration and the longest lever of the body.
-    "gyration": (
-        _Doubt(
-            _ratio,
-            30.0,
-            "{name}: its radius of gyration is {values[0]:.3g} m, beside levers of {values[1]:.3g} m: "
-            "is it in kg m^2?",
         ),
     ),
 }
@@ -200,16 +146,14 @@ def suspicions(kind: str, name: str, values: ArrayLike, *, radians: str = "numpy
     >>> suspicions("written angles", "stops", [-90, 90]), suspicions("written rates", "psid_0", 3.0)
     (['stops: 90 is taken for radians, 14.3 turns; degrees become radians by numpy.radians(90).'], [])
     """
-    array: NDArray[np.float64] = _finite(np.atleast_1d(np.asarray(values, dtype=np.float64)))
+    array = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    array = array[np.isfinite(array).all(axis=tuple(range(1, array.ndim)))]
     for measure, least, sentence, most in _QUANTITIES[kind]:
         with np.errstate(all="ignore"):
             size = measure(array)
         if least <= size <= most:
-            largest, turns = max(array.flat, key=lambda x: (abs(x), x)), size / _FULL_TURN
-            converted = {
-                f"convert_{key}": radians.format(text)
-                for key, text in (("largest", f"{largest:g}"), ("name", name), ("30", "30"))
-            }
-            text = sentence.format(name=name, size=size, largest=largest, turns=turns, values=array, **converted)
-            return [text]
+            largest = max(array.flat, key=lambda x: (abs(x), x))
+            by_key = {"convert_largest": f"{largest:g}", "convert_name": name, "convert_30": "30"}
+            converted = {key: radians.format(text) for key, text in by_key.items()}
+            return [sentence.format(name=name, size=size, largest=largest, turns=size / _FULL_TURN, **converted)]
     return []

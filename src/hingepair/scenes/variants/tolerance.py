@@ -17,7 +17,6 @@ from hingepair.mechanism.pairs.tolerances import DEVIATIONS, LIMITS, point_scatt
 from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.scenes.scene import Scene
 from hingepair.tables.sheets import instant_text
-from hingepair.tables.suspicions import DEGREES_IN_SCENES, suspicions
 from hingepair.tables.units import SI, Units
 
 _MAX_INSTANTS: Final = 101
@@ -154,23 +153,15 @@ def study_tolerances(scene: Scene, **tolerances: Any) -> ToleranceStudy:
         std=std,
         contributions=contributions,
         tolerances=tolerances,
-        notes=_notes(scene, tolerances, int((~is_known).sum()), len(t)),
+        notes=_notes(tolerances, int((~is_known).sum()), len(t)),
         units=scene.units,
     )
 
 
-def _notes(scene: Scene, tolerances: Mapping[str, Any], lost: int, count: int) -> tuple[str, ...]:
-    """Return sentences on what limits mean, on doubtful units and on instants without a pose."""
-    lever = max(float(np.linalg.norm(scene.space.u1)), float(np.linalg.norm(scene.space.u2)))
-    doubts = [
-        suspicions("std of angle", name, value, radians=DEGREES_IN_SCENES)
-        if name in {"axis_std", "home_std"}
-        else suspicions("std of length", name, [np.max(value), lever])
-        for name, value in tolerances.items()
-        if name in DEVIATIONS
-    ]
+def _notes(tolerances: Mapping[str, Any], lost: int, count: int) -> tuple[str, ...]:
+    """Return sentences on what limits mean, and on instants without a pose."""
     limits = [str(value) for name, value in tolerances.items() if name in LIMITS]
     limits += [str(own) for own in tolerances.get("points", {}).values() if np.asarray(own).dtype.kind == "U"]
     assumed = [_LIMITS_NOTE] * any("normal" not in text and "uniform" not in text for text in limits)
     left_out = [f"{lost} of {count} instants have no pose and are left out"] * bool(lost)
-    return (*assumed, *itertools.chain(*doubts), *left_out)
+    return (*assumed, *left_out)
