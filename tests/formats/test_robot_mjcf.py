@@ -67,28 +67,6 @@ def test_mujoco_moves_the_written_robot():
     assert np.abs(found.qdd - data.qacc).max() <= 256 * U * np.abs(data.qacc).max()
 
 
-@pytest.mark.parametrize(
-    ("inertial", "refusal"),
-    [
-        ("", "larger than mjMINVAL"),
-        ('<mass value="1"/>', "positive eigenvalues"),
-        ('<mass value="1"/><inertia ixx="1" iyy="1" izz="3" ixy="0" ixz="0" iyz="0"/>', "A \\+ B >= C"),
-        ('<mass value="1"/><inertia ixx="1" iyy="2" izz="3" ixy="0" ixz="0" iyz="0"/>', None),
-    ],
-)
-def test_masses_that_mujoco_refuses_are_warned_of(inertial, refusal):
-    hand = f'<link name="l4"><inertial>{inertial}</inertial></link>'
-    links = LINKS[: LINKS.index('<link name="l4">')] + hand
-    robot = hp.Mechanism.from_urdf(ARM.replace("ROOT", "pedestal").format(links=links))
-    if refusal is None:
-        mujoco.MjModel.from_xml_string(hp.to_mjcf(robot))
-        return
-    with pytest.warns(hp.DynamicsWarning, match=r"MuJoCo refuses this model: .*; these have none: l4$"):
-        text = hp.to_mjcf(robot)
-    with pytest.raises(ValueError, match=refusal):
-        mujoco.MjModel.from_xml_string(text)
-
-
 def test_a_screw_is_refused():
     screw = hp.Screw(
         u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), pitch=0.1, name="jack", body2=hp.Body(1, inertia=(1, 1, 1))

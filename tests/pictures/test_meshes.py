@@ -102,7 +102,7 @@ def test_a_body_whose_mesh_cannot_be_drawn_gets_simple_shapes_and_a_note(tmp_pat
         ("away.stl", "mesh not found: away.stl"),
         ("secret.txt", "mesh not found: secret.txt"),
         ("broken.stl", "mesh not read: broken.stl"),
-        ("arm.gltf", "mesh not read: arm.gltf"),
+        ("arm.gltf", "mesh not found: arm.gltf"),
     ):
         page = hp.view(hp.Mechanism.from_urdf(urdf_file(tmp_path, file)))
         (sentence,) = page.notes

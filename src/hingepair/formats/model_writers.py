@@ -145,9 +145,9 @@ def to_mjcf(
     Shapes and meshes of a robot are written as geoms that do not collide: what is drawn in group 1, and shapes for
     collisions in group 3, or in group 1 where a body has nothing else. The latter have the class "collision": set
     its contype and conaffinity to 1, and these bodies collide. Files of meshes are named by their paths.
-    MuJoCo loads STL (binary) and OBJ; a `DynamicsWarning` names meshes in other formats,
-    such as DAE, and files that were not found, which are not written. Another one names moving bodies that MuJoCo
-    refuses: without a mass, or with an inertia that no rigid body has.
+    MuJoCo loads STL (binary) and OBJ; a `DynamicsWarning` names meshes in other formats, such as DAE, and files that
+    were not found, which are not written. MuJoCo itself names moving bodies that it refuses: without a mass, or with
+    an inertia that no rigid body has.
 
     Args:
         pair: a `Mechanism`; or a `HingePair`, whose limits, torque_limit and mass properties (pair.body1 and
@@ -188,7 +188,7 @@ def to_mjcf(
     hinge_load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
     tree, sentences = _tree_of_pair(pair, hinge_load, is_fixed=base == "fixed")
     pose = None if body1 is None else _checked_pose(body1)
-    return robot_to_mjcf(tree, base, gravity, pose=pose, base_joint="base", sentences=sentences)
+    return robot_to_mjcf(tree, base, gravity, pose=pose, sentences=sentences)
 
 
 def _refuse_for_robots(**values: Any) -> None:

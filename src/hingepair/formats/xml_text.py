@@ -1,4 +1,4 @@
-"""Elements of XML, and joints of URDF, as the exports write them."""
+"""Elements of XML, and names of links, as the exports write them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
-from hingepair.numeric.arrays import Float64Array
+from hingepair.mechanism.tree import Frame, Tree
 
 NO_TURN = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
 
@@ -24,6 +24,23 @@ def check_xml_text(argument: str, text: str) -> None:
     """Raise an ArgumentError if the text of an argument has a character that XML cannot hold."""
     if re.search(_INVALID, text):
         raise ArgumentError(argument, "characters that XML can hold", quoted(text))
+
+
+def check_names(tree: Tree) -> None:
+    """Raise an ArgumentError if a name of a robot has a character that XML cannot hold."""
+    for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
+        check_xml_text("name", name)
+
+
+def seat_of(tree: Tree, number: int) -> tuple[dict[str, Frame], dict[str, Frame], str | None]:
+    """Return the links of a body, its frames, and the name of the link at the body's joint, which the others lack;
+    None if there is none.
+    """
+    links = {name: frame for name, frame in tree.links.items() if frame.body == number}
+    frames = {name: frame for name, frame in tree.frames.items() if frame.body == number}
+    seat = next((n for n, f in links.items() if not f.R.any() and (np.eye(3) == f.S).all()), None)
+    links.pop(seat or "", None)
+    return links, frames, seat
 
 
 def add_element(parent: ET.Element, tag: str, /, **attributes: Any) -> ET.Element:
@@ -44,39 +61,17 @@ def first_few(names: Sequence[str]) -> str:
     return f"{', '.join(names[:3])}{f' and {len(names) - 3} more' * (len(names) > 3)}"
 
 
-def document(root: ET.Element, sentences: Sequence[str] = ()) -> str:
-    """Return the XML text of an element, with its declaration, and a DynamicsWarning and a comment for each sentence
-    on what is assumed. The element is indented in place.
+def document(root: ET.Element, tree: Tree, sentences: Sequence[str]) -> str:
+    """Return the XML text of a robot, with its declaration, and a DynamicsWarning and a comment for each sentence on
+    what is assumed. The element is indented in place.
     """
+    if unread := [name for drawing in tree.drawings for name in drawing.unread]:
+        sentences = [*sentences, f"{tree.name}: what cannot be read is not written: {first_few(unread)}"]
     for sentence in sentences:
         warn_of_dynamics(sentence)
     ET.indent(root)
     text = '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
     return functools.reduce(commented, reversed(sentences), text)
-
-
-def add_urdf_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
-    """Add a joint of a kind such as "revolute" to the element <robot> of a URDF, and return it."""
-    joint = add_element(robot, "joint", name=name, type=kind)
-    add_element(joint, "parent", link=parent)
-    add_element(joint, "child", link=child)
-    return joint
-
-
-def add_inertial(link: ET.Element, mass: float, centre: Float64Array, inertia: Float64Array) -> None:
-    """Add the mass properties of a body to a link of a URDF."""
-    inertial = add_element(link, "inertial")
-    add_element(inertial, "origin", xyz=centre, rpy=NO_TURN)
-    add_element(inertial, "mass", value=mass)
-    moments = inertia[np.triu_indices(3)].tolist()
-    add_element(inertial, "inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moments, strict=True)))
-
-
-def axis_for_urdf(axis: Float64Array) -> Float64Array:
-    """Return a unit axis; one so near x, y or z that readers would take it for that is made a little longer."""
-    # Pinocchio takes an axis within 1e-12 of x for x, but normalises one that is longer by more than that.
-    second_largest = np.sort(np.abs(axis))[1]
-    return axis * (1 + 2.0**-38) if 2.0**-53 < second_largest < 2.0**-39 else axis
 
 
 def commented(text: str, comment: str) -> str:

@@ -69,11 +69,7 @@ def read_meshes(meshes: Iterable[Mesh], megabytes: float) -> tuple[dict[int, lis
 
 
 def _load(trimesh: Any, path: Path) -> list[tuple[str | None, Any]]:
-    """Return the colours and geometries of a file; raise a ValueError if it has too many triangles, or is glTF: that
-    may name other files, and more numbers than it holds.
-    """
-    if path.suffix.lower() in {".gltf", ".glb"}:
-        raise ValueError("glTF; STL, OBJ and DAE are read")
+    """Return the colours and geometries of a file; raise a ValueError if it has too many triangles."""
     scene = trimesh.load_scene(path, process=False)
     drawn = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
     count = sum(len(getattr(geometry, "faces", ())) for geometry in drawn)

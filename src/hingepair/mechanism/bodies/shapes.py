@@ -12,7 +12,7 @@ from hingepair.mechanism.bodies.body import Box, Cylinder, Shape, Sphere
 from hingepair.urdf.records import SHAPE_SIZES, LinkRecord, Visual
 from hingepair.urdf.rigid import FramePose
 
-_MESH_SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf")
+_MESH_SUFFIXES = (".stl", ".dae", ".obj", ".ply")  # glTF may name other files, and more numbers than it holds
 _MAX_MESH_BYTES = 200_000_000  # a URDF of a stranger may name any file
 
 
