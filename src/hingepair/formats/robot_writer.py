@@ -162,6 +162,7 @@ def _add_shape(link: ET.Element, shape: Drawn, tag: str, colour: Sequence[float]
     own.
     """
     rpy: Any = NO_TURN
+    sizes: dict[str, Any]
     origin = shape.pose.origin if isinstance(shape, Mesh) else shape.center
     if isinstance(shape, Mesh):
         kind, file, colour = "mesh", shape.named_anywhere(), shape.colour
