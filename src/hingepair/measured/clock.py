@@ -46,7 +46,7 @@ class ClockedPoses:
         arrays, parts = smoothed_arrays(self._t, R2, S2, None, _MAX_GAP, loss)
         self._rates = np.stack([np.nan_to_num(arrays[name]) for name in ("v", "omega", "a", "alpha")])
         self._smooth: NDArray[np.bool_] = np.asarray(np.isfinite(arrays["a"] + arrays["alpha"]).all(axis=1))
-        self._rate_noise = parts["R"].median_deviations[1], parts["S"].median_deviations[1]
+        self._rate_noise = [float(np.nanmedian(parts[letter].deviations(1))) for letter in "RS"]
         self._step = float(np.median(np.diff(self._t)))
         self._since_middle = self._t - (self._t[0] + self._t[-1]) / 2
 

@@ -256,7 +256,8 @@ class _Sensor(NamedTuple):
         smoothed = [smooth_columns(t, columns, pieces, None) for columns in readings]
         is_used = np.zeros(t.size, dtype=bool)
         is_used[np.concatenate(pieces)] = True
-        return cls(t, readings, np.stack([each.values for each in smoothed]), smoothed[0].deviations[1], is_used)
+        courses = np.stack([[each.curves(order) for order in range(3)] for each in smoothed])
+        return cls(t, readings, courses, smoothed[0].deviations(1), is_used)
 
     @property
     def step(self) -> float:

@@ -1,13 +1,14 @@
 """Angular velocity and acceleration from samples of a moving attitude (E3), however fast it spins.
 
 For derivatives of order p (even) at a sample, p/2 neighbours are taken on either side; the polynomial goes through
-all p + 1 samples, with the weights of Fornberg (Mathematics of Computation 51 (1988), 699-706). For the first and the
-last p/2 samples, whose neighbours are on one side, it is the one nearest to the first or last p + 5 samples (least
-squares): one through p + 1 would amplify noise three times as much. The instants need not be uniform.
+all p + 1 samples. For the first and the last p/2 samples, whose neighbours are on one side, it is the one nearest to
+the first or last p + 5 samples (least squares): one through p + 1 would amplify noise three times as much. The
+instants need not be uniform.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import Literal, TypeAlias, overload
 
@@ -190,31 +191,22 @@ def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp],
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
     x = nodes / step
-    first, second = (
-        _interpolation_weights(x) if x.shape[1] == accuracy_order + 1 else _least_squares_weights(x, accuracy_order)
-    )
+    is_exact = x.shape[1] == accuracy_order + 1
+    first, second = lagrange_weights(x)[1:] if is_exact else _least_squares_weights(x, accuracy_order)
     return rows, neighbours, first / step, second / step / step
 
 
-def _interpolation_weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return the weights (..., m) of values at distinct nodes x in the first and second derivative at 0 of the
-    polynomial through them.
+def lagrange_weights(nodes: Float64Array) -> Float64Array:
+    """Return Lagrange's weights (3, ..., m) of values at m distinct nodes (..., m): those of the value, and of the
+    first and the second derivative at 0, of the polynomial through them.
     """
-    nodes = [x[..., i] for i in range(x.shape[-1])]
-    zero = np.zeros(x.shape[:-1])
-    weights = [(zero + 1, zero, zero)]
-    product = zero + 1
-    for i, node in enumerate(nodes[1:], start=1):
-        before, previous, (c0, c1, c2) = nodes[i - 1], product, weights[-1]
-        product = zero + 1
-        for j in range(i):
-            gap = node - nodes[j]
-            product = product * gap
-            w0, w1, w2 = weights[j]
-            weights[j] = node * w0 / gap, (node * w1 - w0) / gap, (node * w2 - 2 * w1) / gap
-        ratio = previous / product
-        weights.append((-ratio * before * c0, ratio * (c0 - before * c1), ratio * (2 * c1 - before * c2)))
-    return np.stack([w[1] for w in weights], axis=-1), np.stack([w[2] for w in weights], axis=-1)
+    x = np.moveaxis(nodes, -1, 0)
+    weights = np.zeros((3, *x.shape))
+    weights[0] = 1.0
+    for i, j in itertools.permutations(range(len(x)), 2):  # times (t - x_j) / (x_i - x_j), up to t^2
+        c0, c1, c2 = weights[:, i]
+        weights[:, i] = np.stack((-x[j] * c0, c0 - x[j] * c1, c1 - x[j] * c2)) / (x[i] - x[j])
+    return np.asarray(np.moveaxis(weights, 1, -1) * np.array((1.0, 1.0, 2.0)).reshape(3, *[1] * nodes.ndim))
 
 
 def _least_squares_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float64Array]:

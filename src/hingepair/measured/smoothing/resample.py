@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import overload
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.measured.smoothing.angular_velocity import (
+    lagrange_weights,
     needed_spin,
     turn_between,
     vector_beside_spin,
@@ -131,6 +131,9 @@ def interpolated(
     which = np.searchsorted(t[known_indices[starts]], new_instants, side="right") - 1
     inside = np.flatnonzero((which >= 0) & (new_instants <= t[known_indices[stops[which] - 1]]))
     which, before = which[inside], np.searchsorted(t[known_indices], new_instants[inside], side="right") - 1
+    is_sample = t[known_indices[before]] == new_instants[inside]
+    result[inside[is_sample]] = values[known_indices[before[is_sample]]]
+    inside, which, before = (array[~is_sample] for array in (inside, which, before))
     counts = np.minimum(4, sizes[which])
     first = np.clip(before - 1, starts[which], stops[which] - counts)
     between = _interpolated_rotations if rotations else _interpolated_columns
@@ -138,14 +141,12 @@ def interpolated(
         rows, first_nodes = inside[counts == count], first[counts == count]
         near = known_indices[first_nodes[:, None] + np.arange(count)]
         result[rows] = between(t[near] - new_instants[rows, None], values[near])
-    is_sample = t[known_indices[before]] == new_instants[inside]
-    result[inside[is_sample]] = values[known_indices[before[is_sample]]]
     return result
 
 
 def _interpolated_columns(nodes: Float64Array, neighbours: Float64Array) -> Float64Array:
     """Return the polynomials through values (N, k, ...) at nodes (N, k), at 0."""
-    return np.asarray(np.einsum("ni,ni...->n...", lagrange_weights(nodes), neighbours))
+    return np.asarray(np.einsum("ni,ni...->n...", lagrange_weights(nodes)[0], neighbours))
 
 
 def _interpolated_rotations(nodes: Float64Array, neighbours: Float64Array) -> Float64Array:
@@ -165,13 +166,5 @@ def _interpolated_rotations(nodes: Float64Array, neighbours: Float64Array) -> Fl
         vector_beside_spin(base, S, omega, dt)
         for S, dt in zip(np.moveaxis(neighbours, 1, 0), (nodes - start[:, None]).T, strict=True)
     ]
-    x = np.einsum("ni,nij->nj", lagrange_weights(nodes), np.stack(beside, axis=1))
+    x = np.einsum("ni,nij->nj", lagrange_weights(nodes)[0], np.stack(beside, axis=1))
     return np.asarray(rotation_exp(x) @ rotation_exp(-omega * start[:, None]) @ base)
-
-
-def lagrange_weights(nodes: Float64Array) -> Float64Array:
-    """Return Lagrange's weights (..., k) of values at distinct nodes, for interpolation at 0."""
-    weights = np.ones_like(nodes)
-    for i, j in itertools.permutations(range(nodes.shape[-1]), 2):
-        weights[..., i] *= nodes[..., j] / (nodes[..., j] - nodes[..., i])
-    return weights

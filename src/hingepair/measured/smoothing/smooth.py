@@ -8,6 +8,7 @@ however fast, and costs nothing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, overload
@@ -39,8 +40,24 @@ from hingepair.tables.wrapped_angles import is_wrapped, unwrap_if_wrapped
 _QUANTITIES = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}  # a smoothed quantity and its derivatives
 
 
+class _Smoothed(OverInstants):
+    """Base of the results of `smooth`."""
+
+    __slots__ = ()
+    t: Float64Array
+    std: Mapping[str, Float64Array]
+
+    def record(self) -> Record:
+        """Return the smoothed arrays with their standard deviations (`psi_std`, ...) as a result that `save`
+        writes.
+        """
+        arrays = {name: np.asarray(getattr(self, name)) for name in self.std}
+        arrays |= {f"{name}_std": std.reshape(self.t.size, -1)[:, 0] for name, std in self.std.items()}
+        return Record(self.t, arrays, "smoothed motion", unit=_unit)
+
+
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
-class SmoothedMotion(OverInstants, BodyMotion):
+class SmoothedMotion(_Smoothed, BodyMotion):
     """The result of `smooth` for a body: a BodyMotion with smooth R, v, a, S, omega and alpha, NaN at missing samples
     in a gap.
 
@@ -69,25 +86,18 @@ class SmoothedMotion(OverInstants, BodyMotion):
         noise: dict[str, float] = {}
         std: dict[str, Float64Array] = {}
         for letter, names in _QUANTITIES.items():
-            noise |= _noise_by_name(names, parts[letter])
-            deviations = np.broadcast_to(parts[letter].deviations[..., None], (3, t.size, 3))
-            std |= dict(zip(names, map(read_only, deviations), strict=True))
+            own_noise, own_std = _noise_and_std(names, parts[letter])
+            noise |= own_noise
+            std |= {name: np.broadcast_to(own[:, None], (t.size, 3)) for name, own in own_std.items()}
         object.__setattr__(self, "noise", noise)
         object.__setattr__(self, "std", std)
-        object.__setattr__(self, "bandwidth", {letter: part.bandwidth for letter, part in parts.items()})
-        object.__setattr__(self, "correlation", {letter: part.correlation for letter, part in parts.items()})
+        for name in ("bandwidth", "correlation"):
+            object.__setattr__(self, name, {letter: getattr(part.model, name) for letter, part in parts.items()})
         object.__setattr__(self, "t", read_only(t))
-
-    def record(self) -> Record:
-        """Return the smoothed motion with its standard deviations (`R_std`, ...) as a result that `save` writes."""
-        names = [name for name in ("R", "S", "v", "omega", "a", "alpha") if getattr(self, name) is not None]
-        arrays = {name: np.asarray(getattr(self, name)) for name in names}
-        arrays |= {f"{name}_std": self.std[name][:, 0] for name in names}
-        return Record(self.t, arrays, "smoothed motion", unit=_unit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedAngle(OverInstants, Frozen):
+class SmoothedAngle(_Smoothed, Frozen):
     """The result of `smooth` for an angle, NaN at missing samples in a gap. `psi, psid, psidd = smoothed` unpacks the
     angle and its derivatives.
 
@@ -116,13 +126,6 @@ class SmoothedAngle(OverInstants, Frozen):
 
     def __iter__(self) -> Iterator[Float64Array]:
         return iter((self.psi, self.psid, self.psidd))
-
-    def record(self) -> Record:
-        """Return the smoothed angle with its standard deviations (`psi_std`, ...) as a result that `save` writes."""
-        arrays = {"psi": self.psi, "psid": self.psid, "psidd": self.psidd}
-        return Record(
-            self.t, arrays | {f"{name}_std": self.std[name] for name in arrays}, "smoothed angle", unit=_unit
-        )
 
 
 def _unit(name: str) -> str:
@@ -227,8 +230,8 @@ def _smooth_body(
     S = np.broadcast_to(body.S, (t.size, 3, 3)).astype(np.float64)
     arrays, parts = smoothed_arrays(t, R, S, bandwidth, gaps, loss)
     motion = SmoothedMotion(t, arrays, parts)
-    recorded = (("R", "positions", R), ("S", "attitudes", S))
-    _warn(loss, arrays, motion.noise, [(name, x, parts[key], _QUANTITIES[key]) for key, name, x in recorded])
+    recorded = {"positions": (R, parts["R"], ("v", "a")), "attitudes": (S, parts["S"], ("omega", "alpha"))}
+    _warn(loss, recorded, arrays, motion.noise)
     return motion
 
 
@@ -244,7 +247,7 @@ def smoothed_arrays(
     position_pieces = _smoothable_pieces("body.R", t, R, gaps)
     origin = R[position_pieces[0][0]]
     places = smooth_columns(t, R - origin, position_pieces, bandwidth, loss)
-    arrays = dict(zip(_QUANTITIES["R"], (places.values[0] + origin, *places.values[1:]), strict=True))
+    arrays = {"R": places.curves(0) + origin, "v": places.curves(1), "a": places.curves(2)}
     turns, attitudes = _smooth_attitudes(t, S, _smoothable_pieces("body.S", t, S, gaps), gaps, bandwidth, loss)
     return arrays | turns, {"R": places, "S": attitudes}
 
@@ -272,8 +275,8 @@ def _smooth_attitudes(
         flat, frames = _unrolled_attitudes(base, piece_slices)
         off = rotation_vector(np.swapaxes(base, -1, -2) @ S)
         smoothed = smooth_columns(t, flat + np.einsum("nji,nj->ni", frames, off), pieces, bandwidth, loss)
-        bandwidth = smoothed.bandwidth
-        base = base @ rotation_exp(np.einsum("nij,nj->ni", frames, smoothed.values[0] - flat))
+        bandwidth = smoothed.model.bandwidth
+        base = base @ rotation_exp(np.einsum("nij,nj->ni", frames, smoothed.curves(0) - flat))
     omega, alpha = np.full((2, t.size, 3), np.nan)
     for piece in piece_slices:
         try:
@@ -286,28 +289,29 @@ def _smooth_attitudes(
 
 
 def _unrolled_attitudes(S: Float64Array, piece_slices: Sequence[slice]) -> tuple[Float64Array, Float64Array]:
-    """Map a path of attitudes to a path in flat space (N, 3), with rotations (N, 3, 3) that convert steps in flat
-    space to steps in body axes. In each piece the path starts at 0 with the identity; NaN between pieces.
-
-    From sample to sample the path turns about one axis; a vector carried along without spinning turns back by half of
-    that, in the axes of the body.
+    """Return the path of attitudes rolled out in flat space (N, 3), and the rotations (N, 3, 3) from steps there to
+    steps in body axes. Each piece begins at 0 with the identity; NaN between pieces.
     """
     flat, frames = np.full(S.shape[:-1], np.nan), np.full(S.shape, np.nan)
     for piece in piece_slices:
         steps = np.zeros_like(flat[piece])
         steps[1:] = rotation_vector(np.swapaxes(S[piece][:-1], -1, -2) @ S[piece][1:])
+        # A vector carried along without spinning turns back by half of each step, in the axes of the body.
         frames[piece] = _cumulative_products(np.asarray(rotation_exp(-0.5 * steps), dtype=np.float64))
         flat[piece] = np.cumsum(np.einsum("nji,nj->ni", frames[piece], steps), axis=0)
     return flat, frames
 
 
 def _cumulative_products(turns: Float64Array) -> Float64Array:
-    """Return turns[i] @ ... @ turns[0] for every i, by about log2(N) array multiplications."""
-    product, reach = turns, 1
-    while reach < turns.shape[0]:
-        product = np.concatenate((product[:reach], product[reach:] @ product[:-reach]))
-        reach *= 2
-    return product
+    """Return turns[i] @ ... @ turns[0] for every i: in rows of about sqrt(N), all at a time, then row after row."""
+    width = math.isqrt(turns.shape[0]) + 1
+    rows = np.concatenate((turns, np.broadcast_to(np.eye(3), (-turns.shape[0] % width, 3, 3))))
+    rows = rows.reshape(-1, width, 3, 3)
+    for k in range(1, width):
+        rows[:, k] = rows[:, k] @ rows[:, k - 1]
+    for k in range(1, len(rows)):
+        rows[k] = rows[k] @ rows[k - 1, -1]
+    return rows.reshape(-1, 3, 3)[: turns.shape[0]]
 
 
 def _smooth_angle(
@@ -317,16 +321,12 @@ def _smooth_angle(
     pieces = _smoothable_pieces("body", t, psi, gaps)
     smoothed = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], pieces, bandwidth, loss)
     names = ("psi", "psid", "psidd")
-    arrays = {name: read_only(array[:, 0]) for name, array in zip(names, smoothed.values, strict=True)}
-    noise = _noise_by_name(names, smoothed)
-    _warn(loss, arrays, noise, [("angle", psi, smoothed, names)])
+    arrays = {name: read_only(smoothed.curves(order)[:, 0]) for order, name in enumerate(names)}
+    noise, std = _noise_and_std(names, smoothed)
+    _warn(loss, {"angle": (psi, smoothed, names[1:])}, arrays, noise)
+    model = smoothed.model
     return SmoothedAngle(
-        **arrays,
-        noise=noise,
-        std={name: read_only(std) for name, std in zip(names, smoothed.deviations, strict=True)},
-        bandwidth=smoothed.bandwidth,
-        correlation=smoothed.correlation,
-        t=read_only(t),
+        **arrays, noise=noise, std=std, bandwidth=model.bandwidth, correlation=model.correlation, t=read_only(t)
     )
 
 
@@ -340,59 +340,64 @@ def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: f
     return pieces_of_samples
 
 
-def _noise_by_name(names: tuple[str, str, str], smoothed: SmoothedColumns) -> dict[str, float]:
-    """Return the noise of the samples, and the median noise of both derivatives, by name."""
-    return dict(zip(names, (smoothed.noise, *smoothed.median_deviations[1:].tolist()), strict=True))
+def _noise_and_std(
+    names: tuple[str, str, str], smoothed: SmoothedColumns
+) -> tuple[dict[str, float], dict[str, Float64Array]]:
+    """Return by name the noise of the samples with the median noise of both derivatives, and the standard deviations
+    at every sample (N,).
+    """
+    std = {name: read_only(smoothed.deviations(order)) for order, name in enumerate(names)}
+    noise = {name: float(np.nanmedian(own)) for name, own in std.items()}
+    return noise | {names[0]: float(np.sqrt(smoothed.variance))}, std
 
 
 def _warn(
     loss: Loss | None,
+    recorded: Mapping[str, tuple[Float64Array, SmoothedColumns, tuple[str, str]]],
     arrays: Mapping[str, NDArray[Any]],
     noise: Mapping[str, float],
-    recorded: Sequence[tuple[str, Float64Array, SmoothedColumns, tuple[str, str, str]]],
 ) -> None:
-    """Warn of earlier filtering, correlated noise and outliers of samples, and of derivatives that are mostly noise;
-    `recorded` are names of samples, the samples, what smoothing found, and the names of the results.
+    """Warn of earlier filtering, correlated noise and outliers of recorded samples, of which smoothing found this,
+    and of derivatives, named last, that are mostly noise.
     """
     sentences, noisy = [], []
-    for what, samples, found, names in recorded:
-        if found.noise <= 1e-11 * float(np.nanmax(np.abs(samples))):  # rounding explains it
+    for what, (samples, found, names) in recorded.items():
+        if found.variance <= (1e-11 * float(np.nanmax(np.abs(samples)))) ** 2:  # rounding explains it
             continue
-        sentences += [f"{what}: {sentence}" for sentence in _residual_suspicions(samples, found, loss)]
-        for name in names[1:]:
-            size = float(np.sqrt(np.nanmean(np.square(arrays[name]))))
+        sentences += [f"{what}: {sentence}" for sentence in _residual_suspicions(found, loss)]
+        for name in names:
+            size, unit = float(np.sqrt(np.nanmean(np.square(arrays[name])))), unit_of(name)
             if noise[name] > 0.5 * size:
-                unit = unit_of(name)
                 noisy.append(f"{name}: noise of {noise[name]:.2g} {unit} in {size:.2g} {unit}")
     if noisy:
         sentences.append(f"{'; '.join(noisy)} (rms of a component): a lower bandwidth leaves less")
     warn_of_measurements(sentences, stacklevel=5)
 
 
-def _residual_suspicions(samples: Float64Array, found: SmoothedColumns, loss: Loss | None) -> list[str]:
+def _residual_suspicions(found: SmoothedColumns, loss: Loss | None) -> list[str]:
     """Return sentences on earlier filtering, correlated noise and outliers."""
-    count = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1).sum()
+    model, count = found.model, len(found.residuals)
     too_small = "the noise and the standard deviations that are stated are too small"
     sentences = []
-    if found.is_limited:
+    if model.is_limited:
         sentences.append(
-            f"the bandwidth is the highest that the samples allow, {found.bandwidth:.3g} Hz: their noise cannot be "
+            f"the bandwidth is the highest that the samples allow, {model.bandwidth:.3g} Hz: their noise cannot be "
             f"told from motion, as where samples were filtered before; {too_small}. Smooth the raw samples."
         )
     elif found.residual_correlation > max(0.2, 4 / np.sqrt(count)):
         sentences.append(
             f"what smoothing leaves of neighbouring samples is correlated ({found.residual_correlation:.2g}): motion "
-            f"that the bandwidth of {found.bandwidth:.3g} Hz leaves out, or noise with a long memory; {too_small}."
+            f"that the bandwidth of {model.bandwidth:.3g} Hz leaves out, or noise with a long memory; {too_small}."
         )
-    elif found.correlation > 0.72:  # measured: below, standard deviations cover 90 to 99 %
+    elif model.correlation > 0.72:  # measured: below, standard deviations cover 90 to 99 %
         sentences.append(
-            f"the noise of neighbouring samples is correlated ({found.correlation:.2g}), and slow noise passes for "
+            f"the noise of neighbouring samples is correlated ({model.correlation:.2g}), and slow noise passes for "
             f"motion; {too_small}, perhaps by a factor of two or three."
         )
-    if found.outlier_share > 0 and loss is None and not found.is_limited:
-        remedy = 'take them out of the recording, or call hingepair.smooth with the loss "cauchy"'
-        share = percent(found.outlier_share)
+    share = found.outlier_share if loss is None and not model.is_limited else 0.0
+    if share > 0:
         sentences.append(
-            f"{share} of the samples are outliers and pull the curve: {remedy}, by which they count little."
+            f"{percent(share)} of the samples are outliers and pull the curve: take them out of the recording, or "
+            'call hingepair.smooth with the loss "cauchy", by which they count little.'
         )
     return sentences

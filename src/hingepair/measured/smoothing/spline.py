@@ -25,14 +25,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError
-from hingepair.measured.smoothing.resample import interpolated, lagrange_weights
+from hingepair.measured.smoothing.angular_velocity import lagrange_weights
+from hingepair.measured.smoothing.resample import interpolated
 from hingepair.measured.statistics import OUTLIER, Loss, loss_weights, median_variance
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
@@ -47,30 +49,74 @@ _LEAST_WEIGHT = 1e-6  # of an outlier; above 0, so that a curve through few samp
 _STRETCH, _STRETCHES = 1024, 5  # samples of a stretch; of longer records, so many stretches choose the bandwidth
 
 
-class SmoothedColumns(NamedTuple):
-    """Columns (M, k) after smoothing, with two derivatives, and what smoothing found."""
-
-    values: Float64Array  # values, first and second derivatives; shape (3, M, k); NaN outside the pieces
-    deviations: Float64Array  # standard deviations of a column of these; shape (3, M)
-    bandwidth: float  # of the smoothing [Hz]
-    noise: float  # standard deviation of the noise of one sample of one column
-    correlation: float  # of the noise of neighbours, as far as it is reckoned with
-    residual_correlation: float  # of whitened residuals of neighbours
-    is_limited: bool  # whether the bandwidth is the highest that the samples allow
-    outlier_share: float  # fraction of the samples that are outliers
-
-    @property
-    def median_deviations(self) -> Float64Array:
-        """Median standard deviations of values, first and second derivatives; (3,)."""
-        return np.asarray(np.nanmedian(self.deviations, axis=1))
-
-
 class SmoothingModel(NamedTuple):
     """Bandwidth of a smoothing, and the correlation of the noise that it assumes."""
 
     bandwidth: float  # [Hz]
     correlation: float  # of the noise of samples one usual step apart
     is_limited: bool = False  # whether the bandwidth is the highest that the samples allow
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothedColumns:
+    """Columns (N, k) after smoothing. Curves and standard deviations are computed when they are asked for."""
+
+    t: Float64Array  # [s]; (N,)
+    columns: Float64Array  # samples; (N, k)
+    pieces: Sequence[NDArray[np.intp]]
+    model: SmoothingModel
+    spline: SmoothingSpline
+    coefficients: Float64Array
+    residuals: Float64Array  # of the samples of all pieces; (M, k)
+    variance: float  # of the noise of one sample of one column
+
+    def _over_pieces(self, shape: tuple[int, ...], of: Callable[[int, Float64Array], Float64Array]) -> Float64Array:
+        """Return what a function gives of the number and the instants of each piece, NaN between the pieces."""
+        whole = np.full(shape, np.nan)
+        for i, piece in enumerate(self.pieces):
+            span = slice(piece[0], piece[-1] + 1)
+            whole[span] = of(i, self.t[span])
+        return whole
+
+    def curves(self, order: int) -> Float64Array:
+        """Return the smooth columns, or their first or second derivatives; (N, k)."""
+        return self._over_pieces(
+            self.columns.shape, lambda i, t: self.spline.evaluate(self.coefficients, i, t, order)
+        )
+
+    def deviations(self, order: int) -> Float64Array:
+        """Return the standard deviations of a column of `curves`; (N,)."""
+
+        def deviation(i: int, t: Float64Array) -> Float64Array:
+            # Measured: near ends, derivatives miss by more than the covariance of the coefficients says.
+            from_end = np.minimum(t - t[0], t[-1] - t)
+            more = 1 + 0.15 * order * np.exp(-2 * self.model.bandwidth * from_end)
+            return np.asarray(more * np.sqrt(self.variance * self.spline.variances(i, t, order)))
+
+        return self._over_pieces(self.t.shape, deviation)
+
+    @property
+    def residual_correlation(self) -> float:
+        """Correlation of whitened residuals of neighbours."""
+        white = self.spline.whitener @ self.residuals
+        return float((white[1:] * white[:-1]).sum() / max((white * white).sum(), 1e-300))
+
+    @property
+    def outlier_share(self) -> float:
+        """Fraction of the samples that are outliers."""
+        squares = (self.residuals**2).sum(axis=1)
+        # Large residuals that are small elsewhere are due to motion that the curve cannot follow.
+        parts = np.array_split(squares, min(16, max(1, squares.size // 16)))
+        if min(float(np.median(part)) for part in parts) < float(np.median(squares)) / 30:
+            return 0.0
+        directions = _count_noisy_directions(self.residuals)
+        is_far = squares > OUTLIER * max(median_variance(squares, directions), 1e-300)
+        if not is_far.any():
+            return 0.0
+        # A curve that follows an outlier is far off its neighbours, too: what they predict tells which one is.
+        alone = [_deviations_of_isolated_outliers(self.t[piece], self.columns[piece]) for piece in self.pieces]
+        isolated = np.concatenate(alone).any(axis=1)
+        return float(np.mean(isolated if isolated.any() else is_far))
 
 
 def smooth_columns(
@@ -113,42 +159,19 @@ def smooth_columns(
             expected = f"a frequency that the samples can show, about {lowest:.2g} to {highest:.2g} Hz"
             raise ArgumentError("bandwidth", expected, bandwidth) from None
         # The curve, the variance that it leaves, and by a loss the weights.
-        fitted = spline.solve(columns[used])
-        residuals = columns[used] - spline.fitted(fitted)
+        coefficients = spline.solve(columns[used])
+        residuals = columns[used] - spline.basis @ coefficients
         freedom = max(used.size - spline.freedom(), 1.0)
-        squares = (residuals * residuals).sum(axis=1)
         directions = _count_noisy_directions(residuals)
         if loss is None:
-            white = spline.whitened(residuals)
-            variance = float((white * white).sum() / (directions * freedom))
+            variance = float(((spline.whitener @ residuals) ** 2).sum() / (directions * freedom))
         else:
-            white = spline.uncorrelated(residuals)
+            white = spline.correlator @ residuals
             variance = median_variance((white * white).sum(axis=1), directions) * used.size / freedom
             # A curve follows outliers more readily than a hinge: they lose their weight earlier.
-            weights, _ = loss_weights(loss, squares / max(variance, 1e-300), directions, 100.0)
-            weights = np.maximum(weights, _LEAST_WEIGHT)
-    # Values, derivatives and their standard deviations.
-    white = spline.whitened(residuals)
-    values, deviations = np.full((3, t.size, columns.shape[1]), np.nan), np.full((3, t.size), np.nan)
-    for i, piece in enumerate(pieces):
-        span = slice(piece[0], piece[-1] + 1)
-        for order in range(3):
-            values[order, span] = spline.evaluate(fitted, i, t[span], order)
-            deviations[order, span] = np.sqrt(variance * spline.variances(i, t[span], order))
-            # Measured: near ends, derivatives miss by more than the covariance of the coefficients says.
-            from_end = np.minimum(t[span] - t[span][0], t[span][-1] - t[span])
-            deviations[order, span] *= 1 + 0.15 * order * np.exp(-2 * model.bandwidth * from_end)
-    power = (white * white).sum()
-    return SmoothedColumns(
-        values=values,
-        deviations=deviations,
-        bandwidth=model.bandwidth,
-        noise=float(np.sqrt(variance)),
-        correlation=model.correlation,
-        residual_correlation=float((white[1:] * white[:-1]).sum() / power) if power > 0 else 0.0,
-        is_limited=model.is_limited,
-        outlier_share=_outlier_share(t, columns, pieces, squares, directions),
-    )
+            squares = (residuals * residuals).sum(axis=1) / max(variance, 1e-300)
+            weights = np.maximum(loss_weights(loss, squares, directions, 100.0)[0], _LEAST_WEIGHT)
+    return SmoothedColumns(t, columns, pieces, model, spline, coefficients, residuals, variance)
 
 
 def _count_noisy_directions(residuals: Float64Array) -> int:
@@ -175,7 +198,7 @@ def _deviations_of_isolated_outliers(t: Float64Array, columns: Float64Array) -> 
     for prediction, neighbours in zip(predictions, _PREDICTING_NEIGHBOURS, strict=True):
         rows = np.arange(max(0, -neighbours[0]), t.size - max(0, neighbours[-1]))
         near = rows[:, None] + np.array(neighbours)
-        prediction[rows] = np.einsum("ni,nij->nj", lagrange_weights(t[near] - t[rows, None]), columns[near])
+        prediction[rows] = np.einsum("ni,nij->nj", lagrange_weights(t[near] - t[rows, None])[0], columns[near])
     deviations = columns - np.nanmedian(predictions, axis=0)
     sizes = (deviations * deviations).sum(axis=1)
     usual = np.maximum(np.median(sizes), median_filter(sizes, min(33, t.size)))
@@ -183,30 +206,6 @@ def _deviations_of_isolated_outliers(t: Float64Array, columns: Float64Array) -> 
     between = interpolated(t, np.where(is_outlier[:, None], np.nan, columns), t, np.inf)
     # At the ends nothing is interpolated: there the prediction of one side stands.
     return np.where(is_outlier[:, None], np.where(np.isfinite(between), columns - between, deviations), 0.0)
-
-
-def _outlier_share(
-    t: Float64Array,
-    columns: Float64Array,
-    pieces: Sequence[NDArray[np.intp]],
-    squares: Float64Array,
-    column_count: int,
-) -> float:
-    """Return the fraction of samples that are outliers, with squared residuals that are sums over `column_count`
-    columns.
-    """
-    # Large residuals that are small elsewhere are due to motion that the curve cannot follow.
-    typical = float(np.median(squares))
-    parts = np.array_split(squares, min(16, max(1, squares.size // 16)))
-    if min(float(np.median(part)) for part in parts) < typical / 30:
-        return 0.0
-    is_far = squares > OUTLIER * max(median_variance(squares, column_count), 1e-300)
-    if not is_far.any():
-        return 0.0
-    # A curve that follows an outlier is far off its neighbours, too: what they predict tells which one is.
-    alone = np.concatenate([_deviations_of_isolated_outliers(t[piece], columns[piece]) for piece in pieces])
-    isolated = alone.any(axis=1)
-    return float(np.mean(isolated if isolated.any() else is_far))
 
 
 def _choose_model(
@@ -252,7 +251,7 @@ def _cross_validated_model(
         share = 1 - 1.4 * spline.freedom() / count  # each degree of freedom counts 1.4 times
         if share <= 0:
             return np.inf
-        residuals = spline.whitened(values - spline.fitted(spline.solve(values)))
+        residuals = spline.whitener @ (values - spline.basis @ spline.solve(values))
         return float((residuals * residuals).sum() / share**2)
 
     # Half-octaves, then bisections around the best.
@@ -359,47 +358,31 @@ class SmoothingSpline:
             ],
             "csr",
         )
-        self.whitener = _whitener(times, model.correlation, step, weights)
-        self.correlator = _whitener(times, model.correlation, step, None)
-        rows, bands = self.basis, _DEGREE
-        if self.whitener is not None:
-            rows = self.whitener @ self.basis
-            bands += 2  # neighbours that are correlated reach further
-        self.normal = rows.T @ rows
+        all_weights = np.ones(self.basis.shape[0]) if weights is None else weights
+        self.whitener = _whitener(times, model.correlation, step, all_weights)
+        self.correlator = _whitener(times, model.correlation, step, np.ones_like(all_weights))
+        self.rows = self.whitener @ self.basis
+        self.normal = self.rows.T @ self.rows
         penalty = np.concatenate(
             [_penalty_bands(piece_knots.size - 1, piece_knots[1] - piece_knots[0]) for piece_knots in inner], axis=1
         )
         weight = (2 * np.pi * model.bandwidth) ** (-2 * _PENALISED) / step
         weight *= (1 - model.correlation) / (1 + model.correlation)  # what whitening leaves of slow changes
-        matrix = np.zeros((bands + 1, penalty.shape[1]))
-        matrix[bands - _DEGREE :] = weight * penalty
+        bands = _DEGREE + (2 if model.correlation else 0)  # neighbours that are correlated reach further
+        self._matrix = np.zeros((bands + 1, penalty.shape[1]))
+        self._matrix[bands - _DEGREE :] = weight * penalty
         for k in range(min(bands + 1, penalty.shape[1])):
-            matrix[bands - k, k:] += self.normal.diagonal(k)
-        self.factor = cholesky_banded(matrix, check_finite=False)
-        self._matrix = matrix
-
-    def whitened(self, columns: Float64Array) -> Float64Array:
-        """Return columns whitened for the weights and the correlation of the noise."""
-        return columns if self.whitener is None else np.asarray(self.whitener @ columns)
-
-    def uncorrelated(self, columns: Float64Array) -> Float64Array:
-        """Return columns whitened for the correlation of the noise alone."""
-        return columns if self.correlator is None else np.asarray(self.correlator @ columns)
+            self._matrix[bands - k, k:] += self.normal.diagonal(k)
+        self.factor = cholesky_banded(self._matrix, check_finite=False)
 
     def solve(self, columns: Float64Array) -> Float64Array:
         """Return the B-spline coefficients for columns (N, k) of all pieces, one after the other."""
-        if self.whitener is None:
-            return self._solve_right_hand_side(self.basis.T @ columns)
-        return self._solve_right_hand_side((self.whitener @ self.basis).T @ (self.whitener @ columns))
+        return self._solve_right_hand_side(self.rows.T @ (self.whitener @ columns))
 
     def _solve_right_hand_side(self, right: Float64Array) -> Float64Array:
         from scipy.linalg import cho_solve_banded
 
         return np.asarray(cho_solve_banded((self.factor, False), right, check_finite=False))
-
-    def fitted(self, coefficients: Float64Array) -> Float64Array:
-        """Return the curves with the given B-spline coefficients at the instants of the samples."""
-        return np.asarray(self.basis @ coefficients)
 
     def _columns(self, piece: int) -> slice:
         """Return which coefficients are those of a piece."""
@@ -411,18 +394,17 @@ class SmoothingSpline:
         from scipy.sparse import diags_array
 
         knots = self.knots[piece]
-        design, width = (
-            BSpline.design_matrix(t, knots[order : knots.size - order], _DEGREE - order),
-            knots[1] - knots[0],
-        )
-        for _ in range(order):
-            size = design.shape[1]
-            design = design @ diags_array([-1 / width, 1 / width], offsets=[0, 1], shape=(size, size + 1))
+        design = BSpline.design_matrix(t, knots[order : knots.size - order], _DEGREE - order)
+        for size in range(design.shape[1], design.shape[1] + order):
+            slope = np.array((-1, 1)) / (knots[1] - knots[0])
+            design = design @ diags_array(slope, offsets=[0, 1], shape=(size, size + 1))
         return design
 
     def evaluate(self, coefficients: Float64Array, piece: int, t: Float64Array, order: int) -> Float64Array:
         """Return the curves, or their derivatives of an order, at instants t [s] of a piece; (N, k)."""
-        return np.asarray(self._design(piece, t, order) @ coefficients[self._columns(piece)])
+        from scipy.interpolate import BSpline
+
+        return np.asarray(BSpline(self.knots[piece], coefficients[self._columns(piece)], _DEGREE)(t, order))
 
     @lock_free_cached_property
     def covariances(self) -> Float64Array:
@@ -452,33 +434,20 @@ class SmoothingSpline:
         return float(((self.normal @ probes) * self._solve_right_hand_side(probes)).sum())
 
 
-def _whitener(times: Sequence[Float64Array], correlation: float, step: float, weights: Float64Array | None) -> Any:
-    """Return the sparse matrix that makes the noise white and of equal variance; None if it is. `correlation` is that
-    of samples a `step` [s] apart; variances go as 1 / weights.
+def _whitener(times: Sequence[Float64Array], correlation: float, step: float, weights: Float64Array) -> Any:
+    """Return the sparse matrix that makes the noise white and of equal variance. `correlation` is that of samples a
+    `step` [s] apart; variances go as 1 / weights.
     """
     from scipy.sparse import diags_array
 
-    if correlation == 0 and (weights is None or (weights == 1).all()):
-        return None
-    count = sum(time.size for time in times)
-    scale = np.ones(count) if weights is None else np.sqrt(weights)
-    between = np.full(count, np.inf)  # time since the sample before
-    start = 0
-    for time in times:
-        between[start + 1 : start + time.size] = np.diff(time)
-        start += time.size
-    with np.errstate(divide="ignore"):
-        neighbour_correlations = np.where(
-            between > _MAX_STEP * step,
-            0.0,
-            correlation ** np.minimum(between / step, 1e3),
-        )
-    inverse_noise = 1 / np.sqrt(1 - neighbour_correlations**2)
-    return diags_array(
-        [inverse_noise * scale, (-neighbour_correlations * inverse_noise)[1:] * scale[:-1]],
-        offsets=[0, -1],
-        format="csr",
-    )
+    scale = np.sqrt(weights)
+    if not correlation:
+        return diags_array([scale], offsets=[0], format="csr")
+    steps = np.concatenate([np.append(np.inf, np.diff(time)) for time in times]) / step  # since the sample before
+    correlations = np.where(steps > _MAX_STEP, 0.0, correlation ** np.minimum(steps, 1e3))
+    inverse_noise = 1 / np.sqrt(1 - correlations**2)
+    diagonals = [inverse_noise * scale, (-correlations * inverse_noise)[1:] * scale[:-1]]
+    return diags_array(diagonals, offsets=[0, -1], format="csr")
 
 
 def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
