@@ -40,6 +40,7 @@ class ClockedPoses:
         """Smooth the motion of body 2."""
         self._samples, self._t = samples, np.asarray(samples.t)
         self._rows = np.flatnonzero(samples.known1)
+        self._variances = samples.variances
         hidden = ~samples.known2
         R2, S2 = (array.astype(np.float64) for array in (samples.R2, samples.S2))
         R2[hidden], S2[hidden] = np.nan, np.nan
@@ -117,8 +118,9 @@ class ClockedPoses:
         omega: Float64Array,
     ) -> RelativePoses:
         """Return the poses of body 2 at samples of body 1, with derivatives by the clock from its velocities."""
-        S1 = self._samples.S1[rows]
-        poses = compute_relative_poses(self._samples.R1[rows], S1, R2, S2, self._samples.noise[:, rows])
+        samples = self._samples
+        S1, share = samples.S1[rows], 0.5 if samples.share is None else samples.share
+        poses = compute_relative_poses(samples.R1[rows], S1, R2, S2, self._variances[rows], share)
         v1, omega1 = (np.einsum("nji,nj->ni", S1, vector) for vector in (v, omega))
         dQ = -np.asarray(skew(omega1)) @ poses.attitudes
         by_offset = np.concatenate((dQ.reshape(-1, 9).T, -v1.T))

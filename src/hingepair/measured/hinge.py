@@ -38,6 +38,19 @@ class Hinge(NamedTuple):
         """Return the hinge of its unit axes n, in body 1's axes, and m, in body 2's axes."""
         return cls(frame(n), frame(m), u1, u2)
 
+    @classmethod
+    def around(cls, n: Float64Array, centre: Float64Array, radius: float) -> Hinge:
+        """Return the hinge about whose unit axis n a point of body 2, its reference point, moves on a circle.
+
+        Both frames are one, since home is the identity; its first column points from `centre` (body 1's axes) to the
+        point at psi = 0, as a coordinate axis does.
+        """
+        across = np.eye(3)[first_axis_across(n)]
+        start = across - (across @ n) * n
+        start = start / np.linalg.norm(start)
+        axes = np.stack((start, np.cross(n, start), n), axis=1)
+        return cls(axes, axes, centre, -radius * start)
+
     @property
     def n(self) -> Float64Array:
         """Axis in body 1's axes, a unit vector (3,)."""

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import FitError
-from hingepair.measured.circle_model import PointModel
 from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable
-from hingepair.measured.hinge_model import constraints
-from hingepair.measured.most_likely import Evaluation
+from hingepair.measured.hinge import result_derivatives
+from hingepair.measured.hinge_model import PointModel, constraints
+from hingepair.measured.most_likely import Estimate, evaluate, psi_derivatives
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, compute_relative_poses
-from hingepair.measured.statistics import OUTLIER, median_variance, neighbour_correlation
+from hingepair.measured.statistics import OUTLIER, Loss, median_variance, neighbour_correlation
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.numeric.arrays import Float64Array, read_only
+from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import (
     matrix_to_quaternion,
     project_to_rotation,
@@ -61,29 +61,42 @@ def check_turning(poses: RelativePoses) -> None:
     )
 
 
-class Fitted(NamedTuple):
-    """A most likely model as it is reported, and what it leaves of N samples."""
+class Fitted:
+    """A most likely model without its bias, by the rules of the user, and what it leaves of N samples.
 
-    model: Any  # BodyModel or PointModel
-    poses: RelativePoses
-    seen: Evaluation
-    gap: Float64Array  # in axes along the hinge, or out of the plane and off the circle [m]; (3, N) or (2, N)
-    tilt: Float64Array  # [rad]; (N,), NaN of a point
-    psi: Float64Array  # with jumps by 2 pi [rad]; (N,)
-    psi_std: Float64Array  # [rad]; (N,)
-    pair: HingePair
-    random_covariance: Float64Array  # of u1, u2, n and home, if the parts of the noise are known; (12, 12)
-    covariance: Float64Array  # likewise, as it is known
-    clock_std: Float64Array  # of clock offset [s] and drift; (2,), or (0,) where they were not sought
-    unresolved_lag: int  # samples over which scores are still correlated at the longest sums; 0 where they are not
-    has_converged: bool
+    Args:
+        estimate: the most likely model.
+        poses: of all samples that are used, at its clock.
+        loss: as of `fit`, and likewise `gauge`.
+        gauge: rule for the hinge point.
+        knows_split: whether it is known to which body the noise of attitudes belongs.
+    """
 
-    @property
-    def std(self) -> dict[str, Any]:
-        """Standard deviations by the names of `HingeFit.std`."""
-        deviations = np.sqrt(np.diagonal(self.covariance)).reshape(4, 3)
-        std = dict(zip(("u1", "u2", "n", "home"), map(read_only, deviations), strict=True))
-        return std | {"psi": self.psi_std}
+    def __init__(
+        self, estimate: Estimate, poses: RelativePoses, loss: Loss | None, gauge: str, knows_split: bool
+    ) -> None:
+        self.model: Any = estimate.model.moved(-estimate.model.bias(poses)).settled(gauge)
+        self.poses, self.has_converged = poses, estimate.has_converged
+        self.seen = evaluate(self.model, poses, estimate.clock, loss)
+        # In axes along the hinge, or out of the plane and off the circle [m], (3, N) or (2, N); and [rad], (N,).
+        self.gap, self.tilt = self.model.gap_and_tilt(poses)
+        self.psi: Float64Array = self.model.psi(poses)  # with jumps by 2 pi [rad]; (N,)
+        u1, u2, n, home = self.model.results(gauge)
+        self.pair = HingePair(u1=u1, u2=u2, n=n, home=home)
+        # Samples over which scores are still correlated at the longest sums, 0 where they are not.
+        random, self.unresolved_lag = self.seen.covariance
+        k = self.model.parameters
+        doubt = np.zeros(len(random))
+        if not knows_split:
+            doubt[:k] = self.model.doubt(poses)
+        whole = random + np.outer(doubt, doubt)
+        change = result_derivatives(lambda step: self.model.moved(step).results(gauge), k)
+        # Of u1, u2, n and home (12, 12): if the parts of the noise are known, and as it is.
+        self.random_covariance, self.covariance = (change @ each[:k, :k] @ change.T for each in (random, whole))
+        self.clock_std = np.sqrt(np.diagonal(whole)[k:])  # of offset and drift, or (0,) where they were not sought
+        by_unknowns = psi_derivatives(self.model, poses)
+        variances = self.model.psi_variances(poses, doubt) + (by_unknowns * (whole @ by_unknowns)).sum(axis=0)
+        self.psi_std = np.sqrt(np.maximum(variances, 0.0))  # [rad]; (N,)
 
     @property
     def shares(self) -> Float64Array:
@@ -182,8 +195,8 @@ def _outlier_findings(fitted: Fitted) -> list[Finding]:
 
 def _judge_circle(fitted: Fitted) -> list[Finding]:
     """Return findings on the hinge of a body and a point: residuals that are not at random, and certainty."""
-    findings, circle = _outlier_findings(fitted), fitted.model.circle
-    sizes = np.sqrt(fitted.gap**2 @ fitted.shares) / circle.radius
+    findings, radius = _outlier_findings(fitted), fitted.model.radius
+    sizes = np.sqrt(fitted.gap**2 @ fitted.shares) / radius
     words = (
         (
             "leaves the plane of the circle",
@@ -196,7 +209,7 @@ def _judge_circle(fitted: Fitted) -> list[Finding]:
     for correlation, size, (off, why, play) in zip(correlations, sizes, words, strict=True):
         if correlation <= RANDOM_CORRELATION or size <= 0.25 * _MAX_PLAY:
             continue
-        rms = f"by {size * circle.radius:.2g} m rms"
+        rms = f"by {size * radius:.2g} m rms"
         if size >= _MAX_PLAY:
             findings.append(Finding("play", size, _MAX_PLAY, f"The point {off} {rms}, and not at random: {why}."))
         else:
@@ -208,7 +221,7 @@ def _judge_circle(fitted: Fitted) -> list[Finding]:
         p = fitted.poses.p.T[(fitted.seen.weights > 0) & ~fitted.is_outlier()]
         widths = np.linalg.svd(p - p.mean(axis=0), compute_uv=False) / np.sqrt(p.shape[0])
         covariance, _ = fitted.seen.covariance
-        what = "straight within" if covariance[5, 5] > (circle.radius / 3) ** 2 else "hardly an arc beside"
+        what = "straight within" if covariance[5, 5] > (radius / 3) ** 2 else "hardly an arc beside"
         text = f"The path of the point is {what} its noise, {widths[2]:.2g} m: let the point turn further."
         findings = exceeded(Finding("arc", widths[2], widths[1] / 3, text)) or findings
     return findings

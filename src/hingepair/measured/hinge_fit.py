@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, FitError
-from hingepair.measured.circle_model import PointModel
+from hingepair.errors import FitError
 from hingepair.measured.clock import ClockedPoses
 from hingepair.measured.findings import Finding, exceeded, is_reliable, notes
-from hingepair.measured.hinge import GAUGES, RULE_OF_HOME, RULE_OF_SIGN, result_derivatives
+from hingepair.measured.hinge import GAUGES, RULE_OF_HOME, RULE_OF_SIGN
 from hingepair.measured.hinge_findings import BodyPoses, Fitted, check_turning, judged, probable_mistakes
-from hingepair.measured.hinge_model import BodyModel
+from hingepair.measured.hinge_model import BodyModel, PointModel
 from hingepair.measured.hinge_report import HingeReport
-from hingepair.measured.most_likely import Estimate, evaluate, most_likely, shows_offset
+from hingepair.measured.most_likely import Estimate, most_likely, shows_offset
 from hingepair.measured.relative_poses import RelativePoses
 from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.smoothing.spline import MIN_PIECE
@@ -52,14 +51,13 @@ class HingeFit(HingeReport):
             about the axis. Of a point, home is exactly the identity, and the rank is 6.
         std: standard deviations of the estimates: "u1" [m], "u2" [m], "n" and "home" [rad], of shape (3,), are the
             roots of the diagonal of `covariance`. "psi" [rad], of shape (N,), is that of each angle: of the noise of
-            its own sample, and of the hinge; outliers excepted; inf in the plane. "clock_offset" [s]
-            and "clock_drift" are absent without `t`.
+            its own sample, and of the hinge; inf of outliers, and in the plane; NaN at samples that are not used.
+            "clock_offset" [s] and "clock_drift" are absent without `t`.
         rms_position: root mean square of `gap`, weighted with `weights` [m].
         rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN of a point.
         noise_position: standard deviation of the noise in each coordinate of R2 - R1, that of both bodies [m]. It is
-            inaccurate if it is much smaller than `noise_angle` times the length of u1 or u2. With `noise1` and
-            `noise2`, this and `noise_angle` are root mean squares over the samples; with `weights`, they are those of
-            a sample of mean weight.
+            inaccurate if it is much smaller than `noise_angle` times the length of u1 or u2. With `weights`, this and
+            `noise_angle` are those of a sample of mean weight.
         noise_angle: standard deviation of the noise in each component of the rotation vector from the exact to the
             recorded relative attitude, that of both bodies [rad]; NaN of a point.
         clock_offset: time by which body 1's clock is ahead of body 2's clock in the middle of the recording [s]: a
@@ -134,12 +132,11 @@ def fit(
     t: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     clock_offset: float | None = None,
-    noise1: tuple[ArrayLike, ArrayLike] | None = None,
-    noise2: tuple[ArrayLike, ArrayLike] | None = None,
+    attitude_noise: tuple[float, float] | None = None,
 ) -> HingeFit:
     """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to two recorded motions.
 
-    A maximum-likelihood estimate refines a first one in closed form. Unless `weights`, `noise1` and `noise2` say
+    A maximum-likelihood estimate refines a first one in closed form. Unless `weights` and `attitude_noise` say
     otherwise, the noise is assumed to be isotropic, equal for all samples and equal for both bodies; a body whose
     recorded attitude is the same at all samples has no noise of attitude. The size of the noise is estimated from the
     data. If it is not known how the noise of the attitudes divides between the bodies, the covariance includes what
@@ -177,11 +174,9 @@ def fit(
             effect. A sample of weight 0 is left out.
         clock_offset: 0 if both recordings use the same clock, as is assumed without `t`; None to estimate the offset.
             Of another known offset, shift the instants of body 2, and `resample` it to those of body 1.
-        noise1: standard deviations of the noise of body 1, in each coordinate of the position [m] and in each
-            component of the rotation vector of the attitude error [rad]: a tuple of two numbers or arrays (N,), such
-            as (smoothed.noise["R"], smoothed.noise["S"]) with `smoothed = smooth(t, body1)`. A common factor is still
-            estimated from the data.
-        noise2: those of body 2. Give both noise1 and noise2 or neither; give neither if body 2 is a point.
+        attitude_noise: standard deviations of the noise of the attitudes of body 1 and of body 2 [rad], if they are
+            known and not equal, such as (0, 0.03) of a robot's flange and a tag that a camera sees. Only their ratio
+            counts. None if body 2 is a point.
 
     Returns:
         The HingeFit. Check `.ok` and `.findings` before you use its numbers.
@@ -203,9 +198,7 @@ def fit(
     """
     check_choice("loss", loss, LOSSES)
     check_choice("gauge", gauge, GAUGES)
-    samples = checked_samples(body1, body2, t, weights, clock_offset, noise1, noise2)
-    if samples.is_point and (noise1 is not None or noise2 is not None):
-        raise ArgumentError("noise1", "None, since body 2 has no attitudes", "values")
+    samples = checked_samples(body1, body2, t, weights, clock_offset, attitude_noise)
     used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
@@ -214,23 +207,22 @@ def fit(
         check_turning(poses)
     clocked, estimate, poses = _estimated(samples, poses, LOSSES[loss], clock_offset)
     used = used if clocked is None else clocked.used_at(estimate.clock)
-    fitted = _fitted(estimate, poses, LOSSES[loss], gauge, samples.knows_split)
+    fitted = Fitted(estimate, poses, LOSSES[loss], gauge, samples.share is not None)
     findings = judged(fitted)
     good = ~fitted.is_outlier() & (fitted.seen.weights >= _INLIER)
     psi = _unwrap_angles(fitted.psi, good)
     instants = np.flatnonzero(used) if samples.t is None else samples.t[used]
     findings += _recording_findings(samples, used, clocked, fitted, findings, loss)
     findings += _turn_findings(psi, instants, good)
-    std = fitted.std
+    is_planar = any(finding.name == "plane" for finding in findings)
+    deviations = map(read_only, np.sqrt(np.diagonal(fitted.covariance)).reshape(4, 3))
+    std: dict[str, Any] = dict(zip(("u1", "u2", "n", "home"), deviations, strict=True))
+    std["psi"] = _scatter_used(np.where(good & (not is_planar), fitted.psi_std, np.inf), used)
     if samples.t is not None:
-        clock_std = np.full(2, np.inf if clock_offset is None else 0.0)
-        if len(poses.by_clock):
-            clock_std = fitted.clock_std
-            findings += clocked.findings(estimate.clock, clock_std) if clocked is not None else []
+        clock_std = fitted.clock_std if clocked is not None else np.full(2, np.inf if clock_offset is None else 0.0)
         std |= dict(zip(("clock_offset", "clock_drift"), clock_std, strict=True))
-    if any(finding.name == "plane" for finding in findings):
-        std["psi"] = np.full_like(psi, np.inf)
-    std["psi"] = _scatter_used(std["psi"], used)
+    if clocked is not None:
+        findings += clocked.findings(estimate.clock, fitted.clock_std)
     counted = psi[good] if good.any() else psi
     moved = body2 if clocked is None else clocked.body2(estimate.clock)
     weights = fitted.seen.weights * samples.weights[used]
@@ -256,44 +248,6 @@ def fit(
         tilt=_scatter_used(fitted.tilt, used),
         samples=int(used.sum()),
         body2=BodyMotion(R=moved.R) if samples.is_point else moved,
-    )
-
-
-def _fitted(
-    estimate: Estimate,
-    poses: RelativePoses,
-    loss: Loss | None,
-    gauge: str,
-    knows_split: bool,
-) -> Fitted:
-    """Return the most likely model without its bias, by the rules of the user, with its covariance."""
-    model = estimate.model.moved(-estimate.model.bias(poses)).settled(gauge)
-    seen = evaluate(model, poses, estimate.clock, loss)
-    random, lag = seen.covariance
-    # What is not known of the noise, too.
-    k = model.parameters
-    change = result_derivatives(lambda step: model.moved(step).results(gauge), k)
-    u1, u2, n, home = model.results(gauge)
-    doubt = np.zeros(len(random))
-    doubt[:k] = np.zeros(k) if knows_split else model.doubt(poses)
-    covariance = random + np.outer(doubt, doubt)
-    by_unknowns = model.psi_derivatives(poses)
-    psi_variances = (by_unknowns * (covariance @ by_unknowns)).sum(axis=0)
-    gap, tilt = model.gap_and_tilt(poses)
-    return Fitted(
-        model=model,
-        poses=poses,
-        seen=seen,
-        gap=gap,
-        tilt=tilt,
-        psi=model.psi(poses),
-        psi_std=np.sqrt(model.psi_variances(poses, doubt) + np.maximum(psi_variances, 0.0)),
-        pair=HingePair(u1=u1, u2=u2, n=n, home=home),
-        random_covariance=change @ random[:k, :k] @ change.T,
-        covariance=change @ covariance[:k, :k] @ change.T,
-        clock_std=np.sqrt(np.diagonal(covariance)[k:]),
-        unresolved_lag=lag,
-        has_converged=estimate.has_converged,
     )
 
 

@@ -1,9 +1,8 @@
-"""The most likely hinge of a recording, by rounds of least squares (SciPy), and how well it is known.
+"""The most likely hinge of a recording, by steps of Gauss and Newton, and how well it is known.
 
-A model says what its constraints leave of each sample, whitened: divided by the deviations that its noise gives it.
-There are two: a body 2 with attitudes (`hinge_model`), and a point of it (`circle_model`). Each round estimates the
-noise and the weights of the samples, and moves model and clock to the least squares for these. The rounds use some
-thousand samples; a last step of Gauss and Newton uses all.
+A model says what its constraints leave of each sample, whitened: divided by the deviations that its noise gives it
+(`hinge_model`). Each step estimates the noise and the weights of the samples, and moves model and clock towards the
+least squares for these. The steps use some thousand samples; a last one uses all.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from hingepair.measured.hinge import slopes
 from hingepair.measured.relative_poses import FEW_SAMPLES, RelativePoses
 from hingepair.measured.statistics import Loss, loss_weights, sandwich, solve_semidefinite
 from hingepair.numeric.arrays import Float64Array
@@ -31,9 +31,6 @@ PosesAt = Callable[[Float64Array, int], RelativePoses]
 """Function of clock offset and drift (2,), and of how many samples are needed at most."""
 Model: TypeAlias = Any
 """A BodyModel or a PointModel."""
-Rows = Callable[[Any, RelativePoses], Float64Array]
-"""Function of a model and poses that returns whitened rows (parameters + clock + 1, components, N): the derivatives
-of the residuals by each unknown, and the residuals as the last row."""
 
 
 class Estimate(NamedTuple):
@@ -71,16 +68,17 @@ def most_likely(
     start: Model, poses_at: PosesAt, clock: Float64Array, loss: Loss | None
 ) -> tuple[Estimate, RelativePoses]:
     """Return the most likely model near `start` and `clock`, and the poses of all samples at its clock."""
-    model = start
-    has_converged = False
-    for _ in range(_MAX_ROUNDS):
+    model, has_converged = start, False
+    for k in range(_MAX_ROUNDS):
         poses = poses_at(clock, _SOME)
         model = model.with_noise(poses, loss)
-        normal, step = _least_squares_step(model, poses, clock, loss)
+        seen = evaluate(model, poses, clock, loss)
+        # Shorter steps, later, end the oscillations that large residuals cause.
+        step = -solve_semidefinite(seen.normal, seen.gradient) / (1 if k < 10 else 2)
         model, clock = model.moved(step[: model.parameters]), clock + _of_clock(model, step)
         scales = np.ones(step.size)
         scales[model.angles : model.parameters] = max(poses.size, 1e-300)
-        if step @ normal @ step < _AT_REST**2 or (np.abs(step) < _SMALL * scales).all():
+        if step @ seen.normal @ step < _AT_REST**2 or (np.abs(step) < _SMALL * scales).all():
             has_converged = True
             break
     # A last step with all samples.
@@ -101,44 +99,14 @@ def _of_clock(model: Model, step: Float64Array) -> Float64Array:
     return change
 
 
-def _drift_prior(model: Model, poses: RelativePoses) -> Float64Array:
-    """Return the prior precisions of the unknowns: only the clock drift has one, where the clock is sought."""
-    precisions = np.zeros(model.parameters + len(poses.by_clock))
-    precisions[model.parameters + 1 :] = _DRIFT**-2.0
-    return precisions
-
-
-def _least_squares_step(
-    model: Model, poses: RelativePoses, clock: Float64Array, loss: Loss | None
-) -> tuple[Float64Array, Float64Array]:
-    """Return the normal matrix here, and the step of all unknowns to the least squares, weights and noise held."""
-    from scipy.optimize import least_squares
-
-    rows_near, k = model.rows_near(poses), model.parameters
-    precision = np.sqrt(_drift_prior(model, poses))
-    before = np.concatenate((np.zeros(k), clock))[: precision.size]
-    squares = (rows_near(model, poses)[-1] ** 2).sum(axis=0)
-    root = np.sqrt(loss_weights(loss, squares, model.components)[0])
-
-    def rows(x: Float64Array) -> Float64Array:
-        moved = (root * rows_near(model.moved(x[:k]), poses.at_clock(x[k:]))).reshape(x.size + 1, -1)
-        return np.hstack((moved, np.vstack((np.diag(precision), precision * (before + x)))))
-
-    zero = np.zeros(precision.size)
-    J = rows(zero)[:-1]
-    found = least_squares(
-        lambda x: rows(x)[-1], zero, lambda x: rows(x)[:-1].T, method="lm", x_scale="jac", ftol=1e-9, max_nfev=200
-    )
-    return J @ J.T, np.asarray(found.x)
-
-
 def evaluate(model: Model, poses: RelativePoses, clock: Float64Array, loss: Loss | None) -> Evaluation:
     """Return what a model leaves of all samples."""
-    prior = _drift_prior(model, poses)
+    prior = np.zeros(model.parameters + len(poses.by_clock))
+    prior[model.parameters + 1 :] = _DRIFT**-2.0
     slope, normal = np.diag(prior), np.diag(prior)
     residuals, weights, scores = [], [], []
     for block in poses.blocks():
-        rows = model.rows_near(block)(model, block)
+        rows = model.rows(block)
         weight, bend = loss_weights(loss, (rows[-1] ** 2).sum(axis=0), model.components)
         score = np.einsum("kri,ri->ki", rows[:-1], rows[-1])
         J = (rows[:-1] * np.sqrt(weight)).reshape(prior.size, -1)
@@ -160,6 +128,16 @@ def evaluate(model: Model, poses: RelativePoses, clock: Float64Array, loss: Loss
     )
 
 
+def psi_derivatives(model: Model, poses: RelativePoses) -> Float64Array:
+    """Return the derivatives of psi by the parameters and the clock; (k, N)."""
+    some = poses if model.turns_samples else poses.part(slice(1))
+    by_parameters = slopes(lambda step: np.sin(model.moved(step).psi(some) - model.psi(some)), model.parameters)
+    rows = [*np.broadcast_to(by_parameters.T, (model.parameters, poses.samples))]
+    for change in 1e-6 * np.eye(len(poses.by_clock)):
+        rows.append(np.sin(model.psi(poses.at_clock(change)) - model.psi(poses)) / 1e-6)
+    return np.stack(rows)
+
+
 def shows_offset(model: Model, poses: RelativePoses, noise_poses: RelativePoses, loss: Loss | None) -> bool:
     """Return whether the motion determines the clock offset beside all other unknowns: far better than derivatives
     that are noise alone, those of `noise_poses`, would.
@@ -171,7 +149,7 @@ def shows_offset(model: Model, poses: RelativePoses, noise_poses: RelativePoses,
     return bool(shown > _MIN_CLOCK_GAIN * noise[k, k] and shown * _MAX_CLOCK_STD**2 > 1)
 
 
-def noise_bias(model: Model, poses: RelativePoses, variances: Float64Array) -> Float64Array:
+def noise_bias(model: Model, poses: RelativePoses, variances: tuple[float, float, float]) -> Float64Array:
     """Return the bias (estimate less truth) of the parameters, as a step. It goes as the variance of the noise and
     does not decrease with the number of samples: a rotation that is off at random is on average a shorter matrix, so
     levers come out short.
@@ -179,23 +157,21 @@ def noise_bias(model: Model, poses: RelativePoses, variances: Float64Array) -> F
     Args:
         model: the most likely one.
         poses: the samples.
-        variances: of the place [m^2], and of the attitudes of body 1 and of body 2 [rad^2]; (3, N).
+        variances: of a usual sample: of its place [m^2], and of the attitudes of body 1 and of body 2 [rad^2].
     """
     # The mean of the gradients at the exact poses, each coordinate of noise once up and once down.
-    every = -(-poses.samples // FEW_SAMPLES)
-    thin = poses.thinned(FEW_SAMPLES).with_known_clock()
-    place, turn1, turn2 = np.sqrt(variances[:, ::every])[..., None]
+    thin = poses.thinned(FEW_SAMPLES)
+    place, turn1, turn2 = np.sqrt(np.outer(variances, thin.variances))[..., None]
     Q, p = model.exact(thin)
     noisy = []
     for axis in np.concatenate((np.eye(3), -np.eye(3))):
         about1, about2 = (np.asarray(rotation_exp(size * axis)) for size in (turn1, turn2))
         noisy += [(about2 @ Q, p), (Q, p + place * axis), (about1 @ Q, np.einsum("nij,nj->ni", about1, p))]
-    around = RelativePoses(
-        np.concatenate([each[0].reshape(-1, 9) for each in noisy]).T,
-        np.concatenate([each[1] for each in noisy]).T,
-        poses.size,
-        np.tile(thin.noise, len(noisy)),
-        np.zeros((0, 12, len(noisy) * thin.samples)),
+    around = poses._replace(
+        Q=np.concatenate([each[0].reshape(-1, 9) for each in noisy]).T,
+        p=np.concatenate([each[1] for each in noisy]).T,
+        variances=np.tile(thin.variances, len(noisy)),
+        by_clock=np.zeros((0, 12, len(noisy) * thin.samples)),
     )
     seen = evaluate(model, around, np.zeros(2), None)
     return -solve_semidefinite(seen.normal / len(noisy), seen.gradient / 2)

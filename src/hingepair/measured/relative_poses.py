@@ -28,7 +28,8 @@ class RelativePoses(NamedTuple):
     Q: Float64Array  # S1^T S2, row by row; shape (9, N)
     p: Float64Array  # S1^T (R2 - R1) [m]; shape (3, N)
     size: float  # largest coordinate of either body, for what rounding leaves [m]
-    noise: Float64Array  # of each sample, as `Samples.noise`; shape (3, N)
+    variances: Float64Array  # of the noise of each sample, divided by that of a usual one; shape (N,)
+    share: float  # of body 1 in the variance of attitudes
     by_clock: Float64Array  # of Q and p, by clock offset [1/s, m/s] and drift; shape (2, 12, N), (0, 12, N) if known
 
     @property
@@ -43,9 +44,9 @@ class RelativePoses(NamedTuple):
 
     def part(self, rows: Any) -> RelativePoses:
         """Return some of the samples."""
-        own = (np.ascontiguousarray(array[..., rows]) for array in (self.Q, self.p, self.noise, self.by_clock))
-        Q, p, noise, by_clock = own
-        return RelativePoses(Q, p, self.size, noise, by_clock)
+        own = (np.ascontiguousarray(array[..., rows]) for array in (self.Q, self.p, self.variances, self.by_clock))
+        Q, p, variances, by_clock = own
+        return self._replace(Q=Q, p=p, variances=variances, by_clock=by_clock)
 
     def thinned(self, max_samples: int) -> RelativePoses:
         """Return every k-th sample, with the smallest k that leaves at most `max_samples`."""
@@ -62,42 +63,31 @@ class RelativePoses(NamedTuple):
         moved = np.einsum("c,ckn->kn", change, self.by_clock)
         return self._replace(Q=self.Q + moved[:9], p=self.p + moved[9:])
 
-    def with_known_clock(self) -> RelativePoses:
-        """Return the poses without derivatives by the clock."""
-        return self._replace(by_clock=self.by_clock[:0])
-
-
-def equal_noise(count: int) -> Float64Array:
-    """Return the `noise` of samples that are alike, whose bodies have equal parts (3, N)."""
-    return np.repeat(((1.0,), (1.0,), (0.5,)), count, axis=1)
-
 
 def compute_relative_poses(
-    R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray, noise: Float64Array | None = None
+    R1: FloatArray,
+    S1: FloatArray,
+    R2: FloatArray,
+    S2: FloatArray,
+    variances: Float64Array | None = None,
+    share: float = 0.5,
 ) -> RelativePoses:
     """Return the poses of body 2 relative to body 1 from poses in the world, all finite."""
     count = R1.shape[0]
-    Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
-    for start in range(0, count, _BLOCK):
-        block = slice(start, start + _BLOCK)
-        first, second = (S[block].reshape(-1, 9).T.astype(np.float64, order="C") for S in (S1, S2))
-        place1, place2 = (R[block].T.astype(np.float64, order="C") for R in (R1, R2))
-        size = max(size, float(np.abs(place1).max()), float(np.abs(place2).max()))
-        apart = place2 - place1
-        for i in range(3):
-            p[i, block] = first[i] * apart[0] + first[3 + i] * apart[1] + first[6 + i] * apart[2]
-            for j in range(3):
-                Q[3 * i + j, block] = (
-                    first[i] * second[j] + first[3 + i] * second[3 + j] + first[6 + i] * second[6 + j]
-                )
-    return RelativePoses(Q, p, size, equal_noise(count) if noise is None else noise, np.zeros((0, 12, count)))
+    first, second = (S.astype(np.float64, copy=False) for S in (S1, S2))
+    Q = np.ascontiguousarray((np.swapaxes(first, 1, 2) @ second).reshape(count, 9).T)
+    p = np.ascontiguousarray(np.einsum("nji,nj->ni", first, np.subtract(R2, R1, dtype=np.float64)).T)
+    size = float(max(np.abs(R1).max(), np.abs(R2).max()))
+    return RelativePoses(
+        Q, p, size, np.ones(count) if variances is None else variances, share, np.zeros((0, 12, count))
+    )
 
 
 def closed_form_hinge(poses: RelativePoses) -> Hinge:
     """Return the least-squares hinge in closed form: the axes for which `Q m - n` is least, and for them the levers
     with the least gaps (E1). The hinge point is equally far along the axis from both bodies' reference points.
     """
-    weights = 1 / poses.noise[0]
+    weights = 1 / poses.variances
     weights /= weights.sum()
     Q = (poses.Q @ weights).reshape(3, 3)
     p = poses.p @ weights

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.measured.findings import Finding
-from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses, equal_noise
+from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, read_only, real_array
 from hingepair.tables.instants import increasing_seconds
@@ -28,9 +28,7 @@ class Samples(NamedTuple):
     known1: NDArray[np.bool_]  # where body 1 was recorded and has weight; shape (N,)
     known2: NDArray[np.bool_]
     weights: Float64Array  # as the user gave them; shape (N,)
-    # variances of positions and of attitudes divided by typical ones, and body 1's share of the latter; shape (3, N)
-    noise: Float64Array
-    knows_split: bool  # whether body 1's share is known
+    share: float | None  # of body 1 in the variance of attitudes, None if it is not known
     is_point: bool  # whether body 2 has no attitudes
     frozen: tuple[int, int]  # samples of either body that repeat the one before, which count as missing
 
@@ -38,14 +36,21 @@ class Samples(NamedTuple):
         """Return the relative poses of some of the samples at equal time stamps."""
         rows = slice(None) if is_used.all() else is_used
         R1, S1, R2, S2 = (array[rows] for array in (self.R1, self.S1, self.R2, self.S2))
-        return compute_relative_poses(R1, S1, R2, S2, self.noise[:, rows])
+        return compute_relative_poses(R1, S1, R2, S2, self.variances[rows], 0.5 if self.share is None else self.share)
+
+    @property
+    def variances(self) -> Float64Array:
+        """Variances of the noise of the samples, divided by that of a usual one; (N,)."""
+        used = self.known1 & self.known2
+        weights = np.where(used, self.weights, 1.0)
+        return np.asarray((weights[used].mean() if used.any() else 1.0) / weights)
 
     def findings(self) -> list[Finding]:
         """Return findings on samples that were left out."""
         text = (
             "{} samples of body {} repeat the one before while the other body moves, as of a tracker that lost it; "
+            "they are left out."
         )
-        text += "they are left out."
         counts = [(count, body) for body, count in enumerate(self.frozen, 1) if count]
         return [Finding("frozen", each[0], 0, text.format(*each), harmless=True) for each in counts]
 
@@ -56,8 +61,7 @@ def checked_samples(
     t: ArrayLike | None,
     weights: ArrayLike | None,
     clock_offset: float | None,
-    noise1: tuple[ArrayLike, ArrayLike] | None,
-    noise2: tuple[ArrayLike, ArrayLike] | None,
+    attitude_noise: tuple[float, float] | None,
 ) -> Samples:
     """Check the arguments of `fit`, which have the same names; samples that are not finite count as missing."""
     for name, body in (("body1", body1), ("body2", body2)):
@@ -91,25 +95,20 @@ def checked_samples(
     frozen = _frozen_samples(full_arrays)
     for digit, rows in frozen.items():
         known[digit] &= ~rows
-    sample_noise = _checked_noise(noise1, noise2, shape)
-    share = 0.5
-    if not is_point and sample_noise is None:
-        share = 0.0 if _is_constant(full_arrays["S1"]) else 1.0 if _is_constant(full_arrays["S2"]) else 0.5
-    knows_split = sample_noise is not None or share != 0.5 or (is_point and _is_constant(full_arrays["S1"]))
-    if sample_noise is None:
-        sample_noise = equal_noise(shape[0])
-        sample_noise[2] = share
-    used = known["1"] & known["2"]
-    if used.any():
-        sample_noise[:2] /= np.where(used, sample_weights / max(sample_weights[used].mean(), 1e-300), 1.0)
+    share: float | None = None
+    if attitude_noise is not None:
+        share = _share_of_body1(attitude_noise, is_point)
+    elif _is_constant(full_arrays["S1"]):
+        share = 0.0
+    elif not is_point and _is_constant(full_arrays["S2"]):
+        share = 1.0
     return Samples(
         t=time,
         **full_arrays,
         known1=known["1"],
         known2=known["2"],
         weights=sample_weights,
-        noise=sample_noise,
-        knows_split=knows_split,
+        share=share,
         is_point=is_point,
         frozen=(int(frozen["1"].sum()), int(frozen["2"].sum())),
     )
@@ -159,29 +158,13 @@ def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Arra
     return sample_weights
 
 
-def _checked_noise(
-    noise1: tuple[ArrayLike, ArrayLike] | None, noise2: tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...]
-) -> Float64Array | None:
-    """Return the variances of position and attitude (3, N), over their means, with body 1's part of the latter; None
-    if no noise is given.
-    """
-    if noise1 is None and noise2 is None:
-        return None
-    parts = []
-    for name, noise in (("noise1", noise1), ("noise2", noise2)):
-        expected = "two standard deviations, of positions [m] and of attitudes [rad]"
-        if not isinstance(noise, (tuple, list)) or len(noise) != 2:
-            raise ArgumentError(name, expected + (", as for the other body" if noise is None else ""), noise)
-        for part in noise:
-            deviation = real_array(name, part).astype(np.float64)
-            if deviation.shape not in {(), shape}:
-                raise ShapeError(name, f"numbers or shape {shape}, as the bodies", f"shape {deviation.shape}")
-            if not (np.isfinite(deviation) & (deviation >= 0)).all():
-                raise ArgumentError(name, "finite numbers, none negative", part)
-            parts.append(np.broadcast_to(deviation**2, shape))
-    place, attitude = parts[0] + parts[2], parts[1] + parts[3]
-    if not ((place > 0) & (attitude > 0)).all():
-        raise ArgumentError(
-            "noise1, noise2", "standard deviations above 0 for at least one body in every sample", "0 for both"
-        )
-    return np.stack((place / place.mean(), attitude / attitude.mean(), parts[1] / attitude))
+def _share_of_body1(attitude_noise: tuple[float, float], is_point: bool) -> float:
+    """Return the share of body 1 in the variance of attitudes by the argument `attitude_noise`."""
+    if is_point:
+        raise ArgumentError("attitude_noise", "None, since body 2 has no attitudes", attitude_noise)
+    deviations = real_array("attitude_noise", attitude_noise).astype(np.float64)
+    if deviations.shape != (2,) or not (np.isfinite(deviations) & (deviations >= 0)).all() or not deviations.any():
+        expected = "two standard deviations [rad], of body 1 and of body 2, one above 0"
+        raise ArgumentError("attitude_noise", expected, attitude_noise)
+    first, second = (deviations / deviations.max()) ** 2
+    return float(first / (first + second))

@@ -138,7 +138,7 @@ def smooth_columns(
     Raises:
         ArgumentError: the bandwidth is far from all frequencies that the samples can show.
     """
-    used = np.concatenate(pieces)
+    used, times = np.concatenate(pieces), [t[piece] for piece in pieces]
     weights, residuals = np.ones(used.size), np.zeros((used.size, columns.shape[1]))
     if loss is not None:  # a curve that begins by following an outlier never leaves it
         starts = [_deviations_of_isolated_outliers(t[piece], columns[piece]) for piece in pieces]
@@ -151,7 +151,7 @@ def smooth_columns(
             clean[used[is_winsorised]] -= residuals[is_winsorised]
             model = _choose_model(t, columns, clean, pieces, weights, bandwidth)
         try:
-            spline = SmoothingSpline([t[piece] for piece in pieces], model, weights)
+            spline = SmoothingSpline(times, model, weights)
         except np.linalg.LinAlgError:
             if bandwidth is None:
                 raise
@@ -166,7 +166,7 @@ def smooth_columns(
         if loss is None:
             variance = float(((spline.whitener @ residuals) ** 2).sum() / (directions * freedom))
         else:
-            white = spline.correlator @ residuals
+            white = _whitener(times, model.correlation, np.ones(used.size)) @ residuals
             variance = median_variance((white * white).sum(axis=1), directions) * used.size / freedom
             # A curve follows outliers more readily than a hinge: they lose their weight earlier.
             squares = (residuals * residuals).sum(axis=1) / max(variance, 1e-300)
@@ -339,14 +339,12 @@ class SmoothingSpline:
     factor of the banded matrix that is solved for the coefficients.
     """
 
-    def __init__(
-        self, times: Sequence[Float64Array], model: SmoothingModel, weights: Float64Array | None = None
-    ) -> None:
+    def __init__(self, times: Sequence[Float64Array], model: SmoothingModel, weights: Float64Array) -> None:
         from scipy.interpolate import BSpline
         from scipy.linalg import cholesky_banded
         from scipy.sparse import block_diag
 
-        step = sum(time[-1] - time[0] for time in times) / sum(time.size - 1 for time in times)
+        step = _mean_step(times)
         widest = max(1 / (4.0 * model.bandwidth), step) * (1 + 1e-12)
         inner = [np.linspace(time[0], time[-1], 1 + math.ceil((time[-1] - time[0]) / widest)) for time in times]
         self.knots = [_extended_knots(piece_knots) for piece_knots in inner]
@@ -358,9 +356,7 @@ class SmoothingSpline:
             ],
             "csr",
         )
-        all_weights = np.ones(self.basis.shape[0]) if weights is None else weights
-        self.whitener = _whitener(times, model.correlation, step, all_weights)
-        self.correlator = _whitener(times, model.correlation, step, np.ones_like(all_weights))
+        self.whitener = _whitener(times, model.correlation, weights)
         self.rows = self.whitener @ self.basis
         self.normal = self.rows.T @ self.rows
         penalty = np.concatenate(
@@ -434,16 +430,21 @@ class SmoothingSpline:
         return float(((self.normal @ probes) * self._solve_right_hand_side(probes)).sum())
 
 
-def _whitener(times: Sequence[Float64Array], correlation: float, step: float, weights: Float64Array) -> Any:
+def _mean_step(times: Sequence[Float64Array]) -> float:
+    """Return the mean time step of pieces [s]."""
+    return float(sum(time[-1] - time[0] for time in times) / sum(time.size - 1 for time in times))
+
+
+def _whitener(times: Sequence[Float64Array], correlation: float, weights: Float64Array) -> Any:
     """Return the sparse matrix that makes the noise white and of equal variance. `correlation` is that of samples a
-    `step` [s] apart; variances go as 1 / weights.
+    mean step apart; variances go as 1 / weights.
     """
     from scipy.sparse import diags_array
 
     scale = np.sqrt(weights)
     if not correlation:
         return diags_array([scale], offsets=[0], format="csr")
-    steps = np.concatenate([np.append(np.inf, np.diff(time)) for time in times]) / step  # since the sample before
+    steps = np.concatenate([np.append(np.inf, np.diff(time)) for time in times]) / _mean_step(times)
     correlations = np.where(steps > _MAX_STEP, 0.0, correlation ** np.minimum(steps, 1e3))
     inverse_noise = 1 / np.sqrt(1 - correlations**2)
     diagonals = [inverse_noise * scale, (-correlations * inverse_noise)[1:] * scale[:-1]]
