@@ -76,7 +76,7 @@ def check(name, got, truth, axes, bound, scale):
 
 
 def scales_of(robot, coordinates, motion):
-    return Scales(tree_of(robot), coordinates, motion, np.array(GRAVITY))
+    return Scales(tree_of(robot), coordinates, motion, robot.base == "free", np.array(GRAVITY))
 
 
 @functools.cache
@@ -120,8 +120,7 @@ def test_forces_are_within_their_bounds(arm, sizes, base, backend):
     found = robot.inverse_dynamics(*coordinates, base_motion=motion, gravity=GRAVITY, backend=backend)
     names = ("force1", "torque1", "tau")
     bounds = force_bounds(arm, base, sizes)
-    force, torque = scales_of(robot, coordinates, motion).forces()
-    scales = {"force1": force[:, 0], "torque1": torque[:, 0], "tau": torque[:, 1:].max(axis=1)}
+    scales = {name: x.max(axis=1) for name, x in scales_of(robot, coordinates, motion).forces().items()}
     for name, exact in zip(names, truth.forces(base_counts=base == "free"), strict=True):
         check(name, getattr(found, name), exact, 1, bounds[name], scales[name])
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -13,8 +13,6 @@ from hingepair.numeric.arrays import FloatArray, read_only, real_array
 from hingepair.tables.data_frames import data_frame, dataset, sample_rows
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
 from hingepair.tables.units import Columns, Units
-
-_METHODS: Final = ("arrays", "outputs", "shape", "to_dataframe", "to_xarray")  # that `dir` lists
 
 
 class Results(Shown):
@@ -144,7 +142,8 @@ class Results(Shown):
         raise AttributeError(f"{name}: a {type(self).__name__} cannot be changed")
 
     def __dir__(self) -> list[str]:
-        return [*(name for name in type(self).__slots__ if name in self.outputs), *_METHODS]
+        missing = {name for name in type(self).__slots__ if getattr(self, name, None) is None}
+        return [name for name in object.__dir__(self) if name not in missing and not name.startswith("_")]
 
     def __repr__(self) -> str:
         names = ", ".join(self.outputs)

@@ -126,9 +126,6 @@ class MechanismState(Named, _FrameMotion):
         letter, _, place = name.partition("_")
         return unit_of(letter if place and letter in FRAME_OUTPUTS else name)
 
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), "frames"]
-
     def __repr__(self) -> str:
         frames = self.frames if len(self.frames) <= 8 else (*self.frames[:6], f"... ({len(self.frames)} frames)")
         names = ", ".join(self.outputs)
@@ -167,9 +164,6 @@ class JointResults(Named):
     def __str__(self) -> str:
         title, rows, _ = self._sheet()
         return "\n".join((title, *align_columns(rows, {1})))
-
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), "names"]
 
 
 class MechanismForces(JointResults):
@@ -361,10 +355,6 @@ class PairState(_StateWithPoints):
         """
         return self._motion("1")
 
-    def __dir__(self) -> list[str]:
-        bodies = (f"body{body}" for body in "12" if {f"R{body}", f"S{body}"} <= set(self.outputs))
-        return [*super().__dir__(), *bodies]
-
     def _motion(self, body: str) -> BodyMotion:
         """Return the motion of body "1" or "2"; refuse one without R or S."""
         for letter in "RS":
@@ -453,9 +443,6 @@ class HingeWrench(_Parts):
         """The torque about the hinge point, hinge_moment."""
         return self.hinge_moment
 
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), "force", "torque"]
-
 
 class Energy(_Parts):
     """Energy of a pair or a robot (T7)."""
@@ -477,6 +464,3 @@ class Momentum(_Parts):
     def angular(self) -> FloatArray:
         """Angular momentum, of a pair about the world's origin [kg m^2/s]; (..., 3), of a planar pair (...,)."""
         return self[next(name for name in self.outputs if name.startswith("angular"))]
-
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), "angular"]

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, ShapeError
-from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion, motion_inputs
+from hingepair.mechanism.robots.computations import base_inputs
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, vectors
 from hingepair.plans.arguments import Coordinates
@@ -56,9 +57,9 @@ def written_q(
     """Return q as a package writes it, a free base first; the columns in `turning` become cosine and sine."""
     parts = []
     if free:
-        S = _attitude(base)
+        R, S = _of_base(base, "R1", "S1")
         quat = matrix_to_quaternion(S)
-        parts += [_part(base, "R"), quat if convention.scalar_first else np.roll(quat, -1, axis=-1)]
+        parts += [R, quat if convention.scalar_first else np.roll(quat, -1, axis=-1)]
     for k in range(q.shape[-1]):
         angle = q[..., k : k + 1]
         parts += [np.cos(angle), np.sin(angle)] if k in turning else [angle]
@@ -69,16 +70,18 @@ def written_v(convention: Convention, qd: Float64Array, base: BodyMotion | None,
     """Return v as a package writes it; of a free base first v1, then omega1 in the axes of the base."""
     if not free:
         return qd
-    S, v, omega = _attitude(base), *_parts(base, "v", "omega")
-    return _joined([_back(S, v) if convention.local_velocity else v, _back(S, omega), qd])
+    S, v, omega = _of_base(base, "S1", "v1", "omega1")
+    back = np.swapaxes(S, -1, -2)
+    return _joined([_turned(back, v) if convention.local_velocity else v, _turned(back, omega), qd])
 
 
 def written_a(qdd: Float64Array, base: BodyMotion | None, free: bool) -> Float64Array:
     """Return a as Pinocchio writes it; that of a free base is spatial, S1^T (a1 - omega1 x v1), then S1^T alpha1."""
     if not free:
         return qdd
-    S, v, omega, a, alpha = _attitude(base), *_parts(base, "v", "omega", "a", "alpha")
-    return _joined([_back(S, a - np.cross(omega, v)), _back(S, alpha), qdd])
+    S, v, omega, a, alpha = _of_base(base, "S1", "v1", "omega1", "a1", "alpha1")
+    back = np.swapaxes(S, -1, -2)
+    return _joined([_turned(back, a - np.cross(omega, v)), _turned(back, alpha), qdd])
 
 
 def read_state(
@@ -196,27 +199,10 @@ def check_base(base: Any, free: bool, name: str = "base_motion") -> None:
         raise ArgumentError(name, "a BodyMotion" if free else "None, since the base is not free", type(base).__name__)
 
 
-def _part(base: BodyMotion | None, letter: str) -> Float64Array:
-    value = None if base is None else getattr(base, letter)
-    return np.zeros(3) if value is None else np.asarray(value, np.float64)
-
-
-def _parts(base: BodyMotion | None, *letters: str) -> list[Float64Array]:
-    """Return parts of a motion, 0 of a base that has a pose alone; refuse one that has some of them only."""
-    missing = [letter for letter in letters if getattr(base, letter, None) is None]
-    if missing and len(missing) < len(letters):
-        raise ArgumentError(f"base_motion.{missing[0]}", "a value, as there is of the other rates", None)
-    return [_part(base, letter) for letter in letters]
-
-
-def _attitude(base: BodyMotion | None) -> Float64Array:
-    if base is not None and base.S is None:
-        raise ArgumentError("base_motion.S", "an attitude", None)
-    return np.eye(3) if base is None else np.asarray(base.S, np.float64)
-
-
-def _back(S: Float64Array, v: Float64Array) -> Float64Array:
-    return _turned(np.swapaxes(S, -1, -2), v)
+def _of_base(base: BodyMotion | None, *names: str) -> list[Float64Array]:
+    """Return parts of the motion of a free base; one that has a pose alone is at rest."""
+    found = {**motion_inputs("base1", AT_REST), **base_inputs(base, names)}
+    return [np.asarray(found[name], np.float64) for name in names]
 
 
 def _turned(S: Float64Array, v: Float64Array) -> Float64Array:

@@ -40,15 +40,9 @@ from hingepair.mechanism.requests import (
     coordinate_rows,
     read_gravity,
 )
-from hingepair.mechanism.robots.computations import (
-    read_wrenches,
-)
+from hingepair.mechanism.robots.computations import read_wrenches
 from hingepair.mechanism.robots.conventions import StateConventions
-from hingepair.mechanism.robots.inverse_kinematics import (
-    PreparedInverseKinematics,
-    read_query,
-    read_solutions,
-)
+from hingepair.mechanism.robots.inverse_kinematics import PreparedInverseKinematics, read_query, read_solutions
 from hingepair.mechanism.robots.requests import RobotRequests
 from hingepair.mechanism.robots.rollout import PreparedRollout, Rollout, rolled_out
 from hingepair.mechanism.states import (
@@ -828,25 +822,13 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         return PreparedRollout(rolled, len(self._robot.constants.names), self.base == "free")
 
     @overload
-    def prepare(self, given: Literal["rollout"], *, dt: float, **rollout: Any) -> PreparedRollout: ...
+    def prepare(self, given: Literal["rollout"], **rollout: Any) -> PreparedRollout: ...
 
     @overload
-    def prepare(  # type: ignore[overload-overlap]
-        self, given: Literal["inverse_kinematics"], *, frames: str | Iterable[str] | None = None, **options: Any
-    ) -> PreparedInverseKinematics: ...
+    def prepare(self, given: Literal["inverse_kinematics"], **options: Any) -> PreparedInverseKinematics: ...
 
     @overload
-    def prepare(
-        self,
-        given: str | Iterable[str],
-        *,
-        frames: str | Iterable[str] | None = None,
-        outputs: Iterable[str] | None = None,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        joint_loads: bool | None = None,
-        workers: int = 1,
-        backend: str = "auto",
-    ) -> Prepared: ...
+    def prepare(self, given: str | Iterable[str], **options: Any) -> Prepared: ...
 
     def prepare(
         self,

@@ -117,9 +117,6 @@ class Rollout(Results):
             )
         return gradients(self._motions, self.arrays(), cotangents, wrt)
 
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), "t", "base_motion", "vjp"]
-
     @property
     def t(self) -> FloatArray | None:
         """Instants of the recorded states, from 0 [s]; (steps + 1,). None for arrays of JAX and PyTorch."""
