@@ -88,16 +88,6 @@ def geoms(text):
     return model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)[:, :, 2]
 
 
-def test_shapes_that_were_given_are_drawn_instead():
-    shapes = (hp.Box((0.1, 0.2, 0.3), (1, 2, 3)), hp.Sphere(0.5, (0, 1, 0)), hp.Cylinder(0.1, 0.4, axis=(1, 1, 0)))
-    pair = corner_pair(2, home=None, body2=hp.Body(shapes=shapes), body1=hp.Body(shapes=[hp.Sphere(1)]))
-    for text in (hp.to_urdf(pair), hp.to_mjcf(pair)):
-        kind, size, place, _ = geoms(text)
-        assert list(kind) == [2, 6, 2, 5]
-        assert np.array_equal(size[1], (0.05, 0.1, 0.15))
-        assert np.abs(place[1] - pair.u1 + pair.u2 - (1, 2, 3)).max() <= 16 * U * 10
-
-
 @pytest.mark.parametrize("k", range(4))
 def test_shapes_are_read_back(k):
     rng = states.generator(89, k)
@@ -121,6 +111,3 @@ def test_shapes_are_read_back(k):
                 assert error <= 32 * U * (4 if name == "center" else 1), name
     for one, two in zip(geoms(hp.to_urdf(pair)), geoms(hp.to_mjcf(pair)), strict=True):
         assert np.abs(one - two).max() <= 64 * U * 10
-
-
-# ---------------------------------------------------------------- text

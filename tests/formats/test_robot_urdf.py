@@ -47,16 +47,6 @@ ROBOTS = {
 """A locked joint, mimic joints, joints whose names are out of order, masses that no rigid body has, and no joint."""
 
 
-def test_shapes_are_written():
-    shapes = [hp.Box((1, 2, 3), (0.1, 0, 0)), hp.Cylinder(0.1, 2, axis=(0, 1, 0)), hp.Sphere(0.3)]
-    arm = hp.Body(mass=2, inertia=(1, 1, 1), shapes=shapes)
-    robot = hp.Mechanism([hp.HingePair((0, 0, 1), (0, 0, 0), (0, 1, 0), name="arm", body2=arm)])
-    back = tree_of(hp.Mechanism.from_urdf(hp.to_urdf(robot))).drawings[1].visuals
-    assert [repr(shape) for shape in back] == [repr(shape) for shape in tree_of(robot).drawings[1].visuals]
-    geoms = ET.fromstring(hp.to_mjcf(robot)).iter("geom")
-    assert [one.get("type") for one in geoms] == ["box", "cylinder", "sphere"]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_what_was_written_is_read_back(name):

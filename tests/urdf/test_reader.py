@@ -113,6 +113,7 @@ def test_shapes_are_read_as_they_are_written_and_those_that_cannot_be_read_harm_
         pytest.param('xyz="1 2 3"', f'xyz="{"1" * 1_000_000}x 2 3"', "joint 'elbow', origin xyz", id="long"),
         ('xyz="1 2 3"', 'xyz="٣ 2 3"', "joint 'elbow', origin xyz"),
         ('rpy="0.1 -0.2 0.3"', 'rpy="${pi} 0 0"', "joint 'shoulder', origin rpy"),
+        ('rpy="0.1 -0.2 0.3"', 'quat_xyzw="0 0 0 1"', "joint 'shoulder', origin"),
         ('xyz="0 0 2"', 'xyz="0 0 0"', "joint 'shoulder', axis xyz"),
         ('<limit effort="1" velocity="1"/>', '<limit lower="1" upper="-1"/>', "joint 'follower', limit"),
         ('<limit effort="1" velocity="1"/>', '<limit effort="-1"/>', "joint 'follower', limit effort"),
@@ -152,18 +153,6 @@ def test_a_robot_of_one_link_is_a_tree_and_one_of_none_is_not():
         read_urdf('<robot name="r"/>')
 
 
-WITH_QUATERNION = """<robot name="r" {version}><link name="a"/><link name="b"><inertial>
-  <origin xyz="0 0 0.3" {inertial}/><mass value="1"/>
-  <inertia ixx="1" iyy="2" izz="2.5" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="j" type="revolute"><origin {joint}/><parent link="a"/><child link="b"/>
-  <limit effort="1" velocity="1" lower="-1" upper="1"/></joint></robot>"""
-
-
-def test_quaternions_of_origins_are_refused():
-    with pytest.raises(URDFError, match="joint 'j', origin: expected rpy"):
-        read_urdf(WITH_QUATERNION.format(version='version="1.1"', joint='quat_xyzw="0 0 0 1"', inertial=""))
-
-
 def test_macros_are_refused_and_what_they_made_is_read():
     head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
     for macro in ('<xacro:include filename="arm.xacro"/>', '<link name="b"><xacro:inertia m="1"/></link>'):
@@ -191,14 +180,9 @@ HOSTILE = {
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
 def test_hostile_xml_is_refused_with_little_work(text):
-    with pytest.raises(URDFError, match=r"^URDF: "), bounded_calls(1_000):
+    reason = "XML without a DOCTYPE" if "<!DOCTYPE" in text else ""
+    with pytest.raises(URDFError, match=f"^URDF: expected {reason}"), bounded_calls(1_000):
         read_urdf(text)
-
-
-@pytest.mark.parametrize("name", ["doctype", "entity bomb", "quadratic", "file", "remote dtd"])
-def test_a_doctype_is_refused_for_what_it_is(name):
-    with pytest.raises(URDFError, match="without a DOCTYPE"):
-        read_urdf(HOSTILE[name])
 
 
 NO_URDF = [b"", b"\xff\xfe<", b"not xml", b'<?xml version="1.0" encoding="no-such"?><robot/>', b"\x00" * 100]
