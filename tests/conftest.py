@@ -1,4 +1,4 @@
-"""What every test shares: each backend in turn, and at the end the table of measured errors."""
+"""What every test shares: each backend in turn, kernels that are kept, the longest tests first."""
 
 from __future__ import annotations
 
@@ -13,38 +13,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hingepair
 from hingepair.engine.llvm import native
-from hingepair.mechanism.pairs.accuracy import PROMISED_BOUND_BY_OUTPUT
-
-
-class Ledger:
-    """The largest errors that tests measured, in all processes that run them, by the way of computing."""
-
-    def __init__(self):
-        self.measured = {}
-
-    def pytest_runtest_logreport(self, report):
-        for key, value in report.user_properties if report.when == "call" else ():
-            if key == "error":
-                way, output, error = value
-                own = self.measured.setdefault(way, {})
-                own[output] = max(error, own.get(output, 0.0))
-
-    def pytest_terminal_summary(self, terminalreporter):
-        if not self.measured:
-            return
-        terminalreporter.section("largest error in units of u * scale, below the promise; (c) compiled")
-        width = max(map(len, self.measured))
-        promised = {name: str(promise.proved) for name, promise in PROMISED_BOUND_BY_OUTPUT.items()}
-        rows = {
-            "": dict(zip(PROMISED_BOUND_BY_OUTPUT, PROMISED_BOUND_BY_OUTPUT, strict=True)),
-            "promise": promised,
-            **self.measured,
-        }
-        for way, worst in rows.items():
-            cells = (worst.get(name, "-") for name in PROMISED_BOUND_BY_OUTPUT)
-            shown = (f"{cell:.2f}" if isinstance(cell, float) else cell for cell in cells)
-            terminalreporter.write_line(way.ljust(width) + "".join(cell.rjust(8) for cell in shown))
-
 
 PROCESSORS = {"haswell": "+fma", "x86-64": ""}  # with AVX2 and without AVX: LLVM's names and features
 
@@ -57,7 +25,6 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     if processor := config.getoption("--processor"):
         native.host_processor = lambda: (processor, PROCESSORS[processor])
-    config.pluginmanager.register(Ledger())
     gc.disable()
     if "HINGEPAIR_CACHE" not in os.environ:  # one for all workers, and for what they run; kept for the next run
         os.environ["HINGEPAIR_CACHE"] = str(config.cache.mkdir("kernels"))
@@ -86,19 +53,6 @@ def pytest_collection_finish():
     gc.freeze()
     atexit.register(gc.unfreeze)  # or libraries say at the end what was never freed
     gc.set_threshold(20_000, 50, 50)
-
-
-@pytest.fixture
-def ledger(request, record_property):
-    """record(way, output, errors): keeps the worst error of an output, in units of u * scale, for the last table."""
-    compiled = "compiled" in getattr(request.node, "callspec", request.node).__dict__.get("params", {}).values()
-
-    def record(way, output, errors):
-        worst = max(map(float, errors), default=0.0)
-        record_property("error", (f"{way} (c)" if compiled else way, output, worst))
-        return worst
-
-    return record
 
 
 @pytest.fixture(params=["compiled", pytest.param("numpy", marks=pytest.mark.slow)])

@@ -209,16 +209,6 @@ def test_typed_marker_is_there() -> None:
     assert (PACKAGE / "py.typed").is_file()
 
 
-def test_errors_are_ours_and_the_built_in_that_fits() -> None:
-    with pytest.raises(hp.HingePairError) as caught:
-        hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 0, 0))
-    error = caught.value
-    assert isinstance(error, ValueError)
-    assert isinstance(error, hp.errors.AxisError)
-    assert (error.name, error.expected) == ("n", "a non-zero axis")
-    assert str(error) == "n: expected a non-zero axis, got (0, 0, 0)"
-
-
 def test_a_listing_of_the_package_shows_its_public_names_alone():
     assert {name for name in dir(hp) if not name.startswith("__")} == {*hp.__all__}
 

@@ -251,6 +251,8 @@ def test_errors_are_ours_and_pythons():
     with pytest.raises(hp.HingePairError) as caught:
         hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 0))
     assert isinstance(caught.value, ValueError)
-    assert caught.value.name == "n"
+    assert isinstance(caught.value, hp.errors.AxisError)
+    assert (caught.value.name, caught.value.expected) == ("n", "a non-zero axis")
+    assert str(caught.value) == "n: expected a non-zero axis, got (0, 0, 0)"
     assert issubclass(hp.errors.MissingDependencyError, ImportError)
     assert issubclass(hp.FitError, hp.HingePairError)

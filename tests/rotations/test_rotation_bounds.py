@@ -47,9 +47,9 @@ def test_small_turn_keeps_its_digits(psi):
             assert abs(mpmath.mpf(float(Sh[place])) - value) <= 6 * mpmath.mpf(2) ** -53 * abs(value) + floor, place
 
 
-def test_rotation_exp(ledger):
+def test_rotation_exp():
     rotvec = rotvecs(generator(60))
-    assert ledger("rotation_exp", "S1", off(hp.rotation_exp(rotvec), extended.attitude_of_rotvec(rotvec))) <= 6
+    assert off(hp.rotation_exp(rotvec), extended.attitude_of_rotvec(rotvec)).max() <= 6
 
 
 def test_rotation_exp_of_long_vectors():
@@ -87,13 +87,13 @@ def test_half_turns_and_the_identity():
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-170, 1.0, 1e170, 1e300], ids=str)
-def test_quaternions_of_any_length(scale, ledger):
+def test_quaternions_of_any_length(scale):
     quat = generator(64).normal(size=(COUNT, 4))
     quat[:100] *= 10.0 ** generator(65).uniform(-12, 0, (100, 4))
     truth = extended.attitude_of_quaternion(quat)
     xyzw = hp.BodyMotion.from_quaternion_xyzw(R=ZERO, quat_xyzw=quat * scale).S
     wxyz = hp.BodyMotion.from_quaternion_wxyz(R=ZERO, quat_wxyz=np.roll(quat * scale, 1, axis=-1)).S
-    assert ledger("quaternion", "S1", off(xyzw, truth)) <= 6
+    assert off(xyzw, truth).max() <= 6
     assert np.array_equal(xyzw, wxyz)
 
 
@@ -112,15 +112,15 @@ def around_lock(rng, sequence):
 
 
 @pytest.mark.parametrize("sequence", sparse(SEQUENCE_NAMES, 8))
-def test_euler_angles_give_the_attitude_back(sequence, ledger):
+def test_euler_angles_give_the_attitude_back(sequence):
     """S(euler(S)) to 6 u, at lock too: the angles that come back are a representative, whatever the outer two are."""
     phi = around_lock(generator(66), sequence)
     exact = extended.attitude_of_angles(phi, sequence)
-    assert ledger("euler_to_matrix", "S1", off(hp.euler_to_matrix(phi, sequence), exact)) <= 6
+    assert off(hp.euler_to_matrix(phi, sequence), exact).max() <= 6
     S = exact.astype(float)
     back = hp.matrix_to_euler(S, sequence)
-    assert ledger("matrix_to_euler", "S1", off(extended.attitude_of_angles(back, sequence), S)) <= 6
-    assert ledger("there and back", "S1", off(hp.euler_to_matrix(back, sequence), S)) <= 6
+    assert off(extended.attitude_of_angles(back, sequence), S).max() <= 6
+    assert off(hp.euler_to_matrix(back, sequence), S).max() <= 6
 
 
 LOCK = {

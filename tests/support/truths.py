@@ -43,6 +43,13 @@ def remembered(function):
 from_euler = remembered(truth.from_euler)
 
 
+def require(truth, found):
+    """Hold every output to its bound, for every sample."""
+    worst = {name: float(truth.errors(name, np.asarray(got)).max(initial=0.0)) for name, got in found.items()}
+    late = {name: value for name, value in worst.items() if not value <= ORDINARY[name]}
+    assert not late, f"beyond the promise, in units of u * scale: {late}"
+
+
 def largest_errors(got, exact, axes):
     """Return the largest error of a component of each sample, as floats; a sample has `axes` axes."""
     with mpmath.workdps(DIGITS):
