@@ -16,14 +16,12 @@ from support.commands import run_command
 from support.states import generator
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-LEVELS = [*pair.LEVELS]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("count", [1, 3])
-def test_every_method_computes_the_truth(level, count):
-    errors = pair.largest_errors(pair.random_states(generator(80), count, level))
+def test_every_method_computes_the_truth(count):
+    errors = pair.largest_errors(*pair.random_states(generator(80), count))
     assert errors.keys() == pair.METHODS.keys() - {pair.COPY} - ({"hingepair, out="} if count == 1 else set())
     assert max(errors.values()) < 20
 
@@ -35,9 +33,9 @@ def changed(change):
 
 def reduced(task):
     """Reduces psi modulo 2 pi in double."""
-    q = task.motion[0].copy()
+    q = task.q.copy()
     q[:, 6] %= 2 * np.pi
-    return pair.METHODS["hingepair"].make_job(task._replace(motion=(q, *task.motion[1:])))
+    return pair.METHODS["hingepair"].make_job(task._replace(q=q))
 
 
 def test_the_error_columns_see_errors_and_what_is_not_finite():
@@ -47,17 +45,17 @@ def test_the_error_columns_see_errors_and_what_is_not_finite():
         "nan": changed(lambda result: np.where(result == result.flat[0], np.nan, result)),
         "reduced": pair.Method(reduced),
     }
-    found = pair.largest_errors(pair.random_states(generator(81), 3, "velocity"), methods)
+    found = pair.largest_errors(*pair.random_states(generator(81), 3), methods)
     assert found["right"] < 12
     assert 1e4 < found["off"] < found["nan"] == math.inf
-    found = pair.largest_errors(pair.hard_states(generator(82), "acceleration"), methods)
+    found = pair.largest_errors(*pair.hard_states(generator(82)), methods)
     assert found["right"] < 12
     assert found["reduced"] > 1e6
 
 
 @pytest.mark.slow
 def test_the_command_prints_a_row_for_each_method():
-    options = ("bench", "--sizes", "1,2", "--level", "pose", "--repeats", 1)
+    options = ("bench", "--sizes", "1,2", "--repeats", 1)
     shown = run_command(*options).stdout
     assert all(words in shown for words in (*pair.METHODS, "N = 1", "N = 2", "pin", "floor"))
     assert max(map(len, shown.splitlines())) <= 100

@@ -1,4 +1,4 @@
-"""Run time and error of the kinematics of one pair, beside Pinocchio and NumPy.
+"""Run time and error of the pose and the velocity of body 2 of one pair, beside Pinocchio and NumPy.
 
 The times are those that a user meets: of the first and of the next call in a fresh process.
 """
@@ -30,10 +30,7 @@ Array: TypeAlias = NDArray[Any]
 Job: TypeAlias = Callable[[], Any]
 """A call that is timed; it returns the outputs."""
 
-# The outputs that are computed, by the level of the motion.
-LEVELS = {"pose": ("R2", "S2"), "velocity": ("R2", "S2", "v2", "omega2")}
-LEVELS["acceleration"] = (*LEVELS["velocity"], "a2", "alpha2")
-
+_OUTPUTS = ("R2", "S2", "v2", "omega2")
 _U1, _U2, _N = (0.5, 0.2, 0.1), (-0.25, 0.1, 0.3), (1.0, 2.0, -0.5)
 _HOME = np.array([[2, -2, -1], [1, 2, -2], [2, 1, 2]]) / 3
 
@@ -47,80 +44,65 @@ class Row(NamedTuple):
     next: float  # time of a later call [s]
     pin: float  # `next` over the time of Pinocchio's calls for one state
     floor: float  # `next` over the time of copying as many numbers as the outputs have
-    error: float | None  # largest on random states [u * scale]; infinite where a result is not finite
-    hard_error: float | None  # on states that are numerically difficult
+    error: float | None  # largest on random and on hard states [u * scale]; infinite where a result is not finite
 
 
 class _Task(NamedTuple):
-    """Motions of a pair, (N, 7) each, at which its outputs are computed."""
+    """Coordinates and rates of a pair, (N, 7) each, at which the outputs are computed."""
 
     pair: HingePair
-    motion: tuple[Array, ...]  # q; q and qd; or q, qd and qdd
+    q: Array
+    qd: Array
 
     @property
-    def level(self) -> str:
-        return list(LEVELS)[len(self.motion) - 1]
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        return LEVELS[self.level]
-
-    @property
-    def arguments(self) -> tuple[Array, ...]:
+    def arguments(self) -> tuple[Array, Array]:
         """The motion; that of a single state without the leading axis."""
-        return tuple(c[0] for c in self.motion) if len(self.motion[0]) == 1 else self.motion
+        return (self.q[0], self.qd[0]) if len(self.q) == 1 else (self.q, self.qd)
 
     def buffers(self) -> dict[str, Array]:
         """Return arrays for the outputs that have been written, so that no page fault is timed."""
-        count = len(self.motion[0])
-        return {name: np.ones((count, 3, 3) if name == "S2" else (count, 3)) for name in self.outputs}
+        return {name: np.ones((len(self.q), 3, 3) if name == "S2" else (len(self.q), 3)) for name in _OUTPUTS}
+
+
+_read = attrgetter(*_OUTPUTS)
 
 
 def _call_job(task: _Task, *, reuse: bool = False) -> Job:
     """Return the job of `forward_kinematics`, into new arrays or into the same ones each time."""
-    call, arguments, names = task.pair.forward_kinematics, task.arguments, task.outputs
-    out, read = task.buffers() if reuse else None, attrgetter(*names)
-    return lambda: read(call(*arguments, outputs=names, out=out))
+    call, arguments, out = task.pair.forward_kinematics, task.arguments, task.buffers() if reuse else None
+    return lambda: _read(call(*arguments, outputs=_OUTPUTS, out=out))
 
 
 def _prepared_job(task: _Task) -> Job:
-    names, arguments = task.outputs, task.arguments
-    call, read = task.pair.prepare(task.level, outputs=names), attrgetter(*names)
-    return lambda: read(call(*arguments))
+    call, arguments = task.pair.prepare("velocity", outputs=_OUTPUTS), task.arguments
+    return lambda: _read(call(*arguments))
 
 
 def _pinocchio_job(task: _Task) -> Job:
     """Return the job of Pinocchio's functions, one state after the other; its coordinates are made before."""
     import pinocchio as pin
 
-    names = ("R1", "S1", "v1", "omega1", "a1", "alpha1")[: 2 * len(task.motion)]
-    state = task.pair.forward_kinematics(*task.motion, outputs=names)
-    values: dict[str, Any] = {name[:-1]: getattr(state, name) for name in names}
-    body1, hinge, twin = BodyMotion(**values), [c[:, 6] for c in task.motion], to_pinocchio(task.pair)
-    convert = (twin.configuration, twin.velocity, twin.acceleration)[: len(hinge)]
-    rows: list[Any] = [one(body1, *hinge[: i + 1]) for i, one in enumerate(convert)]
+    state = task.pair.forward_kinematics(task.q, task.qd, outputs=("R1", "S1", "v1", "omega1"))
+    body1 = BodyMotion(R=state.R1, S=state.S1, v=state.v1, omega=state.omega1)
+    twin = to_pinocchio(task.pair)
+    psi, psid = task.q[:, 6], task.qd[:, 6]
+    configurations: Any = twin.configuration(body1, psi)
+    velocities: Any = twin.velocity(body1, psi, psid)
     model, frame, world = twin.model, twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
     data = model.createData()
 
-    def compute(*one: Array) -> tuple[Array, ...]:
-        pin.forwardKinematics(model, data, *one)
+    def compute(configuration: Array, velocity: Array) -> tuple[Array, ...]:
+        pin.forwardKinematics(model, data, configuration, velocity)
         place = pin.updateFramePlacement(model, data, frame)
-        parts: tuple[Array, ...] = place.translation, place.rotation
-        if len(one) > 1:
-            twist = pin.getFrameVelocity(model, data, frame, world)
-            parts = *parts, twist.linear, twist.angular
-        if len(one) > 2:
-            change = pin.getFrameClassicalAcceleration(model, data, frame, world)
-            parts = *parts, change.linear, change.angular
-        return parts
+        twist = pin.getFrameVelocity(model, data, frame, world)
+        return place.translation, place.rotation, twist.linear, twist.angular
 
-    if len(rows[0]) == 1:
-        first = [row[0] for row in rows]
-        return lambda: compute(*first)
+    if len(psi) == 1:
+        return lambda: compute(configurations[0], velocities[0])
     out = tuple(task.buffers().values())
 
     def loop() -> tuple[Array, ...]:
-        for i, one in enumerate(zip(*rows, strict=True)):
+        for i, one in enumerate(zip(configurations, velocities, strict=True)):
             for array, value in zip(out, compute(*one), strict=True):
                 array[i] = value
         return out
@@ -132,30 +114,17 @@ def _numpy_job(task: _Task) -> Job:
     """Return the job of NumPy on stacks of 3 x 3 matrices by SciPy, with @ and numpy.cross."""
     from scipy.spatial.transform import Rotation
 
-    pair = task.pair
-    motion: tuple[Any, ...] = (*task.motion, None, None)
-    q, qd, qdd = motion[:3]
+    pair, q, qd = task
 
     def compute() -> tuple[Array, ...]:
         S1 = Rotation.from_euler("XYZ", q[:, 3:6]).as_matrix()
         S2 = S1 @ Rotation.from_rotvec(q[:, 6:] * pair.n).as_matrix() @ pair.home
         r1, r2 = S1 @ pair.u1, S2 @ pair.u2
-        if qd is None:
-            return q[:, :3] + r1 - r2, S2
         zero = np.zeros(len(q))
         e_x, e_y = np.stack([zero + 1, zero, zero], -1), np.stack([zero, np.cos(q[:, 3]), np.sin(q[:, 3])], -1)
-        e_z, axis = S1[:, :, 2], S1 @ pair.n
-        half = e_x * qd[:, 3:4] + e_y * qd[:, 4:5]
-        omega1 = half + e_z * qd[:, 5:6]
-        omega2 = omega1 + axis * qd[:, 6:]
-        outputs = q[:, :3] + r1 - r2, S2, qd[:, :3] + np.cross(omega1, r1) - np.cross(omega2, r2), omega2
-        if qdd is None:
-            return outputs
-        alpha1 = e_x * qdd[:, 3:4] + e_y * qdd[:, 4:5] + e_z * qdd[:, 5:6]
-        alpha1 += np.cross(e_x * qd[:, 3:4], e_y * qd[:, 4:5]) + np.cross(half, e_z * qd[:, 5:6])
-        alpha2 = alpha1 + axis * qdd[:, 6:] + np.cross(omega1, axis) * qd[:, 6:]
-        a2 = qdd[:, :3] + np.cross(alpha1, r1) + np.cross(omega1, np.cross(omega1, r1))
-        return *outputs, a2 - np.cross(alpha2, r2) - np.cross(omega2, np.cross(omega2, r2)), alpha2
+        omega1 = e_x * qd[:, 3:4] + e_y * qd[:, 4:5] + S1[:, :, 2] * qd[:, 5:6]
+        omega2 = omega1 + (S1 @ pair.n) * qd[:, 6:]
+        return q[:, :3] + r1 - r2, S2, qd[:, :3] + np.cross(omega1, r1) - np.cross(omega2, r2), omega2
 
     return compute
 
@@ -190,39 +159,39 @@ METHODS = {
 }
 
 
-def bench(counts: Sequence[int], level: str, repeats: int) -> Iterator[Row]:
+def bench(counts: Sequence[int], repeats: int) -> Iterator[Row]:
     """Measure all methods for several numbers of states.
 
     Args:
         counts: numbers of states.
-        level: of LEVELS.
         repeats: number of processes, of which the medians are returned.
     """
     rng = np.random.default_rng(20)
-    errors = largest_errors(random_states(rng, 40, level)), largest_errors(hard_states(rng, level))
+    q, qd = np.concatenate((random_states(rng, 40), hard_states(rng)), axis=1)
+    errors = largest_errors(q, qd)
     for count in counts:
-        times = [_times_of_process(count, level) for _ in range(repeats)]
+        times = [_times_of_process(count) for _ in range(repeats)]
         for method in times[0]["methods"]:
             first, later = (median(one["methods"][method][k] for one in times) for k in (0, 1))
             pin, floor = (median(one["methods"][method][1] / one[unit] for one in times) for unit in ("pin", "floor"))
-            yield Row(method, count, first, later, pin, floor, *(one.get(method) for one in errors))
+            yield Row(method, count, first, later, pin, floor, errors.get(method))
 
 
-def _times_of_process(count: int, level: str) -> dict[str, Any]:
+def _times_of_process(count: int) -> dict[str, Any]:
     """Return what `print_times` prints in a new process."""
-    code = f"from hingepair.bench.pair import print_times; print_times({count}, {level!r})"
+    code = f"from hingepair.bench.pair import print_times; print_times({count})"
     # -P: files of the current folder are not imported.
     process = subprocess.run([sys.executable, "-P", "-c", code], stdout=subprocess.PIPE, text=True, check=True)
     times: dict[str, Any] = json.loads(process.stdout)
     return times
 
 
-def print_times(count: int, level: str) -> None:
+def print_times(count: int) -> None:
     """Print times of the methods in this process [s] as JSON: of the first call and of a later one of each method, of
     Pinocchio's calls for one state, and of copying.
     """
-    motion = random_states(np.random.default_rng(21), count, level)
-    task, one = _Task(_pair(), motion), _Task(_pair(), tuple(c[:1] for c in motion))
+    q, qd = random_states(np.random.default_rng(21), count)
+    task, one = _Task(_pair(), q, qd), _Task(_pair(), q[:1], qd[:1])
     jobs = {name: m.make_job(task) for name, m in METHODS.items() if m.min_count <= count <= m.max_count}
     first = {name: _time_of(job, 1) for name, job in jobs.items()}
     references = {"pin": _pinocchio_job(one), "floor": _copy_job(task)}
@@ -247,13 +216,13 @@ def _pair() -> HingePair:
     return HingePair(u1=_U1, u2=_U2, n=_N, home=_HOME)
 
 
-def random_states(rng: np.random.Generator, count: int, level: str) -> tuple[Array, ...]:
-    """Return q, and qd and qdd as far as the level has them, of normally distributed numbers; (count, 7) each."""
-    return tuple(rng.normal(size=(list(LEVELS).index(level) + 1, count, 7)))
+def random_states(rng: np.random.Generator, count: int) -> Array:
+    """Return q and qd of normally distributed numbers; (2, count, 7)."""
+    return rng.normal(size=(2, count, 7))
 
 
-def hard_states(rng: np.random.Generator, level: str) -> tuple[Array, ...]:
-    """Return q, and qd and qdd as far as the level has them, of random states that are hard in one way each."""
+def hard_states(rng: np.random.Generator) -> Array:
+    """Return q and qd of random states that are hard in one way each; (2, N, 7)."""
     quarter = math.pi / 2
     psis = (1e-160, 1e-9, -1e-5, 0.0, math.pi, math.pi - 1e-9, math.pi + 1e-9, 1e5, -1e16, 1e300)
     changes: list[tuple[Any, Any, float]] = [(6, psi, 1.0) for psi in psis]
@@ -262,25 +231,22 @@ def hard_states(rng: np.random.Generator, level: str) -> tuple[Array, ...]:
     changes += [(slice(3, 7), angle, 1.0) for angle in (1e-9, 1e6, 1e16)]
     changes += [(slice(0, 3), (far, -far / 3, far), 1.0) for far in (1e8, 1e15)]
     changes += [(slice(0, 0), (), rate) for rate in (0.0, 1e-60, 1e20, 1e100)]
-    motion = rng.normal(size=(3, len(changes), 7))
+    motion = random_states(rng, len(changes))
     for sample, (index, value, rate) in enumerate(changes):
         motion[0, sample, index] = value
         motion[1, sample] *= rate
-        motion[2, sample] *= rate * rate
-    return tuple(motion[: list(LEVELS).index(level) + 1])
+    return motion
 
 
-def largest_errors(motion: tuple[Array, ...], methods: Mapping[str, Method] = METHODS) -> dict[str, float]:
+def largest_errors(q: Array, qd: Array, methods: Mapping[str, Method] = METHODS) -> dict[str, float]:
     """Return the largest error of any output of each method but the copy [u * scale], against 60 digits."""
     pair, errors = _pair(), {}
-    rates: Any = motion[1:]
-    truth = from_euler((pair.u1, pair.u2, np.array(_N), pair.home), motion[0], *rates)
-    task = _Task(pair, motion)
+    truth = from_euler((pair.u1, pair.u2, np.array(_N), pair.home), q, qd)
     for name, method in methods.items():
-        if name != COPY and method.min_count <= len(motion[0]):
+        if name != COPY and method.min_count <= len(q):
             with np.errstate(all="ignore"):
-                found = method.make_job(task)()
-            pairs = zip(task.outputs, found, strict=True)
+                found = method.make_job(_Task(pair, q, qd))()
+            pairs = zip(_OUTPUTS, found, strict=True)
             errors[name] = float(max(truth.errors(output, value).max() for output, value in pairs))
     return errors
 

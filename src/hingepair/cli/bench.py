@@ -11,7 +11,6 @@ import typer
 
 from hingepair.cli.options import JsonOption
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import check_choice
 from hingepair.tables.sheets import json_text, ruled_table
 
 if TYPE_CHECKING:
@@ -20,32 +19,31 @@ if TYPE_CHECKING:
 _NOTE = (
     "first: the first call of a process, whose machine code may be on the disk; next: a later call; each: its time "
     "for one state; pin: ratio to Pinocchio's calls from Python for one state; floor: ratio to copying the outputs. "
-    "Medians of fresh processes. error, on hard states: largest of any output, against 60 digits [u * scale]; inf: "
-    "not finite."
+    "Medians of fresh processes. error: largest of any output on random and on numerically difficult states, against "
+    "60 digits [u * scale]; inf: not finite."
 )
 
 
 def bench_command(
     sizes: Annotated[str, typer.Option(help="Numbers of states, separated by commas.")] = "1,100,10000,1000000",
-    level: Annotated[str, typer.Option(help="pose, velocity or acceleration.")] = "velocity",
     repeats: Annotated[int, typer.Option(min=1, max=1000, help="Number of fresh processes for each size.")] = 5,
     as_json: JsonOption = False,
 ) -> None:
     """Measure forward kinematics of a pair: run time and error.
 
-    hingepair, a Python loop over Pinocchio and NumPy compute the same states; errors are those against arithmetic of
-    60 digits. Whole robots are measured by the scripts in the folder benchmarks of the repository.
+    hingepair, a Python loop over Pinocchio and NumPy compute R2, S2, v2 and omega2 of the same states; errors are
+    those against arithmetic of 60 digits. Whole robots are measured by the scripts in the folder benchmarks of the
+    repository.
     """
     from hingepair.bench import pair
 
-    check_choice("level", level, tuple(pair.LEVELS))
     counts = [int(part) if part.strip().isdecimal() else 0 for part in sizes.split(",")]
     if not all(1 <= count <= 10**7 for count in counts):
         raise ArgumentError("sizes", "integers from 1 to 10000000, separated by commas", quoted(sizes))
     print("each size is measured in fresh processes, which takes some seconds", file=sys.stderr)
-    rows, facts = list(pair.bench(counts, level, repeats)), pair.machine_facts()
+    rows, facts = list(pair.bench(counts, repeats)), pair.machine_facts()
     if as_json:
-        print(json_text({"facts": facts, "level": level, "rows": [row._asdict() for row in rows]}))
+        print(json_text({"facts": facts, "rows": [row._asdict() for row in rows]}))
         return
     machine = ", ".join(f"{key} {value}" for key, value in facts.items())
     print("\n".join(_table(rows)), *(textwrap.fill(text, 100) for text in (_NOTE, machine)), sep="\n\n")
@@ -53,14 +51,14 @@ def bench_command(
 
 def _table(rows: Sequence[Row]) -> list[str]:
     """Return the lines of a table, a block for each number of states."""
-    lines: list[Sequence[str]] = [("", "first", "next", "each", "pin", "floor", "error", "on hard states")]
+    lines: list[Sequence[str]] = [("", "first", "next", "each", "pin", "floor", "error")]
     for i, row in enumerate(rows):
         if i == 0 or rows[i - 1].states != row.states:
             lines += [()] if i else []
-            lines.append((f"N = {row.states:,}", *[""] * 7))
+            lines.append((f"N = {row.states:,}", *[""] * 6))
         times = map(duration_text, (row.first, row.next, row.next / row.states))
-        errors = ("-" if error is None else f"{error:.2g}" for error in (row.error, row.hard_error))
-        lines.append((f"  {row.method}", *times, f"{row.pin:,.3g}", f"{row.floor:,.3g}", *errors))
+        error = "-" if row.error is None else f"{row.error:.2g}"
+        lines.append((f"  {row.method}", *times, f"{row.pin:,.3g}", f"{row.floor:,.3g}", error))
     return ruled_table(lines)
 
 
