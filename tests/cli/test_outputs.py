@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -46,6 +47,20 @@ def test_outputs_are_checked_before_work(command, ending, target, tmp_path, monk
     before = {*os.listdir()}
     assert refusal(*command.split(), "--out", target + ending).startswith("--out: expected a file ")
     assert {*os.listdir()} == before
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::hingepair.DynamicsWarning")
+@pytest.mark.parametrize(
+    ("command", "ending"), [("plot", ".png"), ("view", ".html"), ("urdf", ".urdf"), ("mjcf", ".xml")]
+)
+def test_commands_that_write_files_name_them_in_json(command, ending, tmp_path):
+    scene, out = MODELS / "reference_2d.toml", tmp_path / f"out{ending}"
+    assert json.loads(run_command(command, scene, "--json", "--out", out).stdout)["file"] == str(out)
+    assert out.stat().st_size
+    if command in ("urdf", "mjcf"):
+        told = json.loads(run_command(command, scene, "--json").stdout)
+        assert (told["file"], told["text"]) == (None, out.read_text(encoding="utf-8"))
 
 
 @pytest.mark.slow

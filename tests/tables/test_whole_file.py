@@ -121,7 +121,7 @@ def test_an_error_inside_leaves_what_was_there(tmp_path, error):
 @pytest.mark.parametrize("number", sparse([signal.SIGTERM, signal.SIGINT, signal.SIGHUP], 3, lambda n: n.name))
 def test_a_signal_takes_the_half_written_file_away(tmp_path, number):
     code = (
-        "import signal, time; from hingepair.cli.process import set_up_process\n"
+        "import signal, time; from hingepair.cli.main import set_up_process\n"
         "from hingepair.tables.whole_file import whole_file\n"
         f"signal.signal({int(number)}, signal.SIG_DFL); set_up_process()\n"  # a background process may ignore it
         f"with whole_file({str(tmp_path / 'a')!r}) as file:\n"

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hingepair.cli.options import JsonOption
+from hingepair.cli.output import show
 from hingepair.errors import ArgumentError, quoted
-from hingepair.tables.sheets import json_text, ruled_table
+from hingepair.tables.sheets import ruled_table
 
 if TYPE_CHECKING:
     from hingepair.bench.pair import Row
@@ -42,11 +43,9 @@ def bench_command(
         raise ArgumentError("sizes", "integers from 1 to 10000000, separated by commas", quoted(sizes))
     print("each size is measured in fresh processes, which takes some seconds", file=sys.stderr)
     rows, facts = list(pair.bench(counts, repeats)), pair.machine_facts()
-    if as_json:
-        print(json_text({"facts": facts, "rows": [row._asdict() for row in rows]}))
-        return
     machine = ", ".join(f"{key} {value}" for key, value in facts.items())
-    print("\n".join(_table(rows)), *(textwrap.fill(text, 100) for text in (_NOTE, machine)), sep="\n\n")
+    texts = [part for text in (_NOTE, machine) for part in ("", textwrap.fill(text, 100))]
+    show(as_json, {"facts": facts, "rows": [row._asdict() for row in rows]}, *_table(rows), *texts)
 
 
 def _table(rows: Sequence[Row]) -> list[str]:

@@ -9,6 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
+from hingepair.cli.options import JsonOption
+from hingepair.cli.output import show
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.tables.sheets import align_columns
 
@@ -24,6 +26,7 @@ def examples_command(
     directory: Annotated[
         Path, typer.Argument(metavar="DIRECTORY", help="Where the files go; made if it does not exist.")
     ] = Path(),
+    as_json: JsonOption = False,
 ) -> None:
     """List the example scenes and sweeps, or copy one.
 
@@ -33,8 +36,8 @@ def examples_command(
     examples = _examples()
     if name is None:
         rows = [("example", "description"), *((one, _read(path)["title"]) for one, path in examples.items())]
-        print(*align_columns(rows, set()), "", "Copy one with: hingepair examples NAME [DIRECTORY]", sep="\n")
-        return
+        hint = "Copy one with: hingepair examples NAME [DIRECTORY]"
+        return show(as_json, {"examples": dict(rows[1:])}, *align_columns(rows, set()), "", hint)
     if name not in {"all", *examples}:
         names = ("all", *examples)
         raise ArgumentError("name", f"{choices(names)}{nearest(name, names)}", quoted(name))
@@ -48,12 +51,14 @@ def examples_command(
         for file, target in targets.items():
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, target)
-            print(f"written: {target}")
     except OSError as error:
         got = f"{str(directory)!r} ({error.strerror or error})"
         raise ArgumentError("directory", "a directory that can be written", got) from None
+    lines = [f"written: {target}" for target in targets.values()]
     if name != "all":
-        print(f"Now try: hingepair {'sweep' if 'scene' in _read(wanted[0]) else 'run'} {directory / f'{name}.toml'}")
+        command = "sweep" if "scene" in _read(wanted[0]) else "run"
+        lines.append(f"Now try: hingepair {command} {directory / f'{name}.toml'}")
+    show(as_json, {"files": [str(target) for target in targets.values()]}, *lines)
 
 
 def example_hint(typed: str) -> str:

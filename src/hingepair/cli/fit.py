@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from hingepair.cli.options import PICTURE_SUFFIXES, ColumnOption, JsonOption, out_option, parse_columns
-from hingepair.cli.output import check_output, save_figure
+from hingepair.cli.output import check_output, save_figure, show
 from hingepair.errors import ArgumentError, FitError, quoted
 from hingepair.formats.recordings import are_imus, no_body_error, read_imus, read_recording
 from hingepair.measured.hinge_fit import HingeFit, fit
@@ -27,7 +27,6 @@ from hingepair.tables.whole_file import whole_file
 
 _ENDINGS = (*RESULT_FILE_SUFFIXES, *PICTURE_SUFFIXES, ".toml")
 _GAPS = 0.05  # longest gap between samples over which one clock's poses are interpolated to the other [s]
-# What messages on columns advise.
 
 
 def fit_command(
@@ -108,10 +107,12 @@ def fit_command(
                 raise no_body_error("2", files)
             fitted = fit(body1, body2, loss, t=t, clock_offset=clock_offset)
     except FitError as error:
-        print(json.dumps({"ok": False, "findings": [str(error)]}, indent=2) if as_json else f"NO HINGE: {error}")
+        show(as_json, {"ok": False, "findings": [str(error)]}, f"NO HINGE: {error}")
         raise typer.Exit(1) from None
-    print(fitted.to_json() if as_json else fitted.text(units))
-    for path in (path for one in out or () for path in _write(one, fitted, body1, files, units)):
+    written = [*(path.with_suffix(".csv") for path in scenes), *(out or ())]
+    show(as_json, json.loads(fitted.to_json()) | {"files": [*map(str, written)]}, fitted.text(units))
+    for path in out or ():
+        _write(path, fitted, body1, files, units)
         if not as_json:
             print(f"written: {path}")
     raise typer.Exit(0 if fitted.ok else 1)
@@ -130,25 +131,19 @@ def _check_outputs(out: Sequence[Path], files: Sequence[Path]) -> None:
 
 def _write(
     path: Path, fitted: HingeReport, body1: BodyMotion | None, inputs: Sequence[Path], units: str | None
-) -> Iterator[Path]:
-    """Write one output, and yield the paths of its files."""
+) -> None:
+    """Write one output; of a scene also its log, with the recorded motion of body 1 and the fitted psi."""
     if path.suffix.lower() in RESULT_FILE_SUFFIXES:
         fitted.record().save(path, inputs, units)
     elif path.suffix.lower() in PICTURE_SUFFIXES:
         save_figure(fitted.plot(units), path, inputs)
     elif isinstance(fitted, HingeFit) and body1 is not None:
-        yield _save_log(path.with_suffix(".csv"), fitted, body1, inputs)
+        t, log = np.asarray(fitted.t), path.with_suffix(".csv")
+        places, attitudes = np.broadcast_to(body1.R, (t.size, 3)), np.broadcast_to(body1.S, (t.size, 3, 3))
+        columns = dict(zip("xyz", places.T, strict=True)) | quaternion_columns(attitudes) | {"psi": fitted.psi}
+        Record(t, columns, "recorded motion of body 1 and fitted psi").save(log, inputs)
         with whole_file(path, inputs) as file:
-            file.write(_scene_text(fitted, path.with_suffix(".csv").name).encode())
-    yield path
-
-
-def _save_log(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: Sequence[Path]) -> Path:
-    """Write a log with the recorded motion of body 1 and the fitted psi."""
-    t = np.asarray(fitted.t)
-    places, attitudes = np.broadcast_to(body1.R, (t.size, 3)), np.broadcast_to(body1.S, (t.size, 3, 3))
-    columns = dict(zip("xyz", places.T, strict=True)) | quaternion_columns(attitudes) | {"psi": fitted.psi}
-    return Record(t, columns, "recorded motion of body 1 and fitted psi").save(path, inputs)
+            file.write(_scene_text(fitted, log.name).encode())
 
 
 def _scene_text(fitted: HingeFit, log: str) -> str:

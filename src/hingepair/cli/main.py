@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import functools
+import os
+import signal
 import sys
 import traceback
+import warnings
 from importlib import import_module
+from types import FrameType
 from typing import Annotated, Any
 
 import typer
 import typer.core
 
 from hingepair import __version__
-from hingepair.cli.process import BAD_INPUT, INTERNAL_ERROR, run_and_flush, set_up_process
-from hingepair.errors import HingePairError
+from hingepair.errors import HingePairError, printable
+
+BAD_INPUT = 2
+"""Exit code of bad input and of output that cannot be written; 1 means that a check failed."""
+INTERNAL_ERROR = 3
+"""Exit code of an internal error, whose traceback is printed."""
 
 COMMANDS = {
     "Compute": {
@@ -90,10 +98,27 @@ app = typer.Typer(
 )
 
 
+@app.callback(invoke_without_command=True)
+def _handle_version_option(
+    show_version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    """Print the version of hingepair and exit, if --version is given; otherwise let the command run."""
+    if show_version:
+        print(f"hingepair {__version__}")
+        raise typer.Exit
+
+
 def main() -> None:
     """Run the command line; an error of the user's input is one line on standard error, with exit code 2."""
     set_up_process()
-    sys.exit(run_and_flush(_run_app))
+    try:
+        code = _run_app()
+        sys.stdout.flush()
+    except OSError as error:  # such as of a full disk
+        print(f"hingepair: {error.filename or 'standard output'}: {error.strerror or error}", file=sys.stderr)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left would fail again at exit
+        code = BAD_INPUT
+    sys.exit(code)
 
 
 def _run_app() -> int:
@@ -116,11 +141,32 @@ def _run_app() -> int:
     return 0
 
 
-@app.callback(invoke_without_command=True)
-def _handle_version_option(
-    show_version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
-) -> None:
-    """Print the version of hingepair and exit, if --version is given; otherwise let the command run."""
-    if show_version:
-        print(f"hingepair {__version__}")
-        raise typer.Exit
+def set_up_process() -> None:
+    """Set up the process: signals raise SystemExit, so that partly written files are deleted; a closed pipe ends it
+    silently; characters that the terminal lacks are escaped; each warning is printed once.
+    """
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the shell, >&-
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - for as long as the process runs
+    if hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) in {signal.SIG_DFL, signal.default_int_handler}:
+            signal.signal(number, _exit_on_signal)
+    printed: set[str] = set()
+
+    def print_new_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+        if str(message) not in printed:
+            printed.add(str(message))
+            print(f"hingepair: warning: {printable(str(message))}", file=sys.stderr)
+
+    warnings.showwarning = print_new_warning
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _exit_on_signal(number: int, _: FrameType | None) -> None:
+    """Raise SystemExit with the exit code of a signal, 128 plus its number."""
+    raise SystemExit(128 + number)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +17,7 @@ from hingepair.cli.options import (
     parse_gravity,
     split_names,
 )
-from hingepair.cli.output import check_output, write_text
+from hingepair.cli.output import check_output, show
 from hingepair.cli.sources import read_source
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.model_writers import to_urdf
@@ -24,6 +25,7 @@ from hingepair.formats.recordings import read_robot_recording
 from hingepair.measured.mass_fit import fit_masses
 from hingepair.measured.torques import JOINT_TERMS
 from hingepair.mechanism.options import DEFAULT_GRAVITY
+from hingepair.tables.whole_file import whole_file
 
 
 def masses_command(
@@ -59,9 +61,11 @@ def masses_command(
         joint_terms=tuple(split_names("joint_terms", joint_terms) or ()),
         gravity=parse_gravity(gravity) or DEFAULT_GRAVITY,
     )
-    print(fit.to_json() if as_json else fit)
     if out is not None:
-        write_text(to_urdf(fit.robot), out, [file], quiet=as_json)
+        with whole_file(out, [file]) as written:
+            written.write(to_urdf(fit.robot).encode())
+    facts = json.loads(fit.to_json()) | {"file": out and str(out)}
+    show(as_json, facts, fit, *[f"written: {out}"] * (out is not None))
     raise typer.Exit(0 if fit.ok else 1)
 
 

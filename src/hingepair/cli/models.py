@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hingepair.cli.options import GravityOption, SourceArgument, TextFileOption, parse_gravity
+from hingepair.cli.options import GravityOption, JsonOption, SourceArgument, TextFileOption, parse_gravity
 from hingepair.cli.output import check_output, write_text
 from hingepair.cli.sources import read_source
 from hingepair.errors import printable
@@ -39,13 +39,14 @@ def urdf_command(
         ),
     ] = None,
     meshes: MeshesOption = True,
+    as_json: JsonOption = False,
 ) -> None:
     """Write a pair, or the mechanism of a scene, as a URDF file.
 
     A scene needs no motion. Of a scene with [dynamics] the base, damping, friction and stops are written as well; a
     comment and a warning list the keys that URDF cannot express.
     """
-    _write_model("URDF", source, out, base, meshes)
+    _write_model("URDF", source, out, base, meshes, as_json)
 
 
 def mjcf_command(
@@ -60,6 +61,7 @@ def mjcf_command(
     ] = None,
     gravity: GravityOption = None,
     meshes: MeshesOption = True,
+    as_json: JsonOption = False,
 ) -> None:
     """Write a pair, or the mechanism of a scene, as a MuJoCo model (MJCF).
 
@@ -67,11 +69,11 @@ def mjcf_command(
     damping, friction and stops are written; a comment and a warning list the keys that MJCF cannot express. Gravity
     is 9.81 m/s^2 along -z, of a planar pair along -y, unless it is given.
     """
-    _write_model("MJCF", source, out, base, meshes, gravity)
+    _write_model("MJCF", source, out, base, meshes, as_json, gravity)
 
 
 def _write_model(
-    kind: str, text: str, out: Path | None, base: str | None, meshes: bool, gravity: str | None = None
+    kind: str, text: str, out: Path | None, base: str | None, meshes: bool, as_json: bool, gravity: str | None = None
 ) -> None:
     """Write what SCENE names as URDF or MJCF."""
     source = read_source(text)
@@ -84,7 +86,7 @@ def _write_model(
     if isinstance(subject, Mechanism):
         if gravity is not None:
             chosen["gravity"] = parse_gravity(gravity)
-        return write_text(write(subject, meshes=meshes, **chosen), out, source.files)
+        return write_text(write(subject, meshes=meshes, **chosen), out, source.files, as_json)
     pair, setup = subject.pair, subject.dynamics
     if kind == "MJCF":
         of_scene = default_gravity(subject.subject) if setup is None else setup.gravity
@@ -92,7 +94,7 @@ def _write_model(
         chosen.setdefault("base", "fixed" if pair.body1 is None else "free")
     space = pair if isinstance(pair, HingePair) else pair.to_spatial()
     if setup is None:
-        return write_text(write(space, **chosen), out, source.files)
+        return write_text(write(space, **chosen), out, source.files, as_json)
     if base is None:
         bases = {PRESCRIBED: "fixed", "pinned": "free" if kind == "URDF" else "pinned"}
         chosen["base"] = bases.get(setup.base, setup.base)
@@ -112,4 +114,4 @@ def _write_model(
         sentence = f"{kind} cannot express these keys of [dynamics], which are left out: {shown}"
         warnings.warn(sentence, DynamicsWarning, stacklevel=2)
         model = commented(model, sentence)
-    return write_text(model, out, source.files)
+    return write_text(model, out, source.files, as_json)

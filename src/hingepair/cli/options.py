@@ -23,7 +23,7 @@ SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file
 SourceArgument = Annotated[
     str, typer.Argument(metavar="SCENE", help="Scene file (TOML); or a robot, by its name or URDF file.")
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 OutputsOption = Annotated[
     str | None,
     typer.Option(

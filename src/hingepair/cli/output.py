@@ -1,4 +1,4 @@
-"""Output of the commands: tables, files, texts and progress."""
+"""Output of the commands: JSON or lines of text, tables, and files."""
 
 from __future__ import annotations
 
@@ -7,23 +7,25 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
-
-import typer
+from typing import Any
 
 from hingepair.errors import ArgumentError, printable, quoted
-from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK
-from hingepair.tables.sheets import ruled_table
+from hingepair.tables.sheets import json_text, ruled_table
 from hingepair.tables.whole_file import check_writable, whole_file
 
-Piece = TypeVar("Piece")
+
+def show(as_json: bool, facts: Mapping[str, Any], *lines: object) -> None:
+    """Print facts as JSON, or lines of text, without what terminals obey."""
+    print(
+        json_text(facts) if as_json else "\n".join(printable(one) for line in lines for one in str(line).split("\n"))
+    )
 
 
-def print_table(rows: Sequence[Sequence[str]]) -> None:
-    """Print a table of components whose first row is the heading and whose first two columns are names and units,
-    with an empty line between vectors.
+def table_lines(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a table of components whose first row is the heading and whose first two columns are names
+    and units, with an empty line between vectors.
     """
     heading, *others = rows
     spaced: list[Sequence[str]] = [heading]
@@ -32,7 +34,7 @@ def print_table(rows: Sequence[Sequence[str]]) -> None:
         if following is not None and _vector_of(following[0]) != _vector_of(row[0]):
             spaced.append(())
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-    print("", *ruled_table(spaced, 2, width), "", sep="\n")
+    return ["", *ruled_table(spaced, 2, width), ""]
 
 
 def _vector_of(component: str) -> str:
@@ -43,12 +45,6 @@ def _vector_of(component: str) -> str:
     """
     match = re.match(r"(.+)_[xyz]{1,2}(?= |$)|\|(.+)\|", component)
     return match[1] or match[2] if match else ""
-
-
-def print_lines(*lines: str) -> None:
-    """Print lines of text from files, without what terminals obey."""
-    for line in lines:
-        print(printable(line))
 
 
 def check_output(path: Path | None, inputs: Iterable[str | os.PathLike[str]], endings: Sequence[str] = ()) -> None:
@@ -70,31 +66,22 @@ def new_file(name: str) -> Path:
     return path
 
 
-def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterator[Piece]:
-    """Yield the blocks of a motion, with a progress bar if there are several and standard error is a terminal."""
-    count = -(-num_instants // RESULT_ROWS_PER_BLOCK)
-    if count == 1 or not sys.stderr.isatty():
-        yield from parts
-        return
-    with typer.progressbar(parts, count, "computing", file=sys.stderr) as bar:
-        yield from bar
-
-
 def save_figure(figure: Any, path: Path, inputs: Iterable[Path]) -> None:
     """Write a Matplotlib figure to a file in the format of its suffix, completely or not at all."""
     with whole_file(path, inputs) as file:
         figure.savefig(file, format=path.suffix.lower()[1:], dpi=110)
 
 
-def write_text(text: str, out: Path | None, inputs: Iterable[Path], quiet: bool = False) -> None:
-    """Write text to the file `out`, completely or not at all, and say so unless `quiet`; to standard output if `out`
-    is None.
+def write_text(text: str, out: Path | None, inputs: Iterable[Path], as_json: bool = False) -> None:
+    """Write text to the file `out`, completely or not at all, and say so; to standard output if `out` is None, in
+    JSON if `as_json` is true.
     """
     if out is not None:
         with whole_file(out, inputs) as file:
             file.write(text.encode())
-        if not quiet:
-            print(f"written: {out}")
+        show(as_json, {"file": str(out)}, f"written: {out}")
+    elif as_json:
+        show(as_json, {"file": None, "text": text})
     elif hasattr(sys.stdout, "buffer"):  # UTF-8, whatever the terminal takes
         sys.stdout.flush()
         sys.stdout.buffer.write(text.encode())

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from hingepair.cli.options import (
     PICTURE_SUFFIXES,
+    JsonOption,
     OutputsOption,
     SceneArgument,
     SourceArgument,
@@ -16,7 +17,7 @@ from hingepair.cli.options import (
     out_option,
     split_names,
 )
-from hingepair.cli.output import check_output, new_file, save_figure
+from hingepair.cli.output import check_output, new_file, save_figure, show
 from hingepair.cli.sources import read_scene, read_source
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
@@ -34,6 +35,7 @@ def plot_command(
     ] = None,
     outputs: OutputsOption = None,
     units: UnitsOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Draw the motion of a scene over time and in space.
 
@@ -47,7 +49,7 @@ def plot_command(
     check_output(out, [scene_file], PICTURE_SUFFIXES)
     scene, names = read_scene(scene_file), split_names("outputs", outputs)
     save_figure(plot(scene, names or scene.outputs, units), out, scene.files)
-    print(f"written: {out}")
+    show(as_json, {"file": str(out)}, f"written: {out}")
 
 
 def view_command(
@@ -58,6 +60,7 @@ def view_command(
         typer.Option(metavar="MB", help="Size of the meshes of a robot on the page; 0 draws simple shapes instead."),
     ] = 4.0,
     units: UnitsOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Write a web page that shows a pair or a robot in motion.
 
@@ -68,15 +71,13 @@ def view_command(
     out = out or new_file(f"{Path(source).stem}.html")
     check_output(out, [source])
     read = read_source(source)
-    if isinstance(read.named, Mechanism) or not read.named.has_motion:
-        subject = read.subject
-        shown = subject if isinstance(subject, Mechanism) else subject.pair
-        shown = shown.to_spatial() if isinstance(shown, PlanarPair) else shown
-        page = view(shown, meshes=meshes, units=units)
+    if not isinstance(read.named, Mechanism) and read.named.has_motion:
+        shown: Any = read.named.scene()
     else:
-        page = view(read.named.scene(), meshes=meshes, units=units)
-    path = page.save(out, read.files)
-    content = page.shown if page.frames else page.joints
+        shown = read.subject if isinstance(read.subject, Mechanism) else read.subject.pair
+    page = view(shown.to_spatial() if isinstance(shown, PlanarPair) else shown, meshes=meshes, units=units)
+    path, count = page.save(out, read.files), page.shown if page.frames else page.joints
     unit = "instants" if page.frames else "joint" if page.joints == 1 else "joints"
-    notes = (f"note: {note}" for note in page.notes)
-    print(*notes, f"written: {path} ({content} {unit}; open it in a browser)", sep="\n")
+    notes = [f"note: {note}" for note in page.notes]
+    facts = {"file": str(path), unit: count, "notes": page.notes}
+    show(as_json, facts, *notes, f"written: {path} ({count} {unit}; open it in a browser)")

@@ -8,11 +8,11 @@ from typing import Annotated, Any
 import typer
 
 from hingepair.cli.options import JsonOption
-from hingepair.cli.output import print_lines
+from hingepair.cli.output import show
 from hingepair.formats.robots import robot_names, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.tables.sheets import align_columns, json_text
+from hingepair.tables.sheets import align_columns
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import HINGE_TYPES, SLIDER_TYPES, MimicRecord
 
@@ -39,19 +39,11 @@ def robots_command(
     if source is None:
         robots = [_robot_row(name) for name in robot_names()]
         cells = [(*robots[0],), *(tuple(map(str, row.values())) for row in robots)]
-        print(json_text(robots) if as_json else "\n".join(align_columns(cells, {1, 2, 3, 4})))
-        return
+        return show(as_json, {"robots": robots}, *align_columns(cells, {1, 2, 3, 4}))
     report = _joint_report(source if os.path.exists(source) else str(robot_urdf(source)))
-    if as_json:
-        print(json_text(report))
-        return
-    lines = [_HEADINGS, *map(_joint_cells, report["joints"])]
-    print_lines(*align_columns(lines, {0, 6, 7, 8, 9, 10}) if report["joints"] else ())
-    if report["folded"]:
-        print_lines(
-            f"Fixed joints, whose links are part of the body that carries them: {', '.join(report['folded'])}."
-        )
-    print_lines(*report["notes"])
+    lines = align_columns([_HEADINGS, *map(_joint_cells, report["joints"])], {0, 6, 7, 8, 9, 10})
+    fixed = f"Fixed joints, whose links are part of the body that carries them: {', '.join(report['folded'])}."
+    return show(as_json, report, *lines, *[fixed] * bool(report["folded"]), *report["notes"])
 
 
 def _robot_row(robot: str) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +21,7 @@ from hingepair.cli.options import (
     parse_gravity,
     split_names,
 )
-from hingepair.cli.output import check_output, print_lines, print_table, with_progress_bar
+from hingepair.cli.output import check_output, show, table_lines
 from hingepair.cli.sources import read_scene, read_source
 from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError
@@ -30,7 +29,6 @@ from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.results import RESULT_FILE_SUFFIXES, result_file
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.load import SceneFile
-from hingepair.tables.sheets import json_text
 from hingepair.validation.cross_validate import cross_validate
 
 
@@ -39,9 +37,6 @@ def run_command(
     out: ResultsOption = None,
     outputs: OutputsOption = None,
     units: UnitsOption = None,
-    explain: Annotated[
-        bool, typer.Option("--explain", help="Print how many operations are computed, and why others are skipped.")
-    ] = False,
     energy: Annotated[
         bool, typer.Option("--energy", help="Print the energy balance of a motion that [dynamics] simulates.")
     ] = False,
@@ -58,34 +53,21 @@ def run_command(
     """
     check_output(out, [scene_file], RESULT_FILE_SUFFIXES)
     scene, names = read_scene(scene_file), split_names("outputs", outputs)
-    plan = scene.plan(names) if explain else None
     balance = scene.energy_balance() if energy else None
     columns, summary = scene.in_units(units), RunSummary(scene, names, units)
     with contextlib.ExitStack() as stack:
         file = None if out is None else result_file(out, scene.title, scene.files, columns)
         add = None if file is None else stack.enter_context(file)
-        for part in with_progress_bar(scene.blocks(names), scene.samples):
+        for part in scene.blocks(names):
             summary.add(part)
             if add is not None:
                 add(part.t, part.recorded())
-    if as_json:
-        result = scene.facts() | {
-            "not_finite": summary.lost,
-            "outputs": summary.ranges(),
-            "notes": scene.notes(units),
-        }
-        result |= {"file": None if out is None else str(out)} | ({"plan": asdict(plan)} if plan else {})
-        print(json_text(result | ({"energy_balance": balance.facts()} if balance else {})))
-        return
-    print_lines(scene.title, *scene.heading())
-    if plan:
-        print(str(plan))
+    notes = scene.notes(units)
+    facts = scene.facts() | {"not_finite": summary.lost, "outputs": summary.ranges(), "notes": notes}
+    facts |= {"file": out and str(out)} | ({"energy_balance": balance.facts()} if balance else {})
     rows, left_out = summary.table()
-    print_table(rows)
-    if balance:
-        print(balance)
-    print_lines(*left_out)
-    _print_notes(scene.notes(units), out)
+    lines = (scene.title, *scene.heading(), *table_lines(rows), *([balance] if balance else []), *left_out)
+    show(as_json, facts, *lines, *_last_lines(notes, out))
 
 
 def check_command(source: SourceArgument, as_json: JsonOption = False) -> None:
@@ -109,13 +91,9 @@ def check_command(source: SourceArgument, as_json: JsonOption = False) -> None:
         notes = (*scene.suspicions(), *scene.motion.notes)
     else:
         report = cross_validate(read.robot, *_random_and_hard_states(read.robot))
-    if as_json:
-        facts = json.loads(report.to_json())
-        print(json_text(facts | {"notes": [*facts.get("notes", ()), *notes]}))
-    else:
-        print_lines(*heading)
-        print(report)
-        print_lines(*(f"note: {note}" for note in notes))
+    facts = json.loads(report.to_json())
+    facts["notes"] = [*facts.get("notes", ()), *notes]
+    show(as_json, facts, *heading, report, *(f"note: {note}" for note in notes))
     raise typer.Exit(0 if report.ok else 1)
 
 
@@ -158,19 +136,16 @@ def forces_command(
         result = scene.forces(parse_gravity(gravity, scene.dimensions))
     except ArgumentError as error:
         raise error.renamed(f"{scene_file}: {error.name}") if error.name.startswith("pair.") else error from None
-    written = None if out is None else str(result.save(out, units=units))
+    if out is not None:
+        result.save(out, units=units)
     notes = tuple(dict.fromkeys((*result.notes, *scene.notes(units))))
-    if as_json:
-        facts = {"scene": str(scene.path), "samples": scene.samples, "file": written}
-        print(json_text(facts | result.facts(units) | {"notes": notes}))
-        return
-    print_lines(scene.title, *scene.heading())
-    print(f"gravity = ({', '.join(f'{component:g}' for component in result.gravity)}) m/s^2")
-    for rows in result.tables(units):
-        print_table(rows)
-    _print_notes(notes, out)
+    facts = {"scene": str(scene.path), "samples": scene.samples, "file": out and str(out)}
+    gravity_text = f"gravity = ({', '.join(f'{component:g}' for component in result.gravity)}) m/s^2"
+    tables = (line for rows in result.tables(units) for line in table_lines(rows))
+    lines = (scene.title, *scene.heading(), gravity_text, *tables, *_last_lines(notes, out))
+    show(as_json, facts | result.facts(units) | {"notes": notes}, *lines)
 
 
-def _print_notes(notes: tuple[str, ...], out: Path | None) -> None:
-    print_lines(*(f"note: {note}" for note in notes))
-    print(f"written: {out}" if out else "nothing written (--out FILE writes all instants)")
+def _last_lines(notes: tuple[str, ...], out: Path | None) -> list[str]:
+    written = f"written: {out}" if out else "nothing written (--out FILE writes all instants)"
+    return [*(f"note: {note}" for note in notes), written]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,14 +9,13 @@ from typing import Annotated, Any
 import typer
 
 from hingepair.cli.options import JsonOption, SceneArgument, UnitsOption, out_option
-from hingepair.cli.output import print_lines, print_table
+from hingepair.cli.output import show, table_lines
 from hingepair.cli.sources import read_scene
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.pairs.tolerances import DEVIATIONS, LIMITS
 from hingepair.scenes.variants.search import Range, search
-from hingepair.scenes.variants.sweep import STORE_SUFFIXES, Progress, load_sweep, run_sweep
+from hingepair.scenes.variants.sweep import STORE_SUFFIXES, load_sweep, run_sweep
 from hingepair.scenes.variants.tolerance import study_tolerances
-from hingepair.tables.sheets import json_text
 
 
 def tolerance_command(
@@ -48,9 +46,6 @@ def tolerance_command(
     for name, value in map(_parse, tolerance or ()):
         (given if name in (*LIMITS, *DEVIATIONS) else given.setdefault("points", {}))[name] = value
     study = study_tolerances(scene, **given)
-    if as_json:
-        print(json_text(study.facts(units)))
-        return
     shown = {**study.tolerances, **study.tolerances.get("points", {})}
     shown.pop("points", None)
     sizes = (
@@ -58,9 +53,9 @@ def tolerance_command(
         f"{' m' * name.startswith('u') + ' rad' * (name[0] in 'ah') if name in DEVIATIONS else ''}"
         for name, value in shown.items()
     )
-    print_lines(study.title, f"{len(study.t)} instants; {'; '.join(sizes)}")
-    print_table(study.table(units))
-    print_lines(*(f"note: {note}" for note in study.notes))
+    heading = (study.title, f"{len(study.t)} instants; {'; '.join(sizes)}")
+    notes = (f"note: {note}" for note in study.notes)
+    show(as_json, study.facts(units), *heading, *table_lines(study.table(units)), *notes)
 
 
 def _parse(text: str) -> tuple[str, Any]:
@@ -94,16 +89,13 @@ def sweep_command(
     """
     sweep = load_sweep(sweep_file, units)
     path, count, keys = out or sweep.default_store(), len(sweep.numbers), sweep.variants.keys
-    with contextlib.ExitStack() as stack:
-        progress: Progress | None = None
-        if sys.stderr.isatty():
-            bar = stack.enter_context(typer.progressbar(length=sweep.chunks, label="computing", file=sys.stderr))
-            progress = lambda done, _: bar.update(done - bar.pos)  # noqa: E731
-        run_sweep(sweep, path, progress)
-    if as_json:
-        print(json_text({"title": sweep.title, "variants": count, "keys": keys, "file": str(path)}))
-        return
-    print_lines(sweep.title, f"{count} variants of {', '.join(keys)}", f"written: {path}")
+    run_sweep(sweep, path, _print_progress if sys.stderr.isatty() else None)
+    facts = {"title": sweep.title, "variants": count, "keys": keys, "file": str(path)}
+    show(as_json, facts, sweep.title, f"{count} variants of {', '.join(keys)}", f"written: {path}")
+
+
+def _print_progress(done: int, count: int) -> None:
+    print(f"\r{done} of {count} chunks", end="\n" if done == count else "", file=sys.stderr, flush=True)
 
 
 def search_command(
@@ -139,12 +131,8 @@ def search_command(
     found = search(
         scene_file, dict(map(_read_range, vary)), until or (), minimize=minimize, maximize=maximize, units=units
     )
-    if as_json:
-        names = ("values", "start", "results", "units", "conditions", "notes", "ok", "evaluations")
-        print(json_text({name: getattr(found, name) for name in names}))
-    else:
-        print_lines(found.scene.title)
-        print(found)
+    names = ("values", "start", "results", "units", "conditions", "notes", "ok", "evaluations")
+    show(as_json, {name: getattr(found, name) for name in names}, found.scene.title, found)
     raise typer.Exit(0 if found.ok else 1)
 
 
