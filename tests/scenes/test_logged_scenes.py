@@ -68,7 +68,7 @@ def test_what_the_file_lacks_is_not_there(tmp_path):
         scene_of(tmp_path, some(columns, "t", *EULER), '[outputs]\nnames = ["omega1"]\n')
     velocity = scene_of(tmp_path, some(columns, "t", *EULER, *RATES))
     assert velocity.evaluate().state.outputs == ("R2", "S2", "d", "v2", "omega2")
-    with pytest.raises(hp.ArgumentError, match="motion: expected a scene whose motion is coordinates as "):
+    with pytest.raises(hp.ArgumentError, match="motion: expected a scene of a pair whose motion is functions of "):
         _ = velocity.expressions
 
 

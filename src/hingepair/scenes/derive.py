@@ -101,9 +101,7 @@ def derive(
         scene, pair = scene_or_pair, scene_or_pair.subject.pair
         names = _symbolic_names(symbolic, pair, scene.constants)
         symbolic_constants = tuple(name for name in names if name in scene.constants)
-        motion = dict.fromkeys(scene.expressions, exact(0))  # body 1 may rest
-        for part in scene.functions:
-            motion |= part.expressions(symbolic_constants)
+        motion = dict.fromkeys(scene.expressions, exact(0)) | scene.functions.expressions(symbolic_constants)
         written = _exact_pair_values(pair, scene.tables, symbolic_constants)
         return PairForms(pair, motion, scene.sequence, names, written)
     pair = scene_or_pair

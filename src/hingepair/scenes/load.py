@@ -13,7 +13,7 @@ from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes.bodies import MECHANISM_TABLES, is_of_mechanism, read_mechanism, read_pair
-from hingepair.scenes.motions.dynamics import Dynamics, link_wrenches, read_dynamics, read_simulated_motion, simulates
+from hingepair.scenes.motions.dynamics import Dynamics, read_dynamics, read_simulated_motion, simulates
 from hingepair.scenes.motions.functions import read_function_motion
 from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.scene import Scene
@@ -27,9 +27,6 @@ from hingepair.tables.units import Units
 _COMMON: Final = ("title", "constants", "let", "motion", "dynamics", "time", "outputs")
 _OF_PAIRS: Final = (*_COMMON, "planar", "pair", "tolerances")
 _OF_MECHANISMS: Final = (*_COMMON, *MECHANISM_TABLES)
-_BEFORE: Final = {  # keys of [mechanism] as scenes had them, and where they are now
-    key: f"{key} in [dynamics]" for key in ("base", "gravity", "joint_loads")
-}
 
 
 def load_scene(path: str | os.PathLike[str], log: Any = None) -> Scene:
@@ -66,15 +63,9 @@ def scene_from_tables(
     subject = read_subject(tables, path.parent) if subject is None else subject
     dynamics = read_dynamics(tables, subject)
     if motion is None:
-        try:
-            motion = _read_motion(tables, path.parent, subject, dynamics)
-        except SceneError as error:
-            if str(error.got) == "an unknown key" and error.loc and error.loc[-1] in subject.names:
-                got = "a joint in another table"
-                raise SceneError(error.name, "the motion of a joint under [motion]", got) from None
-            raise
+        motion = _read_motion(tables, path.parent, subject, dynamics)
     elif motion.simulated is None:
-        motion = replace(motion, loads=dynamics.loads, wrenches=link_wrenches(subject, dynamics))
+        motion = replace(motion, loads=dynamics.loads, wrenches=dynamics.wrenches)
     simulated = motion.simulated
     if simulated is not None and subject.mechanism is not None:
         subject = Subject(simulated.robot, subject.frames)
@@ -113,9 +104,6 @@ def read_subject(tables: Table, folder: Path) -> Subject:
     if not is_of_mechanism(tables):
         return Subject(read_pair(tables))
     mechanism = tables.table("mechanism", required=False)
-    for key, now in _BEFORE.items():
-        if key in mechanism.values:
-            mechanism.refuse(key, now, "a key of [mechanism]")
     base = tables.table("dynamics", required=False).values.get("base")
     robot = read_mechanism(tables, folder, base="free" if base == "free" else "fixed")
     return Subject(robot, tuple(mechanism.table("frames", required=False).values) or robot.tips)
@@ -131,15 +119,7 @@ def _read_motion(tables: Table, folder: Path, subject: Subject, dynamics: Dynami
         motion = read_log(tables, folder, subject)
     else:
         motion = read_function_motion(tables, subject)
-    unused = [key for key in dynamics.keys if key.split(".")[-1] in {"q_0", "qd_0", "tau"} or key in _SIMULATED]
-    for key in unused:
-        wanted = "no such key, since [motion] gives all that moves: `hingepair forces` gives what motors exert"
-        tables.table("dynamics").refuse(key, wanted, "a value")
-    return replace(motion, loads=dynamics.loads, wrenches=link_wrenches(subject, dynamics))
-
-
-_OF_START: Final = ("R1_0", "S1_0", "phi_0", "v1_0", "omega1_0")  # keys of [dynamics] for what is simulated
-_SIMULATED: Final = frozenset({*_OF_START, "force1", "torque1", "tol", "max_steps", "breaks", "until"})
+    return replace(motion, loads=dynamics.loads, wrenches=dynamics.wrenches)
 
 
 class SceneFile:

@@ -243,17 +243,15 @@ class Scene:
         return self.motion.source.part(rows, order)
 
     @property
-    def functions(self) -> tuple[FunctionsOfTime, ...]:
-        """The coordinates as functions of time: those of body 1, unless it rests at the origin, and psi; raise an
-        ArgumentError without them.
+    def functions(self) -> FunctionsOfTime:
+        """The coordinates as functions of time, those of body 1 unless it rests at the origin; raise an ArgumentError
+        without them.
         """
-        from hingepair.scenes.motions.functions import FunctionSource
-
-        source = self.motion.source
-        if self.pair is None or not isinstance(source, FunctionSource):
-            wanted = "a scene whose motion is coordinates as expressions in t"
+        if self.pair is None or self.motion.functions is None:
+            wanted = "a scene of a pair whose motion is functions of t"
             raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
-        return (source.joints,) if source.base is None else (source.base, source.joints)
+        functions: FunctionsOfTime = self.motion.functions
+        return functions
 
     @property
     def expressions(self) -> dict[str, Expr | None]:
@@ -262,8 +260,7 @@ class Scene:
         """
         import sympy
 
-        moved = {name: found for part in self.functions for name, found in part.expressions().items()}
-        return dict.fromkeys(self.subject.base_names, sympy.S.Zero) | moved
+        return dict.fromkeys(self.subject.base_names, sympy.S.Zero) | self.functions.expressions()
 
     @property
     def has_own_gravity(self) -> bool:
@@ -549,8 +546,7 @@ class Scene:
                 unit = f"{joint.unit}/s"
                 sentences += limit_sentences(f"{joint.name}'", (-limit, limit), unit, self.t, qd[:, i], units=shown)
             last += self._stop_sentences(i, stops, q[:, i])
-        jumps = [functions.switches(self.t) for functions in motion.functions]
-        if kinks := int(np.logical_or.reduce(jumps).sum()):
+        if kinks := 0 if motion.functions is None else int(motion.functions.switches(self.t).sum()):
             where = f"{kinks} interval{'s' * (kinks != 1)}"
             sentences.append(f"kinks or jumps in {where}; derivatives there are those from the right")
         doubts = [motion.doubt] * math.isnan(motion.error_estimate)
@@ -575,7 +571,8 @@ class Scene:
         rows, motion = self.spread(suspicions.MAX_JUDGED), self.motion
         limits = {joint.name: joint.position_limits for joint in self.subject.joints if joint.unit == "rad"}
         sentences = suspicions.file_suspicions(self.tables.values, limits)
-        sentences += suspicions.function_suspicions(motion.functions, np.asarray(motion.t[rows]), limits)
+        if motion.functions is not None:
+            sentences += suspicions.function_suspicions(motion.functions, np.asarray(motion.t[rows]), limits)
         return tuple(dict.fromkeys(sentences))
 
     # ---- how a scene is shown

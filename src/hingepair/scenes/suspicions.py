@@ -89,19 +89,13 @@ def _judged_numbers(
             yield kinds[key], name, numbers
 
 
-def function_suspicions(
-    functions: Iterable[FunctionsOfTime], t: Float64Array, hinges: Iterable[str]
-) -> Iterator[str]:
+def function_suspicions(functions: FunctionsOfTime, t: Float64Array, hinges: Iterable[str]) -> Iterator[str]:
     """Yield a sentence for each expression in t whose samples at the instants t are probably in another unit. The
     functions of the named hinges are angles.
     """
     kinds = {**_KIND_BY_KEY, **dict.fromkeys(hinges, _ANGLES)}
-    for group in (group for group in functions if group.names):
-        for name, values in zip(group.names, group.derivatives(t, 0)[0], strict=True):
-            kind = kinds.get(name.partition("[")[0])
-            if kind is not None and kind in _FUNCTION_KINDS and isinstance(group.table.values.get(name), str):
-                constant = np.ptp(values) == 0 if np.ndim(values) else True
-                label = f"{group.table.name}.{name}"
-                yield from suspicions(
-                    kind if constant else _FUNCTION_KINDS[kind], label, values, radians=DEGREES_IN_SCENES
-                )
+    for name, values in functions.rows(t, 0)[0].items():
+        kind = kinds.get(name, "")
+        if kind in _FUNCTION_KINDS and isinstance(functions.table.values.get(name), str):
+            kind = kind if np.ptp(values) == 0 else _FUNCTION_KINDS[kind]
+            yield from suspicions(kind, f"motion.{name}", values, radians=DEGREES_IN_SCENES)

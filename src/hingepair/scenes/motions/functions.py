@@ -19,7 +19,7 @@ from hingepair.scenes.motions.waypoints import MAX_WAY_POINTS, PROFILES, WayPoin
 from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import Table, names_in
 from hingepair.symbolic.expressions import Expression, number, parse_expression
-from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
+from hingepair.symbolic.time_functions import TimeFunctions
 
 if TYPE_CHECKING:
     from hingepair.symbolic.exact import Expr
@@ -35,16 +35,13 @@ class FunctionsOfTime:
     #: where they were written
     table: Table
 
-    def derivatives(
-        self, t: ArrayLike, order: int, given: Mapping[str, Float64Array] | None = None
-    ) -> TimeDerivatives:
-        """Return (values, first derivatives, ...) at the instants t up to `order`. The entry of each order is a tuple
-        with one array or float per function. At a kink, return the derivatives from the right. `given` are values of
-        further symbols, of t's shape.
+    def rows(self, t: ArrayLike, order: int, given: Mapping[str, Float64Array] | None = None) -> list[dict[str, Any]]:
+        """Return dicts of values, first derivatives, ... at the instants t up to `order`, arrays or floats; at a kink
+        those from the right. `given` are values of further symbols, of t's shape.
         """
         rows = iter(zip(*self._of_expressions().derivatives(t, order, given), strict=True))
         columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]
-        return tuple(zip(*columns, strict=True))
+        return [dict(zip(self.names, [column[k] for column in columns], strict=True)) for k in range(order + 1)]
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
         """Return, for each interval between instants t, whether a function has a kink or a jump in it; (N - 1,)."""
@@ -84,14 +81,9 @@ class FunctionSource:
 
     #: instants [s]
     t: Float64Array
-    #: names of all joints, in order
-    names: tuple[str, ...]
-    #: of the joints that move [rad or m]
-    joints: FunctionsOfTime
-    #: where the other joints rest [rad or m]
-    rests: Mapping[str, float]
-    #: coordinates of body 1 or the base [m, rad]; None where it rests at the origin
-    base: FunctionsOfTime | None
+    subject: Subject
+    #: of the joints that move [rad or m], and of body 1 or the base unless it rests at the origin [m, rad]
+    functions: FunctionsOfTime
     #: Euler sequence of the base; None in the plane
     sequence: str | None
     level: ClassVar[int] = ACCELERATION
@@ -102,67 +94,50 @@ class FunctionSource:
 
     def at(self, t: Float64Array, order: int, given: Mapping[str, Float64Array] | None = None) -> Known:
         """Return the motion at instants t, with derivatives up to `order`; `given` are values of further symbols."""
-        moved = self.joints.derivatives(t, order, given) if self.joints.names else ((),) * (order + 1)
-        joints = []
-        for k, values in enumerate(moved):
-            own: dict[str, Any] = {**(self.rests if k == 0 else dict.fromkeys(self.rests, 0.0))}
-            own |= dict(zip(self.joints.names, values, strict=True))
-            joints.append(tuple(own[name] for name in self.names))
-        return Known(self.names, t.size, tuple(joints), base_at(self.base, self.sequence, t, order, given))
+        found, rests = self.functions.rows(t, order, given), self.subject.rests
+        joints = tuple(
+            tuple(row.get(name, rests[name] if k == 0 else 0.0) for name in rests) for k, row in enumerate(found)
+        )
+        return Known(self.subject.names, t.size, joints, base_of(self.subject, found, self.sequence))
 
 
-def base_at(
-    base: FunctionsOfTime | None,
-    sequence: str | None,
-    t: Float64Array,
-    order: int,
-    given: Mapping[str, Float64Array] | None = None,
-) -> EulerBase | None:
-    """Return the motion of body 1 or a base at the instants t, with derivatives up to `order`."""
-    return None if base is None else EulerBase(base.derivatives(t, order, given), sequence)
+def base_of(subject: Subject, rows: Sequence[Mapping[str, Any]], sequence: str | None) -> EulerBase | None:
+    """Return the motion of body 1 or a base by functions of time, from their rows; None where it rests."""
+    names = [name for name in subject.base_names if name in rows[0]]
+    return EulerBase(tuple(tuple(row[name] for name in names) for row in rows), sequence) if names else None
 
 
 def read_function_motion(tables: Table, subject: Subject) -> Motion:
     """Return the Motion that the tables [motion] and [time] define by functions of t."""
     motion = tables.table("motion")
     subject.check_motion_keys(motion)
-    base, sequence = read_base(motion, subject)
-    joints = read_functions(motion, PSI if subject.pair is not None else subject.moved_by(motion))
-    how = "" if subject.pair is None else base_phrase(base, sequence)
+    joints = PSI if subject.pair is not None else subject.moved_by(motion)
+    functions, sequence = read_functions(motion, subject, joints), read_sequence(motion, subject)
     t = read_instants(tables.table("time"))
-    return Motion(
-        t=t,
-        source=FunctionSource(t, subject.names, joints, subject.rests, base, sequence),
-        origin="functions of t" if subject.pair is None else "coordinates as expressions in t",
-        how=how,
-        functions=(joints,) if base is None else (base, joints),
-        moving=joints.names,
-    )
+    source = FunctionSource(t, subject, functions, sequence)
+    how = base_phrase(functions.names != PSI, sequence) if subject.pair is not None else ""
+    return Motion(t=t, source=source, origin="functions of t", how=how, functions=functions, moving=joints)
 
 
-def read_base(motion: Table, subject: Subject) -> tuple[FunctionsOfTime | None, str | None]:
-    """Return the coordinates of body 1 or of the base in [motion], and their Euler sequence; None where it has none.
-    Of a pair all are required, of a mechanism they are 0 unless given.
-    """
-    planar = subject.planar
-    names = subject.base_names
-    sequence = None if planar else motion.choice("sequence", SEQUENCE_NAMES, "XYZ")
-    if motion.values.keys().isdisjoint(names):
-        return None, sequence
-    if subject.pair is None:
-        motion = replace(motion, values=dict.fromkeys(names, 0) | motion.values)
-    return read_functions(motion, names), sequence
+def read_sequence(motion: Table, subject: Subject) -> str | None:
+    """Return the Euler sequence of body 1 or the base; None in the plane."""
+    return None if subject.planar else motion.choice("sequence", SEQUENCE_NAMES, "XYZ")
 
 
-def base_phrase(base: object, sequence: str | None) -> str:
+def base_phrase(moves: bool, sequence: str | None) -> str:
     """Return how body 1 of a pair moves, for reports."""
-    if base is None:
+    if not moves:
         return "body 1 rests at the origin"
     return f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}" if sequence else "in the plane z = 0"
 
 
-def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
-    """Return the keys `names` of a table as FunctionsOfTime."""
+def read_functions(motion: Table, subject: Subject, joints: tuple[str, ...]) -> FunctionsOfTime:
+    """Return the functions of joints in [motion], and of body 1 or the base if it has any of its coordinates: of a
+    pair all are required, of a mechanism they are 0 unless given.
+    """
+    base = subject.base_names if not motion.values.keys().isdisjoint(subject.base_names) else ()
+    zeros = dict.fromkeys(base, 0) if subject.pair is None else {}
+    table, names = replace(motion, values=zeros | motion.values), (*base, *joints)
     return FunctionsOfTime(names, tuple(_read_coordinate(table, key) for key in names), table)
 
 

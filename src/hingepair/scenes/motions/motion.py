@@ -98,7 +98,7 @@ class Motion:
     #: how to get derivatives that are missing, for messages
     hint: str = ""
     #: functions of t that define the motion; they tell in which intervals they have kinks
-    functions: tuple[Any, ...] = ()
+    functions: Any = None
     #: sentences that every reader of the results should see
     notes: tuple[str, ...] = ()
     #: estimates of the largest error over the instants, by unit; NaN if unknown. Empty for exact motion

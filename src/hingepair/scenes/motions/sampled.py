@@ -23,7 +23,7 @@ from hingepair.motion.trajectory import rotate_to_world
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from hingepair.scenes.motions.functions import base_at, base_phrase, read_base
+from hingepair.scenes.motions.functions import base_of, base_phrase, read_functions
 from hingepair.scenes.motions.known import PSI, RATE_SUFFIXES, EulerBase, Known, known_by_body1
 from hingepair.scenes.motions.logs import EULER, HINGE_NAMES, LOG_ARRAYS, POSITION, QUATERNION, Log, Part, log_path
 from hingepair.scenes.motions.motion import LazyValue, Motion
@@ -99,9 +99,9 @@ def _sampled(table: Table, log: Log, subject: Subject, smooths: bool) -> Motion:
         base, how = _base_of_samples(log, parts, attitude, sequence, frame, level)
         if not level and is_pair:
             log.notes.append("the log has no rates: smooth = true in [motion] gives v2, a2, ...")
-    functions, _ = (None, None) if attitude or is_pair else read_base(table, subject)
+    functions = None if attitude or is_pair else read_functions(table, subject, ())
     if functions is not None:
-        base = base_at(functions, sequence, log.t, level)
+        base = base_of(subject, functions.rows(log.t, level), sequence)
     joints = tuple(
         tuple(
             _float_if_constant(rows[name][k]) if name in rows else subject.rests[name] * (k == 0)
@@ -116,7 +116,7 @@ def _sampled(table: Table, log: Log, subject: Subject, smooths: bool) -> Motion:
         how=how if is_pair else "",
         hint="" if smooths else log.hint,
         notes=tuple(log.notes),
-        functions=() if functions is None else (functions,),
+        functions=functions,
         moving=moving,
         sure=sure,
     )
@@ -129,7 +129,7 @@ def _base_of_samples(
     if attitude is EULER:
         angles = [np.column_stack((parts["R1"][POSITION[k]], parts["phi"][EULER[k]])) for k in range(level + 1)]
         base = EulerBase(tuple(tuple(map(_float_if_constant, rows.T)) for rows in angles), sequence)
-        return base, base_phrase(base, sequence)
+        return base, base_phrase(True, sequence)
     if attitude is not QUATERNION:
         return None, ""
     arrays = parts["R1"] | parts["quat_xyzw"]
