@@ -14,20 +14,17 @@ HATCH = hp.Mechanism([LID]).with_frame("a", "base", R=(0.3, 0, -0.2)).with_frame
 Q = np.linspace(-1.2, 0.3, 31)[:, None]
 FORCES = {
     "gas": {"force": hp.GasSpring(300, 400, 0.6, friction=20), "free_length": 0.7},
-    "stops": {"limits": (0.3, 0.6), "stop_stiffness": 9e3},
     "spring": {"stiffness": 900.0, "free_length": 0.5, "damping": 30.0},
     "table": {"force": ([0.1, 0.2, 0.4, 0.7], [500, 300, 320, 100])},
 }
 
 
-FREE = {"gas": 0.7, "stops": 0.45, "spring": 0.5}  # m
+FREE = {"gas": 0.7, "spring": 0.5}  # m
 
 
 def by_hand(kind: str, length: np.ndarray, rate: np.ndarray) -> np.ndarray:
     if kind == "gas":  # the data sheet's line on extension; friction adds to it on compression
         return 300 + 100 * (0.7 - length) / 0.6 + np.where(rate < 0, 20, 0)
-    if kind == "stops":
-        return 9e3 * (np.maximum(0.3 - length, 0) - np.maximum(length - 0.6, 0))
     if kind == "spring":
         return 900 * (0.5 - length) - 30 * rate
     return np.interp(length, *FORCES["table"]["force"])
@@ -179,8 +176,6 @@ def test_no_force_is_known_beyond_a_stroke(kind: str, method: str) -> None:
             found = ASKED[method](robot, Q)
         np.testing.assert_array_equal(np.isnan(found), beyond)
     assert np.isfinite(ASKED[method](robot, Q[~beyond])).all()  # and no warning
-    stops = HATCH.with_strut("a", "b", "strut", **BEYOND[kind], stop_stiffness=1e5)
-    assert np.isfinite(ASKED[method](stops, Q)).all()
 
 
 def test_a_pair_has_struts_between_its_points() -> None:
@@ -204,7 +199,6 @@ REFUSED = {
         lambda: HATCH.with_strut("a", "b", "strut", force=lambda x, _: x[:2]).struts(Q), "force of strut 'strut'"
     ),
     "limits": (lambda: HATCH.with_strut("a", "b", "strut", limits=(0.4, 0.3)), "limits"),
-    "stops": (lambda: HATCH.with_strut("a", "b", "strut", stop_stiffness=1e4), "limits"),
     "one body": (lambda: HATCH.with_strut("b", "lid", "strut"), "frame2"),
     "name": (lambda: HATCH.with_strut("a", "b", "lid"), "name"),
     "frame": (lambda: HATCH.with_strut("a", "c", "strut"), "frame2"),

@@ -9,6 +9,8 @@ import hingepair as hp
 from support.linkages import four_bar
 from support.near import TIGHT, TOL, U
 
+STOPS = {"force": ([0.25, 0.3, 0.5, 0.55], [5e3, 0, 0, -5e3])}  # of 1e5 N/m at 0.3 m and 0.5 m
+
 
 def hatch(**strut):
     lid = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), name="lid", body2=hp.Body(12, (0.4, 0, 0), (0.1, 0.8, 0.9)))
@@ -57,7 +59,7 @@ def test_a_motion_ends_at_the_end_of_a_stroke_that_has_no_stops(gas, start, rate
 @pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 30.0])
 def test_elastic_stops_of_a_strut_are_felt_and_its_damper_works(damping):
-    lid = hatch(stiffness=300, free_length=0.4, limits=(0.3, 0.5), stop_stiffness=1e5, damping=damping)
+    lid = hatch(stiffness=300, free_length=0.4, damping=damping).with_strut("foot", "eye", "stops", **STOPS)
     found = hp.simulate(lid, np.linspace(0, 2, 201), [-0.5], tol=1e-11)
     balance = found.energy_balance()
     assert np.abs(balance.residual).max() < 100 * TOL
@@ -99,7 +101,8 @@ def test_a_small_slider_crank_is_far_from_dead_points(unit):
 @pytest.mark.slow
 def test_a_hatch_comes_to_rest_by_the_friction_of_its_gas_spring():
     """Where the spring carries the lid on either side of its friction; it creeps on by less than 0.1 mm/s."""
-    lid = hatch(force=hp.GasSpring(F1=150, F2=200, stroke=0.2, friction=20), free_length=0.5, stop_stiffness=1e5)
+    gas = hp.GasSpring(F1=150, F2=200, stroke=0.2, friction=20)
+    lid = hatch(force=gas, free_length=0.5, limits=(0.2, 0.6)).with_strut("foot", "eye", "stops", **STOPS)
     found = hp.simulate(lid, np.linspace(0, 4, 41), [-0.5])
     assert found.steps < 2000
     assert np.abs(lid.struts(found.q[-5:], found.qd[-5:])["gas"].rate).max() < 1e-4

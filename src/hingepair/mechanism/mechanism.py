@@ -496,7 +496,6 @@ class Mechanism(MechanismMethods):
         free_length: float | None = None,
         damping: float = 0.0,
         limits: ArrayLike | None = None,
-        stop_stiffness: float = 0.0,
     ) -> Mechanism:
         """Return a copy of the robot with a strut between two frames: a spring, a damper, a gas spring.
 
@@ -515,8 +514,7 @@ class Mechanism(MechanismMethods):
             damping: of a damper [N s/m].
             limits: least and greatest length [m]; shape (2,). Those of a gas spring are by default those of its
                 stroke. Beyond them a strut that pushes does so by NaN, and a DynamicsWarning counts the samples;
-                `simulate` ends there. Not so where elastic stops stand.
-            stop_stiffness: of elastic stops at the limits [N/m], which act everywhere; 0: none.
+                `simulate` ends there. Elastic stops within them are a further strut with a table.
 
         >>> import hingepair as hp
         >>> lid = hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="lid")
@@ -527,7 +525,7 @@ class Mechanism(MechanismMethods):
         0.2828
         """
         ends = frame1, frame2
-        tree = add_strut(self._tree, ends, name, force, stiffness, free_length, damping, limits, stop_stiffness)
+        tree = add_strut(self._tree, ends, name, force, stiffness, free_length, damping, limits)
         return self._with_tree(tree)
 
     def closed(

@@ -23,7 +23,7 @@ class GasSpring:
 
     The force on extension falls from F2, compressed by the stroke, to F1, extended; on compression it is larger by
     `friction`, and at rest by half of it, which changes over rates below 0.1 mm/s. Between F1 and F2 it is linear in
-    the length, as data sheets draw it. Beyond the stroke it is NaN, unless elastic stops stand there.
+    the length, as data sheets draw it. Beyond the stroke, or the `limits` of the strut, it is NaN.
 
     Args:
         F1: force [N] extended, that is, at the `free_length` of the strut.
@@ -59,7 +59,6 @@ def add_strut(
     free_length: float | None,
     damping: float,
     limits: ArrayLike | None,
-    stop_stiffness: float,
 ) -> Tree:
     """Return a copy of a tree with a strut between two frames."""
     check_name("name", name)
@@ -74,9 +73,7 @@ def add_strut(
     function = force if callable(force) else None
     law = _law(None if callable(force) else force, stiffness, free_length, damping)
     ends_of_stroke = _limits(limits, force, free_length)
-    stops = number_not_below_0("stop_stiffness", stop_stiffness)
-    law = with_stops(law, ends_of_stroke, stops)
-    if not stops and math.isfinite(ends_of_stroke[1]) and (force is not None or stiffness or damping):
+    if math.isfinite(ends_of_stroke[1]) and (force is not None or stiffness or damping):
         low, high = ends_of_stroke
         slack = _SLACK * (high - low)
         law = law._replace(limits=(low - slack, high + slack))
@@ -116,22 +113,6 @@ def _limits(limits: ArrayLike | None, force: Any, free_length: float | None) -> 
     if isinstance(force, GasSpring) and free_length is not None:
         return free_length - force.stroke, free_length
     return -math.inf, math.inf
-
-
-def with_stops(law: Law, limits: tuple[float, float], stiffness: float) -> Law:
-    """Return a law with elastic stops at both ends of the stroke."""
-    if not stiffness:
-        return law
-    low, high = limits
-    if not math.isfinite(high - low):
-        raise ArgumentError("limits", "the lengths of the stops, since they have a stiffness", None)
-    # Below the stroke, the force grows as stiffness (low - l); the energy of it is 0 at `low`.
-    return law._replace(
-        at_zero=law.at_zero + stiffness * low,
-        slope=law.slope - stiffness,
-        energy=law.energy + stiffness * low * low / 2,
-        knots=(*law.knots, (low, stiffness), (high, -stiffness)),
-    )
 
 
 def _law(force: Any, stiffness: float, free_length: float | None, damping: float) -> Law:
