@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -10,8 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.tree import Tree, TreeStrut, check_name
 from hingepair.numeric.arrays import FloatArray, finite_number, number_not_below_0, one_constant, vectors
+from hingepair.plans.arguments import Coordinates
 from hingepair.plans.struts import Law
 
 _SLACK: Final = 1e-6  # of the stroke: so far beyond its ends a motion may be that ends there
@@ -163,3 +166,54 @@ def _table(force: ArrayLike) -> tuple[Any, Any]:
     if (np.diff(lengths) <= 0).any():
         raise ArgumentError("force", "lengths that grow", quoted(lengths.tolist()))
     return lengths, forces
+
+
+# ---- forces that are functions of users: evaluated between two programs, they act as wrenches on two links
+
+
+def function_force(strut: TreeStrut, length: Any, rate: Any) -> Any:
+    """Return the force [N] of a strut's function, an array of the shape of its length."""
+    function: Callable[[Any, Any], Any] = strut.function  # type: ignore[assignment]
+    found = np.asarray(function(length, rate), np.float64)
+    if found.shape not in ((), np.shape(length)):
+        expected = f"an array of the lengths' shape {np.shape(length)} from force(length, rate)"
+        raise ArgumentError(f"force of strut {strut.name!r}", expected, f"shape {found.shape}")
+    return np.broadcast_to(found, np.shape(length))
+
+
+def pushed_frames(tree: Tree) -> tuple[str, ...]:
+    """Return the names of the frames on which functions push."""
+    return tuple(dict.fromkeys(end for strut in tree.struts if strut.function is not None for end in strut.ends))
+
+
+def with_function_wrenches(
+    compute: Callable[[str, tuple[Any, ...], dict[str, Any]], Any],
+    tree: Tree,
+    q: Coordinates,
+    qd: Coordinates | None,
+    base_motion: BodyMotion | None,
+    wrenches: Mapping[str, tuple[Any, Any]] | None,
+) -> dict[str, tuple[Any, Any]]:
+    """Return wrenches on frames with those of struts whose force is a function.
+
+    Args:
+        compute: what the robot's methods do, by the name of a task, arguments and options.
+        tree: the robot.
+        q: coordinates.
+        qd: their rates; None: 0.
+        base_motion: of which the pose counts.
+        wrenches: further ones, (force, torque) by frame.
+    """
+    pose = None if base_motion is None else BodyMotion(R=base_motion.R, S=base_motion.S)
+    at = compute("pose", (q,), {"frames": pushed_frames(tree), "base_motion": pose})
+    states = compute("struts", (q, (0.0,) * len(tree.coordinates) if qd is None else qd), {})
+    total = dict(wrenches or {})
+    for place, strut in enumerate(tree.struts):
+        if strut.function is not None:
+            length, rate = states["strut_length"][..., place], states["strut_rate"][..., place]
+            first, second = (at[end].R for end in strut.ends)
+            push = (function_force(strut, length, rate) / length)[..., None] * (second - first)
+            for end, force in zip(strut.ends, (-push, push), strict=True):
+                before, torque = total.get(end, (0.0, 0.0))
+                total[end] = np.asarray(before) + force, torque
+    return total

@@ -16,7 +16,7 @@ from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.mechanism import Mechanism, robot_of, tree_of
 from hingepair.mechanism.requests import ask
 from hingepair.mechanism.robots.methods import requests_of
-from hingepair.mechanism.strut_functions import pushed_frames, with_function_wrenches
+from hingepair.mechanism.struts import pushed_frames, with_function_wrenches
 from hingepair.motion.loads import MotionAtInstants
 from hingepair.numeric.arrays import Float64Array as Array
 

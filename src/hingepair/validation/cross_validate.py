@@ -35,10 +35,10 @@ from hingepair.validation.pinocchio_twin import (
     import_pinocchio,
     pair_twin,
     robot_twin,
+    urdf_twin,
 )
 from hingepair.validation.report import MAX_LOAD_RATIO, Comparison, CrossValidation
 from hingepair.validation.scales import Scales
-from hingepair.validation.urdf_twin import urdf_twin
 
 Outputs = dict[str, Float64Array]
 

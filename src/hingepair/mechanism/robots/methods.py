@@ -15,8 +15,7 @@ from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.linkages import follow_path
-from hingepair.mechanism.loop_forces import LoopWrench, loop_wrenches, transmission
+from hingepair.mechanism.linkages import LoopWrench, follow_path, loop_wrenches, transmission
 from hingepair.mechanism.options import (
     BASE,
     DEFAULT_GRAVITY,
@@ -54,7 +53,7 @@ from hingepair.mechanism.states import (
     MechanismState,
     Momentum,
 )
-from hingepair.mechanism.strut_functions import function_force
+from hingepair.mechanism.struts import function_force
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, finite_number, set_frozen
 from hingepair.plans.arguments import Coordinates, renamed_out

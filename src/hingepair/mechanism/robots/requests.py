@@ -14,7 +14,7 @@ from hingepair.engine.loops import OperationCounts
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.loop_forces import open_samples
+from hingepair.mechanism.linkages import open_samples
 from hingepair.mechanism.options import (
     DEFAULT_GRAVITY,
 )
@@ -44,8 +44,7 @@ from hingepair.mechanism.robots.constants import RobotConstants, load_numbers, r
 from hingepair.mechanism.states import (
     MechanismState,
 )
-from hingepair.mechanism.strut_functions import with_function_wrenches
-from hingepair.mechanism.struts import beyond_stroke
+from hingepair.mechanism.struts import beyond_stroke, with_function_wrenches
 from hingepair.mechanism.tree import Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, is_zero
 from hingepair.numeric.caching import lock_free_cached_property
