@@ -362,7 +362,7 @@ CALLS = {
     "linearize": (lambda psi_0=1.0, psid_0=0.0, **k: hp.linearize(PAIR, POSE, psi_0, psid_0, base="fixed", **k), [
         ("hinge_torque", A, "much", hp.HingeLoad(friction=30)),
         ("equilibrium", A, C(equilibrium=True, hinge_torque=50.0)),
-        ("psid_0, body1", A, C(psid_0=1.0, equilibrium=True)),
+        ("base, psid_0", A, C(psid_0=1.0, equilibrium=True)),
     ]),
     "linearize a robot": (lambda q=(0.0, 0.0), **k: hp.linearize(arm(), q, **k), [
         ("tau", A, lambda _, now: now.q),

@@ -5,25 +5,22 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
+from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad, HingeTorque, stop_range
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.motion.equations_of_motion import REST
-from hingepair.motion.given import GivenMotion, loads_by_joint
+from hingepair.motion.given import check_rest, loads_by_joint
 from hingepair.motion.loads import ON_BASE, has_callable
-from hingepair.motion.pairs import BaseArgument, in_words_of_pairs, pair_as_robot
-from hingepair.motion.simulate import BaseMotion, base_of
+from hingepair.motion.pairs import BASES, in_words_of_pairs, pair_as_robot
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import finite_number, read_only, vectors
-from hingepair.rotations.matrices import rotation_exp
+from hingepair.numeric.arrays import check_choice, finite_number, read_only, vectors
 from hingepair.tables.sheets import ruled_table
 
 _STEP: Final = 1e-4  # of differences of order 4 [rad, m, rad/s, m/s]
@@ -50,7 +47,7 @@ class Linearization:
     names: tuple[str, ...]
     #: coordinates [rad, m]; shape (..., dof)
     q: Array
-    #: motion of body 1, or of the base; None for a base at rest at the origin and for one that moves as given
+    #: motion of body 1, or of the base; None for a base at rest at the origin
     body1: BodyMotion | None
 
     @property
@@ -122,7 +119,7 @@ def linearize(
     force2: ArrayLike = 0,
     torque2: ArrayLike = 0,
     gravity: ArrayLike = DEFAULT_GRAVITY,
-    base: BaseArgument = "free",
+    base: str = "free",
     t: float = 0.0,
     equilibrium: bool = False,
     backend: str = "auto",
@@ -145,15 +142,13 @@ def linearize(
     - `wrenches`: loads on links, which keep their values in world axes, as for `inverse_dynamics`.
     - `force1`, `torque1`: force and torque on a free base, as for `forward_dynamics`.
     - `base`: as for `simulate`; by default that of the robot.
-    - `base_motion`: motion of the base, as for `forward_dynamics`, or a callable, as for `simulate`.
+    - `base_motion`: motion of the base, as for `forward_dynamics`.
     - `equilibrium`: as for pairs, about one state; tau is then 0 by default.
-    - `workers`: number of threads.
 
     Args:
         pair: a pair whose moving bodies have mass properties: body 2, and also body 1 if `base` is "free" or
             "pinned".
-        body1: motion of body 1 as a BodyMotion: R and S; v and omega are zero by default. None if `base` is a
-            callable.
+        body1: motion of body 1 as a BodyMotion: R and S; v and omega are zero by default.
         psi_0: hinge angle [rad]; with `equilibrium`, the angle at which the search for the equilibrium starts.
         psid_0: hinge rate [rad/s]; 0 by default.
         hinge_torque: torque at the hinge [N m], as for `simulate`; 0 by default. A HingeLoad with dry friction needs
@@ -164,10 +159,10 @@ def linearize(
         force2: force on body 2 at R2, world axes [N]; 0 by default.
         torque2: torque on body 2, world axes [N m]; 0 by default.
         gravity: acceleration of free fall, world axes [m/s^2]; (0, 0, -9.81) by default.
-        base: what holds body 1: "free" (the default), "pinned", "fixed", or a callable, as for `simulate`.
-        t: instant at which loads and a callable base are evaluated [s]; 0 by default.
-        equilibrium: whether to linearize about the stable equilibrium near the given state. The given state must then
-            be a state of rest. By default (False) the motion is linearized about the given state.
+        base: what holds body 1: "free" (the default), "pinned" or "fixed".
+        t: instant at which loads are evaluated [s]; 0 by default.
+        equilibrium: whether to linearize about the stable equilibrium near the given state, which must then be a
+            state of rest on a fixed base. By default (False) the motion is linearized about the given state.
         backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
     Returns:
@@ -193,6 +188,7 @@ def linearize(
     """
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
     start = [finite_number("psi_0", psi_0)], [finite_number("psid_0", psid_0)], 0.0
+    check_choice("base", base, BASES)
     robot, given = pair_as_robot(pair, base, body1, hinge_torque, forces, gravity)
     with in_words_of_pairs(base):
         small = linearize_robot(robot, *start, **given, t=t, equilibrium=equilibrium, backend=backend)
@@ -213,9 +209,8 @@ def linearize_robot(
     force1: ArrayLike = 0,
     torque1: ArrayLike = 0,
     base: str | None = None,
-    base_motion: BaseMotion = None,
+    base_motion: BodyMotion | None = None,
     equilibrium: bool = False,
-    workers: int = 1,
     backend: str = "auto",
 ) -> Linearization:
     """Linearize the motion of a robot; `linearize` says what the arguments are."""
@@ -224,48 +219,39 @@ def linearize_robot(
     for name, load in {**given, **of_links}.items():
         if callable(load):
             raise ArgumentError(name, "constants; the derivatives of a function are added to A", quoted(load))
-    zeros, instant = np.zeros(robot.dof), finite_number("t", t)
+    zeros = np.zeros(robot.dof)
     rates = zeros if qd is None else vectors("qd", qd, robot.dof)
     q, qd = (np.asarray(x, np.float64) for x in np.broadcast_arrays(vectors("q", q, robot.dof), rates))
-    kind, motion = robot.base, cast(Any, base_motion)
-    if base is not None or callable(base_motion):
-        kind, motion = base_of(robot, base, base_motion)
-        robot = robot.with_base("free") if kind in ("free", "pinned") else robot
-    moves_as_given = isinstance(motion, GivenMotion)
-    if moves_as_given:
-        motion = BodyMotion(**{name[:-1]: rows[0] for name, rows in motion.at(np.array([instant])).items()})
+    if base is not None:
+        check_choice("base", base, BASES)
+        robot = robot.with_base("fixed" if base == "fixed" else "free")
+        if base_motion is not None:
+            check_rest("base_motion", base, base_motion)
     if tau is not None:
         tau = np.zeros(q.shape) + tau if isinstance(tau, float | int) else vectors("tau", tau, robot.dof)
     given["tau"] = zeros if tau is None and equilibrium else tau
-    options = {"gravity": gravity, "workers": workers, "backend": backend, "wrenches": wrenches}
+    options = {"gravity": gravity, "backend": backend, "wrenches": wrenches, "base_motion": base_motion}
     options["joint_loads"] = None if loads is None else False
-    states = _States(robot, loads_by_joint(robot, loads), given, instant, options, kind == "pinned")
+    states = _States(robot, loads_by_joint(robot, loads), given, finite_number("t", t), options, base == "pinned")
     if equilibrium:
-        speeds = (qd, *(getattr(motion, letter, None) for letter in ("v", "omega")))
-        if q.ndim > 1 or any(speed is not None and np.any(speed) for speed in speeds):
+        if robot.base != "fixed" or q.ndim > 1 or np.any(qd):
             raise ArgumentError(
-                "qd, base_motion", "one state at rest, from which an equilibrium is sought", quoted(qd)
+                "base, qd", "one state at rest on a fixed base, near which an equilibrium is sought", quoted(qd)
             )
-        q, motion = _find_equilibrium(states, q, motion)
-    small = states.small_motion(q, qd, motion)
+        q = _find_equilibrium(states, q)
+    A, B, changes = map(read_only, states.small_motion(q, qd))
     parts = [("R1", "phi"), ("v1", "omega1")] if robot.base == "free" else [(), ()]
     names: list[str] = []
     for letters, ending in zip(parts, ("", "_dot"), strict=True):
         own = [f"{letter}_{axis}" for letter in letters for axis in "xyz"] + [one + ending for one in robot.names]
         names += own[3 * states.pinned :]
-    A, B, changes = (read_only(array) for array in small)
-    return Linearization(A, B, changes, tuple(names), q, None if moves_as_given else motion)
+    return Linearization(A, B, changes, tuple(names), q, base_motion)
 
 
 linearize.register(Mechanism, cast(Any, linearize_robot))
 
 
-class _SmallMotion(NamedTuple):
-    """Linearized motion: rates of the state, and their derivatives, as in `Linearization`."""
-
-    A: Array
-    B: Array
-    rates: Array
+_SmallMotion: TypeAlias = tuple[Array, Array, Array]  # A, B and rates, as in `Linearization`
 
 
 class _States(NamedTuple):
@@ -278,24 +264,24 @@ class _States(NamedTuple):
     options: Mapping[str, Any]  # of the robot's methods
     pinned: bool  # whether a force keeps R1 of a free base where it is
 
-    def small_motion(self, q: Array, qd: Array, motion: BodyMotion | None, *, stops: bool = True) -> _SmallMotion:
+    def small_motion(self, q: Array, qd: Array, *, stops: bool = True) -> _SmallMotion:
         """Return the linearized motion about states; `stops`: refuse those at rigid stops."""
         first = 6 * (self.robot.base == "free")  # joint among the velocities
         n = first + self.robot.dof
         efforts, by_q, by_qd = self._efforts(q, qd, stops)
-        tau, stiff = efforts if self.given["tau"] is None else self.given["tau"] + efforts, self.given["tau"] is None
+        stiff = self.given["tau"] is None
+        tau = efforts if stiff else self.given["tau"] + efforts
         on_base = {name: self.given[name] for name in ON_BASE if first or np.any(np.asarray(self.given[name]) != 0)}
-        small = self._constant_loads(q, qd, motion, tau, on_base)
+        A, B, rates = self._constant_loads(q, qd, tau, on_base)
         # What holds the point R1, and the joints: accelerations are linear in loads.
         held = np.array([*range(3 * self.pinned), *range(first, n if stiff else first)], int)
         if held.size:
             rows = n + held
-            needed = np.linalg.solve(small.B[..., rows[:, None], held], -small.rates[..., rows, None])[..., 0]
+            needed = np.linalg.solve(B[..., rows[:, None], held], -rates[..., rows, None])[..., 0]
             if self.pinned:
                 on_base["force1"] = on_base["force1"] + needed[..., :3]
             tau = tau + needed[..., 3 * self.pinned :] if stiff else tau
-            small = self._constant_loads(q, qd, motion, tau, on_base)
-        A, B, rates = small
+            A, B, rates = self._constant_loads(q, qd, tau, on_base)
         A[..., first:n] += B[..., first:] * by_q[..., None, :]
         A[..., n + first :] += B[..., first:] * by_qd[..., None, :]
         if self.pinned:  # a change of the state changes a1, and the force on R1 changes it back
@@ -303,27 +289,24 @@ class _States(NamedTuple):
             kept = np.array([*range(3, n), *range(n + 3, 2 * n)])
             A, B = A - share @ A[..., n : n + 3, :], B - share @ B[..., n : n + 3, :]
             A, B, rates = A[..., kept[:, None], kept], B[..., kept, :], rates[..., kept]
-        return _SmallMotion(A, B, rates)
+        return A, B, rates
 
-    def _constant_loads(
-        self, q: Array, qd: Array, motion: BodyMotion | None, tau: Array, on_base: Mapping[str, Any]
-    ) -> _SmallMotion:
+    def _constant_loads(self, q: Array, qd: Array, tau: Array, on_base: Mapping[str, Any]) -> _SmallMotion:
         """Return the linearized motion under constant loads, by exact derivatives (T11)."""
-        options = {**self.options, "base_motion": motion}
-        a = self.robot.forward_dynamics(q, qd, tau, **on_base, **options)
-        d = self.robot.forward_dynamics_derivatives(q, qd, tau, **on_base, **options)
+        a = self.robot.forward_dynamics(q, qd, tau, **on_base, **self.options)
+        d = self.robot.forward_dynamics_derivatives(q, qd, tau, **on_base, **self.options)
         n, lead = d.qdd_q.shape[-1], a.qdd.shape[:-1]
         A = np.zeros((*lead, 2 * n, 2 * n))
         A[..., :n, n:], A[..., n:, :n], A[..., n:, n:] = np.eye(n), d.qdd_q, d.qdd_qd
         B = np.asarray(np.concatenate((np.zeros_like(d.qdd_tau), d.qdd_tau), axis=-2), np.float64)
         parts: list[Any] = [qd, a.qdd]
         if self.robot.base == "free":
-            given = (None, None) if motion is None else (motion.v, motion.omega)
-            v1, omega1 = (np.zeros(3) if one is None else np.asarray(one) for one in given)
+            base = self.options["base_motion"] or AT_REST
+            v1, omega1 = (np.zeros(3) if one is None else np.asarray(one) for one in (base.v, base.omega))
             A[..., 3:6, 3:6] = np.cross(omega1[..., None, :], np.eye(3)).swapaxes(-1, -2)  # phi' = omega1 x phi + ...
             parts = [v1, omega1, qd, a.a1, a.alpha1, a.qdd]
         parts = [np.broadcast_to(part, (*lead, np.shape(part)[-1])) for part in parts]
-        return _SmallMotion(A, B, np.asarray(np.concatenate(parts, axis=-1), np.float64))
+        return A, B, np.asarray(np.concatenate(parts, axis=-1), np.float64)
 
     def _efforts(self, q: Array, qd: Array, stops: bool) -> Array:
         """Return the efforts of all HingeLoads and their derivatives by q and by qd, (3, ..., dof)."""
@@ -362,40 +345,32 @@ def _efforts(label: str, load: HingeLoad, t: float, q: Array, qd: Array, stops: 
     )
 
 
-def _find_equilibrium(states: _States, q: Array, motion: BodyMotion | None) -> tuple[Array, BodyMotion | None]:
-    """Return q and the motion of the base at the stable equilibrium near a state at rest, by Newton's method, whose
-    steps go down along all principal directions of the stiffness.
+def _find_equilibrium(states: _States, q: Array) -> Array:
+    """Return q at the stable equilibrium near a state at rest, by Newton's method, whose steps go down along all
+    principal directions of the stiffness.
     """
-    start, dof = q, states.robot.dof
+    start = q
     for name, load in states.joint_loads.items():
         if load.sticking_friction:
             raise ArgumentError(f"loads[{name!r}]", _NOT_SMOOTH, quoted(load))
     lower, upper = np.array([stop_range(load, rigid=True) for load in states.joint_loads.values()]).reshape(-1, 2).T
     for _ in range(200):
         q = np.clip(q, lower, upper)
-        A, B, rates = states.small_motion(q, np.zeros_like(q), motion, stops=False)
-        n = len(rates) // 2
-        mobility, accelerations = B[n:, -n:], rates[n:]
-        forces, stiffness = np.linalg.solve(mobility, accelerations), -np.linalg.solve(mobility, A[n:, :n])
-        pressed = ((q == upper) & (forces[-dof:] > 0)) | ((q == lower) & (forces[-dof:] < 0))
+        A, B, rates = states.small_motion(q, np.zeros_like(q), stops=False)
+        n = len(q)
+        forces, stiffness = np.linalg.solve(B[n:], rates[n:]), -np.linalg.solve(B[n:], A[n:, :n])
+        pressed = ((q == upper) & (forces > 0)) | ((q == lower) & (forces < 0))
         if pressed.any():
             name = states.robot.names[int(np.argmax(pressed))]
             expected = "a load with an equilibrium between the stops"
             raise ArgumentError(f"loads[{name!r}]", expected, "a stop that holds")
         sizes, ways = np.linalg.eigh((stiffness + stiffness.T) / 2)
         along, scale = forces @ ways, max(float(np.abs(sizes).max()), float(np.abs(forces).max()), 1e-300)
-        drift = np.maximum(np.abs(sizes), np.abs(along)) <= 1e-9 * scale  # of the whole robot
-        change = ways @ np.where(drift, 0.0, along / np.maximum(np.abs(sizes), 1e-9 * scale))
+        change = ways @ (along / np.maximum(np.abs(sizes), 1e-9 * scale))
         size = float(np.abs(change).max())
-        if size <= 1e-12 and np.abs(accelerations).max() <= 1e-9 * max(1.0, float(np.abs(A).max())):
+        if size <= 1e-12 and np.abs(rates[n:]).max() <= 1e-9 * max(1.0, float(np.abs(A).max())):
             if not sizes[0] < -1e-4 * np.abs(sizes).max():
-                return q, motion
+                return q
             change, size = ways[:, 0], 100 * _MAX_CHANGE  # off the unstable equilibrium, by some 0.01 rad
-        change = change * min(1.0, _MAX_CHANGE / size) if size else change
-        q = q + change[n - dof :]
-        if n > dof:
-            base = REST if motion is None else motion
-            still = {letter: getattr(base, letter) for letter in ("v", "omega", "a", "alpha")}
-            turn = rotation_exp(change[n - dof - 3 : n - dof])
-            motion = motion_of_rotations(R=base.R, S=turn @ np.asarray(base.S), **still)
+        q = q + change * min(1.0, _MAX_CHANGE / size) if size else q
     raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near {start.tolist()}")

@@ -34,7 +34,7 @@ _NAMES: Final = {
     f"wrenches['{JOINT_OF_PAIR}'][1]": "torque2",
     "base_motion": "body1",
     "robot": "pair.body2",
-    "qd, base_motion": "psid_0, body1",
+    "base, qd": "base, psid_0",
 }
 
 
