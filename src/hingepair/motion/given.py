@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
 from hingepair.mechanism.bodies.hinge_load import (
     HingeLoad,
@@ -25,7 +25,7 @@ from hingepair.mechanism.tree import Mimic
 from hingepair.motion.linkages import efforts_of_followers, with_strut_loads
 from hingepair.motion.loads import GivenLoad, Loads, MotionAtInstants, broadcast_load
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import finite_number, is_zero, one_constant
+from hingepair.numeric.arrays import finite_number, one_constant
 from hingepair.plans.arguments import Coordinates
 from hingepair.plans.pairs import SPACE
 
@@ -62,34 +62,14 @@ def robot_loads(
     named = {name: (load, name) for name, load in on_base.items()}
     wrench_names = {link: (f"force_{link}", f"torque_{link}") for link in links}
     named |= zip((name for both in wrench_names.values() for name in both), on_links.values(), strict=True)
-    vectors = {name: GivenLoad(label, _vector(label, load)) for name, (load, label) in named.items()}
-    efforts = GivenLoad("tau", _efforts(tau, robot), robot.dof)
+    vectors = {name: GivenLoad(label, load) for name, (load, label) in named.items()}
+    if isinstance(tau, float | int):
+        tau = np.full(robot.dof, finite_number("tau", tau))
+    efforts = GivenLoad("tau", tau if callable(tau) else tree_of(robot).rows("tau", tau), robot.dof)
     if (further := efforts_of_followers(robot, loads or {})) is not None:
         alone = efforts
         efforts = GivenLoad("tau", lambda t, now: alone.at(t, now) + further(now), robot.dof)
     return Loads(fall, efforts, loads_by_joint(robot, loads), vectors, wrench_names)
-
-
-def _vector(label: str, load: Any) -> Any:
-    """Return a force or a torque, (3,), or a callable of (t, now)."""
-    if callable(load):
-        check_callable(label, load, "t", "now")
-        return load
-    return np.zeros(3) if is_zero(load) else one_constant(label, load, 3)
-
-
-def _efforts(tau: Any, robot: Mechanism) -> Any:
-    """Return efforts, (dof,), or a callable of (t, now)."""
-    if callable(tau):
-        check_callable("tau", tau, "t", "now")
-        return tau
-    if isinstance(tau, float | int):
-        return np.full(robot.dof, finite_number("tau", tau))
-    efforts = tree_of(robot).rows("tau", tau)
-    if efforts.ndim > 1:
-        expected = f"{robot.dof} efforts that stay, or a callable of (t, now)"
-        raise ShapeError("tau", expected, f"shape {efforts.shape}")
-    return efforts
 
 
 def loads_by_joint(robot: Mechanism, loads: Any) -> dict[str, HingeLoad]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
@@ -15,10 +15,12 @@ from hingepair.mechanism.bodies.hinge_load import (
     TORQUE_PARTS,
     HingeLoad,
     call_with_arrays,
+    check_callable,
     is_plain_hinge_load,
     stop_range,
 )
 from hingepair.numeric.arrays import Float64Array as Array
+from hingepair.numeric.arrays import is_zero, one_constant
 
 Side: TypeAlias = tuple[Array, Array]
 """Coordinates and rates, (..., joints) each, that select one smooth branch of the load of each joint."""
@@ -64,12 +66,16 @@ class MotionAtInstants(NamedTuple):
 _OF_PAIR = ("psi", "psid")  # names of the columns of q and qd where there is one joint
 
 
-class GivenLoad(NamedTuple):
-    """A force, a torque, or the efforts at all joints, as given."""
+class GivenLoad:
+    """A force, a torque, or the efforts at all joints, as given: `size` constants, or a callable of (t, now)."""
 
-    label: str  # in messages
-    value: Any  # constants (k,), or a callable of (t, now) that returns (n, k)
-    size: int = 3  # k
+    def __init__(self, label: str, value: Any, size: int = 3) -> None:
+        self.label, self.size = label, size
+        if callable(value):
+            check_callable(label, value, "t", "now")
+        self.value: Any = value if callable(value) else np.zeros(size)
+        if not callable(value) and not is_zero(value):
+            self.value = one_constant(label, value, size)
 
     @property
     def acts(self) -> bool:
@@ -77,10 +83,15 @@ class GivenLoad(NamedTuple):
         return callable(self.value) or bool(np.any(self.value))
 
     def at(self, t: Array, now: Any) -> Array:
-        """Return the load at n instants, (n, k)."""
-        if callable(self.value):
-            return called_load(self.label, self.value, t, now, (self.size,))
-        return broadcast_load(self.label, self.value, (len(t), self.size))
+        """Return the load at n instants, (n, size)."""
+        if not callable(self.value):
+            return np.broadcast_to(self.value, (len(t), self.size))
+        values = call_with_arrays(self.label, self.value, t, now)
+        if np.ndim(values) == 1:
+            example = "-50 * now.q, where now.q[:, 1] is joint 2" if self.label == "tau" else "-20 * now.v1"
+            expected = f"shape (n, {self.size}), a row for each of the n instants, such as {example}"
+            raise ShapeError(self.label, expected, f"shape {np.shape(values)}, of one instant")
+        return broadcast_load(self.label, values, (len(t), self.size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,29 +190,6 @@ class Loads:
 
     def _vectors_at(self, t: Array, motion: MotionAtInstants) -> dict[str, Array]:
         return {name: load.at(t, motion) for name, load in self.vectors.items()}
-
-
-def called_load(name: str, function: Callable[..., Any], t: Array, now: Any, tail: tuple[int, ...]) -> Array:
-    """Return what a callable of (t, now) returns at n instants, (n, *tail). One value holds at all instants.
-
-    Raises:
-        ArgumentError: the result has another shape, or is that of one of the instants.
-    """
-    result = call_with_arrays(name, function, t, now)
-    values = broadcast_load(name, result, (len(t), *tail))
-    if np.ndim(result) > len(tail) or len(t) < 2:
-        return values
-    ends = [-1, 0]  # now.q[0] is the first instant, not the first coordinate: in this order, it is the last
-    try:
-        again = np.broadcast_to(np.asarray(function(t[ends], MotionAtInstants(*(x[ends] for x in now)))), (2, *tail))
-        is_constant = np.array_equal(again, values[:2], equal_nan=True)
-    except (IndexError, ValueError):
-        is_constant = False
-    if not is_constant:
-        example = "-50 * now.q, where now.q[:, 1] is joint 2" if name == "tau" else "-20 * now.v1"
-        expected = f"shape ({', '.join(['n', *map(str, tail)])}), a row for each of the n instants, such as {example}"
-        raise ShapeError(name, expected, f"shape {np.shape(result)}, of one instant")
-    return values
 
 
 def broadcast_load(name: str, value: Any, shape: tuple[int, ...]) -> Array:
