@@ -87,7 +87,7 @@ class GivenLoad:
         if not callable(self.value):
             return np.broadcast_to(self.value, (len(t), self.size))
         values = call_with_arrays(self.label, self.value, t, now)
-        if np.ndim(values) == 1:
+        if np.ndim(values) < 2 and values is not None:
             example = "-50 * now.q, where now.q[:, 1] is joint 2" if self.label == "tau" else "-20 * now.v1"
             expected = f"shape (n, {self.size}), a row for each of the n instants, such as {example}"
             raise ShapeError(self.label, expected, f"shape {np.shape(values)}, of one instant")

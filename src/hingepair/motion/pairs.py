@@ -10,16 +10,16 @@ from typing import Any, Final, TypeAlias
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, SimulationError, quoted
-from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeTorque
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair, constants_of
+from hingepair.mechanism.pairs.geometry import check_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.requests import check_masses, pivot_limits
+from hingepair.mechanism.pairs.requests import pivot_limits
 from hingepair.motion.given import LoadArgument
 from hingepair.motion.simulated import JOINT_OF_PAIR
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import check_choice, is_zero
+from hingepair.numeric.arrays import is_zero
 
 BaseArgument: TypeAlias = str | Callable[[Array], BodyMotion]
 """What holds body 1, as users give it: the name of a base, or a callable of t that returns the motion of body 1."""
@@ -34,6 +34,8 @@ _NAMES: Final = {
     f"wrenches['{JOINT_OF_PAIR}'][1]": "torque2",
     "base_motion": "body1",
     "robot": "pair.body2",
+    f"body2 of '{JOINT_OF_PAIR}'": "pair.body2",
+    "body1 of the first pair": "pair.body1",
     "base, qd": "base, psid_0",
 }
 
@@ -60,26 +62,12 @@ def pair_as_robot(
         ArgumentError: an argument cannot be used, or a body that moves lacks mass properties.
     """
     check_pair(pair)
-    check_single_pair(pair)
-    moving = callable(base)
-    if not moving:
-        check_choice("base", base, BASES)
+    moving, moves_body1 = callable(base), base in ("free", "pinned")
     if moving and body1 is not None:
         raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
-    body1 = AT_REST if body1 is None and not moving else body1
-    if not moving and (not isinstance(body1, BodyMotion) or body1.shape != ()):
-        expected = "one start of body 1, such as hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
-        raise ArgumentError("body1", expected, quoted(body1))
-    moves_body1 = base in ("free", "pinned")
-    bodies = ({"body1": pair.body1} if moves_body1 else {}) | {"body2": pair.body2}
-    missing = {name: body for name, body in bodies.items() if body is None}  # the robot judges those that are there
-    check_masses(missing, "; or base='fixed', for which body 2 suffices")
-    of_hinge, *of_body1 = pivot_limits(constants_of(pair)) > 0  # sizes below which pivots are rounding
-    if of_hinge or (moves_body1 and any(of_body1)):
-        expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
-        raise ArgumentError(
-            "pair.body2", f"{expected} body's inertia is negligible relative to the other's", pair.body2
-        )
+    if pair.body2 is not None and pivot_limits(constants_of(pair))[0] > 0:  # sizes below which pivots are rounding
+        expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off"
+        raise ArgumentError("pair.body2", expected, pair.body2)
     held = "free" if moves_body1 else "fixed"
     robot = Mechanism([replace(pair, name=JOINT_OF_PAIR)], base=held, name=pair.name or "pair")
     on_bodies = dict(forces)
