@@ -14,7 +14,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, Protocol, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -98,22 +98,12 @@ class StepPolynomial:
         return self.state + self.length * (integration_matrix((t - self.start) / self.length) @ self.rates)
 
 
-class Events(Protocol):
-    """Events at which steps end; `motion.events` has those of joints."""
-
-    def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Return distances from the events, (m, e), positive until they happen, and sizes of their rounding, (e,)."""
-
-    def apply(self, event_index: int, t: float, state: Array) -> Array | None:
-        """Return the state after an event, or None where it ends the motion."""
-
-
 @dataclass
 class Stepper:
     """Makes steps that are as long as the tolerance allows and end at events."""
 
     rates: StateRates  # derivatives of the state
-    events: Events | None  # at which steps end
+    events: Any  # at which steps end: the `JointEvents` of `motion.events`, or None
     t: float  # present instant [s]
     state: Array  # present state; (k,)
     sizes: Array  # scales of errors; those of velocities are divided by the length of recent steps; (k,)
@@ -127,9 +117,7 @@ class Stepper:
 
     def __post_init__(self) -> None:
         self._recent_step_length = 0.0
-        self._rounding_residue = np.zeros_like(
-            self.state
-        )  # rounding error of the sum of the steps, for compensated summation
+        self._rounding_residue = np.zeros_like(self.state)  # of the sum of the steps: compensated summation
         self._last_step: StepPolynomial | None = None
         self._dof = self.q.stop - self.q.start
         self._qd = slice(self.q.stop, self.q.stop + self._dof)
@@ -154,11 +142,9 @@ class Stepper:
             self.trials += 1
             extra_times = self._extra_check_times(length)
             node_rates = self._node_rates(length)
-            error, good_share = (
-                (np.inf, 0.0)
-                if node_rates is None
-                else self._estimate_error(node_rates, length, 64 * time_rounding, extra_times)
-            )
+            error, good_share = np.inf, 0.0
+            if node_rates is not None:
+                error, good_share = self._estimate_error(node_rates, length, 64 * time_rounding, extra_times)
             factor = _MIN_GROWTH if not error < np.inf else _SAFETY * max(error, 1e-12) ** (-1 / (NODES + 1))
             next_length = length * min(max(factor, _MIN_GROWTH), _MAX_GROWTH)
             if node_rates is None or not error <= 1:
@@ -223,11 +209,10 @@ class Stepper:
         if self.events is None:
             return None
 
-        events = self.events
-
         def distances(times: Array) -> tuple[Array, Array]:
             states = self.state + length * (integration_matrix(times) @ node_rates)
-            return events.distances(self.t + length * times, states)
+            found: tuple[Array, Array] = self.events.distances(self.t + length * times, states)
+            return found
 
         times = np.unique(np.hstack([_EVENT_TIMES, extra_times]))
         values, sizes = distances(times)
@@ -235,19 +220,12 @@ class Stepper:
         slopes = np.where(np.isfinite(slopes), slopes, 0.0).max(axis=0) / length  # NaN is found as a crossing
         margins = event_margin(sizes, slopes, time_rounding)
         crossings = []
-        event_time_indices = np.searchsorted(times, _EVENT_TIMES)
-        for event, margin in enumerate(margins):
+        for event, margin in enumerate(margins.tolist()):
             distance_at = functools.partial(lambda event, times: distances(times)[0][:, event], event)
-            bracket = _bracket_crossing(
-                times, values[:, event], values[event_time_indices, event], float(margin), distance_at
-            )
+            bracket = _bracket_crossing(times, values[:, event], margin, distance_at)
             if bracket is not None:
-                crossings.append(
-                    (
-                        _bisect_crossing(*bracket, min(1e-15 * float(sizes[event]), float(margin) / 2), distance_at),
-                        event,
-                    )
-                )
+                precision = min(1e-15 * float(sizes[event]), margin / 2)
+                crossings.append((_bisect_crossing(*bracket, precision, distance_at), event))
         if not crossings and expected_event is not None and values[-1, expected_event] <= margins[expected_event]:
             return 1.0, expected_event
         return min(crossings, default=None)
@@ -354,9 +332,8 @@ class Stepper:
         by_q, by_qd = (length * slopes.mean(axis=0) for slopes in self._slopes)
         eye = np.eye(self._dof)
         errors, block = errors.copy(), slice(self.q.start, self._qd.stop)
-        errors[:, block] = np.linalg.solve(
-            np.block([[eye, -length * eye], [-by_q, eye - by_qd]]), errors[:, block].T
-        ).T
+        matrix = np.block([[eye, -length * eye], [-by_q, eye - by_qd]])
+        errors[:, block] = np.linalg.solve(matrix, errors[:, block].T).T
         return errors
 
     def _predict_rates(self, times: Array) -> Array:
@@ -365,10 +342,8 @@ class Stepper:
         if last_step is None:
             return np.zeros((NODES, len(self.state)))
         relative_times = (times - last_step.start) / last_step.length
-        return (
-            interpolation_matrix(relative_times if relative_times[-1] <= _MAX_GROWTH else np.ones(NODES))
-            @ last_step.rates
-        )
+        times = relative_times if relative_times[-1] <= _MAX_GROWTH else np.ones(NODES)
+        return interpolation_matrix(times) @ last_step.rates
 
     def _error_sizes(self, length: float) -> Array:
         """Return the scales of errors, (k,); those of velocities and momenta are divided by the length."""
@@ -390,12 +365,7 @@ class Stepper:
         error = max(third, second * ratio) * ratio
         if not error <= 1:
             return error, 0.0
-        times, gaps, to_states, to_rates = (
-            _BETWEEN,
-            _GAPS,
-            _TO_STATES,
-            _TO_RATES,
-        )
+        times, gaps, to_states, to_rates = _BETWEEN, _GAPS, _TO_STATES, _TO_RATES
         if extra_times.size:
             times, order = np.unique(np.hstack([_BETWEEN, extra_times]), return_index=True)
             gaps = (np.diff(times, prepend=0.0) + np.diff(times, append=1.0))[:, None]
@@ -403,9 +373,8 @@ class Stepper:
             gaps[is_check_time] = _GAPS[order[is_check_time]]
             to_states, to_rates = integration_matrix(times), interpolation_matrix(times)
         rates = self.rates(self.t + length * times, self.state + length * (to_states @ node_rates))
-        residuals = (np.abs(self._damp_stiff_errors(rates - to_rates @ node_rates, length)) * gaps * units).max(
-            axis=1
-        )
+        differences = self._damp_stiff_errors(rates - to_rates @ node_rates, length)
+        residuals = (np.abs(differences) * gaps * units).max(axis=1)
         worst = float(residuals.max())
         if worst <= 1 or not extra_times.size:
             return max(error, worst), 0.0
@@ -413,29 +382,23 @@ class Stepper:
         return worst, float(times[first_failed - 1]) if first_failed else 0.0
 
 
-_Number = TypeVar("_Number", float, Array)
-
-
-def event_margin(size: _Number, slope: _Number, time_rounding: float) -> _Number:
+def event_margin(size: Any, slope: Any, time_rounding: float) -> Any:
     """Return the distance past an event that rounding alone may cause; closer, events cannot be told apart."""
     return 2e-15 * size + 64 * time_rounding * slope
 
 
 def _bracket_crossing(
-    times: Array, distances: Array, sampled_distances: Array, margin: float, distance_at: Callable[[Array], Array]
+    times: Array, distances: Array, margin: float, distance_at: Callable[[Array], Array]
 ) -> tuple[float, float] | None:
     """Return two times between which the distance from an event first falls below -margin, or None. Between the given
-    times, a crossing is searched for where the polynomial through `sampled_distances`, those at _EVENT_TIMES, is
-    negative.
+    times, a crossing is searched for where the polynomial through the distances at _EVENT_TIMES is negative.
     """
     below = np.flatnonzero(~(distances >= -margin))
     bracket = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None
-    series = _EVENT_SERIES @ sampled_distances
+    series = _EVENT_SERIES @ distances[np.searchsorted(times, _EVENT_TIMES)]
     if not series[0] - float(np.abs(series[1:]).sum()) < -margin:
         return bracket
-    series = np.asarray(
-        legendre.legtrim(series, margin / 64), np.float64
-    )  # rounding errors would have roots of their own
+    series = np.asarray(legendre.legtrim(series, margin / 64))  # rounding errors would have roots of their own
     roots = legendre.legroots(series).real
     ends = np.hstack([-1.0, np.sort(roots[np.abs(roots) < 1]), 1.0])
     middles = (ends[1:] + ends[:-1]) / 2
