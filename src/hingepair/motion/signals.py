@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from hingepair.engine.backend import Execution
 from hingepair.engine.loops import Loop
-from hingepair.errors import ArgumentError, HingePairError, ShapeError
+from hingepair.errors import ArgumentError, ShapeError
+from hingepair.mechanism.bodies.hinge_load import call_with_arrays
 from hingepair.numeric.arrays import FLOAT64, real_array
 from hingepair.numeric.arrays import Float64Array as Array
 
@@ -53,15 +54,14 @@ class CallableSignal:
         row = np.ravel(times)
         if row.shape == self.value_shape:  # of 3 times, vectors by rows (n, 3) could not be told from columns (3, n)
             row = np.append(row, row[-1])
-        values = real_array(f"{self.name}(t)", _call_with_times(self.name, self.function, row))
-        expected = row.shape + self.value_shape
+        name, expected = f"{self.name}(t)", row.shape + self.value_shape
+        values = real_array(name, call_with_arrays(self.name, self.function, row.copy()))
         if values.shape not in {expected, self.value_shape}:
-            got = f"shape {values.shape}"
-            raise ShapeError(f"{self.name}(t)", f"shape {expected} for t of shape {row.shape}", got)
+            raise ShapeError(name, f"shape {expected} for t of shape {row.shape}", f"shape {values.shape}")
         values = np.broadcast_to(values, expected)[: np.size(times)].astype(np.float64, copy=False)
         bad = _first_not_finite(values)
         if bad is not None:
-            raise ArgumentError(f"{self.name}(t)", "finite numbers", f"{values[bad]} at t = {float(row[bad])!r}")
+            raise ArgumentError(name, "finite numbers", f"{values[bad]} at t = {float(row[bad])!r}")
         return values.reshape(times.shape + self.value_shape)
 
     def values_at_nodes(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
@@ -208,19 +208,6 @@ def read_signal(name: str, value: Any, t: Array, value_shape: tuple[int, ...]) -
     return SampledSignal(t, array) if sampled else ConstantSignal(array)
 
 
-def _call_with_times(name: str, function: Callable[[Array], Any], times: Array) -> Any:
-    """Return what a user's function gives for times (n,); its TypeError or ValueError becomes an ArgumentError."""
-    try:
-        return function(times.copy())
-    except HingePairError:
-        raise
-    except (TypeError, ValueError) as error:
-        expected = (
-            "a callable vectorised over t, which takes an array of times as numpy.cos does and math.cos does not"
-        )
-        raise ArgumentError(name, expected, f"{type(error).__name__}: {error}") from error
-
-
 def read_position(R1: Any, t: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
     """Return the arrays R1 and, as far as they are known, v1 and a1, each of shape (3,) or (N, 3).
     `R1` is a point, which is at rest; points at t; a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns
@@ -230,7 +217,7 @@ def read_position(R1: Any, t: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
     if callable(R1):
         # More instants than a tuple has parts or a point has coordinates.
         times = np.append(t, [t[-1]] * (len(R1_PARTS) + 1 - len(t)))
-        name, R1 = "R1(t)", _call_with_times("R1", R1, times)
+        name, R1 = "R1(t)", call_with_arrays("R1", R1, times.copy())
     parts = {name: R1}
     if isinstance(R1, tuple) and 0 < len(R1) <= len(R1_PARTS) and np.ndim(R1[0]) > 0:
         parts = {f"{name}[{i}]": part for i, part in enumerate(R1)}
