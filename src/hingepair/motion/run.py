@@ -20,11 +20,7 @@ from hingepair.motion.collocation import (
     integration_matrix,
     interpolation_matrix,
 )
-from hingepair.motion.equations_of_motion import (
-    RobotMotion,
-    RobotSamples,
-    StepRecord,
-)
+from hingepair.motion.equations_of_motion import RobotMotion, RobotSamples, StepRecord
 from hingepair.motion.events import JointEvents, UserEvent
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, real_array
@@ -76,13 +72,6 @@ class Impact(NamedTuple):
     after: float
 
 
-class Extreme(NamedTuple):
-    """Smallest or largest coordinate of a joint in a motion."""
-
-    q: float  # [rad or m]
-    t: float  # [s]
-
-
 def read_options(tol: object, breaks: ArrayLike, until: UserEvent | None, max_steps: object) -> RunOptions:
     """Return the checked options of a run.
 
@@ -114,25 +103,24 @@ def run_motion(motion: RobotMotion, t: Array, options: RunOptions) -> Run:
     return Run(motion, first_state, steps, _sample_steps(motion, first_state, steps, t), ended_by)
 
 
-def joint_extremes(run: Run, joint: int) -> tuple[Extreme, Extreme]:
-    """Return the smallest and the largest coordinate of a joint in a whole motion, between the instants too."""
+def turning_points(run: Run, joint: int) -> tuple[Array, Array]:
+    """Return instants and coordinates of a joint, the smallest and the largest of the whole motion among them."""
     samples, column = run.samples, run.motion.q.start + joint
     t, q = samples.t, samples.motion.q[:, joint]
-    if run.steps and len(t) > 1:
-        times = np.linspace(0.0, 1.0, 17)  # of a step
-        polynomials = [step.polynomial for step in run.steps]
-        starts, lengths = (np.array([getattr(p, name) for p in polynomials]) for name in ("start", "length"))
-        rates = np.stack([p.rates[:, column] for p in polynomials])
-        slopes = rates @ interpolation_matrix(times).T
-        k, j = np.nonzero(slopes[:, :-1] * slopes[:, 1:] < 0)  # the joint turns there, near the zero of the secant
-        turns = times[j] + times[1] * slopes[k, j] / (slopes[k, j] - slopes[k, j + 1])
-        within = np.hstack([k, np.arange(len(polynomials))])  # and the ends of all steps
-        shares = np.hstack([turns, np.ones(len(polynomials))])
-        change = lengths[within] * (integration_matrix(shares) * rates[within]).sum(axis=1)
-        q = np.hstack([q, np.array([p.state[column] for p in polynomials])[within] + change])
-        t = np.hstack([t, samples.t[0] + starts[within] + shares * lengths[within]])
-    lowest, highest = int(np.argmin(q)), int(np.argmax(q))
-    return Extreme(float(q[lowest]), float(t[lowest])), Extreme(float(q[highest]), float(t[highest]))
+    if not run.steps or len(t) < 2:
+        return t, q
+    times = np.linspace(0.0, 1.0, 17)  # of a step
+    polynomials = [step.polynomial for step in run.steps]
+    starts, lengths = (np.array([getattr(p, name) for p in polynomials]) for name in ("start", "length"))
+    rates = np.stack([p.rates[:, column] for p in polynomials])
+    slopes = rates @ interpolation_matrix(times).T
+    k, j = np.nonzero(slopes[:, :-1] * slopes[:, 1:] < 0)  # the joint turns there, near the zero of the secant
+    turns = times[j] + times[1] * slopes[k, j] / (slopes[k, j] - slopes[k, j + 1])
+    within = np.hstack([k, np.arange(len(polynomials))])  # and the ends of all steps
+    shares = np.hstack([turns, np.ones(len(polynomials))])
+    change = lengths[within] * (integration_matrix(shares) * rates[within]).sum(axis=1)
+    reached = np.array([p.state[column] for p in polynomials])[within] + change
+    return np.hstack([t, t[0] + starts[within] + shares * lengths[within]]), np.hstack([q, reached])
 
 
 def rate_jumps(run: Run) -> Iterator[tuple[StepRecord, StepRecord, Array]]:
@@ -165,18 +153,18 @@ def joint_range(
     """Return the smallest and the largest coordinate of a joint in a whole motion, and a sentence if it passes its
     stops, and if it passes, by more than `tol`, a limit at or inside which there is no stop.
     """
-    lowest, highest = joint_extremes(run, joint)
-    coordinate, stops = tree_of(run.motion.robot).coordinates[joint], stop_range(run.motion.joint_loads[joint])
-    unit = coordinate.unit
-    overrun = stop_overrun(name, unit, stops, lowest.q, highest.q)
+    t, q = turning_points(run, joint)
+    lowest, highest = int(np.argmin(q)), int(np.argmax(q))
+    stops, unit = stop_range(run.motion.joint_loads[joint]), tree_of(run.motion.robot).coordinates[joint].unit
+    overrun = stop_overrun(name, unit, stops, q[lowest], q[highest])
     doubts = [f"{overrun}; HingeLoad(stop_stiffness=...) hardens them"] if overrun else []
-    passed = [lowest] if lowest.q < limits[0] - tol and stops[0] < limits[0] else []
-    passed += [highest] if highest.q > limits[1] + tol and stops[1] > limits[1] else []
+    passed = [lowest] if q[lowest] < limits[0] - tol and stops[0] < limits[0] else []
+    passed += [highest] if q[highest] > limits[1] + tol and stops[1] > limits[1] else []
     if passed:
-        reached = " and ".join(f"{extreme.q:.6g} {unit} at t = {extreme.t:g} s" for extreme in passed)
+        reached = " and ".join(f"{q[k]:.6g} {unit} at t = {t[k]:g} s" for k in passed)
         leaves = f"{name} leaves its limits, {limits[0]:g} to {limits[1]:g} {unit}: it reaches {reached}"
         doubts.append(f"{leaves}; HingeLoad(stops=...) enforces them")
-    return (lowest.q, highest.q), doubts
+    return (float(q[lowest]), float(q[highest])), doubts
 
 
 def stop_overrun(name: str, unit: str, stops: tuple[float, float], lowest: float, highest: float) -> str:
@@ -215,10 +203,8 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
     )
     records, last_trials, last_t, next_check = list[StepRecord](), 0, 0.0, 1
     for interval_start, end in itertools.pairwise(sorted({0.0, *breaks, span})):
-        bounds[:] = (
-            interval_start + margin * (interval_start in breaks),
-            end - margin * (end in breaks),
-        )  # callables are evaluated just before and after breaks, where loads jump
+        # Callables are evaluated just before and after breaks, where loads jump.
+        bounds[:] = interval_start + margin * (interval_start in breaks), end - margin * (end in breaks)
         while stepper.t < end:
             quat = motion.quat
             try:
@@ -287,27 +273,24 @@ def _sample_steps(motion: RobotMotion, first_state: Array, steps: list[StepRecor
 
 def _explain_failure(motion: RobotMotion, start: float, stepper: Stepper) -> str:
     """Return which load is no number or jumps at the present time and state, and what to do; "" if none does."""
-    worst = (1e-3, "")
-    names = motion.robot.names
-    probes = [("t", -1, 1e-9)]
-    for k, name in enumerate(names):
-        probes += [(name, motion.q.start + k, 1e-9), (f"{name}'", motion.q.stop + k, 1e-6)]
-    t, states = np.full(2, start + stepper.t), np.stack([stepper.state] * 2)
-    for name, column, increment in probes:
-        times, shifted = t.copy(), states.copy()
+    worst, names, now = (1e-3, ""), motion.robot.names, start + stepper.t
+    probes = [("t", now, -1, 1e-9)]
+    for place, ending, increment in ((motion.q.start, "", 1e-9), (motion.q.stop, "'", 1e-6)):
+        probes += [(f"{n}{ending}", stepper.state[place + k], place + k, increment) for k, n in enumerate(names)]
+    for name, value, column, increment in probes:
+        times, states = np.full(2, now), np.stack([stepper.state] * 2)
+        apart = np.array([-increment, increment]) * max(1.0, abs(value))
+        remedy = "HingeLoad(friction=..., stops=...) has friction and stops that are followed"
         if column < 0:
-            times += np.array([-increment, increment]) * max(1.0, abs(t[0]))
-            value, remedy = t[0], "breaks= names the instants at which loads jump"
+            times, remedy = times + apart, "breaks= names the instants at which loads jump"
         else:
-            value = states[0, column]
-            remedy = "HingeLoad(friction=..., stops=...) has friction and stops that are followed"
-            shifted[:, column] += np.array([-increment, increment]) * max(1.0, abs(value))
-        for load, values in motion.callable_loads(times, shifted).items():
+            states[:, column] += apart
+        for load, values in motion.callable_loads(times, states).items():
             low, high = values.reshape(2, -1)
             if not np.isfinite(values).all():
                 number = values[~np.isfinite(values)][0]
-                where = ", ".join(f"{one} = {states[0, motion.q.start + k]:.6g}" for k, one in enumerate(names))
-                return f"{load} is {number} near t = {t[0]:.6g}, {where}"
+                where = [f"{n} = {stepper.state[motion.q.start + k]:.6g}" for k, n in enumerate(names)]
+                return f"{load} is {number} near {', '.join([f't = {now:.6g}', *where])}"
             k = int(np.abs(high - low).argmax())
             change = float(abs(high[k] - low[k]) / max(abs(high[k]), abs(low[k]), 1e-300))
             if not change <= worst[0]:
