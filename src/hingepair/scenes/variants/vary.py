@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import json
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,8 +16,9 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array, real_array
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes.bodies import read_body, read_mechanism
-from hingepair.scenes.load import load_scene, scene_from_tables, with_constants_evaluated
-from hingepair.scenes.motions.functions import FunctionSource, read_function_motion
+from hingepair.scenes.load import load_scene, read_subject, scene_from_tables, with_constants_evaluated
+from hingepair.scenes.motions.dynamics import read_dynamics
+from hingepair.scenes.motions.functions import read_function_motion
 from hingepair.scenes.motions.known import Known
 from hingepair.scenes.numbers import keep_motion, number_path, with_numbers
 from hingepair.scenes.scene import Scene
@@ -30,8 +30,6 @@ from hingepair.tables.units import Columns
 
 MAX_STATES: Final = 200_000
 """States (variants times instants) that are computed at a time."""
-
-_WORD: Final = re.compile(r"[A-Za-z_]\w*")
 
 
 def vary(
@@ -206,41 +204,24 @@ class Variants:
         if self.scene.motion.simulated is not None:
             return None
         try:
-            if self._moves_only:
-                return self._of_motions(numbers)
-            return self._of_subjects(numbers) if keep_motion(self.paths) else None
+            return self._of_subjects(numbers) if keep_motion(self.paths) else self._of_motions(numbers)
         except ArgumentError:  # of some variant: found again one by one
             return None
 
-    @lock_free_cached_property
-    def _moves_only(self) -> bool:
-        """Whether the numbers are those of [motion], and constants that stand in [motion] alone."""
-        if not isinstance(self.scene.motion.source, FunctionSource):
-            return False
-        values, names = self.scene.tables.values, set()
-        for path in self.paths:
-            if path[0] == "constants":
-                names.add(str(path[1]))
-            elif path[0] != "motion":
-                return False
-        for table in ("constants", "let"):
-            for name, text in values.get(table, {}).items():
-                if names & {*_WORD.findall(text if isinstance(text, str) else "")}:
-                    names.add(name)
-        others = {
-            key: own for key, own in values.items() if key not in ("constants", "let", "motion", "title", "outputs")
-        }
-        return names.isdisjoint(_WORD.findall(" ".join(_texts(others))))
-
     def _of_motions(self, numbers: Float64Array) -> Batch | None:
         """Compute variants whose motions differ: the numbers are symbols of the expressions, and their instants those
-        of one long motion. None if a variant is NaN, which by itself says why.
+        of one long motion. None if the scene needs them elsewhere, or if a variant is NaN, which by itself says why.
         """
         scene, level = self.scene, self.scene.motion.level
         names = [f"_varied_{k}" for k in range(len(self.paths))]
         values = with_numbers(scene.tables.values, self.paths, names)
         tables = replace(scene.tables, values=values, constants={name: Expression(name) for name in names}, let={})
-        source: Any = read_function_motion(with_constants_evaluated(tables), scene.subject).source
+        try:
+            tables = with_constants_evaluated(tables)
+            read_dynamics(tables, read_subject(tables, scene.path.parent))
+            source: Any = read_function_motion(tables, scene.subject).source
+        except (ArgumentError, TypeError):  # a symbol is no number
+            return None
         given = {name: np.repeat(column, scene.samples) for name, column in zip(names, numbers.T, strict=True)}
         known = source.at(np.tile(scene.t, len(numbers)), level, given)
         arrays = self._arrays(scene.subject, known, self.outputs)
@@ -355,12 +336,3 @@ def lost_variants(keys: Sequence[str], numbers: Float64Array, reasons: Sequence[
     first = ", ".join(f"{key} = {value:.6g}" for key, value in zip(keys, numbers[lost[0]], strict=True))
     which = f"{len(lost)} of {len(reasons)} variants cannot be computed"
     return f"{which}, the first with {first}: {reasons[lost[0]]}"
-
-
-def _texts(value: Any) -> Iterator[str]:
-    """Yield all texts in nested tables and lists."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict | list):
-        for part in value.values() if isinstance(value, dict) else value:
-            yield from _texts(part)
