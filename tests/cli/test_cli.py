@@ -196,7 +196,7 @@ def test_a_mechanism_runs_as_a_pair_does(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_libraries_that_only_some_commands_need_are_not_loaded() -> None:
-    heavy = {"numpy", "sympy", "scipy", "llvmlite", "matplotlib", "pandas", "pyarrow", "dask", "distributed", "pinocchio"}
+    heavy = {"numpy", "sympy", "scipy", "llvmlite", "matplotlib", "pandas", "pyarrow", "dask", "pinocchio"}
     evaluated = 'import hingepair as hp; hp.load_scene("models/landing_gear.toml").evaluate(); '
     for before, absent in (("import hingepair.cli.main; ", heavy), (evaluated, {"sympy"})):
         code = f"{before}import sys; print(*{{name.partition('.')[0] for name in sys.modules}})"
