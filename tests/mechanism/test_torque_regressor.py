@@ -40,12 +40,9 @@ def test_regressor_is_that_of_pinocchio(name, backend):
     robot, data = Robot(record_of(model)), model.createData()
     q, qd, qdd = states(model.nv)
     Y = robot.torque_regressor(q, qd, qdd, backend=backend)
-    bounds = robot.error_bounds(q, qd, qdd, outputs=("torque_regressor",))["torque_regressor"]
     for k in range(SAMPLES):
         expected = pin.computeJointTorqueRegressor(model, data, q[k], qd[k], qdd[k])
-        off = np.abs(Y[k] - expected).max()
-        assert off <= 16 * U * np.abs(expected).max()
-        assert off <= 4 * bounds[k]
+        assert np.abs(Y[k] - expected).max() <= 16 * U * np.abs(expected).max()
 
 
 def test_regressor_of_a_free_base_has_rows_of_the_base():
@@ -61,16 +58,6 @@ def test_regressor_of_a_free_base_has_rows_of_the_base():
         expected = pin.computeJointTorqueRegressor(flying, data, *pinocchio_state(one, q[k], qd[k], qdd[k]))
         expected[:6] = np.kron(np.eye(2), one.S) @ expected[:6]
         assert np.abs(Y[k] - expected).max() <= 16 * U * np.abs(expected).max()
-
-
-@pytest.mark.slow
-def test_bounds_of_the_regressor_stand_beside_others():
-    robot = hp.load_robot("ur5_robot")
-    states_of_it = states(robot.dof)
-    alone = robot.error_bounds(*states_of_it, outputs=("torque_regressor",))
-    every = robot.error_bounds(*states_of_it, outputs=("R", "torque_regressor", "tau"), frames="tool0")
-    assert [*every] == ["R", "torque_regressor", "tau"]
-    np.testing.assert_array_equal(every["torque_regressor"], alone["torque_regressor"])
 
 
 def test_inertial_parameters_are_those_of_pinocchio():

@@ -94,15 +94,19 @@ def pullback(results: Iterable[tuple[Operand, Operand]], inputs: Sequence[Operan
 
     def add(operand: Operand, part: Operand, is_chosen: bool) -> None:
         """Add a part to the derivative by an operand; `is_chosen` if it counts at some samples only."""
-        if isinstance(operand, TracedValue):
+        if isinstance(operand, TracedValue) and id(operand) in moving:
             sums[id(operand)] = sums.get(id(operand), 0.0) + part
             if is_chosen:
                 chosen.add(id(operand))
 
+    differentiated = {id(x) for x in inputs}
+    needed, moving = needed_values(v for v, _ in pairs), {*differentiated}
+    for v in needed:  # values without inputs among what they are made of need no derivatives
+        if not moving.isdisjoint(map(id, v.operands)) or (v.operation == "where" and _has_nan(v.operands)):
+            moving.add(id(v))
     for v, weight in pairs:
         add(v, weight, False)
-    differentiated = {id(x) for x in inputs}
-    for v in reversed(needed_values(v for v, _ in pairs)):
+    for v in reversed(needed):
         weight = sums.get(id(v), 0.0)
         if _is_zero(weight) or id(v) in differentiated:
             continue
@@ -111,7 +115,7 @@ def pullback(results: Iterable[tuple[Operand, Operand]], inputs: Sequence[Operan
             if isinstance(less, TracedValue):
                 add(then, _choose(less, weight, 0.0), True)
                 add(otherwise, _choose(less, 0.0, weight), True)
-                if any(isinstance(x, float) and math.isnan(x) for x in (then, otherwise)):
+                if _has_nan((then, otherwise)):
                     doubt = doubt + _choose(less, *(_rate({}, x) for x in (then, otherwise)))
             continue
         is_chosen = id(v) in chosen
@@ -190,6 +194,10 @@ def _slopes(v: TracedValue, rates: dict[int, Operand] | None) -> list[tuple[Trac
 
 def _choose(less: TracedValue, then: Operand, otherwise: Operand) -> TracedValue:
     return less.trace.record("where", less, then, otherwise)
+
+
+def _has_nan(operands: Iterable[Operand]) -> bool:
+    return any(isinstance(x, float) and math.isnan(x) for x in operands)
 
 
 def _is_zero(value: Operand) -> bool:

@@ -27,8 +27,7 @@ T10 a geared rotor turns with its joint only, with the inertia I (armature) refe
     tau_k, I to M_kk and to D, I q_k'^2 / 2 to the kinetic energy. The body's own motion is not felt by it.
 T11 dq'' = M^-1 (dtau - dtau(q, q', q'')), where the last change is that of inverse dynamics at constant q''
 T12 A_k = (P, L about the centre of mass c) of the matter beyond joint k, moved by q_k' = 1 alone; in world axes
-T13 tau_k = Y_k . (m, h, J) of the bodies beyond joint k: with the axis of joint k moved to the body, s along what it
-    turns and l what its point moves, Y_k = (l . a, B^T l + a x s, sym(s alpha^T + (s x omega) omega^T))
+T13 tau = Y p with m, h and J of all bodies as p: Y is the derivative
 T14 tau + l = M q'' + bias, with the load l = -k (q - rest) - d q' - f sign(q') of a joint's spring, damper, friction
 
 T1-T3: Luh, Walker, Paul, On-line computational scheme for mechanical manipulators, 1980; T4-T6: Featherstone, Rigid
@@ -463,49 +462,6 @@ def inertial_wrenches(base: Base, links: Sequence[Link], motions: Sequence[Accel
         inertial_wrench(body.mass, body.first, body.second, motion)
         for body, motion in zip(_bodies(base, links), motions, strict=True)
     ]
-
-
-class AxisMotion(NamedTuple):
-    """What one rate alone does to a body, in the body's axes: `turn` is the angular velocity, and `shift` the
-    velocity of the body's reference point.
-    """
-
-    turn: Vector
-    shift: Vector
-
-
-def axes_at_bodies(
-    links: Sequence[Link], placements: Sequence[Placement], base_axes: Iterable[AxisMotion]
-) -> list[dict[int, AxisMotion]]:
-    """Return for each body, the base first, the `AxisMotion` of each rate that moves it (T13): of joint k by its
-    number k, of the base by -1, -2, ..., in the order of `base_axes`.
-    """
-    moved = [dict(zip(range(-1, -7, -1), base_axes, strict=False))]
-    for number, (link, joint) in enumerate(zip(links, placements, strict=True), 1):
-        own = {
-            k: AxisMotion(to_child(joint, axis.turn), to_child(joint, add(axis.shift, cross(axis.turn, joint.r))))
-            for k, axis in moved[link.parent].items()
-        }
-        turn, shift = (0.0, 0.0, link.axis.turn(1.0)), (0.0, 0.0, link.axis.shift(1.0))
-        own[number] = AxisMotion(turn if link.axis.turns else ZERO_VECTOR, shift if link.axis.shifts else ZERO_VECTOR)
-        moved.append(own)
-    return moved
-
-
-def effort_of_mass(axis: AxisMotion, motion: Acceleration) -> tuple[Scalar, ...]:
-    """Return the efforts along an axis that the motion of a body takes for the unit of each of its ten inertial
-    parameters (T13): m, h (x, y, z), and J about its reference point (xx, xy, yy, xz, yz, zz).
-    """
-    s, shift = axis
-    omega, a, B, alpha = motion
-    z = cross(s, omega)
-    first = add(rotate(transpose(B), shift), cross(a, s))
-
-    def moment(i: int, j: int) -> Scalar:
-        half = s[i] * alpha[j] + z[i] * omega[j]
-        return half if i == j else half + (s[j] * alpha[i] + z[j] * omega[i])
-
-    return dot(shift, a), *first, *(moment(i, j) for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))
 
 
 def _bodies(base: Base, links: Sequence[Link]) -> list[Any]:

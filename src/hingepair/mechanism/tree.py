@@ -290,11 +290,6 @@ class Tree(Frozen):
                 return Frame(number, read_only(np.zeros(3)), read_only(np.eye(3)))
         return None
 
-    def body_frames(self, with_base: bool) -> tuple[Frame, ...]:
-        """Return the frames of the bodies themselves, the base first if it is asked for."""
-        numbers = range(0 if with_base else 1, len(self.joints) + 1)
-        return tuple(Frame(number, read_only(np.zeros(3)), read_only(np.eye(3))) for number in numbers)
-
     def known_frame(self, argument: str, name: object) -> Frame:
         """Return the frame with a name, or refuse the argument."""
         frame = self.frame(name) if isinstance(name, str) else None

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
-from hingepair.engine.derivatives import variables, weighted_sum
+from hingepair.engine.derivatives import weighted_sum
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import Operand, TracedValue
+from hingepair.engine.trace import Operand
 from hingepair.numeric.blocks import components
 from hingepair.plans.functions import (
     Accelerations,
@@ -31,8 +31,8 @@ from hingepair.plans.functions import (
 from hingepair.plans.trees import (
     TreeForm,
     TreeQuantities,
-    complete_numbers,
-    constant_place,
+    axes_shape,
+    changes_of_bodies,
 )
 
 
@@ -73,7 +73,7 @@ def derivative_loop(
         changes = dict((*plain.outputs, *derivative.arguments))
     inputs, names = dict(plain.inputs), [name for name, _ in derivative.arguments]
     if isinstance(plain.form, TreeForm) and not body_constants(0, False).keys().isdisjoint(names):
-        inputs["axes"] = (9 * (len(plain.form.form.parents) + 1),)
+        inputs["axes"] = axes_shape(plain.form.form)
     outputs = {} if derivative.entries else dict(plain.outputs)
     if derivative.kind == "jacobian":
         outputs = {f"{one}_{name}": (*changes[one], *changes[name]) for one in derivative.outputs for name in names}
@@ -158,61 +158,9 @@ def _variables(
     values, arguments = dict(given), [*arguments]
     of_bodies = Moves()
     if "axes" in values:
-        of_bodies = _changes_of_bodies(_tree_of(plain), values, {name for name, _ in arguments})
+        of_bodies = changes_of_bodies(_tree_of(plain), values, {name for name, _ in arguments})
     values, moves = with_variables(values, [one for one in arguments if one[0] not in of_bodies], entries)
     return values, of_bodies | moves
-
-
-def _changes_of_bodies(tree: TreeForm, values: dict[str, Any], names: Iterable[str]) -> Moves:
-    """Return the changes of constants with these names, and put all constants, with variables in their place, among
-    the values as "numbers".
-    """
-    form, request = tree
-    numbers = complete_numbers(form, request, values)
-    axes = [values["axes"][9 * k : 9 * k + 9] for k in range(len(form.parents) + 1)]
-    bodies = [k for k in range(len(axes)) if k or request.free]
-    changes: dict[str, list[list[tuple[int, Operand]]]] = {}
-    if "masses" in names:
-        changes["masses"] = [[(constant_place(k, "mass"), 1.0)] for k in bodies]
-    if "first_moments" in names:
-        places = [(axes[k], constant_place(k, "first")) for k in bodies]
-        changes["first_moments"] = [_along(P, j, place) for P, place in places for j in range(3)]
-    if "lengths" in names:
-        joints = [(axes[parent], constant_place(k, "u")) for k, parent in enumerate(form.parents, 1)]
-        changes["lengths"] = [_along(P, j, place) for P, place in joints for j in range(3)]
-    if "inertias" in names:
-        places = [(axes[k], constant_place(k, "second")) for k in bodies]
-        pairs = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Pinocchio's order
-        changes["inertias"] = [_of_inertia(P, *pair, place) for P, place in places for pair in pairs]
-    used = sorted({k for group in changes.values() for change in group for k, _ in change})
-    others = [x for k, x in enumerate(numbers) if k not in {*used}]
-    others += [x for group in values.values() for x in components(group)]
-    for k, variable in zip(used, variables([numbers[k] for k in used], others), strict=True):
-        numbers[k] = variable
-    values["numbers"] = numbers
-    return {
-        name: [[(numbers[k], rate) for k, rate in change if not _is_zero(rate)] for change in group]
-        for name, group in changes.items()
-    }
-
-
-def _along(P: Sequence[Operand], j: int, place: int) -> list[tuple[int, Operand]]:
-    """Return the change of the vector that begins at a place where its j-th component in a body's axes changes; P
-    converts from the program's axes to these.
-    """
-    return [(place + i, P[3 * j + i]) for i in range(3)]
-
-
-def _of_inertia(P: Sequence[Operand], a: int, b: int, place: int) -> list[tuple[int, Operand]]:
-    """Return the change of the second moment, trace(J)/2 - J, that begins at a place where the entry (a, b) of the
-    inertia J changes; P is that of `_along`.
-    """
-    x, y = P[3 * a : 3 * a + 3], P[3 * b : 3 * b + 3]
-    changes: list[tuple[int, Operand]] = []
-    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
-        half = 0.5 if a == b and i == j else 0.0
-        changes.append((place + k, half - (x[i] * x[j] if a == b else x[i] * y[j] + y[i] * x[j])))
-    return changes
 
 
 def _functions(plain: Loop, values: dict[str, Any]) -> Functions:
@@ -226,7 +174,3 @@ def _tree_of(plain: Loop) -> TreeForm:
     if not isinstance(plain.form, TreeForm):
         raise TypeError(f"{plain.name} is no loop of a robot")
     return plain.form
-
-
-def _is_zero(value: Operand) -> bool:
-    return not isinstance(value, TracedValue) and value == 0

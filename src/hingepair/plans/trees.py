@@ -15,8 +15,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Final, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
+from hingepair.engine.derivatives import variables
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import square_root, where_less
+from hingepair.engine.trace import Operand, square_root, where_less
 from hingepair.equations import trees as eq
 from hingepair.equations.dynamics import factor_symmetric, solve_symmetric
 from hingepair.equations.joints import Axis
@@ -34,7 +35,7 @@ from hingepair.equations.spatial import (
     subtract,
     transpose,
 )
-from hingepair.numeric.blocks import cosine, sine
+from hingepair.numeric.blocks import components, cosine, sine
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.attitudes import rotation_defect
 from hingepair.plans.closures import Chains, Closure, condition_count
@@ -106,11 +107,6 @@ class Request(NamedTuple):
     def shown_frames(self) -> tuple[int, ...]:
         """Bodies of the frames that have outputs."""
         return self.frames[: self.shown]
-
-    @property
-    def first_of_bodies(self) -> int:
-        """Place of the first of the frames of all bodies, which the torque regressor takes."""
-        return 0 if self.shown is None else self.shown + len(self.loaded)
 
 
 class TreeForm(NamedTuple):
@@ -462,36 +458,6 @@ class TreeQuantities:
         parts = zip(self.strut_list, self.strut_lines, self.strut_rates, strict=True)
         return tuple(strut.force(length, rate) for strut, (length, _), rate in parts)
 
-    def torque_regressor(self) -> tuple[Scalar, ...]:
-        """Return the regressor Y in Y p = (force1, torque1, tau), the first two of a free base only, as a flat tuple
-        row by row (T13). p are the inertial parameters of the bodies of the frames, in the axes of the frames, which
-        stand at the reference points of their bodies.
-        """
-        free, units = self.request.free, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        on_base = [rotate(self.base_axes, unit) for unit in units] if free else []
-        at_bodies = eq.axes_at_bodies(
-            self.links,
-            self.placements,
-            [eq.AxisMotion(ZERO_VECTOR, x) for x in on_base] + [eq.AxisMotion(x, ZERO_VECTOR) for x in on_base],
-        )
-        rows: list[list[Scalar]] = [[] for _ in range(velocity_count(self.form, self.request))]
-        for body, frame in self.frames[self.request.first_of_bodies :]:
-            back, moved = transpose(frame["S"]), self.motions_in_own_axes[body]
-            omega, a, alpha = (rotate(back, part) for part in (moved.omega, moved.a, moved.alpha))
-            motion = eq.Acceleration(omega, a, eq.acceleration_gradient(omega, alpha), alpha)
-            efforts = {
-                number: eq.effort_of_mass(eq.AxisMotion(*(rotate(back, part) for part in axis)), motion)
-                for number, axis in at_bodies[body].items()
-            }
-            nothing = (0.0,) * 10
-            joints = [efforts.get(number, nothing) for number in range(1, len(self.links) + 1)]
-            columns = [self.efforts_by_coordinate(column) for column in zip(*joints, strict=True)]
-            for number in range(-1, -1 - 6 * free, -1):
-                rows[-1 - number] += efforts[number]
-            for k in range(self.form.dof):
-                rows[6 * free + k] += [column[k] for column in columns]
-        return _chain_vectors(rows)
-
     # ---- derivatives, of traced values alone
 
     def time_rate(self, output: str) -> tuple[Scalar, ...]:
@@ -503,6 +469,22 @@ class TreeQuantities:
         changes += zip(values["omega1"], moves.get("S1", ()), strict=turns)
         moved = TreeQuantities(self.form, self.request, values)
         return tuple(Functions(moved.outputs((output,))).pushforward((output,), sum_of(changes))[output])
+
+    def torque_regressor(self) -> tuple[Scalar, ...]:
+        """Return the regressor Y in Y p = (force1, torque1, tau), the first two of a free base only, as a flat tuple
+        row by row. p are mass, first moment and inertia of each body, in its own axes and about its reference point.
+        """
+        values = dict(self.values)
+        tree = TreeForm(self.form, self.request)
+        changes = changes_of_bodies(tree, values, ("masses", "first_moments", "inertias"))
+        by_body = zip(
+            changes["masses"], *(changes["first_moments"][k::3] for k in range(3)),
+            *(changes["inertias"][k::6] for k in range(6)), strict=True,
+        )  # fmt: skip
+        names = group_of("tau", self.request.free)
+        moved = TreeQuantities(self.form, self.request, values)
+        rows = Functions(moved.outputs(names)).jacobian(names, [*itertools.chain(*by_body)])
+        return _chain_vectors(row for name in names for row in rows[name])
 
     def dynamics_matrix(self, name: str) -> tuple[Scalar, ...]:
         """Return a derivative of inverse or forward dynamics, such as tau_q, as a flat tuple row by row, with a row
@@ -825,6 +807,55 @@ def constant_place(body: int, name: str) -> int:
     return start + sum(sizes[one] for one in names[: names.index(name)])
 
 
+def changes_of_bodies(tree: TreeForm, values: dict[str, Any], names: Iterable[str]) -> Moves:
+    """Return the changes of constants with these names, and put all constants, with variables in their place, among
+    the values as "numbers".
+    """
+    form, request = tree
+    numbers = complete_numbers(form, request, values)
+    axes = [values["axes"][9 * k : 9 * k + 9] for k in range(len(form.parents) + 1)]
+    bodies = [k for k in range(len(axes)) if k or request.free]
+    changes: dict[str, list[list[tuple[int, Operand]]]] = {}
+    if "masses" in names:
+        changes["masses"] = [[(constant_place(k, "mass"), 1.0)] for k in bodies]
+    if "first_moments" in names:
+        places = [(axes[k], constant_place(k, "first")) for k in bodies]
+        changes["first_moments"] = [_along(P, j, place) for P, place in places for j in range(3)]
+    if "lengths" in names:
+        joints = [(axes[parent], constant_place(k, "u")) for k, parent in enumerate(form.parents, 1)]
+        changes["lengths"] = [_along(P, j, place) for P, place in joints for j in range(3)]
+    if "inertias" in names:
+        places = [(axes[k], constant_place(k, "second")) for k in bodies]
+        pairs = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Pinocchio's order
+        changes["inertias"] = [_of_inertia(P, *pair, place) for P, place in places for pair in pairs]
+    used = sorted({k for group in changes.values() for change in group for k, _ in change})
+    others = [x for k, x in enumerate(numbers) if k not in {*used}]
+    others += [x for group in values.values() for x in components(group)]
+    for k, variable in zip(used, variables([numbers[k] for k in used], others), strict=True):
+        numbers[k] = variable
+    values["numbers"] = numbers
+    return {name: [[(numbers[k], rate) for k, rate in change] for change in group] for name, group in changes.items()}
+
+
+def _along(P: Sequence[Operand], j: int, place: int) -> list[tuple[int, Operand]]:
+    """Return the change of the vector that begins at a place where its j-th component in a body's axes changes; P
+    converts from the program's axes to these.
+    """
+    return [(place + i, P[3 * j + i]) for i in range(3)]
+
+
+def _of_inertia(P: Sequence[Operand], a: int, b: int, place: int) -> list[tuple[int, Operand]]:
+    """Return the change of the second moment, trace(J)/2 - J, that begins at a place where the entry (a, b) of the
+    inertia J changes; P is that of `_along`.
+    """
+    x, y = P[3 * a : 3 * a + 3], P[3 * b : 3 * b + 3]
+    changes: list[tuple[int, Operand]] = []
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+        half = 0.5 if a == b and i == j else 0.0
+        changes.append((place + k, half - (x[i] * x[j] if a == b else x[i] * y[j] + y[i] * x[j])))
+    return changes
+
+
 def _take_numbers(numbers: Any, shapes: Mapping[str, ArrayShape]) -> dict[str, Any]:
     """Return the next numbers by name, a tuple for each shape but ()."""
     return {
@@ -843,12 +874,17 @@ def _matrix_rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
     return _chain_vectors(zip(*columns, strict=True))
 
 
+def axes_shape(form: Form) -> ArrayShape:
+    """Return the shape of the rotations from the program's axes to each body's own."""
+    return (9 * (len(form.parents) + 1),)
+
+
 def output_shape(name: str, form: Form, request: Request) -> ArrayShape:
     """Return the shape of one sample of an output."""
     sizes = {"coordinates": form.dof, "velocities": velocity_count(form, request), "joints": len(form.parents)}
     sizes |= {"tree": form.tree_dof, "conditions": 0 if form.closure is None else condition_count(form.closure)}
     sizes |= {"struts": len(form.struts), "loops": 0 if form.closure is None else len(form.closure.loops)}
-    sizes["parameters"] = 10 * (len(request.frames) - request.first_of_bodies)  # of the torque regressor
+    sizes["parameters"] = 10 * (len(form.parents) + request.free)  # of the torque regressor
     shape = sample_shape(name, sizes)
     return (len(request.shown_frames), *shape) if name in OF_FRAMES and not request.single else shape
 
@@ -861,7 +897,7 @@ OF_FRAMES: Final = (*FRAME_OUTPUTS, *JACOBIANS, "acceleration_bias")
 """What is computed of frames: with an axis of frames, unless one was named alone."""
 DYNAMICS_MATRICES: Final = ("tau_q", "tau_qd", "tau_qdd", "qdd_q", "qdd_qd", "qdd_tau")
 """Derivatives of inverse and of forward dynamics."""
-DERIVED: Final = (*JACOBIANS[2:], "centroidal_momentum_matrix_rate", *DYNAMICS_MATRICES)
+DERIVED: Final = (*JACOBIANS[2:], "centroidal_momentum_matrix_rate", "torque_regressor", *DYNAMICS_MATRICES)
 """Outputs that are derivatives, which only traced values have."""
 # Inputs that poses, rates, accelerations, inverse and forward dynamics depend on.
 _POSE_INPUTS: Final = ("q", "S1")
@@ -887,7 +923,7 @@ OUTPUTS: Final[Mapping[str, Output]] = {
     "torque1": Output(_INVERSE_INPUTS, lambda c: c.base_wrench(1)),
     "force": Output(_INVERSE_INPUTS, lambda c: _chain_vectors(force for force, _ in c.joint_wrenches)),
     "torque": Output(_INVERSE_INPUTS, lambda c: _chain_vectors(torque for _, torque in c.joint_wrenches)),
-    "torque_regressor": Output(_INVERSE_INPUTS, TreeQuantities.torque_regressor),
+    "torque_regressor": Output((*_INVERSE_INPUTS, "axes"), TreeQuantities.torque_regressor),
     "mass_matrix": Output(_POSE_INPUTS, TreeQuantities.mass_matrix),
     "bias_forces": Output((*_RATE_INPUTS, *_BASE_ACCELERATIONS, "gravity"), lambda c: c.coasting.balance()),
     "gravity_forces": Output((*_POSE_INPUTS, "gravity"), lambda c: c.resting.balance()),
@@ -947,6 +983,8 @@ def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
         # A free base accelerates as forces have it, unless the accelerations of the joints are given, too.
         names |= {*inputs} - {*(_BASE_ACCELERATIONS if request.free and "qdd" not in inputs else ())}
     shapes: dict[str, ArrayShape] = {"constants": (sum(known is None for known in (*form.known, *request.known)),)}
+    if "axes" in names:
+        shapes["axes"] = axes_shape(form)
     if request.varied:
         shapes["samples"] = (len(request.varied),)
     for name in (*COORDINATES, "gravity", *BASE_MOTION, *BASE_LOADS):

@@ -60,7 +60,6 @@ Loads: TypeAlias = Mapping[str, tuple[Any, str]]
 OF_STRUTS: Final = ROBOT_TASKS["struts"].outputs
 # These, like those of struts, need no masses.
 OF_LOOPS: Final = (*ALL_COORDINATES, *PARTS_OF_LOOPS[:3])
-OF_BODIES: Final = ("torque_regressor",)  # outputs that take the frames of all bodies, and need no masses
 _FORCED: Final = (
     "inverse_dynamics", "forward_dynamics", "joint_wrenches", "bias_forces", "gravity_forces", "tree_tau",
     "inverse_dynamics_derivatives", "forward_dynamics_derivatives",
@@ -177,7 +176,7 @@ class RobotComputation(Computation):
         samples, moved = constants.tree.samples, _moved_frames(constants, frames)
         folded, parameters = split_numbers(numbers, moved)
         self.constants, self.frames, self.form = constants, frames, constants.form
-        self.needs_masses = not {*outputs} <= {*OF_FRAMES, *OF_BODIES, *OF_STRUTS, *OF_LOOPS}
+        self.needs_masses = not {*outputs} <= {*OF_FRAMES, "torque_regressor", *OF_STRUTS, *OF_LOOPS}
         varied: dict[int, Any] = {}
         if samples is not None and (self.needs_masses or samples.lengths):
             behind = len(self.form.known)
@@ -191,7 +190,7 @@ class RobotComputation(Computation):
         known: dict[str, Any] = {
             **RESTING_BASE,
             "constants": read_only(np.array([*constants.numbers, *parameters], dtype=np.float64)),
-            "axes": np.array(constants.axes).ravel(),
+            "axes": tuple(np.ravel(constants.axes).tolist()),  # which fold where they are 0 or 1
         }
         if varied:
             known["samples"] = read_only(np.stack(np.broadcast_arrays(*varied.values()), axis=-1))

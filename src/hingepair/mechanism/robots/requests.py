@@ -33,7 +33,6 @@ from hingepair.mechanism.robots.accuracy import error_bounds
 from hingepair.mechanism.robots.computations import (
     ALL_OUTPUTS,
     FORCED_OUTPUTS,
-    OF_BODIES,
     Loads,
     RobotComputation,
     checked_given,
@@ -233,8 +232,6 @@ class RobotRequests:
             free, constants = self.base == "free", self.constants
             shown = (frames,) if isinstance(frames, str) else frames
             chosen = tuple(self.tree.known_frame("frames", name) for name in (*shown, *loaded))
-            if not {*outputs}.isdisjoint(OF_BODIES):
-                chosen += self.tree.body_frames(free)
             if not {*outputs}.isdisjoint(ROBOT_TASKS["joint_wrenches"].outputs):
                 if self.tree.closure is not None:
                     expected = "one without loops; loop_wrenches has what closes them"
