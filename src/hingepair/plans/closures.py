@@ -16,11 +16,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from hingepair.engine.derivatives import pushforward, variables
 from hingepair.engine.trace import arc_tangent, square_root, where_less
 from hingepair.equations import trees as eq
 from hingepair.equations.derivatives import WORLD_UNIT_VECTORS
 from hingepair.equations.series import chebyshev_sum, clenshaw
-from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross, dot, rotate, scale, subtract
+from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, cross, dot, rotate, scale, subtract
 from hingepair.numeric.blocks import cosine, sine
 
 # Loops with a larger gap, over the size of the mechanism, count as open; of float32 and float64. At an angle of many
@@ -168,20 +169,17 @@ class Chains:
             for number, parent in zip(chain.joints, chain.parents, strict=True)
         ]
 
-    def _joint_values(self, chain: Chain, by_column: Mapping[int, Scalar], offsets: bool) -> list[Scalar]:
-        """Return q of each joint of a chain, or with no offsets q' or q'', from those of the tree's coordinates."""
-        values = []
-        for number in chain.joints:
-            ratio, offset = self._ratios[number - 1]
-            value = by_column[self._joint_columns[number - 1]] * ratio
-            values.append(value + offset if offsets else value)
-        return values
+    def _joint_values(self, chain: Chain, by_column: Mapping[int, Scalar]) -> list[Scalar]:
+        """Return q of each joint of a chain from the tree's coordinates."""
+        ratios = [self._ratios[number - 1] for number in chain.joints]
+        columns = (self._joint_columns[number - 1] for number in chain.joints)
+        return [by_column[column] * ratio + offset for column, (ratio, offset) in zip(columns, ratios, strict=True)]
 
     def _poses(
         self, chain: Chain, values: Mapping[int, Scalar]
     ) -> tuple[list[eq.Pose], list[tuple[eq.Pose, eq.Pose]]]:
         """Return the poses of the bodies of a chain, and of the two frames of each loop."""
-        links, q = self._links_of(chain), self._joint_values(chain, values, True)
+        links, q = self._links_of(chain), self._joint_values(chain, values)
         angles = [link.axis.turn(value) if link.axis.turns else None for link, value in zip(links, q, strict=True)]
         turns = [None if angle is None else (sine(angle), cosine(angle)) for angle in angles]
         poses = eq.poses(links, eq.joint_placements(links, turns, q), _IDENTITY)
@@ -216,24 +214,14 @@ class Chains:
                 found.append(Condition(place, gap, row, (force, torque)))
         return found
 
-    def _biases(self, chain: Chain, values: Mapping[int, Scalar], rates: Mapping[int, Scalar]) -> list[Scalar]:
-        """Return the second time derivatives of the conditions of a chain at q'' = 0."""
-        links, (poses, frames) = self._links_of(chain), self._poses(chain, values)
-        qd = self._joint_values(chain, rates, False)
-        at_rest = ZERO_VECTOR, ZERO_VECTOR
-        velocities = eq.body_velocities(links, poses, qd, at_rest)
-        changes = eq.body_accelerations(links, poses, qd, [0.0] * len(links), velocities, at_rest)
-        biases: list[Scalar] = []
-        for place, ends, pair in zip(chain.loops, chain.ends, frames, strict=True):
-            moving = [
-                (
-                    *eq.frame_velocity(pose, velocities[body]),
-                    *eq.frame_acceleration(pose, velocities[body][1], changes[body]),
-                )
-                for pose, body in zip(pair, ends, strict=True)
-            ]
-            biases += _gap_changes(self.closure.loops[place], *pair, moving, self._size)
-        return biases
+    def _biases(self, chain: Chain, qd: Sequence[Scalar]) -> list[Scalar]:
+        """Return the second time derivatives of the conditions of a chain at q'' = 0, of traced values."""
+        keys, rates = (*chain.driving, *chain.dependent), self.rates(qd)
+        at = variables([self._q[key] for key in keys])
+        change = [(x, qd[-1 - key] if key < 0 else rates[key]) for x, key in zip(at, keys, strict=True)]
+        gaps = [one.gap for one in self.conditions(chain, dict(zip(keys, at, strict=True)))]
+        held = [(rate, 0.0) for _, rate in change]
+        return pushforward(pushforward(gaps, change), [*held, *change])
 
     # ---- the solution
 
@@ -365,13 +353,12 @@ class Chains:
 
     def bias(self, qd: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Return the second derivatives of all coordinates of the tree at q'' = 0, g."""
-        rates = dict(enumerate(self.rates(qd)))
         found: dict[int, Scalar] = {}
         for chain, matrix, by_driving, curvatures in self._factors:
             if curvatures is None:
-                (left,), _ = _least_squares(matrix, [self._biases(chain, self._q, rates)])
+                (left,), _ = _least_squares(matrix, [self._biases(chain, qd)])
             else:
-                rate = rates[chain.source]
+                rate = self.rates(qd)[chain.source]
                 left = [-x * (rate * rate) for x in curvatures]
             for i, (key, value) in enumerate(zip(chain.dependent, left, strict=True)):
                 parts = zip(chain.driving, by_driving, strict=True)
@@ -428,26 +415,6 @@ def _gaps(kind: str, first: eq.Pose, second: eq.Pose, length: Scalar, size: Scal
     for i, j in _SQUARE[kind]:
         a, b = _columns(first)[i], _columns(second)[j]
         found.append((dot(a, b) * size, (ZERO_VECTOR, scale(cross(a, b), size))))
-    return found
-
-
-def _gap_changes(
-    kind: str, first: eq.Pose, second: eq.Pose, moving: Sequence[tuple[Vector, ...]], size: Scalar
-) -> list[Scalar]:
-    """Return the second derivatives of a loop's conditions from v, omega, a and alpha of its frames."""
-    (v1, omega1, a1, alpha1), (v2, omega2, a2, alpha2) = moving
-    v, omega, change, alpha = subtract(v1, v2), subtract(omega1, omega2), subtract(a1, a2), subtract(alpha1, alpha2)
-    if kind == "distance":
-        apart = subtract(first.d, second.d)
-        inverse = 1.0 / square_root(dot(apart, apart))
-        along = scale(apart, inverse)
-        rate = dot(along, v)
-        return [dot(along, change) + (dot(v, v) - rate * rate) * inverse]
-    found: list[Scalar] = [*change]
-    for i, j in _SQUARE[kind]:
-        a, b = _columns(first)[i], _columns(second)[j]
-        turned = add(cross(cross(omega1, a), b), cross(a, cross(omega2, b)))
-        found.append((dot(cross(a, b), alpha) + dot(turned, omega)) * size)
     return found
 
 
