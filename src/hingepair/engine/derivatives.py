@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeAlias
 
 from hingepair.engine.trace import Operand, Trace, TracedValue, hypotenuse, needed_values, where_less
+from hingepair.numeric.caching import lock_free_cached_property
 
 Change: TypeAlias = Sequence[tuple[Operand, Operand]]
 """Pairs (input, its rate of change)."""
@@ -33,6 +34,52 @@ def variables(values: Sequence[Operand], others: Iterable[Operand] = ()) -> tupl
     return tuple(map(variable, values))
 
 
+class Solution:
+    """Traced values that solve equations. They are differentiated as such: they change so that `lack` stays zero.
+
+    Args:
+        values: the values that were found.
+        lack: returns what the equations lack at the unknowns, a value for each of them.
+        solve: function of b that returns the x of A x = b, where -A are the derivatives of the lack by the unknowns,
+            a symmetric matrix.
+        doubt: NaN where the equations have no solution, else 0.
+
+    Attributes:
+        unknowns: the values, for use in their place; numbers and arrays stay as they are.
+    """
+
+    def __init__(
+        self,
+        values: Sequence[Operand],
+        lack: Callable[[Sequence[Operand]], Sequence[Operand]],
+        solve: Callable[[Sequence[Operand]], Sequence[Operand]],
+        doubt: Operand,
+    ) -> None:
+        self.unknowns: Sequence[Operand] = values
+        trace = next((x.trace for x in values if isinstance(x, TracedValue)), None)
+        if trace is not None:
+            self.unknowns = [TracedValue(trace, "+", (x, 0.0), True) for x in values]
+            trace.solved |= dict.fromkeys(map(id, self.unknowns), self)
+        self._lack, self._solve, self._doubt = lack, solve, doubt
+
+    @lock_free_cached_property
+    def lack(self) -> Sequence[Operand]:
+        """What the equations lack, recorded when a derivative is first taken."""
+        return self._lack(self.unknowns)
+
+    def rates(self, change: Change) -> dict[int, Operand]:
+        """Return the rates of the unknowns, by id, for rates of inputs."""
+        held = [(x, 0.0) for x in self.unknowns]
+        found = self._solve(pushforward(self.lack, [*change, *held]))
+        return {id(x): rate + self._doubt for x, rate in zip(self.unknowns, found, strict=True)}
+
+    def gradients(self, weights: dict[int, Operand], inputs: Sequence[Operand]) -> list[Operand]:
+        """Return the derivatives by inputs of the weighted sum of the unknowns, whose weights are by id."""
+        found = self._solve([weights.get(id(x), 0.0) for x in self.unknowns])
+        gradients = pullback(zip(self.lack, found, strict=True), [*inputs, *self.unknowns])
+        return [x + self._doubt for x in gradients[: len(inputs)]]
+
+
 def pushforward(results: Sequence[Operand], change: Change) -> list[Operand]:
     """Return the rates of change of results, for given rates of change of inputs (forward accumulation).
 
@@ -47,7 +94,7 @@ def pushforward(results: Sequence[Operand], change: Change) -> list[Operand]:
 
 def _steps(results: Sequence[Operand]) -> list[tuple[TracedValue, list[int]]]:
     """Return the values that results need, each with the identities of its operands."""
-    return [(v, [id(x) for x in v.operands]) for v in needed_values(results)]
+    return [(v, [id(x) for x in v.operands]) for v in needed_values(results, behind_solutions=False)]
 
 
 def _pushforward(
@@ -57,7 +104,12 @@ def _pushforward(
     rates: dict[int, Operand] = {id(x): rate for x, rate in change}
     changing = rates.keys()
     for v, operands in steps:
-        if id(v) in rates or (changing.isdisjoint(operands) and v.operation != "where"):  # most do not change
+        if id(v) in rates:
+            continue
+        if id(v) in v.trace.solved:
+            rates |= v.trace.solved[id(v)].rates(change)
+            continue
+        if changing.isdisjoint(operands) and v.operation != "where":  # most do not change
             continue
         rate: Operand = 0.0
         if v.operation == "where":
@@ -100,15 +152,20 @@ def pullback(results: Iterable[tuple[Operand, Operand]], inputs: Sequence[Operan
                 chosen.add(id(operand))
 
     differentiated = {id(x) for x in inputs}
-    needed, moving = needed_values(v for v, _ in pairs), {*differentiated}
+    needed, moving = needed_values((v for v, _ in pairs), behind_solutions=False), {*differentiated}
+    solutions: dict[int, Solution] = {}
     for v in needed:  # values without inputs among what they are made of need no derivatives
-        if not moving.isdisjoint(map(id, v.operands)) or (v.operation == "where" and _has_nan(v.operands)):
+        solution = v.trace.solved.get(id(v)) if id(v) not in differentiated else None
+        if solution is not None:
+            solutions[id(solution)] = solution
+        doubtful = v.operation == "where" and _has_nan(v.operands)
+        if solution is not None or doubtful or not moving.isdisjoint(map(id, v.operands)):
             moving.add(id(v))
     for v, weight in pairs:
         add(v, weight, False)
     for v in reversed(needed):
         weight = sums.get(id(v), 0.0)
-        if _is_zero(weight) or id(v) in differentiated:
+        if _is_zero(weight) or id(v) in differentiated or id(v) in v.trace.solved:
             continue
         if v.operation == "where":
             less, then, otherwise = v.operands
@@ -124,7 +181,10 @@ def pullback(results: Iterable[tuple[Operand, Operand]], inputs: Sequence[Operan
             if is_chosen and v.operation not in _SUMS:  # no 0 * infinity from the branch that is not taken
                 part = where_less(weight, 0.0, part, where_less(0.0, weight, part, weight))
             add(operand, part, is_chosen)
-    return [sums.get(id(x), 0.0) + doubt for x in inputs]
+    found = [sums.get(id(x), 0.0) + doubt for x in inputs]
+    for solution in solutions.values():
+        found = [a + b for a, b in zip(found, solution.gradients(sums, inputs), strict=True)]
+    return found
 
 
 def jacobian(results: Sequence[Operand], changes: Sequence[Change]) -> list[list[Operand]]:

@@ -113,6 +113,7 @@ class Trace:
 
     def __init__(self) -> None:
         self._recorded: dict[tuple[Any, ...], TracedValue] = {}
+        self.solved: dict[int, Any] = {}  # a `derivatives.Solution` by the id of each of its unknowns
 
     def input(self, varies: bool = True) -> TracedValue:
         """Return a new value for an input."""
@@ -133,8 +134,10 @@ class Trace:
         return value
 
 
-def needed_values(results: Iterable[Operand]) -> list[TracedValue]:
-    """Return the traced values on which results depend, inputs included, each after its operands."""
+def needed_values(results: Iterable[Operand], behind_solutions: bool = True) -> list[TracedValue]:
+    """Return the traced values on which results depend, inputs included, each after its operands; unless
+    `behind_solutions`, without those from which unknowns of a `derivatives.Solution` have been found.
+    """
     needed: list[TracedValue] = []
     seen: set[int] = set()
     waiting: list[tuple[Operand, bool]] = [(result, False) for result in reversed(list(results))]
@@ -147,7 +150,8 @@ def needed_values(results: Iterable[Operand]) -> list[TracedValue]:
         elif id(value) not in seen:
             seen.add(id(value))
             waiting.append((value, True))
-            waiting.extend((operand, False) for operand in reversed(value.operands))
+            if behind_solutions or id(value) not in value.trace.solved:
+                waiting.extend((operand, False) for operand in reversed(value.operands))
     return needed
 
 

@@ -1,14 +1,13 @@
 """Derivatives of what a loop computes of a pair or a robot, by its arguments.
 
-A change of an attitude is a rotation about world axes: three numbers, not nine. Accelerations are differentiated as
-the solution of the equations of motion (T11).
+A change of an attitude is a rotation about world axes: three numbers, not nine.
 """
 
 from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
@@ -17,20 +16,17 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.trace import Operand
 from hingepair.numeric.blocks import components
 from hingepair.plans.functions import (
-    Accelerations,
     Functions,
     Moves,
     change_of,
     change_shape,
     changes_of,
-    group_of,
     share_of,
     sum_of,
     with_variables,
 )
 from hingepair.plans.trees import (
     TreeForm,
-    TreeQuantities,
     axes_shape,
     changes_of_bodies,
 )
@@ -57,16 +53,13 @@ def body_constants(joints: int, free: bool) -> dict[str, ArrayShape]:
 
 
 @functools.lru_cache(maxsize=512)
-def derivative_loop(
-    plain: Loop, derivative: Derivative, functions: Callable[[dict[str, Any]], Functions] | None = None
-) -> Loop:
+def derivative_loop(plain: Loop, derivative: Derivative) -> Loop:
     """Return the loop that computes a derivative of what another loop computes. The Jacobian of tau by q is called
     tau_q, the weight of tau weight_tau, a gradient gradient_q, a change of q change_q, the rate of tau rate_tau.
 
     Args:
         plain: the other loop.
         derivative: the derivative.
-        functions: for a vjp, what makes functions of the values of the inputs, if other than by default.
     """
     changes = {name: change_shape(name, tail) for name, tail in (*plain.outputs, *derivative.arguments)}
     if derivative.entries:
@@ -86,8 +79,6 @@ def derivative_loop(
         outputs |= {f"rate_{one}": changes[one] for one in derivative.outputs}
     rule = {"jacobian": _jacobian, "vjp": _gradients, "jvp": _rates}
     function = functools.partial(rule[derivative.kind], plain, derivative)
-    if functions is not None:
-        function = functools.partial(_gradients, plain, derivative, make_functions=functions)
     form = None if plain.form is None else (plain.form, derivative)
     return Loop("derivatives", function, inputs, outputs, form=form)
 
@@ -95,7 +86,7 @@ def derivative_loop(
 def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the outputs and the Jacobian of each by every argument."""
     values, moves = _variables(plain, given, derivative.arguments)
-    functions = _functions(plain, values)
+    functions = Functions(plain.function(values))
     rows = functions.jacobian(derivative.outputs, [*itertools.chain(*moves.values())])
     found: dict[str, Any] = {}
     for output in derivative.outputs:
@@ -107,15 +98,10 @@ def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> 
     return {**functions.results, **found}
 
 
-def _gradients(
-    plain: Loop,
-    derivative: Derivative,
-    given: Mapping[str, Any],
-    make_functions: Callable[[dict[str, Any]], Functions] | None = None,
-) -> dict[str, Any]:
+def _gradients(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the outputs, and the gradient of their weighted sum by every argument."""
     values, moves = _variables(plain, given, derivative.arguments, derivative.entries)
-    functions = make_functions(values) if make_functions else _functions(plain, values)
+    functions = Functions(plain.function(values))
     weights: dict[str, list[Operand]] = {}
     for output in derivative.outputs:
         parts, kind = functions.results[output], "" if derivative.entries else output
@@ -142,7 +128,7 @@ def _rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dic
         for name, group in moves.items()
         for weight, change in zip(components(values[f"{derivative.prefix}change_{name}"]), group, strict=True)
     ]
-    functions = _functions(plain, values)
+    functions = Functions(plain.function(values))
     rates = functions.pushforward(derivative.outputs, sum_of(changes))
     changed = {
         f"rate_{one}": tuple(change_of("" if derivative.entries else one, functions.results[one], rate))
@@ -161,13 +147,6 @@ def _variables(
         of_bodies = changes_of_bodies(_tree_of(plain), values, {name for name, _ in arguments})
     values, moves = with_variables(values, [one for one in arguments if one[0] not in of_bodies], entries)
     return values, of_bodies | moves
-
-
-def _functions(plain: Loop, values: dict[str, Any]) -> Functions:
-    """Return the outputs of a loop as functions that can be differentiated."""
-    if {name for name, _ in plain.outputs}.isdisjoint(group_of("qdd", True)) or not isinstance(plain.form, TreeForm):
-        return Functions(plain.function(values))
-    return Accelerations(TreeQuantities(*plain.form, values), plain.form.request.outputs)
 
 
 def _tree_of(plain: Loop) -> TreeForm:

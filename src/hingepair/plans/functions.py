@@ -1,7 +1,6 @@
 """Results of a program as functions that can be differentiated, and how attitudes change.
 
-A change of an attitude is a rotation about world axes: three numbers, not nine. Accelerations are differentiated as
-the solution of the equations of motion (T11).
+A change of an attitude is a rotation about world axes: three numbers, not nine.
 """
 
 from __future__ import annotations
@@ -9,13 +8,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from operator import sub
 from typing import Any, Final, TypeAlias
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.derivatives import Change, jacobian, pullback, pushforward, variables, weighted_sum
 from hingepair.engine.trace import Operand
-from hingepair.equations.dynamics import factor_symmetric, solve_factored
 from hingepair.numeric.blocks import components
 
 Parts: TypeAlias = Mapping[str, Sequence[Operand]]
@@ -109,62 +106,6 @@ class Functions:
     def _by_name(self, names: Iterable[str], rows: Iterable[Any]) -> dict[str, list[Any]]:
         left = iter(rows)
         return {name: [*itertools.islice(left, len(self.results[name]))] for name in names}
-
-
-class Accelerations(Functions):
-    """Results of forward dynamics. The accelerations change such that they take back what a change of inputs adds to
-    the torques (T11); this takes fewer operations than to differentiate the articulated bodies (T5, T6).
-
-    Args:
-        computation: forward dynamics, a `TreeQuantities`.
-        outputs: names of further results.
-    """
-
-    def __init__(self, computation: Any, outputs: Iterable[str] = ()) -> None:
-        form, request, values = computation.form, computation.request, computation.values
-        self._names, loads = (group_of(kind, request.free) for kind in ("qdd", "tau"))
-        super().__init__(computation.outputs(dict.fromkeys((*outputs, *self._names))))
-        motion = {name: variables(self.results[name]) for name in self._names}
-        self._held = [(x, 0.0) for part in motion.values() for x in part]
-        inverse = type(computation)(form, request, {**values, **motion})
-        needed = Functions(inverse.outputs(loads)).results
-        self._lack = Functions({name: tuple(map(sub, components(values[name]), needed[name])) for name in loads})
-        self._lower, pivots = factor_symmetric(inverse.mass_entries)
-        self._shares, self._doubt = [1.0 / pivot for pivot in pivots], computation.singular_doubt
-
-    def jacobian(self, names: Iterable[str], changes: Sequence[Change]) -> dict[str, list[list[Operand]]]:
-        """Return the Jacobians as `Functions` does, of the accelerations by solving with the mass matrix (T11)."""
-        held = [[*change, *self._held] for change in changes]
-        rows = itertools.chain(*self._lack.jacobian(self._lack.results, held).values())
-        columns = [self._solve(column) for column in zip(*rows, strict=True)]
-        solved = self._by_name(self._names, map(list, zip(*columns, strict=True)))
-        return super().jacobian([name for name in names if name not in solved], changes) | solved
-
-    def pushforward(self, names: Iterable[str], change: Change) -> dict[str, list[Operand]]:
-        """Return the rates of change as `Functions` does, those of the accelerations by T11."""
-        rates = itertools.chain(*self._lack.pushforward(self._lack.results, [*change, *self._held]).values())
-        solved = self._by_name(self._names, self._solve([*rates]))
-        return super().pushforward([name for name in names if name not in solved], change) | solved
-
-    def pullback(self, weights: Parts, inputs: Sequence[Operand]) -> list[Operand]:
-        """Return the derivatives as `Functions` does, those of the accelerations by T11."""
-        column = [x for name in self._names for x in weights.get(name, (0.0,) * len(self.results[name]))]
-        loads = iter(self._solve(column))
-        solved = {name: [*itertools.islice(loads, len(part))] for name, part in self._lack.results.items()}
-        others = {name: parts for name, parts in weights.items() if name not in self._names}
-        gradients = self._lack.pullback(solved, [*inputs, *(x for x, _ in self._held)])
-        return [a + b + self._doubt for a, b in zip(gradients, super().pullback(others, inputs), strict=False)]
-
-    def inverse_mass_matrix(self) -> tuple[Operand, ...]:
-        """Return the entries of M^-1, row by row."""
-        size = len(self._shares)
-        columns = [self._solve([float(i == k) for i in range(size)]) for k in range(size)]
-        return tuple(itertools.chain(*columns))  # symmetric
-
-    def _solve(self, column: Sequence[Operand]) -> tuple[Operand, ...]:
-        """Return M^-1 times a column."""
-        found = solve_factored(self._lower, lambda k, part: part * self._shares[k], column[::-1])[::-1]
-        return tuple(x + self._doubt for x in found)
 
 
 def changes_of(name: str, value: Sequence[Operand]) -> list[list[tuple[int, Operand]]]:

@@ -12,17 +12,16 @@ with w = omega1 (Munthe-Kaas).
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
-from hingepair.engine.derivatives import pullback, variables
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import Operand, square_root, where_less
+from hingepair.engine.trace import square_root, where_less
 from hingepair.equations.spatial import ZERO_VECTOR, Matrix, Scalar, Vector, add, compose, cross, dot, scale, subtract
-from hingepair.numeric.blocks import components, cosine, sine
+from hingepair.numeric.blocks import cosine, sine
 from hingepair.plans.derivatives import Derivative, derivative_loop
-from hingepair.plans.functions import Accelerations, Functions, Parts, change_shape
+from hingepair.plans.functions import change_shape
 from hingepair.plans.trees import Form, Request, TreeQuantities, input_shapes
 
 METHODS = ("semi_implicit", "rk4")  # of integration, explained above
@@ -97,10 +96,6 @@ class RolloutStep(NamedTuple):
         return self.request._replace(outputs=("a1", "alpha1", "qdd") if self.request.free else ("qdd",))
 
 
-Solve = Callable[[Mapping[str, Any]], Mapping[str, Any]]
-"""What returns accelerations by name from the inputs of forward dynamics."""
-
-
 @functools.lru_cache(maxsize=64)
 def step_loop(step: RolloutStep) -> Loop:
     """Return the cached loop of a step or stage. The next value of q is its output next_q."""
@@ -110,7 +105,7 @@ def step_loop(step: RolloutStep) -> Loop:
     if step.stages > 1:
         inputs["shares"] = (3,)
     outputs = {f"next_{name}": tail for name, tail in step.passed.items()}
-    return Loop("rollout", functools.partial(_next, step, solve=None), inputs, outputs, form=("rollout", step))
+    return Loop("rollout", functools.partial(_next, step), inputs, outputs, form=("rollout", step))
 
 
 @functools.lru_cache(maxsize=64)
@@ -128,7 +123,7 @@ def backward_loop(step: RolloutStep, wrt: tuple[str, ...], held: tuple[str, ...]
     derivative = Derivative(
         "vjp", tuple(f"next_{name}" for name in changes), tuple((name, shapes[name]) for name in (*changes, *wrt))
     )
-    gradients = derivative_loop(plain, derivative, functools.partial(_functions, step))
+    gradients = derivative_loop(plain, derivative)
 
     def function(v: Mapping[str, Any]) -> dict[str, Any]:
         """Take the adjoints of the state back by a step or stage, and add the derivatives by `wrt` to their sums."""
@@ -151,61 +146,13 @@ def backward_loop(step: RolloutStep, wrt: tuple[str, ...], held: tuple[str, ...]
     )  # fmt: skip
 
 
-class _StepFunctions(Functions):
-    """Outputs of a step, whose accelerations are differentiated as the solution of the equations of motion.
-
-    The trace is cut before and behind forward dynamics, and put together again in `pullback`.
-    """
-
-    def __init__(self, step: RolloutStep, values: dict[str, Any]) -> None:
-        attitude = ("S1", "omega1") if step.request.free else ()
-
-        def solve(given: Mapping[str, Any]) -> Mapping[str, Any]:
-            """Return variables in the place of the accelerations."""
-            self._given = {name: components(given[name]) for name in ("q", "qd", "tau", *attitude)}
-            self._inner = {name: variables(value) for name, value in self._given.items()}
-            computation = TreeQuantities(step.form, step.solved, {**given, **self._inner})
-            self._accelerations = Accelerations(computation)
-            self._found = {name: variables(self._accelerations.results[name]) for name in step.solved.outputs}
-            return self._found
-
-        super().__init__(_next(step, values, solve=solve))
-
-    def pullback(self, weights: Parts, inputs: Sequence[Operand]) -> list[Operand]:
-        """Return the derivatives by inputs of the sum of the results' components times the weights."""
-        found = [x for part in self._found.values() for x in part]
-        rates = super().pullback(weights, [*inputs, *found])
-        left = iter(rates[len(inputs) :])
-        loads = {name: [next(left) for _ in part] for name, part in self._found.items()}
-        inner = self._accelerations.pullback(loads, [x for part in self._inner.values() for x in part])
-        given = [x for part in self._given.values() for x in part]
-        through = pullback(zip(given, inner, strict=True), inputs)
-        return [a + b for a, b in zip(rates, through, strict=False)]
-
-
-def _functions(step: RolloutStep, values: dict[str, Any]) -> Functions:
-    """Return the outputs of a step to be differentiated. Dry friction depends on what the recursion finds for each
-    joint: derivatives are then taken through the recursion.
-    """
-    if step.request.joint_loads:
-        return Functions(_next(step, values, solve=None))
-    return _StepFunctions(step, values)
-
-
-def _next(step: RolloutStep, v: Mapping[str, Any], *, solve: Solve | None) -> dict[str, Any]:
-    """Return what a step or stage passes on; accelerations are by `solve`, else by articulated bodies."""
-    solve = solve or (lambda values: _solved(step, values))
-    following = _semi_implicit(step, v, solve) if step.stages == 1 else _stage(step, v, solve)
+def _next(step: RolloutStep, v: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a step or stage passes on."""
+    following = _semi_implicit(step, v) if step.stages == 1 else _stage(step, v)
     return {f"next_{name}": value for name, value in following.items()}
 
 
-def _solved(step: RolloutStep, values: Mapping[str, Any]) -> dict[str, Any]:
-    return dict(zip(("a1", "alpha1", "qdd"), TreeQuantities(step.form, step.solved, values).solved, strict=True))
-
-
-def _accelerations(
-    step: RolloutStep, v: Mapping[str, Any], solve: Solve, moved: Mapping[str, Any]
-) -> Mapping[str, Any]:
+def _accelerations(step: RolloutStep, v: Mapping[str, Any], moved: Mapping[str, Any]) -> dict[str, Any]:
     """Return the accelerations where coordinates, rates and a free base have other values than those given. Dry
     friction stops a joint within the step at most; a damper acts on the rate at the end of a semi-implicit step.
     """
@@ -214,13 +161,14 @@ def _accelerations(
     values = {**{name: v[name] for name in own & v.keys()}, **moved, "tau": tau, "step": v["h"]}
     if step.stages == 1:
         values["implicit_step"] = v["h"]
-    return solve(values | dict.fromkeys(("force1", "torque1"), ZERO_VECTOR))
+    values |= dict.fromkeys(("force1", "torque1"), ZERO_VECTOR)
+    return dict(zip(("a1", "alpha1", "qdd"), TreeQuantities(step.form, step.solved, values).solved, strict=True))
 
 
-def _semi_implicit(step: RolloutStep, v: Mapping[str, Any], solve: Solve) -> dict[str, Any]:
+def _semi_implicit(step: RolloutStep, v: Mapping[str, Any]) -> dict[str, Any]:
     """Return the state after a step of "semi_implicit"."""
     h, moved = v["h"], {name: v[name] for name in step.state}
-    found = _accelerations(step, v, solve, {name: moved[name] for name in moved if name not in {"R1", "v1"}})
+    found = _accelerations(step, v, {name: moved[name] for name in moved if name not in {"R1", "v1"}})
     qd = _ahead(v["qd"], found["qdd"], h)
     following = {"q": _ahead(v["q"], qd, h), "qd": qd}
     if step.request.free:
@@ -230,7 +178,7 @@ def _semi_implicit(step: RolloutStep, v: Mapping[str, Any], solve: Solve) -> dic
     return following
 
 
-def _stage(step: RolloutStep, v: Mapping[str, Any], solve: Solve) -> dict[str, Any]:
+def _stage(step: RolloutStep, v: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a stage of "rk4" passes on. `shares` are those of a step until the next stage, and of the stage in
     the mean; and whether the stage is the last one.
     """
@@ -243,7 +191,7 @@ def _stage(step: RolloutStep, v: Mapping[str, Any], solve: Solve) -> dict[str, A
         _, v1, omega1, turn = (now[2 * dof + 3 * k : 2 * dof + 3 * k + 3] for k in range(4))
         parts |= {"omega1": omega1, "S1": _turned(turn, v["S1"])}
         start = (*start, *v["R1"], *v["v1"], *v["omega1"], 0.0, 0.0, 0.0)
-    found = _accelerations(step, v, solve, parts)
+    found = _accelerations(step, v, parts)
     rates = (*parts["qd"], *found["qdd"])
     if step.request.free:
         across = cross(turn, omega1)
