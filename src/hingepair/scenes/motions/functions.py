@@ -115,20 +115,16 @@ def read_function_motion(tables: Table, subject: Subject) -> Motion:
     functions, sequence = read_functions(motion, subject, joints), read_sequence(motion, subject)
     t = read_instants(tables.table("time"))
     source = FunctionSource(t, subject, functions, sequence)
-    how = base_phrase(functions.names != PSI, sequence) if subject.pair is not None else ""
+    how = ""
+    if subject.pair is not None:
+        turns = f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}" if sequence else "in the plane z = 0"
+        how = "body 1 rests at the origin" if functions.names == PSI else turns
     return Motion(t=t, source=source, origin="functions of t", how=how, functions=functions, moving=joints)
 
 
 def read_sequence(motion: Table, subject: Subject) -> str | None:
     """Return the Euler sequence of body 1 or the base; None in the plane."""
     return None if subject.planar else motion.choice("sequence", SEQUENCE_NAMES, "XYZ")
-
-
-def base_phrase(moves: bool, sequence: str | None) -> str:
-    """Return how body 1 of a pair moves, for reports."""
-    if not moves:
-        return "body 1 rests at the origin"
-    return f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}" if sequence else "in the plane z = 0"
 
 
 def read_functions(motion: Table, subject: Subject, joints: tuple[str, ...]) -> FunctionsOfTime:

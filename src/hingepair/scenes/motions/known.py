@@ -5,7 +5,6 @@ A pair has one joint, psi; its body 1 is the base.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -171,15 +170,6 @@ def quaternion_columns(S: NDArray[Any] | None, before: str = "q", behind: str = 
     """Return the quaternions (w >= 0) of rotation matrices (N, 3, 3) as columns such as qx, qy, qz, qw, (N,)."""
     w, x, y, z = matrix_to_quaternion(np.asarray(S, dtype=np.float64)).T
     return {f"{before}{letter}{behind}": column for letter, column in zip("xyzw", (x, y, z, w), strict=True)}
-
-
-def known_by_body1(names: tuple[str, ...], joints: Derivatives, arrays: Mapping[str, NDArray[Any]]) -> Known:
-    """Return the motion of joints, and of a body 1 given by R1, S1 and, as far as `joints` have rates, v1, omega1,
-    a1, alpha1.
-    """
-    letters = _LETTERS[: 2 * len(joints)]
-    body1 = BodyMotion(**{letter: arrays[f"{letter}1"] for letter in letters})
-    return Known(names, len(body1.R), joints, body1)
 
 
 def _rows_of(derivatives: Derivatives, rows: Rows, order: int) -> Derivatives:

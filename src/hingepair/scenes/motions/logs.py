@@ -8,16 +8,14 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Set
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.equations.quantities import unit_of
-from hingepair.errors import choices, nearest
+from hingepair.errors import choices
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.plans.pairs import PLANE, SPACE
-from hingepair.plans.trees import FRAME_OUTPUTS
+from hingepair.plans.pairs import SPACE
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.scenes.motions.known import RATE_SUFFIXES
 from hingepair.scenes.subject import Subject
@@ -53,8 +51,6 @@ QUATERNION: Final = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
 HINGE_NAMES: Final = ("psi", "psid", "psidd")
 """Names of the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
-Part: TypeAlias = dict[str, Float64Array]
-"""A quantity and its derivatives by name, as far as they are known; shape (N, k) each."""
 
 _WRITING: Final = "run --outputs q,qd,qdd --out FILE writes what is read here"
 _DEGREES: Final = 'unit = "deg" for {} in [motion.columns]'  # for messages
@@ -67,58 +63,6 @@ _PLANAR: Final = {  # columns that a log in the plane leaves out together, and t
     ("phidd_x", "phidd_y"): ("phidd_z",),
 }
 _PHI: Final = {name: f"{name}_z" for name in EULER}  # results in the plane have one angle
-
-
-class LogLayout:
-    """Names and units of the columns that the log of what moves may have: those of body 1 or the base, and of joints.
-
-    Args:
-        subject: what moves.
-        sequence: axes of the Euler angles.
-    """
-
-    def __init__(self, subject: Subject, sequence: object) -> None:
-        self.moves_base = bool(subject.base_names)
-        arrays = dict(LOG_ARRAYS) if self.moves_base else {}
-        if subject.pair is None:
-            arrays |= {f"q{ending}": tuple(name + ending for name in subject.names) for ending in RATE_SUFFIXES}
-        self.columns = tuple(dict.fromkeys(("t", *(column for own in arrays.values() for column in own))))
-        #: names of the columns of each array; a joint may be called q
-        self.arrays = {name: own for name, own in arrays.items() if own == (name,) or name not in self.columns}
-        self._array_of = {
-            column: name for name, own in self.arrays.items() if name not in ("q", "qd", "qdd") for column in own
-        }
-        self._units = {"t": "s", "phi": "rad", "phid": "rad/s", "phidd": "rad/s^2"}
-        for joint in subject.joints:
-            for ending, per in zip(RATE_SUFFIXES, ("", "/s", "/s^2"), strict=True):
-                self._units[joint.name + ending] = joint.unit + per
-        self.hinges = [joint.name for joint in subject.joints if joint.unit == "rad"]
-        self.headings = headings_among(self.arrays.get("phi", ()), sequence)
-        results = (
-            {*SPACE.levels, *PLANE.levels}
-            if subject.pair is not None
-            else {*FRAME_OUTPUTS, "quat", "tau", "length", "rate", "force"}
-        )
-        #: beginnings (up to the first `_`) of the names of columns that hold results
-        self.result_prefixes = results | {"force1", "torque1"}
-
-    def unit_of(self, column: str) -> str:
-        """Return the SI unit of a column."""
-        array = self._array_of.get(column, column)
-        return self._units.get(column) or self._units.get(array) or unit_of(array)
-
-    def columns_of(self, name: str) -> tuple[str, ...]:
-        """Return the names of the columns that form an array; of another name, which is a column's, itself."""
-        return self.arrays.get(name, (name,))
-
-    def vocabulary(self) -> Vocabulary:
-        """Return the names that columns may have."""
-
-        def components(name: str, shape: tuple[int, ...]) -> Any:
-            """Return the columns that form an array; one column may have another name, such as phi in a plane."""
-            return self.arrays.get(name, name) if shape else _PHI.get(name, name) if self.moves_base else name
-
-        return Vocabulary(self.columns, self.unit_of, components, self.headings)
 
 
 def log_path(table: Table, folder: Path) -> Path | ColumnTable:
@@ -140,11 +84,10 @@ class Log(NamedSource):
     Args:
         path: the file, or a table in its place.
         subject: what moves.
-        table: [motion] of the scene, whose keys `columns` and `ignore` say how the file's columns are read.
+        table: [motion] of the scene, whose key `columns` says how the file's columns are read.
 
     Attributes:
         columns: the columns.
-        layout: their names and units.
         t: instants [s], as they are counted in the scene.
         since: time since the first instant [s].
         notes: sentences on instants and on units.
@@ -155,17 +98,29 @@ class Log(NamedSource):
     def __init__(self, path: Path | ColumnTable, subject: Subject, table: Table) -> None:
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
         self._has_lines = isinstance(path, Path) and path.suffix.lower() == ".csv"
-        self._sequence = table.values.get("sequence", "XYZ")
-        self.layout = LogLayout(subject, self._sequence)
+        self._subject, self._sequence = subject, table.values.get("sequence", "XYZ")
         self.notes: list[str] = []
-        vocabulary = self.layout.vocabulary()
+        arrays = dict(LOG_ARRAYS) if subject.base_names else {}
+        if subject.pair is None:
+            arrays |= {f"q{ending}": tuple(name + ending for name in subject.names) for ending in RATE_SUFFIXES}
+        self._known = tuple(dict.fromkeys(("t", *(column for own in arrays.values() for column in own))))
+        # A joint may be called q.
+        self._arrays = {name: own for name, own in arrays.items() if own == (name,) or name not in self._known}
+        self._headings = headings_among(self._arrays.get("phi", ()), self._sequence)
+
+        def components(name: str, shape: tuple[int, ...]) -> Any:
+            """Return the columns that form an array; one column may have another name, such as phi in a plane."""
+            return self.columns_of(name) if shape else _PHI.get(name, name) if subject.base_names else name
+
+        vocabulary = Vocabulary(self._known, subject.unit, components, self._headings)
         with self.naming():
             columns = open_columns(path)
         with table.naming():
             sources = read_sources(table.values.get("columns", {}), vocabulary, columns)
         with self.naming():
+            translated = "columns" in table.values
             self.columns, stated = read_recorded(
-                columns, sources, vocabulary, lambda names: self._chosen(names, sources, table)
+                columns, sources, vocabulary, lambda names: self._chosen(names, sources, translated)
             )
             if "t" not in self.columns:
                 self.refuse("t", "a column", "no such column")
@@ -183,51 +138,47 @@ class Log(NamedSource):
         self.t = np.asarray(read_only(t))
         self.since = t - t[0]
 
-    def _chosen(self, names: list[str], sources: Mapping[str, ColumnSource], table: Table) -> list[str]:
-        """Return the columns of the file to read, without those of [motion] ignore; leave unknown ones out if there
-        are `sources`, and otherwise refuse them.
+    def columns_of(self, name: str) -> tuple[str, ...]:
+        """Return the names of the columns that form an array; of another name, which is a column's, itself."""
+        return self._arrays.get(name, (name,))
+
+    def unit_of(self, column: str) -> str:
+        """Return the SI unit of a column."""
+        return self._subject.unit(column)
+
+    def _chosen(self, names: list[str], sources: Mapping[str, ColumnSource], translated: bool) -> list[str]:
+        """Return the columns of the file to read; leave unknown ones out if names are `translated`, and otherwise
+        refuse them.
         """
         self._file_columns = names
-        left_out = table.values.get("ignore", [])
-        if not isinstance(left_out, list) or not all(isinstance(name, str) for name in left_out):
-            table.fail("ignore", 'a list of names of columns, such as ["temperature"]')
-        ignored = {column for name in left_out for column in self.layout.columns_of(name)}
-        for name in sorted(ignored.difference(names)):
-            expected = f"names of columns of the log in motion.ignore{nearest(name, tuple(names))}"
-            self.refuse(repr(name[:40]), expected, "no such column")
-        known_names = (*self.layout.columns, *(source.column for source in sources.values()))
-        if sources:  # the file is another's: what it has beside them is not ours to know
-            others = [name for name in names if name not in {*known_names, *ignored}]
-            if others:
-                self.notes.append(f"columns that were not read: {', '.join(others[:20])}")
-            ignored.update(others)
-        for name in names:
-            if name not in ignored and name not in known_names:
-                got = f"an unknown column{nearest_column(name, known_names)}"
-                if name.partition("_")[0] in self.layout.result_prefixes:
-                    got = f"a column of results, which are no motion ({_WRITING})"
-                expected = (
-                    f"{choices(known_names)}; [motion] ignore = [{name[:40]!r}] leaves the column out, and "
-                    '[motion.columns] names the columns of another program, such as t = "Time"'
-                )
-                self.refuse(repr(name[:40]), expected, got)
-        return [name for name in names if name not in ignored]
+        known = (*self._known, *(source.column for source in sources.values()))
+        unknown = [name for name in names if name not in known]
+        if translated and unknown:  # the file is another's: what else it has is not ours to know
+            self.notes.append(f"columns that were not read: {', '.join(unknown[:20])}")
+        elif unknown:
+            name, got = unknown[0], f"an unknown column{nearest_column(unknown[0], known)}"
+            item = self._subject.item(name)
+            if item is not None and item.of != "joint":
+                got = f"a column of results, which are no motion ({_WRITING})"
+            expected = (
+                f'{choices(known)}; [motion.columns] names the columns of another program, such as t = "Time", and '
+                "leaves others out, even as an empty table"
+            )
+            self.refuse(repr(name[:40]), expected, got)
+        return [name for name in names if name in known]
 
     def _judge_units(self, stated: Set[str]) -> None:
         """Add notes on columns that are probably not in SI units, unless they are in `stated`."""
-        base = ["phi_x", "phi_y", "phi_z"] * self.layout.moves_base
-        angles = {
-            name: self.columns[name]
-            for name in (*base, *self.layout.hinges)
-            if name in self.columns and name not in stated
-        }
+        hinges = [joint.name for joint in self._subject.joints if joint.unit == "rad"]
+        written = {name: own for name, own in self.columns.items() if name not in stated}
+        angles = {name: written[name] for name in (*self.columns_of("phi"), *hinges) if name in written}
         self.notes += doubts_about_angles(
-            angles, lambda name: (_HEADINGS if name in self.layout.headings else _DEGREES).format(name)
+            angles, lambda name: (_HEADINGS if name in self._headings else _DEGREES).format(name)
         )
-        judged = dict.fromkeys((f"{name}d" for name in self.layout.hinges), "rate")
-        judged |= {"qx": "quaternion x", "omega1": "gyroscope"} if self.layout.moves_base else {}
+        judged = dict.fromkeys((f"{name}d" for name in hinges), "rate")
+        judged |= {"qx": "quaternion x", "omega1": "gyroscope"} if self._subject.base_names else {}
         for name, quantity in judged.items():
-            names = self.layout.columns_of(name)
+            names = self.columns_of(name)
             if stated.isdisjoint(names) and all(column in self.columns for column in names):
                 values = np.stack([self.columns[column] for column in names], axis=-1)
                 rows = values if len(names) > 1 else values[:, 0]
@@ -248,7 +199,7 @@ class Log(NamedSource):
 
     def _complete_planar_columns(self, absence: str) -> None:
         """Add what a log of a motion in the plane leaves out, as zeros; a note on them starts with `absence`."""
-        added = planar_zeros(self.columns, _PLANAR, self._sequence) if self.layout.moves_base else []
+        added = planar_zeros(self.columns, _PLANAR, self._sequence) if self._subject.base_names else []
         self.columns |= dict.fromkeys(added, np.zeros(len(self.columns["t"])))
         if "psi" in self.columns and {*self.columns} <= {"t", *HINGE_NAMES}:
             order = max(k for k, name in enumerate(HINGE_NAMES) if name in self.columns)
@@ -259,25 +210,22 @@ class Log(NamedSource):
         if added:
             self.notes.append(f"{absence} {', '.join(added)}: they were taken as 0, as of a motion in the plane")
 
-    def quantity_and_rates(self, names: tuple[str, ...]) -> Part:
-        """Return a quantity and its derivatives as a dict of arrays by name, as far as the log has them; refuse a log
-        that lacks the quantity or some of the columns of an array. `names` are the names of the quantity and of its
-        derivatives, by order.
+    def derivatives(self, names: tuple[str, ...]) -> list[Any]:
+        """Return a quantity and its derivatives, whose names are given, None where the log has no column of a
+        derivative; refuse a log that lacks the quantity or some of the columns of an array.
         """
-        arrays: Part = {}
+        found: list[Any] = []
         for order, name in enumerate(names):
-            columns = self.layout.columns_of(name)
+            columns = self.columns_of(name)
             present = [column for column in columns if column in self.columns]
-            if order and not present:
-                continue
-            for column in columns:
+            for column in columns if present or not order else ():
                 if column not in self.columns:
                     since = f", since the log has {present[0]}" if present else ""
                     expected = f'a column{since}, or {column} = "NAME" in [motion.columns], which names it'
                     self.refuse(column, expected, f"no such column among {', '.join(self._file_columns[:20])}")
-            array = np.stack([self.columns[column] for column in columns], axis=-1)
-            arrays[name] = array if name in self.layout.arrays else array[:, 0]
-        return arrays
+            array = np.stack([self.columns[column] for column in columns], axis=-1) if present else None
+            found.append(array if array is None or name in self._arrays else array[:, 0])
+        return found
 
     def check_finite(self, name: str, array: Float64Array) -> None:
         """Refuse an array, which is to be integrated, with a number that is not finite."""
@@ -285,7 +233,7 @@ class Log(NamedSource):
         for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
             line = f", line {self._kept_rows[sample] + 2} of the file" if self._has_lines else ""
             got = f"{columns[sample, i]} at sample {sample}{line}, t = {self.t[sample]:.10g} s"
-            self.refuse(self.layout.columns_of(name)[i], "finite numbers, to be integrated", got)
+            self.refuse(self.columns_of(name)[i], "finite numbers, to be integrated", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
         """Return the rotation matrices (N, 3, 3) of quaternions (x, y, z, w), shape (N, 4)."""
