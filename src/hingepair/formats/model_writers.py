@@ -28,8 +28,8 @@ from hingepair.mechanism.bodies.shapes import BodyDrawing
 from hingepair.mechanism.building.pairs import tree_of_pair
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.pairs.geometry import check_pair, check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.requests import check_pair, check_single_pair
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, check_choice
 from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations.joints import HINGE, SLIDER, Axis
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.body import Body
-from hingepair.mechanism.pairs.geometry import check_single_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.requests import check_single_pair
 from hingepair.numeric.arrays import Frozen, call_text, finite_number, set_frozen
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
 

@@ -9,15 +9,18 @@ other becomes a `Request`: the pair or the robot says what it computes and from 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NamedTuple, Protocol
+import functools
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.engine.backend import execution_of
+from hingepair.engine.backend import Execution, execution_of
 from hingepair.engine.results import Results
 from hingepair.equations.quantities import QUANTITIES
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.options import (
     BASE,
     DYNAMICS,
@@ -46,9 +49,10 @@ from hingepair.mechanism.states import (
     PlanarState,
 )
 from hingepair.numeric.arrays import one_constant
-from hingepair.plans.arguments import check_out
+from hingepair.plans.arguments import check_out, requested_outputs
 from hingepair.plans.computation import Cache, Computation
-from hingepair.plans.pairs import ACCELERATIONS, FORCES, PLANE, SPACE, PairKind
+from hingepair.plans.pairs import ACCELERATIONS, FORCES, LOADS, PLANE, SPACE, PairKind
+from hingepair.plans.prepared import Prepared
 from hingepair.plans.trees import DYNAMICS_MATRICES, FRAME_OUTPUTS, JACOBIANS
 
 
@@ -59,11 +63,11 @@ class Task(NamedTuple):
     outputs: tuple[str, ...]
     result: type[Results] | None = None  # None: the only output as an array
     options: tuple[str, ...] = OUT  # those of the method
-    masses: tuple[str, ...] = ()  # bodies of a pair that need mass properties
-    hint: str = ""  # end of the message where body 1 has none: what to call instead
 
 
 MOTION_LEVELS: Final = ("pose", "velocity", "acceleration")  # tasks of motion, by the order of the time derivative
+PUSHES: Final = frozenset(("tau", *LOADS))
+"""Arguments of which forward dynamics have one at least."""
 ROWS: Final = ("q", "qd", "qdd")
 """Names of all coordinates, and of their derivatives."""
 PARTS_OF_LOOPS: Final = ("loop_gaps", "loop_jacobian", "loop_wrenches", "tree_tau")
@@ -111,11 +115,9 @@ ROBOT_TASKS: Final[Mapping[str, Task]] = {
 """All that can be asked of a robot."""
 SOLVED: Final = ROBOT_TASKS["forward_dynamics"].outputs  # NaN where nothing resists
 
-BODIES: Final = ("body1", "body2")  # attributes of a pair that hold its mass properties
 _MOVED: Final = ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd")  # arguments of inverse dynamics
 _PLACED: Final = ("R1", "S1", "v1", "omega1", "psi", "psid")  # arguments of energy and momentum
 _WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque")  # outputs of hinge_wrench
-_HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"  # where body 1 has no mass
 STATES: Final[Mapping[PairKind, type[PairState | PlanarState]]] = {SPACE: PairState, PLANE: PlanarState}
 """Classes of the state of a pair."""
 
@@ -128,11 +130,11 @@ def _of_pair(kind: PairKind, moved: tuple[str, ...], placed: tuple[str, ...], so
     state = STATES[kind]
     return {
         **{level: Task(ROWS[: k + 1], kind.default_outputs(k), state, EULER) for k, level in levels},
-        "inverse_dynamics": Task(moved, FORCES, Forces, GRAVITY, BODIES, _HINT),
-        "hinge_wrench": Task(moved, _WRENCH, HingeWrench, GRAVITY, ("body2",)),
+        "inverse_dynamics": Task(moved, FORCES, Forces, GRAVITY),
+        "hinge_wrench": Task(moved, _WRENCH, HingeWrench, GRAVITY),
         "forward_dynamics": solved,
-        "energy": Task(placed, ("kinetic", "potential"), Energy, GRAVITY, ("body2",)),
-        "momentum": Task(placed, ("linear", "angular"), Momentum, OUT, BODIES),
+        "energy": Task(placed, ("kinetic", "potential"), Energy, GRAVITY),
+        "momentum": Task(placed, ("linear", "angular"), Momentum),
     }
 
 
@@ -141,18 +143,18 @@ PAIR_TASKS: Final[Mapping[PairKind, Mapping[str, Task]]] = {
     SPACE: {
         **_of_pair(
             SPACE, _MOVED, _PLACED,
-            Task((*_OF_BODY1, *FORCES), ACCELERATIONS, Accelerations, GRAVITY, BODIES),
+            Task((*_OF_BODY1, *FORCES), ACCELERATIONS, Accelerations, GRAVITY),
         ),
         "from_body1": Task((), (), PairState, ("outputs", *OUT)),
         "jacobian": Task(("S1", "psi"), ("jacobian",)),
         "acceleration_bias": Task(_OF_BODY1, ("acceleration_bias",)),
-        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), None, OUT, BODIES),
+        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",)),
     },
     PLANE: {
         **_of_pair(
-            PLANE, ROWS, ROWS[:2], Task(("q", "qd", *FORCES), ("qdd",), None, GRAVITY, BODIES)
+            PLANE, ROWS, ROWS[:2], Task(("q", "qd", *FORCES), ("qdd",), None, GRAVITY)
         ),
-        "mass_matrix": Task(("q",), ("mass_matrix",), None, OUT, BODIES),
+        "mass_matrix": Task(("q",), ("mass_matrix",)),
     },
 }  # fmt: skip
 """All that can be asked of pairs in space and in the plane."""
@@ -179,19 +181,106 @@ class Request(NamedTuple):
     lasts: bool = True  # whether the next such call is the same
 
 
-class Subject(Protocol):
-    """A pair or a robot."""
+class Planned(NamedTuple):
+    """A prepared call: what is computed, and from what."""
 
-    @property
-    def _cache(self) -> Cache:
-        """What is made once for it."""
+    computation: Computation
+    options: Mapping[str, Any]  # of `prepare`, as they make the call anew
+    watch: Watch | None = None
+    further: tuple[str, ...] = ()  # names of arguments behind those that are named
 
-    @property
-    def _tasks(self) -> Mapping[str, Task]:
-        """What can be asked of it."""
+
+class Subject:
+    """A pair or a robot: what can be asked of it, and its computations, which are made once."""
+
+    tasks: Mapping[str, Task]
+    inputs: Collection[str]  # that a prepared call can take
+    _further_words: tuple[str, ...] = ()  # words that `prepare` takes beside the tasks
+
+    def __init__(self, gravity: tuple[float, ...]) -> None:
+        self.cache, self.gravity = Cache(), gravity
 
     def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
         """Return the request of a method's call."""
+        raise NotImplementedError
+
+    def _planned(self, task: str | None, names: tuple[str, ...], outputs: tuple[str, ...], options: Any) -> Planned:
+        """Return what a prepared call computes: of a task, or of arguments with these names."""
+        raise NotImplementedError
+
+    def _accepted(self, names: tuple[str, ...]) -> Collection[str]:
+        """Return the outputs that a prepared call with these arguments can have."""
+        raise NotImplementedError
+
+    def available(self, outputs: tuple[str, ...]) -> tuple[str, ...]:
+        """Return those of the outputs of a task that exist."""
+        return outputs
+
+    def named(self, given: str | Iterable[str]) -> tuple[str, ...]:
+        """Return the names of the arguments of a prepared call: of a task, or as they are given."""
+        words = tuple(name for name, task in self.tasks.items() if task.given and name not in PARTS_OF_LOOPS)
+        if isinstance(given, str) and given in words:
+            return self.tasks[given].given
+        if isinstance(given, str) or not isinstance(given, Iterable):
+            known = *words, *self._further_words
+            near = nearest(given, known) if isinstance(given, str) else ""
+            raise ArgumentError("given", f"{choices(known)}, or a tuple of names{near}", quoted(given))
+        names = tuple(given)
+        for name in names:
+            if name not in self.inputs:
+                raise ArgumentError("given", choices(tuple(self.inputs)), quoted(name))
+        if len({*names}) < len(names):
+            raise ArgumentError("given", "each name once", quoted(names))
+        return names
+
+    def prepare(
+        self,
+        prepare: Callable[..., Prepared],
+        given: str | Iterable[str],
+        outputs: Iterable[str] | None,
+        gravity: ArrayLike,
+        execution: Execution,
+        **options: Any,
+    ) -> Prepared:
+        """Return what the method `prepare` of the pair or robot describes, by which the call is made anew."""
+        names, word = self.named(given), given if isinstance(given, str) else None
+        if isinstance(outputs, Iterable) and not isinstance(outputs, str):
+            outputs = tuple(outputs)
+        task = word or (motion_level(names) if PUSHES.isdisjoint(names) else "forward_dynamics")
+        default = self.available(self.tasks[task].outputs)
+        asked = requested_outputs(outputs, None, self._accepted(names), default)
+        planned = self._planned(word, names, asked, options)
+        computation, all_names = planned.computation, (*names, *planned.further)
+        for output in asked:
+            if missing := computation.missing_inputs(output, all_names):
+                expected = f"names with {', '.join(missing)}, which output {output} needs"
+                raise ArgumentError("given", expected, ", ".join(all_names))
+        remade = functools.partial(
+            prepare, word or names, outputs=outputs, gravity=gravity, workers=execution.workers,
+            backend=execution.backend, **planned.options,
+        )  # fmt: skip
+        vector = read_gravity(gravity, self.gravity)
+        return Prepared(computation, all_names, execution, vector, remade, planned.watch)
+
+
+def warn_where_singular(name: str, bad: Any, pivots: Any, limits: Any, labels: Sequence[str]) -> None:
+    """Issue a DynamicsWarning that names what no inertia resists, where accelerations are NaN for that.
+
+    Args:
+        name: name of the pair or robot.
+        bad: whether accelerations are NaN; (...,).
+        pivots: of the mass matrix; (..., k), those of joints first.
+        limits: sizes below which they are rounding; 0 where they cannot be that small.
+        labels: what they stand for; those of a free base are alike.
+    """
+    low = ~(np.abs(pivots) > limits) & (limits > 0) & bad[..., None]  # NaN are low
+    if low.any():
+        first = low.reshape(-1, low.shape[-1])[int(np.argmax(low.any(axis=-1)))]
+        count = int(low.any(axis=-1).sum())
+        where = f"at {count} of {bad.size} samples" if bad.shape else "here"
+        of_joints = [k for k, is_low in enumerate(first) if is_low and labels[k] != labels[-1]]
+        which = labels[of_joints[-1] if of_joints else -1]
+        warn_of_dynamics(f"{name}: no mass resists {which} {where}; accelerations are NaN there")
 
 
 def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names: tuple[str, ...] = ()) -> Any:
@@ -210,7 +299,7 @@ def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names:
         out = options.pop("out", None)
         asked = tuple(out) if type(out) is dict and "outputs" not in options else None  # outputs that `out` asks for
         key = task, names, asked, *options, *options.values()
-    cache = subject._cache
+    cache = subject.cache
     try:
         kept = cache.calls.get(key)
     except TypeError:  # an option that cannot be hashed
@@ -225,7 +314,7 @@ def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names:
             if watch is not None:
                 watch(result, dict(zip(call.argument_shapes, values, strict=True)))
             return result
-    row = subject._tasks[task]
+    row = subject.tasks[task]
     check_options(_METHODS.get(task, task), options, row.options)
     execution = execution_of(options.get("backend", "auto"), options.get("workers", 1))
     given = dict(zip(names or row.given, values, strict=bool(names)))
@@ -253,8 +342,8 @@ def read_gravity(gravity: ArrayLike, default: tuple[float, ...]) -> tuple[float,
 
 
 def motion_level(given: Mapping[str, Any] | Sequence[str]) -> str:
-    """Return the task of motion for which coordinates of these names suffice."""
-    return MOTION_LEVELS[sum(name in given for name in ROWS[1:])]
+    """Return the task of motion for which arguments of these names suffice."""
+    return MOTION_LEVELS[sum(name in given or other in given for name, other in (("qd", "psid"), ("qdd", "psidd")))]
 
 
 def coordinate_rows(q: Any, qd: Any, qdd: Any) -> tuple[Any, ...]:

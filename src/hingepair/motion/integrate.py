@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import Execution, execution_of, execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError
-from hingepair.mechanism.pairs.geometry import Constants, check_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.requests import computation_of
+from hingepair.mechanism.pairs.requests import PairRequests, check_pair, constants_of
 from hingepair.mechanism.requests import STATES
 from hingepair.motion.magnus import AngleIntegral, AttitudeIntegral, Integral
 from hingepair.motion.signals import SampledSignal, interpolate, read_position, read_signal
@@ -206,23 +205,23 @@ def integrate(
     return trajectory
 
 
-def _state(pair: Constants, outputs: tuple[str, ...], inputs: Mapping[str, Any], execution: Execution) -> Any:
+def _state(pair: PairRequests, outputs: tuple[str, ...], inputs: Mapping[str, Any], execution: Execution) -> Any:
     """Return the outputs at all instants as a `PairState`."""
     result, shape = STATES[pair.kind], inputs["psi"].shape
     if not outputs:
         return result({}, shape)
     needed = {name: inputs[name] for name in inputs if name in _needed_inputs(pair, outputs)}
-    call = computation_of(pair, outputs, result=result).call(tuple(needed), execution.backend)
+    call = pair.computation(outputs, result=result).call(tuple(needed), execution.backend)
     return call.run(needed, {"t": shape}, workers=execution.workers)
 
 
-def _needed_inputs(pair: Constants, outputs: tuple[str, ...]) -> set[str]:
+def _needed_inputs(pair: PairRequests, outputs: tuple[str, ...]) -> set[str]:
     """Return the names of the inputs that outputs need, the constants of the pair apart."""
-    computation = computation_of(pair, outputs)
+    computation = pair.computation(outputs)
     return {name for one in outputs for name in computation.missing_inputs(one, ())} | {"S1", "psi"}
 
 
-def _checked_outputs(pair: Constants, outputs: Outputs, arguments: Set[str]) -> tuple[str, ...]:
+def _checked_outputs(pair: PairRequests, outputs: Outputs, arguments: Set[str]) -> tuple[str, ...]:
     """Return the names of the outputs, all of body 2 for which the `arguments` suffice if `outputs` is None; refuse
     those that need more.
     """

@@ -13,9 +13,8 @@ from hingepair.errors import ArgumentError, SimulationError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeTorque
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.pairs.geometry import check_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.requests import pivot_limits
+from hingepair.mechanism.pairs.requests import check_pair, constants_of
 from hingepair.motion.given import LoadArgument
 from hingepair.motion.simulated import JOINT_OF_PAIR
 from hingepair.numeric.arrays import Float64Array as Array
@@ -65,7 +64,7 @@ def pair_as_robot(
     moving, moves_body1 = callable(base), base in ("free", "pinned")
     if moving and body1 is not None:
         raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
-    if pair.body2 is not None and pivot_limits(constants_of(pair))[0] > 0:  # sizes below which pivots are rounding
+    if pair.body2 is not None and constants_of(pair).pivot_limits[0] > 0:  # what is below is rounding
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off"
         raise ArgumentError("pair.body2", expected, pair.body2)
     held = "free" if moves_body1 else "fixed"

@@ -14,8 +14,8 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.requests import constants_of
 from hingepair.numeric.arrays import check_choice
 from hingepair.pictures.curves import (
     PATHS,

@@ -1,6 +1,6 @@
-"""The constants of a pair's tree, made in its program of the geometry and the masses, for derivatives by them.
+"""The constants of a pair's tree without masses, made in its program of the geometry, for derivatives by it.
 
-Pairs make these constants once, in another way that rounds less (`pair.geometry`).
+Pairs make these constants once, in another way that rounds less (`mechanism.pairs.geometry`).
 """
 
 from __future__ import annotations
@@ -23,26 +23,16 @@ from hingepair.equations.spatial import (
     subtract,
     transpose,
 )
-from hingepair.equations.trees import Matter, Placement, with_carried
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.fronts import Front
 
-_IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-_ROTOR: Final = (0.0, 1.0, 0.0)  # armature, multiplier and offset of a joint that has no motor and follows none
-
-GEOMETRY_SHAPES: Final[Mapping[str, ArrayShape]] = {
-    **{"masses": (2,), "first_moments": (2, 3), "inertias": (2, 6)},
-    **{"u1": (3,), "u2": (3,), "n": (3,), "home": (3, 3)},
-}
-"""Shapes of the constants by which outputs of a pair in space can be differentiated."""
-
-HIDDEN_SHAPES: Final[Mapping[str, ArrayShape]] = {"least_axis": (3,), "least_pivots": (3,)}
-"""Shapes of constants that come with them: the axis x, y or z of body 1 that is farthest from n; and what pivots of
-the hinge, of forces and of torques on body 1 have to exceed."""
+GEOMETRY_SHAPES: Final[Mapping[str, ArrayShape]] = {"u1": (3,), "u2": (3,), "n": (3,), "home": (3, 3)}
+"""Shapes of the constants by which kinematics of a pair in space can be differentiated. The axis x, y or z of body 1
+that is farthest from n, least_axis, comes with them."""
 
 
 class Geometry(Front):
-    """The constants of the tree, given as geometry and masses.
+    """The constants of the tree, given as geometry.
 
     Args:
         given: values by name.
@@ -50,7 +40,7 @@ class Geometry(Front):
     """
 
     needs: ClassVar = {
-        "numbers": (*GEOMETRY_SHAPES, *HIDDEN_SHAPES, "points"),
+        "numbers": (*GEOMETRY_SHAPES, "least_axis", "points"),
         **dict.fromkeys(("e1", "e2"), ("n", "least_axis")),
         **dict.fromkeys(("e1_in_2", "e2_in_2", "n_in_2"), ("n", "least_axis", "home")),
     }
@@ -66,10 +56,6 @@ class Geometry(Front):
         axes = matrix_from_columns(self.e1, self.e2, n)
         turn = compose(transpose(axes), home)
         arm = scale(rotate(turn, u2), -1.0)  # from the hinge point to R2
-        base, second = self._matter(0), self._matter(1)
-        nothing = Matter(0.0, ZERO_VECTOR, (0.0,) * 6)
-        moved = with_carried(nothing, Placement(turn, None, arm), second)
-        hinge, force, torque = self.given["least_pivots"]
         frames = [*arm, *self._lever(scale(rotate(home, u2), -1.0))]
         positions = iter(self.given["points"]) if self._bodies else iter(())
         for body, p in zip(self._bodies, zip(positions, positions, positions, strict=True), strict=True):
@@ -77,11 +63,8 @@ class Geometry(Front):
                 frames += [*p, *p, *ZERO_VECTOR, *ZERO_VECTOR]
             else:
                 frames += [*add(arm, rotate(turn, p)), *self._lever(rotate(home, subtract(p, u2)))]
-        return (
-            base.mass, *base.first, *base.second,
-            *axes, *u1, moved.mass, *moved.first, *moved.second, *_ROTOR, hinge,
-            force, torque, *frames,
-        )  # fmt: skip
+        nothing, rotor = (0.0,) * 10, (0.0, 1.0, 0.0)  # masses; no motor, and it follows none
+        return (*nothing, *axes, *u1, *nothing, *rotor, 0.0, 0.0, 0.0, *frames)
 
     def _lever(self, arm: Vector) -> tuple[Any, ...]:
         """Return the lever of a frame, of which `arm` leads from the hinge point to it, in body-1 axes at psi = 0."""
@@ -123,11 +106,3 @@ class Geometry(Front):
         volume = dot(a, sides[0])
         x, y, z = (dot(side, v) / volume for side in sides)
         return x, y, z
-
-    def _matter(self, body: int) -> Matter:
-        """Return the matter of body 1 (`body` 0) or 2 (1), about its reference point, in its axes."""
-        masses, moments, inertias = (self.given[name] for name in ("masses", "first_moments", "inertias"))
-        xx, xy, yy, xz, yz, zz = inertias[6 * body : 6 * body + 6]  # Pinocchio's order
-        half = 0.5 * (xx + yy + zz)
-        first = moments[3 * body : 3 * body + 3]
-        return Matter(masses[body], first, (half - xx, -xy, -xz, half - yy, -yz, half - zz))

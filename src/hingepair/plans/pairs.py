@@ -33,7 +33,7 @@ from hingepair.plans.fronts import (
     euler_angles,
     needed_names,
 )
-from hingepair.plans.geometry import GEOMETRY_SHAPES, HIDDEN_SHAPES, Geometry
+from hingepair.plans.geometry import GEOMETRY_SHAPES, Geometry
 from hingepair.plans.trees import (
     BASE_SHAPES,
     JOINT_SHAPES,
@@ -356,7 +356,7 @@ class PairRequest(NamedTuple):
     sequence: str | None = None  # of the Euler angles, where q is given
     points: tuple[Point, ...] = ()  # of the pair; frames of the tree behind that of body 2, in this order
     varied: tuple[int, ...] = ()  # places of the constants that differ from sample to sample
-    by_geometry: bool = False  # whether the constants are made of geometry and masses, which are given
+    by_geometry: bool = False  # whether the constants are made of the geometry, which is given
     has_home: bool = True  # whether C differs from the identity
 
     @property
@@ -392,14 +392,14 @@ class PairRequest(NamedTuple):
         for name in self.outputs:
             if name in self.given:
                 names.add(name)
-            elif "S2" in self.given and name in CONSTRAINTS:
+            elif self._is_of_both(name):
                 names |= needed_names(fronts, CONSTRAINTS[name][0])
             else:
                 names |= needed_names(fronts, _output(self, name).inputs)
                 constants = True
         shapes = {**(PLANE if self.planar else SPACE).shapes}
         if self.by_geometry:
-            shapes |= {**GEOMETRY_SHAPES, **HIDDEN_SHAPES}
+            shapes |= {**GEOMETRY_SHAPES, "least_axis": (3,)}
         if constants and self.by_geometry:
             shapes["points"] = (3 * len(self.points),)
             names |= needed_names(fronts, ("numbers",)) - ({"points"} if not self.points else set())
@@ -409,6 +409,10 @@ class PairRequest(NamedTuple):
             shapes["samples"] = (len(self.varied),)
             names |= {"constants", "samples"} if self.varied else {"constants"}
         return {name: shapes[name] for name in sorted(names)}
+
+    def _is_of_both(self, name: str) -> bool:
+        """Return whether an output is one of two given motions; psi and its rates may be given."""
+        return name in CONSTRAINTS and ("S2" in self.given or not name.startswith("psi"))
 
     def compute(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return the outputs by name, each a scalar or a flat tuple of components, from the inputs by name."""
@@ -425,7 +429,7 @@ class PairRequest(NamedTuple):
         for name in self.outputs:
             if name in self.given:
                 found[name] = given[name]
-            elif "S2" in self.given and name in CONSTRAINTS:
+            elif self._is_of_both(name):
                 found[name] = CONSTRAINTS[name][1](constraints)
             else:
                 tree = tree or self._quantities(values)

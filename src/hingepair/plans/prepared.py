@@ -241,7 +241,7 @@ class Prepared:
         Args:
             given: the arguments, as a tuple in the order of the call.
             wrt: names of arguments out of `given`, by default all; or of constants: of a robot masses, first_moments,
-                inertias and lengths, of a pair the first three, u1, u2, n and home (see below).
+                inertias and lengths, of kinematics of a pair in space u1, u2, n and home (see below).
             out: arrays to write into, in the form of the result.
 
         Returns:
@@ -255,9 +255,7 @@ class Prepared:
             of the body's frame [kg m^2], (bodies, 6), in Pinocchio's order xx, xy, yy, xz, yz, zz. Each changes while
             the others stay. lengths [m], (joints, 3), are the positions of the joints in their parents' frames.
 
-            Those of a pair are body 1 and body 2, and the origins their reference points. n changes across itself
-            only, home along rotations about the axes of body 1 [rad]. A planar pair has no n and home; its
-            first_moments have the shape (2, 2), its inertias, about z, the shape (2,).
+            n changes across itself only, home along rotations about the axes of body 1 [rad].
 
         Raises:
             ArgumentError: the program has too many operations.

@@ -9,9 +9,9 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
+from hingepair.mechanism.pairs.requests import constants_of
 from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.scenes.load import SceneFile

@@ -15,10 +15,9 @@ from hingepair.equations.quantities import ACCELERATION, POSE, QUANTITIES, VELOC
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.pairs.geometry import constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
-from hingepair.mechanism.pairs.requests import check_masses, computation_of
+from hingepair.mechanism.pairs.requests import constants_of
 from hingepair.mechanism.requests import ROWS
 from hingepair.mechanism.robots.methods import requests_of
 from hingepair.mechanism.robots.requests import count_operations
@@ -383,7 +382,7 @@ class Subject:
 
     def _refuse_force(self, name: str) -> NoReturn:
         """Raise an ArgumentError for a force of a pair without the masses or the load that exerts it."""
-        check_masses({"body1": self.pair.body1} if name in _OF_BASE else {})
+        constants_of(self.pair).require_masses(("body1",) if name in _OF_BASE else ())
         part = name.removesuffix("_torque")
         raise ArgumentError("outputs", f"a load in [dynamics.psi] whose part {part} is", quoted(name))
 
@@ -427,7 +426,7 @@ class Subject:
                 return found
             tau = np.asarray(found.pop("tau") - sum(parts.values()), np.float64)
             return {"tau": tau, **{f"tau_{name}": tau[..., i] for i, name in enumerate(self.names)}, **found}
-        check_masses({"body2": self.pair.body2})
+        constants_of(self.pair).require_masses(("body2",))
         wrench = self.robot.joint_wrenches(*arguments, **options)[PSI[0]]
         axis = (known.body1.S @ np.asarray(self.space.n)[..., None])[..., 0]
         torque = (axis * wrench.torque).sum(axis=-1)
@@ -474,7 +473,7 @@ class Subject:
         names = tuple(dict.fromkeys(_ATTITUDES.get(item.quantity, item.quantity) for item in of_state))
         counts, base = [], known.base_motion
         if of_state and self.pair is not None:
-            computation = computation_of(constants_of(self.pair), names, known.sequence)
+            computation = constants_of(self.pair).computation(names, known.sequence)
             counts.append(computation.count_operations(dict(zip(ROWS, known.derivatives, strict=False))))
         elif of_state:
             arguments = known.arguments()[: 1 + order_of(of_state)]

@@ -16,9 +16,9 @@ import sympy
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, choices
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.pairs.geometry import check_single_pair, constants_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
+from hingepair.mechanism.pairs.requests import check_single_pair, constants_of
 from hingepair.mechanism.tree import Joint
 from hingepair.numeric.names import Names
 from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_among

@@ -17,10 +17,9 @@ from hingepair.mechanism.building.pairs import tree_of_pair
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.accuracy import euler_rate_sizes, unit_roundoff
-from hingepair.mechanism.pairs.geometry import check_pair
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.pairs.requests import read_rows
+from hingepair.mechanism.pairs.requests import check_pair, read_rows
 from hingepair.mechanism.robots.computations import BASE_LABELS, base_inputs
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant

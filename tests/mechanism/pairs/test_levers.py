@@ -8,7 +8,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, exactly, unit
-from hingepair.mechanism.pairs.geometry import constants_of, hinge_frames
+from hingepair.mechanism.pairs.requests import constants_of
 from hingepair.numeric.twofold import Twofold
 from support.states import generator, rotations
 
@@ -29,7 +29,7 @@ def test_frames_of_the_hinge_are_rounded_once(case):
     sizes, rng = CASES[case], generator(80)
     u1, u2, n = (rng.normal(size=(40, 3)) * size for size in sizes)
     home = rotations(rng, 40)
-    frames = hinge_frames(constants_of(hp.HingePair(u1=u1, u2=u2, n=n, home=home)))
+    frames = constants_of(hp.HingePair(u1=u1, u2=u2, n=n, home=home)).frames
     with mpmath.workdps(DIGITS):
         axis, arm = unit(n), -(exactly(home) @ exactly(u2)[..., None])[..., 0]
         e2 = unit(np.cross(exactly(n), np.eye(3)[np.argmin(np.abs(n), axis=-1)]))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.mechanism.pairs.geometry import constants_of
+from hingepair.mechanism.pairs.requests import constants_of
 from support.hinged import made
 from support.states import generator
 from support.states import pair as random_pair

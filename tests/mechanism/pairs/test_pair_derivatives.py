@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from types import SimpleNamespace
 
-import mpmath
 import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.bench.truth import DIGITS, exactly, unit
-from hingepair.mechanism.pairs.geometry import constants_of
-from support.exact import Exact, tree_of_pair
-from support.exact_robot import LETTERS
-from support.states import body1 as random_body
-from support.states import generator
 
 EPS = 2.0**-53
-CONSTANTS = ("masses", "first_moments", "inertias", "u1", "u2", "n", "home")
-ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # of inertias, in Pinocchio's order
-BODY1 = hp.Body(1.4, (0.1, -0.2, 0.3), inertia=((2, 0.2, -0.1), (0.2, 2.5, 0.3), (-0.1, 0.3, 3)))
-BODY2 = hp.Body(2.1, (-0.2, 0.3, 0.1), inertia=((3, -0.4, 0.2), (-0.4, 2, 0.1), (0.2, 0.1, 2.4)))
 HOME = hp.rotation_exp(np.array((0.3, -0.8, 0.5)))
-PAIR = hp.HingePair((0.5, -0.2, 0.1), (-0.3, 0.4, 0.2), (1, 2, -1.3), HOME, body1=BODY1, body2=BODY2)
+PAIR = hp.HingePair((0.5, -0.2, 0.1), (-0.3, 0.4, 0.2), (1, 2, -1.3), HOME)
 
 
 @pytest.fixture
@@ -77,82 +65,6 @@ def test_a_turn_of_home_turns_body_2_about_the_hinge_point(states):
     np.testing.assert_allclose(found["S2"]["home"], turns, rtol=0, atol=64 * EPS)
     moved = -np.cross(turns, (S2 @ PAIR.u2)[:, :, None], axis=1)
     np.testing.assert_allclose(found["R2"]["home"], moved, rtol=0, atol=64 * EPS)
-
-
-def forces_of(numbers, motion, psi):
-    """Forces in 60 digits, from masses, first moments and inertias about the reference points, u1, u2, n and home."""
-    masses, first, inertias, u1, u2, n, home = numbers
-    bodies = []
-    for m, h, J in zip(masses, first, inertias, strict=True):
-        c = h / m
-        full = np.empty((3, 3), object)
-        for (i, j), entry in zip(ENTRIES, J, strict=True):
-            full[i, j] = full[j, i] = entry
-        bodies.append((m, c, full - m * (exactly(np.eye(3)) * (c @ c) - np.outer(c, c))))
-    one, two = (SimpleNamespace(mass=m, centre_of_mass=c, inertia=J) for m, c, J in bodies)
-    pair = SimpleNamespace(u1=u1, u2=u2, n=n, home=home, body1=one, body2=two)
-    given = dict(zip(LETTERS, motion, strict=True)) | dict(
-        zip(("q", "qd", "qdd"), np.reshape(psi, (3, -1, 1)), strict=True)
-    )
-    force1, torque1, tau = Exact(*tree_of_pair(pair), True, given, (1.0, -2.0, -9.81)).forces
-    return {"force1": force1, "torque1": torque1, "hinge_torque": tau[:, 0]}
-
-
-@pytest.mark.slow(5)
-def test_forces_follow_constants_as_sixty_digits_say():
-    rng, step = generator(3), mpmath.mpf("1e-20")
-    motion = random_body(rng, 2)
-    psi = rng.normal(size=(3, 2))
-    pair = PAIR.prepare("inverse_dynamics", gravity=(1.0, -2.0, -9.81))
-    found = pair.jacobian((motion[1], motion[3], motion[4], motion[5], *psi), wrt=CONSTANTS)
-    with mpmath.workdps(DIGITS):
-        inertias = []
-        for body in (BODY1, BODY2):
-            c = exactly(body.centre_of_mass)
-            J = exactly(body.inertia) + exactly(body.mass) * (exactly(np.eye(3)) * (c @ c) - np.outer(c, c))
-            inertias.append(np.array([J[at] for at in ENTRIES]))
-        masses = exactly(np.array([BODY1.mass, BODY2.mass]))
-        first = masses[:, None] * exactly(np.stack([BODY1.centre_of_mass, BODY2.centre_of_mass]))
-        given = [masses, first, np.stack(inertias), exactly(PAIR.u1), exactly(PAIR.u2),
-                 unit(constants_of(PAIR).axis), exactly(PAIR.home)]  # fmt: skip
-        for k, name in enumerate(CONSTANTS):
-            shape = (3,) if name == "home" else given[k].shape
-            for index in np.ndindex(shape):
-                sides = []
-                for sign in (1, -1):
-                    change = exactly(np.zeros(shape))
-                    change[index] = sign * step
-                    if name == "home":
-                        x, y, z = change
-                        change = np.array([[0 * x, -z, y], [z, 0 * x, -x], [-y, x, 0 * x]]) @ given[k]
-                    sides.append(forces_of([*given[:k], given[k] + change, *given[k + 1 :]], motion, psi))
-                for output, ours in found.items():
-                    exact = ((sides[0][output] - sides[1][output]) / (2 * step)).astype(float)
-                    size = max(1.0, abs(ours[name]).max())
-                    np.testing.assert_allclose(ours[name][(..., *index)], exact, rtol=0, atol=64 * EPS * size)
-
-
-@pytest.mark.slow(8)
-def test_accelerations_take_back_what_constants_add_to_forces():
-    """M times the change of the accelerations, and that of the forces at these accelerations, make 0."""
-    rng = np.random.default_rng(5)
-    S1, (omega1, force1, torque1), psi = hp.rotation_exp(rng.normal(size=3)), rng.normal(size=(3, 3)), (0.4, -0.7)
-    forward = PAIR.prepare("forward_dynamics")
-    given = (S1, omega1, *psi, force1, torque1, 0.3)
-    a = forward(*given)
-    by = forward.jacobian(given, wrt=CONSTANTS)
-    still = PAIR.prepare("inverse_dynamics").jacobian((S1, omega1, a.a1, a.alpha1, *psi, a.psidd), wrt=CONSTANTS)
-    M = PAIR.mass_matrix(hp.BodyMotion(R=np.zeros(3), S=S1), psi[0])
-    for name in CONSTANTS:
-        moved, lacking = (
-            np.concatenate([np.atleast_2d(one[output][name].reshape(rows, -1)) for output, rows in parts])
-            for one, parts in (
-                (by, (("a1", 3), ("alpha1", 3), ("psidd", 1))),
-                (still, (("force1", 3), ("torque1", 3), ("hinge_torque", 1))),
-            )
-        )
-        near = 512 * EPS * np.linalg.cond(M) * max(1.0, abs(lacking).max())
-        np.testing.assert_allclose(M @ moved, -lacking, rtol=0, atol=near)
 
 
 @pytest.mark.slow(6)

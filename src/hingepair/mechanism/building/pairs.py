@@ -16,8 +16,9 @@ from hingepair.mechanism.bodies.shapes import BodyDrawing, LinkDrawing, placed_s
 from hingepair.mechanism.building.changes import add_frame
 from hingepair.mechanism.building.folding import JointPart, body_masses, fold_parts, written_joint
 from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
-from hingepair.mechanism.pairs.geometry import Points, constants_of
+from hingepair.mechanism.pairs.geometry import Points
 from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.requests import constants_of
 from hingepair.mechanism.robots.samples import JointSamples, Payload, Samples
 from hingepair.mechanism.tree import BASE_KINDS, NO_LOAD, Tree, check_name
 from hingepair.numeric.arrays import check_choice, read_only

@@ -6,9 +6,8 @@ Every constant is computed in twice the precision and rounded once. u1, u2, n, h
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from types import MappingProxyType, SimpleNamespace
-from typing import Any, Final, NamedTuple, Protocol, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,21 +15,21 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations import spatial as eq
 from hingepair.equations.derivatives import matrix_from_columns
 from hingepair.equations.quantities import QUANTITIES
-from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.mechanism.bodies.body import Body, inertial_parameters, moments_of
+from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body import Body, moments_of
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, constant, read_only
 from hingepair.numeric.blocks import Components, numbers
+from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import finite_axis, polar, scaled_by_power_of_two, times_power_of_two
-from hingepair.plans.computation import Cache
-from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE, PairKind, Point, point_outputs, point_shapes
+from hingepair.plans.pairs import POINT_ENDINGS, PairKind, Point, point_outputs, point_shapes
 from hingepair.rotations.matrices import check_rotation
 
 Points: TypeAlias = Mapping[str, NDArray[np.float64]]
 Bodies: TypeAlias = tuple[Body | None, Body | None]
 
 PIVOT_ROUNDING: Final = 64 * 2.0**-53  # a pivot of the mass matrix below this share of all inertia is rounding
-_IDENTITY: Final = read_only(np.eye(3))  # the default of home
+IDENTITY: Final = read_only(np.eye(3))  # the default of home
 _RESERVED: Final = {  # names that a point cannot have
     *QUANTITIES,
     *("home", "next_S1"),  # attitudes among the inputs of programs
@@ -80,22 +79,46 @@ def checked_points(argument: str, points: Mapping[str, ArrayLike] | None, size: 
     return MappingProxyType({name: constant(f"{argument}[{name!r}]", value, size) for name, value in points.items()})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Constants:
-    """Geometry and masses of a pair."""
+    """Geometry and masses of a pair, and the numbers of its programs, which are made once.
 
-    kind: PairKind  # in space or in the plane
-    arrays: Mapping[str, NDArray[np.float64]]  # u1 and u2 [m]; in space also n, of unit length, and home
-    points: tuple[Point, ...]  # fixed to the bodies
-    positions: tuple[NDArray[np.float64], ...]  # of the points, from the reference point of the body, its axes [m]
-    shape: tuple[int, ...]  # leading shape of the pair; () for a single pair
-    bodies: Bodies
-    axis: NDArray[np.float64] | None = None  # hinge axis as it was given, of any length; None for a planar pair
-    cache: Cache = field(default_factory=Cache, repr=False)
+    Args:
+        name: name of the pair.
+        kind: in space or in the plane.
+        arrays: u1 and u2 [m]; in space also n, of unit length, and home.
+        axis: hinge axis as it was given, of any length; None for a planar pair.
+        points: points of body 1 and of body 2 by name, from the reference point of the body, its axes [m]; checked.
+        bodies: mass properties of body 1 and of body 2.
+
+    Raises:
+        ArgumentError: a point stands twice.
+        ShapeError: leading axes do not broadcast.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        kind: PairKind,
+        arrays: Mapping[str, NDArray[np.float64]],
+        axis: NDArray[np.float64] | None,
+        points: tuple[Points, Points],
+        bodies: Bodies,
+    ) -> None:
+        self.name, self.kind, self.arrays, self.axis, self.bodies = name, kind, arrays, axis, bodies
+        for one in points[1]:
+            if one in points[0]:
+                raise ArgumentError("points2", "names that points1 does not have", quoted(one))
+        self.points = tuple(Point(one, body) for body, group in enumerate(points, 1) for one in group)
+        self.positions = (*points[0].values(), *points[1].values())
+        places = {**arrays, **points[0], **points[1]}
+        tails = {"home": 2}
+        self.shape = broadcast_shape(  # leading shape of the pair; () for a single pair
+            {one: array.shape[: array.ndim - tails.get(one, 1)] for one, array in places.items()}
+        )
+        self._given = name, kind, arrays, axis, tuple(map(dict, points)), bodies
 
     def __reduce__(self) -> tuple[Any, ...]:
-        fields = (self.kind.planar, self.arrays, self.points, self.positions, self.shape, self.bodies, self.axis)
-        return _constants_again, fields
+        return type(self), self._given
 
     @property
     def single(self) -> bool:
@@ -105,7 +128,7 @@ class Constants:
     @property
     def has_home(self) -> bool:
         """Whether home differs from the identity."""
-        return "home" in self.arrays and not (self.arrays["home"] == _IDENTITY).all()
+        return "home" in self.arrays and not (self.arrays["home"] == IDENTITY).all()
 
     @property
     def levels(self) -> Mapping[str, int | None]:
@@ -119,21 +142,60 @@ class Constants:
             {**self.kind.shapes, **point_shapes(self.points, self.kind.planar)} if self.points else self.kind.shapes
         )
 
+    @lock_free_cached_property
+    def frames(self) -> HingeFrames:
+        """The frames of the hinge.
 
-def _constants_again(planar: bool, *fields: Any) -> Constants:
-    return Constants(PLANE if planar else SPACE, *fields)
+        e1 is the axis of body 1 with the largest angle to n, made perpendicular to n; e2 = n x e1. Where n lies along
+        x, y or z, the axes are an exact permutation. The attitude of body 2 is home as it was given, and its hinge
+        axis n: a home that is a rotation to nine digits only opens no gap.
+        """
+        return _hinge_frames(self)
+
+    @lock_free_cached_property
+    def tree(self) -> TreeNumbers:
+        """The constants of the pair's tree without masses."""
+        return _tree_numbers(self, (0.0,) * 10, (0.0,) * 10, (0.0,) * 3)
+
+    @lock_free_cached_property
+    def tree_with_masses(self) -> TreeNumbers:
+        """The constants of the pair's tree; a body that is None has no mass."""
+        return _tree_numbers(self, *map(numbers, self.masses))
+
+    @lock_free_cached_property
+    def masses(self) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Mass, first and second moment, (..., 10), of body 1 about R1 in its axes, and of body 2 about the hinge
+        point in the tree's axes; and the `pivot_limits`.
+        """
+        return _masses(self)
+
+    @property
+    def pivot_limits(self) -> Float64Array:
+        """Sizes below which pivots of the hinge, of forces and of torques on body 1 are rounding, (..., 3); 0 where
+        they cannot be that small.
+        """
+        return self.masses[2]
+
+    @lock_free_cached_property
+    def constraint_vectors(self) -> dict[str, Components]:
+        """u1, u2, and e1, e2 and n in the axes of body 1 and, times C^-1, of body 2: the constants of E1 and E2.
+
+        With C^T instead, a home that is a rotation to only nine digits would appear as a tilt.
+        """
+        axes: Any = tuple(_rounded(self.frames.axes))
+        in_body1 = in_body2 = {"e1": axes[0::3], "e2": axes[1::3], "n": numbers(self.arrays["n"])}
+        if self.has_home:
+            inverse = np.linalg.inv(self.arrays["home"])
+            turned = {name: (inverse @ _joined(one)[..., None])[..., 0] for name, one in in_body1.items()}
+            in_body2 = {name: numbers(one) for name, one in turned.items()}
+        arms = {name: numbers(self.arrays[name]) for name in ("u1", "u2")}
+        return arms | in_body1 | {f"{name}_in_2": one for name, one in in_body2.items()}
 
 
-def spatial_constants(
-    u1: ArrayLike,
-    u2: ArrayLike,
-    n: ArrayLike,
-    home: ArrayLike | None,
-    points1: Points,
-    points2: Points,
-    bodies: Bodies,
-) -> Constants:
-    """Return the Constants of a pair in space. `home` is None for the identity, the points are checked.
+def spatial_arrays(
+    u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None
+) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
+    """Return u1, u2, n at unit length and home of a pair in space, None for the identity, and n as it was given.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -142,36 +204,11 @@ def spatial_constants(
     """
     arrays = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3)}
     axis = read_only(np.array(finite_axis("n", n), dtype=np.float64))
-    rotation = _IDENTITY if home is None else constant("home", home, 3, 3)
+    rotation = IDENTITY if home is None else constant("home", home, 3, 3)
     if home is not None:
         check_rotation("home", rotation)
     arrays |= {"n": read_only(_joined(tuple(c.high for c in polar(numbers(axis))[0]))), "home": rotation}
-    return _constants(SPACE, arrays, points1, points2, bodies, axis)
-
-
-def planar_constants(u1: ArrayLike, u2: ArrayLike, points1: Points, points2: Points, bodies: Bodies) -> Constants:
-    """Return the Constants of a planar pair; the points are checked."""
-    arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
-    return _constants(PLANE, arrays, points1, points2, bodies)
-
-
-def _constants(
-    kind: PairKind,
-    arrays: Mapping[str, NDArray[np.float64]],
-    points1: Points,
-    points2: Points,
-    bodies: Bodies,
-    axis: NDArray[np.float64] | None = None,
-) -> Constants:
-    """Return Constants; refuse a point that stands twice, and axes that do not broadcast."""
-    for name in points2:
-        if name in points1:
-            raise ArgumentError("points2", "names that points1 does not have", quoted(name))
-    positions = {**points1, **points2}
-    tails = {"home": 2}
-    shapes = {name: one.shape[: one.ndim - tails.get(name, 1)] for name, one in {**arrays, **positions}.items()}
-    points = (*(Point(name, 1) for name in points1), *(Point(name, 2) for name in points2))
-    return Constants(kind, arrays, points, tuple(positions.values()), broadcast_shape(shapes), bodies, axis)
+    return arrays, axis
 
 
 # ---- the tree
@@ -188,23 +225,9 @@ class HingeFrames(NamedTuple):
     frames: list[tuple[Twofold, ...]]  # the constants of each frame, see `plans.pairs.LEVER_SHAPES`
 
 
-def hinge_frames(constants: Constants) -> HingeFrames:
-    """Return the frames of a pair's hinge, which are made once.
-
-    e1 is the axis of body 1 with the largest angle to n, made perpendicular to n; e2 = n x e1. Where n lies along x,
-    y or z, the axes are an exact permutation. The attitude of body 2 is home as it was given, and its hinge axis n:
-    a home that is a rotation to nine digits only opens no gap.
-    """
-    kept = constants.cache.others
-    if "frames" not in kept:
-        kept["frames"] = _hinge_frames(constants)
-    found: HingeFrames = kept["frames"]
-    return found
-
-
 def _hinge_frames(constants: Constants) -> HingeFrames:
     u1, u2 = (numbers(lifted(constants.arrays[name])) for name in ("u1", "u2"))
-    axes: Any = tuple(map(Twofold, numbers(_IDENTITY, 2)))  # in the plane, those of both bodies at psi = 0
+    axes: Any = tuple(map(Twofold, numbers(IDENTITY, 2)))  # in the plane, those of both bodies at psi = 0
     n: Any = axes[2::3]
     turn: Any = axes
     home: Any = None
@@ -253,25 +276,6 @@ def least_axis(n: NDArray[np.float64]) -> NDArray[np.float64]:
     return axis
 
 
-def constraint_vectors(constants: Constants) -> dict[str, Components]:
-    """Return u1, u2, and e1, e2 and n in the axes of body 1 and, times C^-1, of body 2: the constants of E1 and E2.
-
-    With C^T instead, a home that is a rotation to only nine digits would appear as a tilt.
-    """
-    kept = constants.cache.others
-    if "constraints" not in kept:
-        axes: Any = tuple(_rounded(hinge_frames(constants).axes))
-        in_body1 = in_body2 = {"e1": axes[0::3], "e2": axes[1::3], "n": numbers(constants.arrays["n"])}
-        if constants.has_home:
-            inverse = np.linalg.inv(constants.arrays["home"])
-            turned = {name: (inverse @ _joined(one)[..., None])[..., 0] for name, one in in_body1.items()}
-            in_body2 = {name: numbers(one) for name, one in turned.items()}
-        arms = {name: numbers(constants.arrays[name]) for name in ("u1", "u2")}
-        kept["constraints"] = arms | in_body1 | {f"{name}_in_2": one for name, one in in_body2.items()}
-    found: dict[str, Components] = kept["constraints"]
-    return found
-
-
 class TreeNumbers(NamedTuple):
     """The constants of a pair's tree, in the order of `plans.trees`."""
 
@@ -281,26 +285,8 @@ class TreeNumbers(NamedTuple):
     samples: Float64Array | None  # these, shape (..., len(varied)); None if there are none
 
 
-def tree_numbers(constants: Constants, masses: bool = False) -> TreeNumbers:
-    """Return the constants of a pair's tree, with the masses only if they are asked for; they are made once.
-
-    Args:
-        constants: geometry and masses.
-        masses: whether masses count; a body that is None has none.
-
-    Raises:
-        ArgumentError: a mass times the square of a length overflows.
-    """
-    kept, key = constants.cache.others, ("tree", masses)
-    if key not in kept:
-        kept[key] = _tree_numbers(constants, masses)
-    found: TreeNumbers = kept[key]
-    return found
-
-
-def _tree_numbers(constants: Constants, masses: bool) -> TreeNumbers:
-    found = hinge_frames(constants)
-    base, body2, pivots = map(numbers, _masses(constants)) if masses else ((0.0,) * 10, (0.0,) * 10, (0.0,) * 3)
+def _tree_numbers(constants: Constants, base: Components, body2: Components, pivots: Components) -> TreeNumbers:
+    found = constants.frames
     rotor = (0.0, 1.0, 0.0)  # armature, multiplier and offset of a hinge that follows none
     u1 = numbers(lifted(constants.arrays["u1"]))
     parts = [*base, *_rounded(found.axes), *u1, *body2, *rotor, *pivots]
@@ -311,10 +297,10 @@ def _tree_numbers(constants: Constants, masses: bool) -> TreeNumbers:
 
 
 def tree_errors(constants: Constants) -> Components:
-    """Return bounds on the errors of the `components` of `tree_numbers`, without masses: what their rounding lost,
+    """Return bounds on the errors of the `components` of the tree: what their rounding lost,
     and what twice the precision leaves.
     """
-    found, parts = hinge_frames(constants), tree_numbers(constants).components
+    found, parts = constants.frames, constants.tree.components
     errors: list[Any] = [0.0] * len(parts)
     exact = _is_aligned(constants)
     errors[10:19] = _errors(found.axes, 0.0 if exact else 1.0)
@@ -332,7 +318,7 @@ def tree_errors(constants: Constants) -> Components:
 
 def axis_errors(constants: Constants) -> Components:
     """Return bounds on the errors of n: 0 along x, y or z, where it is exact."""
-    return tuple(_errors(hinge_frames(constants).n, 0.0 if _is_aligned(constants) else 1.0))
+    return tuple(_errors(constants.frames.n, 0.0 if _is_aligned(constants) else 1.0))
 
 
 def _is_aligned(constants: Constants) -> bool:
@@ -347,15 +333,8 @@ def _errors(parts: Iterable[Twofold], size: Any) -> list[Any]:
 
 
 def _masses(constants: Constants) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return mass, first and second moment, (..., 10), of body 1 about R1 in its axes and of body 2 about the hinge
-    point in the tree's axes; and the sizes below which pivots of the hinge, of forces and of torques on body 1 are
-    rounding, (..., 3).
-
-    Raises:
-        ArgumentError: a mass times the square of a length overflows.
-    """
     body1, body2 = (_NOTHING if body is None else body for body in constants.bodies)
-    turn = _joined(tuple(_rounded(hinge_frames(constants).turn)))
+    turn = _joined(tuple(_rounded(constants.frames.turn)))
     u1, u2 = (lifted(constants.arrays[name]) for name in ("u1", "u2"))
     origin, lever = np.zeros(3), body2.centre_of_mass - u2
     with np.errstate(all="ignore"):
@@ -370,18 +349,6 @@ def _masses(constants: Constants) -> tuple[Float64Array, Float64Array, Float64Ar
         expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
         raise ArgumentError("pair", expected, "products that overflow")
     return matter1, matter2, lowest
-
-
-def body_numbers(constants: Constants) -> dict[str, Float64Array]:
-    """Return masses (2,), first moments (6,) and inertias (12,) of both bodies, about their reference points; zeros
-    of a body that is None.
-    """
-    rows = np.zeros((2, 10))
-    for row, body in zip(rows, constants.bodies, strict=True):
-        if body is not None:
-            row[:] = inertial_parameters(body.mass, body.centre_of_mass, body.inertia)
-    masses, first, second = (columns.ravel() for columns in np.split(rows, (1, 4), axis=1))
-    return {"masses": masses, "first_moments": first, "inertias": second}
 
 
 def _lowest_pivots(body1: Any, matter2: Float64Array, spreads: Sequence[Any], reach: Any) -> Float64Array:
@@ -419,42 +386,3 @@ def _joined(components: Components) -> Float64Array:
 def lifted(u: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return vectors of the plane as vectors in space with z = 0, and those of space as they are."""
     return u if u.shape[-1] == 3 else np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1)
-
-
-# ---- checks
-
-
-def check_pair(pair: object) -> None:
-    """Raise ArgumentError if `pair` is not a HingePair."""
-    if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
-        hint = " (a PlanarPair's is pair.to_spatial())" if hasattr(pair, "to_spatial") else ""
-        raise ArgumentError("pair", f"a HingePair{hint}", quoted(pair))
-
-
-class _Pair(Protocol):
-    """A HingePair or a PlanarPair."""
-
-    @property
-    def _constants(self) -> Constants: ...
-
-
-def constants_of(pair: _Pair) -> Constants:
-    """Return the checked geometry and masses of a pair."""
-    return pair._constants
-
-
-def check_single_pair(pair: Any, condition: str = "") -> None:
-    """Raise ShapeError if a HingePair or PlanarPair holds more than one pair, that is, if its geometry has leading
-    axes.
-
-    Args:
-        pair: a HingePair or a PlanarPair.
-        condition: text that follows "one pair" in the message, such as " if the arguments are Dask arrays".
-
-    Raises:
-        ShapeError: u1, u2, n or home have leading axes.
-    """
-    constants = constants_of(pair)
-    if not constants.single:
-        expected = f"one pair{condition}, such as {type(pair).__name__}(u1[i], ...)"
-        raise ShapeError("pair", expected, f"pairs of shape {constants.shape}")

@@ -15,9 +15,9 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
 from hingepair.mechanism.options import DEFAULT_GRAVITY, EULER, GRAVITY, OUT, Options, with_options
-from hingepair.mechanism.pairs import accuracy, requests, residuals
-from hingepair.mechanism.pairs.geometry import Constants, Points, checked_record, spatial_constants
-from hingepair.mechanism.pairs.requests import AskedPair
+from hingepair.mechanism.pairs import accuracy, residuals
+from hingepair.mechanism.pairs.geometry import Points, checked_record, spatial_arrays
+from hingepair.mechanism.pairs.requests import PairRequests, body1_inputs, loads_that_act
 from hingepair.mechanism.pairs.residuals import Residuals
 from hingepair.mechanism.pairs.tolerances import (
     TOLERANCE_DEFAULTS,
@@ -36,6 +36,7 @@ from hingepair.mechanism.states import (
 )
 from hingepair.numeric.arrays import FloatArray, Frozen, call_text, number_not_below_0, one_constant, set_frozen
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
+from hingepair.plans.pairs import SPACE
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
@@ -50,7 +51,7 @@ WRENCH_OUTPUTS: Final = {"force": "hinge_force", "torque": "hinge_moment"}
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class HingePair(AskedPair, Frozen, Shown):
+class HingePair(Frozen, Shown):
     """Two rigid bodies joined by a hinge, R1 + S1 u1 = R2 + S2 u2 (E1), which turn relative to each other about the
     hinge axis n only (E2).
 
@@ -125,7 +126,7 @@ class HingePair(AskedPair, Frozen, Shown):
     rate_limit: float | None
     points1: Points
     points2: Points
-    _constants: Constants
+    _constants: PairRequests
 
     def __init__(
         self,
@@ -142,20 +143,20 @@ class HingePair(AskedPair, Frozen, Shown):
         points1: Mapping[str, ArrayLike] | None = None,
         points2: Mapping[str, ArrayLike] | None = None,
         *,
-        _constants: Constants | None = None,  # which dataclasses.replace passes: what it keeps, stays to the last bit
+        _constants: PairRequests | None = None,  # dataclasses.replace passes it: n keeps its last bits
     ) -> None:
         record = checked_record(3, name, body1, body2, points1, points2)
         axis = _constants.axis if _constants is not None and n is _constants.arrays["n"] else n
-        points, bodies = (record["points1"], record["points2"]), (body1, body2)
-        new_constants = spatial_constants(u1, u2, n if axis is None else axis, home, *points, bodies=bodies)
+        arrays, given_axis = spatial_arrays(u1, u2, n if axis is None else axis, home)
+        points = record["points1"], record["points2"]
         most = {"torque_limit": torque_limit, "rate_limit": rate_limit}
         set_frozen(
             self,
-            **new_constants.arrays,
+            **arrays,
             **record,
             limits=_checked_limits(limits),
             **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
-            _constants=new_constants,
+            _constants=PairRequests(record["name"], SPACE, arrays, given_axis, points, (body1, body2)),
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -191,7 +192,7 @@ class HingePair(AskedPair, Frozen, Shown):
         array([ 1.,  4., -1.])
         """
         given = coordinate_rows(q, qd, qdd)
-        return ask(self, MOTION_LEVELS[len(given) - 1], given, options)
+        return ask(self._constants, MOTION_LEVELS[len(given) - 1], given, options)
 
     def prepare(
         self,
@@ -246,7 +247,8 @@ class HingePair(AskedPair, Frozen, Shown):
         >>> at(np.array([0.0, 0.0, 0.0, 1.0]), 0.0).jacobian @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return requests.prepare(self, given, outputs, sequence, gravity, execution_of(backend, workers))
+        how = execution_of(backend, workers)
+        return self._constants.prepare(self.prepare, given, outputs, gravity, how, sequence=sequence)
 
     @with_options("outputs", *OUT)
     def forward_kinematics_from_body1(
@@ -268,7 +270,7 @@ class HingePair(AskedPair, Frozen, Shown):
         >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
-        return requests.ask_pair(self, "from_body1", requests.body1_inputs(body1, psi, psid, psidd), options)
+        return self._constants.ask("from_body1", body1_inputs(body1, psi, psid, psidd), options)
 
     def error_bounds(
         self,
@@ -304,7 +306,7 @@ class HingePair(AskedPair, Frozen, Shown):
         if isinstance(q, BodyMotion):
             if sequence != "XYZ":
                 raise ArgumentError("sequence", "nothing, since there are no Euler angles", quoted(sequence))
-            given = requests.body1_inputs(q, qd, qdd, psidd)
+            given = body1_inputs(q, qd, qdd, psidd)
             level = ("psid" in given) + ("psidd" in given)
             return accuracy.error_bounds(self._constants, given, level, outputs)
         if psidd is not None:
@@ -348,7 +350,7 @@ class HingePair(AskedPair, Frozen, Shown):
         >>> pair.mass_matrix(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).diagonal().round(12).tolist()
         [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
-        return requests.ask_pair(self, "mass_matrix", {**motion_inputs("body1", body1, ("S",)), "psi": psi}, options)
+        return self._constants.ask("mass_matrix", {**motion_inputs("body1", body1, ("S",)), "psi": psi}, options)
 
     @with_options(*GRAVITY)
     def inverse_dynamics(
@@ -374,7 +376,7 @@ class HingePair(AskedPair, Frozen, Shown):
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         given = {**motion_inputs("body1", body1, _MOVED), **hinge}
-        return requests.ask_pair(self, "inverse_dynamics", given, options)
+        return self._constants.ask("inverse_dynamics", given, options)
 
     @with_options(*GRAVITY)
     def forward_dynamics(
@@ -414,9 +416,9 @@ class HingePair(AskedPair, Frozen, Shown):
         ([0.0, 0.0, -9.81], 0.0)
         """
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
-        loads = requests.loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
+        loads = loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
         given = {**motion_inputs("body1", body1, ("S", "omega")), **hinge, **loads}
-        return requests.ask_pair(self, "forward_dynamics", given, options)
+        return self._constants.ask("forward_dynamics", given, options)
 
     @with_options(*GRAVITY)
     def hinge_wrench(
@@ -442,7 +444,7 @@ class HingePair(AskedPair, Frozen, Shown):
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         given = {**motion_inputs("body1", body1, _MOVED), **hinge}
         rename_out(options)
-        return requests.ask_pair(self, "hinge_wrench", given, options)
+        return self._constants.ask("hinge_wrench", given, options)
 
     @with_options(*GRAVITY)
     def energy(self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[Options]) -> Energy:
@@ -460,7 +462,7 @@ class HingePair(AskedPair, Frozen, Shown):
         [2.0, 78.48]
         """
         given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        return requests.ask_pair(self, "energy", given, options)
+        return self._constants.ask("energy", given, options)
 
     @with_options(*OUT)
     def momentum(
@@ -479,7 +481,7 @@ class HingePair(AskedPair, Frozen, Shown):
         [4.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        return requests.ask_pair(self, "momentum", given, options)
+        return self._constants.ask("momentum", given, options)
 
     def residuals(
         self,
@@ -531,7 +533,7 @@ class HingePair(AskedPair, Frozen, Shown):
         >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return requests.ask_pair(self, "jacobian", requests.body1_inputs(body1, psi), options)
+        return self._constants.ask("jacobian", body1_inputs(body1, psi), options)
 
     @with_options(*OUT)
     def acceleration_bias(
@@ -549,7 +551,7 @@ class HingePair(AskedPair, Frozen, Shown):
         >>> pair.acceleration_bias(body1, 0.0, 2.0)
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        return requests.ask_pair(self, "acceleration_bias", requests.body1_inputs(body1, psi, psid), options)
+        return self._constants.ask("acceleration_bias", body1_inputs(body1, psi, psid), options)
 
     @with_options(**TOLERANCE_DEFAULTS)
     def propagate_covariance(

@@ -13,13 +13,13 @@ from hingepair.engine.backend import execution_of
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import motion_of_rotations
 from hingepair.mechanism.options import GRAVITY, OUT, Options, with_options
-from hingepair.mechanism.pairs import accuracy, requests
-from hingepair.mechanism.pairs.geometry import Constants, Points, checked_record, lifted, planar_constants
+from hingepair.mechanism.pairs import accuracy
+from hingepair.mechanism.pairs.geometry import Points, checked_record, lifted
 from hingepair.mechanism.pairs.hinge_pair import HingePair, pair_sheet, rename_out
-from hingepair.mechanism.pairs.requests import AskedPair
+from hingepair.mechanism.pairs.requests import PairRequests, loads_that_act, read_rows
 from hingepair.mechanism.requests import MOTION_LEVELS, ROWS, ask, coordinate_rows
 from hingepair.mechanism.states import Energy, Forces, HingeWrench, Momentum, PlanarState
-from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, call_text, set_frozen
+from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, call_text, constant, set_frozen
 from hingepair.plans.arguments import Coordinates, Outputs
 from hingepair.plans.pairs import PLANE
 from hingepair.plans.prepared import Prepared
@@ -30,7 +30,7 @@ PLANAR_GRAVITY = PLANE.gravity  # (0, -9.81) m/s^2
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class PlanarPair(AskedPair, Frozen, Shown):
+class PlanarPair(Frozen, Shown):
     """Two bodies in a plane joined by a hinge, R1 + S1 u1 = R2 + S2 u2 and phi2 = phi + psi (E11): a HingePair with n
     = (0, 0, 1) in the xy plane.
 
@@ -72,7 +72,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
     body2: Body | None
     points1: Points
     points2: Points
-    _constants: Constants = field(init=False)
+    _constants: PairRequests = field(init=False)
 
     def __init__(
         self,
@@ -86,8 +86,11 @@ class PlanarPair(AskedPair, Frozen, Shown):
     ) -> None:
         record = checked_record(2, name, body1, body2, points1, points2)
         moving = tuple(None if body is None else _body_in_plane(body) for body in (body1, body2))
-        constants = planar_constants(u1, u2, record["points1"], record["points2"], bodies=(moving[0], moving[1]))
-        set_frozen(self, **constants.arrays, **record, _constants=constants)
+        arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
+        points = record["points1"], record["points2"]
+        set_frozen(
+            self, **arrays, **record, _constants=PairRequests(record["name"], PLANE, arrays, None, points, moving)
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (
@@ -122,7 +125,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
         (array([1., 4.]), np.float64(2.0))
         """
         given = coordinate_rows(q, qd, qdd)
-        return ask(self, MOTION_LEVELS[len(given) - 1], given, options)
+        return ask(self._constants, MOTION_LEVELS[len(given) - 1], given, options)
 
     def prepare(
         self,
@@ -150,7 +153,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
         >>> (f.jacobian((np.zeros(4),))["R2"]["q"] + 0.0).tolist()
         [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 2.0, 1.0]]
         """
-        return requests.prepare(self, given, outputs, None, gravity, execution_of(backend, workers))
+        return self._constants.prepare(self.prepare, given, outputs, gravity, execution_of(backend, workers))
 
     def error_bounds(
         self, q: Coordinates, qd: Coordinates | None = None, qdd: Coordinates | None = None, outputs: Outputs = None
@@ -198,7 +201,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).mass_matrix((0, 0, 0, 0)).diagonal().tolist()
         [4.0, 4.0, 10.0, 3.0]
         """
-        return ask(self, "mass_matrix", (q,), options)
+        return ask(self._constants, "mass_matrix", (q,), options)
 
     @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
     def inverse_dynamics(
@@ -215,7 +218,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
         >>> forces.force1.tolist(), float(forces.hinge_torque)
         ([0.0, 39.24], 19.62)
         """
-        return ask(self, "inverse_dynamics", (q, qd, qdd), options)
+        return ask(self._constants, "inverse_dynamics", (q, qd, qdd), options)
 
     @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
     def hinge_wrench(
@@ -233,7 +236,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
         ([0.0, 19.62], 19.62)
         """
         rename_out(options)
-        return ask(self, "hinge_wrench", (q, qd, qdd), options)
+        return ask(self._constants, "hinge_wrench", (q, qd, qdd), options)
 
     @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
     def forward_dynamics(
@@ -268,9 +271,9 @@ class PlanarPair(AskedPair, Frozen, Shown):
         >>> pair.forward_dynamics((0, 0, 0, 0.3), (0, 0, 0, 0)).round(9)[1]  # both bodies fall
         np.float64(-9.81)
         """
-        loads = requests.loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
+        loads = loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
         given = {"q": q, "qd": qd, "hinge_torque": hinge_torque, **loads}
-        return requests.ask_pair(self, "forward_dynamics", given, options)
+        return self._constants.ask("forward_dynamics", given, options)
 
     @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
     def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> Energy:
@@ -282,7 +285,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
         >>> pair.energy((0, 1, 0, 0), (1, 0, 0, 0)).potential.round(9).tolist()
         19.62
         """
-        return ask(self, "energy", (q, qd), options)
+        return ask(self._constants, "energy", (q, qd), options)
 
     @with_options(*OUT)
     def momentum(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> Momentum:
@@ -294,7 +297,7 @@ class PlanarPair(AskedPair, Frozen, Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).momentum((0, 1, 0, 0), (1, 0, 0, 0)).linear.tolist()
         [4.0, 0.0]
         """
-        return ask(self, "momentum", (q, qd), options)
+        return ask(self._constants, "momentum", (q, qd), options)
 
 
 def dynamics_in_space(pair: HingePair | PlanarPair) -> HingePair:
@@ -311,9 +314,9 @@ def dynamics_in_space(pair: HingePair | PlanarPair) -> HingePair:
     if isinstance(pair, HingePair):
         return pair
     constants = pair._constants
-    found: HingePair | None = constants.cache.others.get("in_space")
-    if found is None:
-        found = constants.cache.others["in_space"] = pair._in_space(*constants.bodies)
+    if constants.in_space is None:
+        constants.in_space = pair._in_space(*constants.bodies)
+    found: HingePair = constants.in_space
     return found
 
 
@@ -329,7 +332,7 @@ def _body_in_plane(body: Body) -> Body:
 
 def motion_in_space(q: Coordinates, qd: Coordinates | None = None, qdd: Coordinates | None = None) -> tuple[Any, ...]:
     """Return planar coordinates as the motion (body1, psi, psid, psidd) in space; the rates as far as given."""
-    coordinates = requests.read_rows(PLANE, q, qd, qdd)
+    coordinates = read_rows(PLANE, q, qd, qdd)
     shape = broadcast_shape(coordinates.shapes)
     zero = np.zeros(shape)
     arrays: dict[str, NDArray[Any]] = {}

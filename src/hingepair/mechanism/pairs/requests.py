@@ -3,40 +3,36 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping
-from typing import Any, Final
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any, Final, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from hingepair.engine.backend import Execution
 from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results, writable_arrays
-from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
+from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
-from hingepair.mechanism.pairs.geometry import (
-    Constants,
-    body_numbers,
-    constants_of,
-    constraint_vectors,
-    least_axis,
-    tree_numbers,
-)
+from hingepair.mechanism.pairs.geometry import Constants, least_axis
 from hingepair.mechanism.requests import (
-    BODIES,
     PAIR_TASKS,
+    PUSHES,
     ROWS,
     STATES,
+    Planned,
     Request,
+    Subject,
     Task,
+    Watch,
     ask,
     coordinate_rows,
     read_gravity,
+    warn_where_singular,
 )
-from hingepair.numeric.arrays import FloatArray, is_zero
-from hingepair.plans.arguments import Arguments, CoordinateNames, check_outputs, read_arguments, requested_outputs
-from hingepair.plans.computation import QUATERNIONS, Cache, Computation
+from hingepair.numeric.arrays import is_zero
+from hingepair.plans.arguments import Arguments, CoordinateNames, read_arguments, requested_outputs
+from hingepair.plans.computation import QUATERNIONS, Computation
 from hingepair.plans.constraints import CONSTRAINTS
 from hingepair.plans.geometry import GEOMETRY_SHAPES
 from hingepair.plans.pairs import (
@@ -50,96 +46,186 @@ from hingepair.plans.pairs import (
     point_outputs,
     tree_parameters,
 )
-from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
 
 COORDINATES: Final = {kind: CoordinateNames(kind.coordinates, kind.columns) for kind in (SPACE, PLANE)}
 """Names of the coordinates."""
 INPUT_LABELS: Final = {f"{letter}{k}": f"body{k}.{letter}" for k in "12" for letter in MOTION_SHAPES}
 """Names of the arrays of bodies in messages, by input."""
-
-# ---- computations
-
-
-def computation_of(
-    pair: Constants,
-    outputs: tuple[str, ...],
-    sequence: str | None = None,
-    result: type[Results] | None = Results,
-    by_geometry: bool = False,
-    solves: bool = False,
-) -> Computation:
-    """Return the Computation of outputs of a pair, which is made once.
-
-    Args:
-        pair: constants of the pair.
-        outputs: names of the outputs.
-        sequence: Euler sequence of body 1; None if its attitude is given.
-        result: class of the result; None to return the only output as an array.
-        by_geometry: begin with the geometry and the masses, for derivatives by them.
-        solves: whether accelerations are solved for from loads.
-    """
-    key = outputs, sequence, result, by_geometry, solves
-    found: Computation | None = pair.cache.computations.get(key)
-    if found is None:
-        masses = solves or needs_masses(pair, outputs)
-        tree = tree_numbers(pair, masses)
-        known: dict[str, Any] = {"constants": tree_parameters(tree.numbers), "samples": tree.samples}
-        if masses:
-            known |= {name: np.zeros(pair.kind.shapes[name]) for name in LOADS}
-        if not pair.kind.planar:
-            known |= {name: _plain(pair, name) for name in ("n", "home")}
-        if not CONSTRAINTS.keys().isdisjoint(outputs):
-            known |= constraint_vectors(pair)
-        if by_geometry:
-            known |= _geometry(pair, tree.numbers)
-        has_home = by_geometry or pair.has_home
-        request = PairRequest((), (), pair.kind.planar, sequence, pair.points, tree.varied, by_geometry, has_home)
-
-        def loop(names: tuple[str, ...], given: tuple[str, ...]) -> Loop:
-            return pair_loop(request._replace(outputs=names, given=given))
-
-        found = pair.cache.computations[key] = Computation(
-            loop, outputs, pair.shapes, known, result, COORDINATES[pair.kind], shape=pair.shape, shared=True,
-            constant_shapes={} if pair.kind.planar else GEOMETRY_SHAPES,
-            by_constants=functools.partial(computation_of, pair, outputs, sequence, result, True, solves),
-        )  # fmt: skip
-    return found
+_INPUTS: Final = {  # that a prepared call can take
+    SPACE: (
+        *(*ROWS, "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
+        *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOADS),
+    ),
+    PLANE: (*ROWS, *LOADS),
+}
+# Outputs for which body 1 needs no mass.
+_OF_BODY2: Final = {"hinge_force", "hinge_moment", "hinge_torque", "bearing_torque", "kinetic", "potential"}
+_HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"
 
 
-def _plain(pair: Constants, name: str) -> Any:
-    """Return n or home as an array, or as numbers of a single pair, which fold."""
-    array = pair.arrays[name]
-    return tuple(array.ravel().tolist()) if pair.single else array
+class PairRequests(Constants, Subject):
+    """What is asked of a pair, and its computations, which are made once."""
+
+    def __init__(self, *constants: Any) -> None:
+        Constants.__init__(self, *constants)
+        Subject.__init__(self, self.kind.gravity)
+        self.tasks, self.inputs = PAIR_TASKS[self.kind], _INPUTS[self.kind]
+        self.in_space: Any = None  # the HingePair with the dynamics of a planar pair
+        self._warned: set[str] = set()  # bodies whose assumed masses were told
+
+    def ask(self, task: str, given: Mapping[str, Any], options: Any) -> Any:
+        """Compute what a method returns, from arguments by input name."""
+        return ask(self, task, tuple(given.values()), options, tuple(given))
+
+    def computation(
+        self,
+        outputs: tuple[str, ...],
+        sequence: str | None = None,
+        result: type[Results] | None = Results,
+        by_geometry: bool = False,
+        solves: bool = False,
+    ) -> Computation:
+        """Return the Computation of outputs, which is made once.
+
+        Args:
+            outputs: names of the outputs.
+            sequence: Euler sequence of body 1; None if its attitude is given.
+            result: class of the result; None to return the only output as an array.
+            by_geometry: begin with the geometry, for derivatives by it.
+            solves: whether accelerations are solved for from loads.
+        """
+        key = outputs, sequence, result, by_geometry, solves
+        found: Computation | None = self.cache.computations.get(key)
+        if found is None:
+            masses, spatial = bool(self.massive_bodies(outputs, solves)), not self.kind.planar
+            tree = self.tree_with_masses if masses else self.tree
+            known: dict[str, Any] = {"constants": tree_parameters(tree.numbers), "samples": tree.samples}
+            if masses:
+                known |= {name: np.zeros(self.kind.shapes[name]) for name in LOADS}
+            if spatial:  # numbers of a single pair fold
+                known |= {
+                    name: tuple(self.arrays[name].ravel().tolist()) if self.single else self.arrays[name]
+                    for name in ("n", "home")
+                }
+            if not CONSTRAINTS.keys().isdisjoint(outputs):
+                known |= self.constraint_vectors
+            if by_geometry:
+                known |= {**self.arrays, "least_axis": least_axis(self.arrays["n"])}
+                if self.points:
+                    known["points"] = np.concatenate(np.broadcast_arrays(*self.positions), axis=-1)
+            has_home = by_geometry or self.has_home
+            request = PairRequest((), (), self.kind.planar, sequence, self.points, tree.varied, by_geometry, has_home)
+
+            def loop(names: tuple[str, ...], given: tuple[str, ...]) -> Loop:
+                return pair_loop(request._replace(outputs=names, given=given))
+
+            found = self.cache.computations[key] = Computation(
+                loop, outputs, self.shapes, known, result, COORDINATES[self.kind], shape=self.shape, shared=True,
+                constant_shapes=GEOMETRY_SHAPES if spatial and not masses else {},
+                by_constants=functools.partial(self.computation, outputs, sequence, result, True, solves),
+            )  # fmt: skip
+        return found
+
+    def compute_arrays(
+        self,
+        outputs: Iterable[str],
+        values: Mapping[str, Any],
+        shapes: Mapping[str, tuple[int, ...]],
+        dtype: np.dtype[Any] | None = None,
+    ) -> dict[str, NDArray[Any]]:
+        """Compute outputs from checked inputs; return new, writable arrays by output name."""
+        call = self.computation(tuple(outputs)).call(tuple(values), "auto")
+        return writable_arrays(call.run(values, shapes, dtype=dtype))
+
+    # ---- masses
+
+    def massive_bodies(self, outputs: Iterable[str], solves: bool) -> tuple[str, ...]:
+        """Return the bodies on whose masses outputs depend; `solves`: accelerations are solved for."""
+        depend = {*outputs} - {*NO_MASSES, *CONSTRAINTS, *point_outputs(self.points)}
+        if not (solves or depend):
+            return ()
+        return ("body1", "body2") if solves or not depend <= _OF_BODY2 else ("body2",)
+
+    def require_masses(self, names: Collection[str], hint: str = _HINT) -> None:
+        """Refuse bodies, "body1" or "body2", without mass properties; `hint` ends the message for body 1."""
+        for name, body in zip(("body1", "body2"), self.bodies, strict=True):
+            if name in names and body is None:
+                examples = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
+                expected = f"mass properties, as in {examples}{hint if name == 'body1' else ''}"
+                raise ArgumentError(f"pair.{name}", expected, None)
+
+    def _check_masses(self, outputs: tuple[str, ...], solves: bool) -> None:
+        """Refuse bodies whose mass outputs need and that have none; warn once of each mass that is assumed."""
+        needed = self.massive_bodies(outputs, solves)
+        self.require_masses(needed)
+        for name, body in zip(("body1", "body2"), self.bodies, strict=True):
+            if needed and body is not None and name not in self._warned:
+                self._warned.add(name)
+                for sentence in body.assumed:
+                    warn_of_dynamics(f"pair.{name}: {sentence}")
+
+    def _watch(self, outputs: tuple[str, ...], solves: bool) -> Watch | None:
+        """Return what looks at accelerations that are solved for; None where the mass matrix is regular."""
+        solved = self.tasks["forward_dynamics"].outputs[-1]
+        if not (solves and solved in outputs and self.pivot_limits.any()):
+            return None
+        return functools.partial(self._warn_where_singular, solved)
+
+    def _warn_where_singular(self, solved: str, result: Any, _: Any) -> None:
+        """Issue a DynamicsWarning where accelerations are NaN because the mass matrix is singular."""
+        found = result if isinstance(result, np.ndarray) else result[solved]
+        if isinstance(found, np.ndarray | np.generic) and np.isnan(found).any():
+            still: dict[str, Any] = {"phi1": 0.0} if self.kind.planar else {"S1": np.eye(3)}
+            still["psi"] = 0.0
+            pivots = self.compute_arrays(("pivots",), still, dict.fromkeys(still, ()))["pivots"]
+            limits = self.pivot_limits[..., [0, 1, 1, 1, 2, 2, 2]]
+            bad = np.isnan(np.asarray(found)[..., -1] if self.kind.planar else found)
+            warn_where_singular(self.name, bad, pivots, limits, ("the hinge", *["body 1"] * 6))
+
+    # ---- requests
+
+    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
+        """Return the request of a method."""
+        outputs, sequence = task.outputs, None
+        if "outputs" in task.options:
+            default = self.kind.default_outputs(("psid" in given) + ("psidd" in given))
+            outputs = requested_outputs(options.get("outputs"), out, self.levels, outputs or default)
+            sequence = self._sequence(given, options.get("sequence", "XYZ"))
+        solves = "hinge_torque" in given
+        self._check_masses(outputs, solves)
+        gravity = read_gravity(options["gravity"], self.gravity) if "gravity" in options else self.gravity
+        remade = functools.partial(self.computation, outputs, sequence, task.result, False, solves)
+        return Request(remade(), given, INPUT_LABELS, gravity, remade, self._watch(outputs, solves))
+
+    def _sequence(self, names: Collection[str], sequence: str) -> str | None:
+        """Return the Euler sequence of arguments; None without Euler angles."""
+        if "q" not in names or self.kind.planar:
+            return None
+        find_sequence(sequence)
+        return sequence
+
+    def _accepted(self, _: tuple[str, ...]) -> Collection[str]:
+        """Return the outputs that a prepared call can have."""
+        of_both = () if self.kind.planar else (name for name in CONSTRAINTS if name != "S2_check")
+        of_tasks = (name for task in self.tasks.values() for name in task.outputs)
+        return dict.fromkeys((*self.levels, *of_tasks, *of_both))
+
+    def _planned(self, task: str | None, names: tuple[str, ...], outputs: tuple[str, ...], options: Any) -> Planned:
+        """Return what a prepared call computes."""
+        if sum(name in {"q", "S1", *QUATERNIONS} for name in names) != 1:
+            expected = "q" if self.kind.planar else "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz"
+            raise ArgumentError("given", expected, quoted(names))
+        solves = not PUSHES.isdisjoint(names)
+        self._check_masses(outputs, solves)
+        of_task = self.tasks[task] if task is not None else None
+        result = of_task.result if of_task is not None and {*outputs} <= {*of_task.outputs} else None
+        sequence = self._sequence(names, options.get("sequence", "XYZ"))
+        computation = self.computation(outputs, sequence, result or STATES[self.kind], False, solves)
+        return Planned(computation, options, self._watch(outputs, solves))
 
 
-def needs_masses(pair: Constants, outputs: Iterable[str]) -> bool:
-    """Return whether an output depends on masses, where accelerations are given."""
-    return not {*outputs} <= {*NO_MASSES, *CONSTRAINTS, *point_outputs(pair.points)}
-
-
-def _geometry(pair: Constants, tree: tuple[float, ...]) -> dict[str, Any]:
-    """Return the geometry and the masses of a pair, for programs that make the constants of the tree of them."""
-    found: dict[str, Any] = {**pair.arrays, **body_numbers(pair), "least_axis": least_axis(pair.arrays["n"])}
-    found["least_pivots"] = np.array((tree[35], *tree[36:38]))
-    if pair.points:
-        found["points"] = np.concatenate(np.broadcast_arrays(*pair.positions), axis=-1)
-    return found
-
-
-def compute_arrays(
-    pair: Constants,
-    outputs: Iterable[str],
-    values: Mapping[str, Any],
-    shapes: Mapping[str, tuple[int, ...]],
-    dtype: np.dtype[Any] | None = None,
-) -> dict[str, NDArray[Any]]:
-    """Compute outputs of a pair in space from checked inputs; return new, writable arrays by output name."""
-    computation = computation_of(pair, tuple(outputs))
-    return writable_arrays(computation.call(tuple(values), "auto").run(values, shapes, dtype=dtype))
-
-
-# ---- methods
+# ---- arguments of methods
 
 
 def read_rows(kind: PairKind, q: Any, qd: Any = None, qdd: Any = None) -> Arguments:
@@ -167,202 +253,40 @@ def loads_that_act(**loads: Any) -> dict[str, Any]:
     return {name: value for name, value in loads.items() if not is_zero(value)}
 
 
-def _pair_request(pair: Any, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
-    """Return the request of a method of a pair.
-
-    Raises:
-        ArgumentError: a body that is needed has no mass, or an output needs an input that is not given.
-    """
-    constants: Constants = constants_of(pair)
-    kind, outputs, sequence, gravity, lasts = constants.kind, task.outputs, None, None, True
-    if "outputs" in task.options:
-        default = outputs or kind.default_outputs(("psid" in given) + ("psidd" in given))
-        outputs = requested_outputs(options.get("outputs"), out, constants.levels, default)
-        if "q" in given and not kind.planar:
-            sequence = options.get("sequence", "XYZ")
-            find_sequence(sequence)
-    if task.masses:
-        gravity = read_gravity(options.get("gravity", kind.gravity), kind.gravity)
-        bodies = {one: getattr(pair, one) for one in BODIES}
-        check_masses({one: body for one, body in bodies.items() if body is not None or one in task.masses}, task.hint)
-        lasts = not any(body is not None and body.assumed for body in bodies.values())  # each call warns
-    solves = "hinge_torque" in given
-    remade = functools.partial(computation_of, constants, outputs, sequence, task.result, False, solves)
-    watch = functools.partial(_watch, pair, outputs[-1]) if solves and pivot_limits(constants).any() else None
-    return Request(remade(), given, INPUT_LABELS, gravity, remade, watch=watch, lasts=lasts)
+# ---- pairs as arguments
 
 
-class AskedPair:
-    """What `ask` needs of a pair, in space or in the plane."""
-
-    __slots__ = ()
-
-    _constants: Constants
+class _Pair(Protocol):
+    """A HingePair or a PlanarPair."""
 
     @property
-    def _cache(self) -> Cache:
-        return self._constants.cache
-
-    @property
-    def _tasks(self) -> Mapping[str, Task]:
-        return PAIR_TASKS[self._constants.kind]
-
-    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
-        return _pair_request(self, task, given, options, out)
+    def _constants(self) -> PairRequests: ...
 
 
-def ask_pair(pair: AskedPair, task: str, given: Mapping[str, Any], options: Any) -> Any:
-    """Compute what a method returns, from arguments by input name."""
-    return ask(pair, task, tuple(given.values()), options, tuple(given))
+def constants_of(pair: _Pair) -> PairRequests:
+    """Return the checked geometry and masses of a pair, and what is asked of it."""
+    return pair._constants
 
 
-# ---- masses
+def check_pair(pair: object) -> None:
+    """Raise ArgumentError if `pair` is not a HingePair."""
+    if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
+        hint = " (a PlanarPair's is pair.to_spatial())" if hasattr(pair, "to_spatial") else ""
+        raise ArgumentError("pair", f"a HingePair{hint}", quoted(pair))
 
 
-def check_masses(bodies: Mapping[str, Body | None], hint: str = "") -> None:
-    """Raise ArgumentError for a body, by name, that is None; `hint` ends the message for body 1. Issue a
-    DynamicsWarning for each assumed value.
-    """
-    for name, body in bodies.items():
-        if body is None:
-            examples = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
-            raise ArgumentError(
-                f"pair.{name}", f"mass properties, as in {examples}{hint if name == 'body1' else ''}", None
-            )
-        for sentence in body.assumed:
-            warn_of_dynamics(f"pair.{name}: {sentence}")
+def check_single_pair(pair: Any, condition: str = "") -> None:
+    """Raise ShapeError if a HingePair or PlanarPair holds more than one pair, that is, if its geometry has leading
+    axes.
 
-
-def pivot_limits(pair: Constants) -> FloatArray:
-    """Return the sizes below which pivots of the hinge, of forces and of torques on body 1 are rounding, (..., 3);
-    0 where they cannot be that small.
-    """
-    tree = tree_numbers(pair, masses=True)
-    limits = np.array(tree.numbers[35:38])
-    if tree.samples is None:
-        return limits
-    columns = dict(zip(tree.varied, np.moveaxis(tree.samples, -1, 0), strict=True))
-    return np.stack(np.broadcast_arrays(*(columns.get(35 + k, limits[k]) for k in range(3))), axis=-1)
-
-
-def _watch(pair: Any, output: str, result: Any, _: Any) -> None:
-    """Issue a DynamicsWarning where accelerations are NaN because the mass matrix of the pair is singular."""
-    constants: Constants = constants_of(pair)
-    psidd = result if isinstance(result, np.ndarray) else result[output]
-    psidd = psidd[..., -1] if constants.kind.planar else psidd
-    if not isinstance(psidd, np.ndarray | np.generic):
-        return
-    bad = np.isnan(psidd)
-    if not bad.any():
-        return
-    still: dict[str, Any] = {"phi1": 0.0} if constants.kind.planar else {"S1": np.eye(3)}
-    still["psi"] = 0.0
-    pivots = compute_arrays(constants, ("pivots",), still, dict.fromkeys(still, ()))["pivots"]
-    low = ~(pivots > pivot_limits(constants)[..., [0, 1, 1, 1, 2, 2, 2]])  # NaN are low
-    if low.any():
-        which = "the hinge" if low[..., 0].any() else "body 1"
-        where = f"at {int(bad.sum())} of {bad.size} samples" if bad.shape else "here"
-        warn_of_dynamics(f"{pair.name}: no mass resists {which} {where}; accelerations are NaN there")
-
-
-# ---- prepared calls
-
-_INPUTS: Final = {  # that a prepared call can take
-    SPACE: (
-        *(*ROWS, "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
-        *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOADS),
-    ),
-    PLANE: (*ROWS, *LOADS),
-}
-
-
-def prepare(
-    pair: Any,
-    given: str | Iterable[str],
-    outputs: Iterable[str] | None,
-    sequence: str | None,
-    gravity: ArrayLike,
-    execution: Execution,
-) -> Prepared:
-    """Return the call that `HingePair.prepare` and `PlanarPair.prepare` describe; `sequence` is None in the plane.
+    Args:
+        pair: a HingePair or a PlanarPair.
+        condition: text that follows "one pair" in the message, such as " if the arguments are Dask arrays".
 
     Raises:
-        ArgumentError: unknown names, missing inputs or missing masses.
+        ShapeError: u1, u2, n or home have leading axes.
     """
-    constants: Constants = constants_of(pair)
-    kind = constants.kind
-    tasks = PAIR_TASKS[kind]
-    names = _checked_names(kind, given)
-    solves, rows = any(name in LOADS for name in names), "q" in names
-    if sequence is not None and rows:
-        find_sequence(sequence)
-    if outputs is not None:
-        of_both = () if kind.planar else (name for name in CONSTRAINTS if name != "S2_check")
-        of_tasks = (name for task in tasks.values() for name in task.outputs)
-        output_names = check_outputs(outputs, dict.fromkeys((*constants.levels, *of_tasks, *of_both)))
-    elif isinstance(given, str):
-        output_names = tasks[given].outputs
-    elif solves:
-        output_names = tasks["forward_dynamics"].outputs
-    else:
-        level = sum(name in names for name in (("qd", "qdd") if rows else ("psid", "psidd")))
-        output_names = kind.default_outputs(level)
-    if solves or needs_masses(constants, output_names):
-        needed = BODIES if solves else _bodies(tasks, output_names)
-        check_masses({one: getattr(pair, one) for one in BODIES if one in needed})
-    task = tasks[given] if isinstance(given, str) else None
-    result = task.result if task is not None and {*output_names} <= {*task.outputs} else None
-    what = constants, output_names, sequence if rows else None, result or STATES[kind], False, solves
-    computation = computation_of(*what)
-    _check_given(computation, names, solves)
-    remade = functools.partial(
-        pair.prepare, given if task else names, outputs=None if outputs is None else output_names, gravity=gravity,
-        workers=execution.workers, backend=execution.backend,
-        **({} if sequence is None else {"sequence": sequence}),
-    )  # fmt: skip
-    solved = tasks["forward_dynamics"].outputs[-1]
-    watched = solves and solved in output_names and pivot_limits(constants).any()
-    watch = functools.partial(_watch, pair, solved) if watched else None
-    return Prepared(computation, names, execution, read_gravity(gravity, kind.gravity), remade, watch)
-
-
-def _check_given(computation: Computation, names: tuple[str, ...], solves: bool) -> None:
-    """Refuse arguments that do not suffice for the outputs."""
-    for name in computation.outputs:
-        of_both = (*names, "S2") if name in CONSTRAINTS and not solves else names
-        missing = {*computation.missing_inputs(name, of_both), *of_both} - {*names}
-        if missing:  # without q, motions of body 1 are inputs
-            needed = ", ".join("q" if one == name else one for one in sorted(missing))
-            raise ArgumentError("given", f"names with {needed}, which output {name} needs", ", ".join(names))
-
-
-def _bodies(tasks: Mapping[str, Task], outputs: tuple[str, ...]) -> set[str]:
-    """Return the bodies, "body1" or "body2", whose masses the outputs need."""
-    fewest: dict[str, tuple[str, ...]] = {}
-    for task in tasks.values():
-        for name in task.outputs:
-            if name not in fewest or len(task.masses) < len(fewest[name]):
-                fewest[name] = task.masses
-    return {body for name in outputs for body in fewest.get(name, ())}
-
-
-def _checked_names(kind: PairKind, given: str | Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the inputs that `given` means: a word such as "velocity", or the names themselves.
-
-    Raises:
-        ArgumentError: unknown or repeated names, or any but one attitude of body 1.
-    """
-    tasks, allowed = PAIR_TASKS[kind], _INPUTS[kind]
-    try:
-        names = tasks[given].given if isinstance(given, str) else tuple(given)
-    except (KeyError, TypeError):
-        words = tuple(name for name, task in tasks.items() if task.given)
-        raise ArgumentError("given", f"{choices(words)}, or a tuple of names", quoted(given)) from None
-    for name in names:
-        if name not in allowed:
-            raise ArgumentError("given", choices(allowed), quoted(name))
-    attitudes = [name for name in names if name in {"q", "S1", *QUATERNIONS}]
-    if len(attitudes) != 1 or len({*names}) != len(names):
-        expected = "q" if kind.planar else "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz"
-        raise ArgumentError("given", expected, quoted(names))
-    return names
+    constants = constants_of(pair)
+    if not constants.single:
+        expected = f"one pair{condition}, such as {type(pair).__name__}(u1[i], ...)"
+        raise ShapeError("pair", expected, f"pairs of shape {constants.shape}")

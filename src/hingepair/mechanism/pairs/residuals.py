@@ -14,8 +14,7 @@ from hingepair.equations.quantities import QUANTITIES, attribute_texts
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.mechanism.bodies.body_motion import MOTION_SHAPES, BodyMotion, motion_arrays
 from hingepair.mechanism.pairs.accuracy import largest, norm, unit_roundoff
-from hingepair.mechanism.pairs.geometry import Constants
-from hingepair.mechanism.pairs.requests import compute_arrays
+from hingepair.mechanism.pairs.requests import PairRequests
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
 from hingepair.plans.constraints import CONSTRAINTS
 from hingepair.tables.sheets import Sheet, align_columns, instant_text, left_out_remark
@@ -143,7 +142,7 @@ class Residuals(Results):
 
 
 def residuals(
-    pair: Constants,
+    pair: PairRequests,
     body1: BodyMotion,
     body2: BodyMotion,
     tolerances: Mapping[str, float] | None,
@@ -159,7 +158,7 @@ def residuals(
     shape = broadcast_shape({**shapes, "pair": pair.shape})
     instants = None if t is None else _broadcast_instants(t, shape)
     names = [name for name in _ARRAYS if not _missing(name, motions)]
-    arrays = compute_arrays(pair, names, motions, shapes, np.dtype(np.float64))
+    arrays = pair.compute_arrays(names, motions, shapes, np.dtype(np.float64))
     # That of the least precise array; integers count as float64.
     u = max(unit_roundoff(one.dtype if one.dtype.kind == "f" else np.float64) for one in motions.values())
     attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
@@ -187,7 +186,7 @@ def _missing(name: str, motions: Mapping[str, Any]) -> list[str]:
             if f"{letter}{k}" in needed and f"{letter}{k}" not in motions]  # fmt: skip
 
 
-def _scales(pair: Constants, motions: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+def _scales(pair: PairRequests, motions: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     """Return the scales that the rounding errors of residuals are relative to, 0 in place of what is not given."""
     u1, u2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
     size = {name: (largest if name[0] in "Rva" and len(name) == 2 else norm)(one) for name, one in motions.items()}

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
 from hingepair.mechanism.options import check_options, with_options
-from hingepair.mechanism.pairs.geometry import Constants, check_pair, check_single_pair
-from hingepair.mechanism.pairs.requests import INPUT_LABELS, body1_inputs, computation_of
+from hingepair.mechanism.pairs.requests import INPUT_LABELS, PairRequests, body1_inputs, check_pair, check_single_pair
 from hingepair.numeric.arrays import Float64Array, Frozen, number_not_below_0, one_constant, read_only
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.geometry import GEOMETRY_SHAPES
@@ -185,7 +184,7 @@ class PoseCovariance(_FirstOrder):
 
 
 def propagate_covariance(
-    pair: Constants, body1: BodyMotion | None, psi: ArrayLike, tolerances: ToleranceOptions
+    pair: PairRequests, body1: BodyMotion | None, psi: ArrayLike, tolerances: ToleranceOptions
 ) -> PoseCovariance:
     """Compute what `HingePair.propagate_covariance` returns, from a covariance, or else from tolerances (E5, E7)."""
     if not pair.single:
@@ -198,7 +197,7 @@ def propagate_covariance(
     if points:
         shapes["points"] = (3 * len(points),)
     outputs = ("d", "S2", *points)
-    computation = computation_of(pair, outputs, by_geometry=True)
+    computation = pair.computation(outputs, by_geometry=True)
     given = body1_inputs(AT_REST if body1 is None else body1, psi)
     derivative = Derivative("jacobian", outputs, tuple(shapes.items()))
     call = computation.call(tuple(given), "auto", derivatives=(derivative,))

@@ -9,7 +9,7 @@ import numpy as np
 
 from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
 from hingepair.mechanism.requests import ALL_COORDINATES, PARTS_OF_LOOPS, ROBOT_TASKS
 from hingepair.mechanism.robots.constants import (
@@ -73,7 +73,8 @@ _RESULTS: Final = {
     **dict.fromkeys(FRAME_OUTPUTS, MechanismState),
 }
 ALL_OUTPUTS: Final = tuple(name for name in _RESULTS if name not in PARTS_OF_LOOPS)
-_PREPARED_ARGUMENTS: Final = (*COORDINATES, *BASE_MOTION, *BASE_LOADS)  # which `prepare` accepts as `given`
+PREPARED_ARGUMENTS: Final = (*COORDINATES, *BASE_MOTION, *BASE_LOADS)
+"""Arguments that a prepared call can take."""
 
 
 def result_class(
@@ -196,7 +197,7 @@ class RobotComputation(Computation):
             known["samples"] = read_only(np.stack(np.broadcast_arrays(*varied.values()), axis=-1))
         super().__init__(
             self._request_loop, outputs,
-            {**{name: output_shape(name, self.form, self.request) for name in _PREPARED_ARGUMENTS}, **self.inputs},
+            {**{name: output_shape(name, self.form, self.request) for name in PREPARED_ARGUMENTS}, **self.inputs},
             known, result, constants.tree.coordinate_names,
             owner="robot", samples_name="lengths" if samples is not None and samples.lengths else "payload",
             shape=known["samples"].shape[:-1] if varied else (),
@@ -234,25 +235,3 @@ class RobotComputation(Computation):
         """Return checked arguments, as `given` takes them."""
         given, labels = self.given(coordinates, base_motion, loads)
         return read_arguments(given, self.shapes, self.coordinates, labels)
-
-
-def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
-    """Check the argument `given` of `prepare`, names or that of a task, and return the names of its arguments."""
-    tasks = tuple(name for name in ROBOT_TASKS if name not in PARTS_OF_LOOPS)
-    if isinstance(given, str) and given in tasks:
-        names = ROBOT_TASKS[given].given
-    elif isinstance(given, Iterable) and not isinstance(given, str):
-        names = tuple(given)
-    else:
-        known = *tasks, "rollout", "inverse_kinematics"
-        near = nearest(given, known) if isinstance(given, str) else ""
-        raise ArgumentError("given", f"{choices(known)}, or a tuple of names{near}", quoted(given))
-    for name in names:
-        if name not in _PREPARED_ARGUMENTS:
-            raise ArgumentError("given", choices(_PREPARED_ARGUMENTS), quoted(name))
-    if len({*names}) < len(names):
-        raise ArgumentError("given", "each name once", quoted(names))
-    for name in needed_inputs:
-        if name in COORDINATES and name not in names:
-            raise ArgumentError("given", f"{name} too, since the outputs need it", ", ".join(names))
-    return names

@@ -887,8 +887,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             known = ("outputs", "frames", "gravity", "wrenches", "joint_loads", "workers", "backend")
             raise ArgumentError(name, f"{choices(known)}{nearest(name, known)} for {given!r}", quoted(value))
         return self._robot.prepare(
-            self.prepare, given, gravity, execution_of(backend, workers),
-            frames=frames, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
+            self.prepare, given, outputs, gravity, execution_of(backend, workers),
+            frames=frames, wrenches=wrenches, joint_loads=joint_loads,
         )  # fmt: skip
 
 

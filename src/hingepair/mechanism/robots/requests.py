@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.engine.backend import Execution, execution_of
+from hingepair.engine.backend import execution_of
 from hingepair.engine.loops import OperationCounts
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
@@ -22,20 +22,23 @@ from hingepair.mechanism.requests import (
     FREE_BASE_OUTPUTS,
     ROBOT_TASKS,
     SOLVED,
+    Planned,
     Request,
+    Subject,
     Task,
     Watch,
     ask,
     motion_level,
     read_gravity,
+    warn_where_singular,
 )
 from hingepair.mechanism.robots.accuracy import error_bounds
 from hingepair.mechanism.robots.computations import (
     ALL_OUTPUTS,
     FORCED_OUTPUTS,
+    PREPARED_ARGUMENTS,
     Loads,
     RobotComputation,
-    checked_given,
     read_wrenches,
     result_class,
 )
@@ -48,12 +51,10 @@ from hingepair.mechanism.tree import Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, is_zero
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Coordinates, requested_outputs
-from hingepair.plans.computation import Cache
-from hingepair.plans.prepared import Prepared
-from hingepair.plans.trees import DERIVED, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES
+from hingepair.plans.trees import BASE_LOADS, DERIVED, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES
 
 
-class RobotRequests:
+class RobotRequests(Subject):
     """What is asked of a robot, and its computations, which are made once.
 
     Args:
@@ -61,11 +62,12 @@ class RobotRequests:
         base: "fixed": the base is held, or moves as given; "free": forces move the base.
     """
 
-    _tasks = ROBOT_TASKS
+    tasks, inputs = ROBOT_TASKS, PREPARED_ARGUMENTS
+    _further_words = ("rollout", "inverse_kinematics")
 
     def __init__(self, tree: Tree, base: str) -> None:
+        super().__init__(DEFAULT_GRAVITY)
         self.tree, self.base = tree, base
-        self._cache = Cache()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.tree, self.base)
@@ -113,43 +115,27 @@ class RobotRequests:
         """Return whether outputs depend on struts whose force is a function."""
         return self.tree.has_functions and not FORCED_OUTPUTS.isdisjoint(outputs)
 
-    def prepare(
-        self,
-        prepare: Callable[..., Prepared],
-        given: str | Iterable[str],
-        gravity: ArrayLike,
-        execution: Execution,
-        *,
-        frames: str | Iterable[str] | None,
-        outputs: Iterable[str] | None,
-        wrenches: str | Iterable[str],
-        joint_loads: bool | None,
-    ) -> Prepared:
-        """Return what `Mechanism.prepare` describes; `prepare` is that method of the robot, which makes it anew."""
-        names = checked_given(given)
-        loads = [name for name in names if name in ("force1", "torque1")]
+    def _accepted(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the outputs that a prepared call can have."""
+        return tuple(name for name in self.available(ALL_OUTPUTS) if name not in names)
+
+    def _planned(self, _: str | None, names: tuple[str, ...], outputs: tuple[str, ...], options: Any) -> Planned:
+        """Return what a prepared call computes."""
+        loads = [name for name in names if name in BASE_LOADS]
         if loads and self.base != "free":
             raise ArgumentError("given", "no forces on a fixed base (base='free' is moved by them)", ", ".join(loads))
-        if not isinstance(outputs, str | None):
-            outputs = tuple(outputs)
-        output_names = self._prepared_outputs(given, names, outputs)
-        if self._calls_functions(output_names):
+        if self._calls_functions(outputs):
             self.tree.refuse_functions()
-        links, asked = self.loaded_frames(wrenches), {*output_names}
-        named = self._frames_of(output_names, frames)
-        loaded = not asked.isdisjoint(("tau", *SOLVED, *DYNAMICS_MATRICES)) and self.counts_loads(joint_loads)
-        computation = self.computation(output_names, named, links, loaded)
-        names = checked_given(names, computation.inputs)
+        links, asked = self.loaded_frames(options["wrenches"]), {*outputs}
+        named = self._frames_of(outputs, options["frames"])
+        counts = not asked.isdisjoint(("tau", *SOLVED, *DYNAMICS_MATRICES))
+        loaded = counts and self.counts_loads(options["joint_loads"])
+        computation = self.computation(outputs, named, links, loaded)
         if computation.needs_masses:
             self.warn_of_masses()
-        remade = functools.partial(
-            prepare, given if isinstance(given, str) else names, frames=named or None, outputs=outputs,
-            gravity=gravity, wrenches=links, joint_loads=computation.request.joint_loads, workers=execution.workers,
-            backend=execution.backend,
-        )  # fmt: skip
-        names = (*names, *(f"{kind}_{k}" for k in range(len(links)) for kind in ("force", "torque")))
-        vector = read_gravity(gravity, DEFAULT_GRAVITY)
-        return Prepared(computation, names, execution, vector, remade, self.watch(output_names))
+        further = (f"{kind}_{k}" for k in range(len(links)) for kind in ("force", "torque"))
+        remade = {"frames": named or None, "wrenches": links, "joint_loads": loaded}
+        return Planned(computation, remade, self.watch(outputs), tuple(further))
 
     def error_bounds(
         self,
@@ -226,7 +212,7 @@ class RobotRequests:
         single name have no axis of frames.
         """
         key = outputs, frames, loaded, joint_loads
-        computations = self._cache.computations
+        computations = self.cache.computations
         found: RobotComputation | None = computations.get(key)
         if found is None:
             free, constants = self.base == "free", self.constants
@@ -254,17 +240,6 @@ class RobotRequests:
     def available(self, outputs: tuple[str, ...]) -> tuple[str, ...]:
         """Return the outputs that exist for this base."""
         return outputs if self.base == "free" else tuple(name for name in outputs if name not in FREE_BASE_OUTPUTS)
-
-    def _prepared_outputs(
-        self, given: str | Iterable[str], names: tuple[str, ...], outputs: Iterable[str] | None
-    ) -> tuple[str, ...]:
-        """Return the outputs of a prepared call, of which `names` are the arguments."""
-        if isinstance(given, str):
-            return self._wanted(ROBOT_TASKS[given], outputs)
-        pushed = not {"tau", "force1", "torque1"}.isdisjoint(names)
-        default = self.available(ROBOT_TASKS["forward_dynamics" if pushed else motion_level(names)].outputs)
-        accepted = tuple(name for name in self.available(ALL_OUTPUTS) if name not in names)
-        return requested_outputs(outputs, None, accepted, default)
 
     def _frames_of(self, outputs: tuple[str, ...], frames: str | Iterable[str] | None) -> str | tuple[str, ...]:
         """Return the argument `frames` of outputs, names or one name alone; () of outputs that have none. None stands
@@ -321,7 +296,7 @@ class RobotRequests:
 
     def warn_of_masses(self) -> None:
         """Issue a DynamicsWarning for each of the tree's notes, at the first call for a robot."""
-        cache = self._cache
+        cache = self.cache
         if not cache.warned:
             self.check_masses()
             cache.warned = True
@@ -332,7 +307,7 @@ class RobotRequests:
         """Return whether loads of joints act; the first call that leaves them out unasked warns."""
         if joint_loads not in (None, False, True):
             raise ArgumentError("joint_loads", "True or False", quoted(joint_loads))
-        cache = self._cache
+        cache = self.cache
         if joint_loads is None and not cache.warned_of_loads:
             cache.warned_of_loads = True
             if note := loads_note(self.tree):
@@ -363,17 +338,10 @@ class RobotRequests:
         pivots = self._computed(names, q=q).arrays()
         constants = self.constants
         thresholds = {"pivots": constants.pivot_thresholds, "base_pivots": constants.base_pivot_thresholds}
-        labels = [*(f"joint {name!r}" for name in constants.names), *["the base"] * 6]
         smallest = np.concatenate([thresholds[name] for name in names])
         values = np.concatenate([np.asarray(pivots[name]) for name in names], axis=-1)
-        low = ~(np.abs(values) > smallest) & (smallest > 0) & bad[..., None]
-        if low.any():
-            first = low.reshape(-1, low.shape[-1])[int(np.argmax(low.any(axis=-1)))]
-            count = int(low.any(axis=-1).sum())
-            where = f"at {count} of {bad.size} samples" if bad.shape else "here"
-            of_joints = np.flatnonzero(first[: len(constants.names)])
-            which = labels[int(of_joints[-1]) if of_joints.size else -1]
-            warn_of_dynamics(f"{self.tree.name}: no mass resists {which} {where}; accelerations are NaN there")
+        labels = (*(f"joint {name!r}" for name in constants.names), *["the base"] * 6)
+        warn_where_singular(self.tree.name, bad, values, smallest, labels)
 
 
 def _has_nan(result: Any) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from hingepair.equations.quantities import POSE
 from hingepair.errors import SceneError
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.pairs.geometry import constants_of
+from hingepair.mechanism.pairs.requests import constants_of
 from hingepair.mechanism.pairs.tolerances import DEVIATIONS, LIMITS, point_scatter, read_limits
 from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.scenes.scene import Scene
