@@ -1,15 +1,14 @@
 """Paths: targets in order, each reached from the one before.
 
-All solutions of the first target are followed at once. Where the last of them ends, at a limit or where the robot
-would have to turn over, the path jumps, and all solutions of that target are followed from there. Of the branches,
-the one that lasts longest is taken, so that there are as few jumps as the branches that were found allow. Paths of
-redundant arms that jump are followed again: slowly towards the posture, then towards the middle of the limits, then
-without a posture.
+All solutions of the first target are followed side by side. Where one cannot go on, at a limit or where the robot
+would have to turn over, it jumps to the solution next to it. Of the branches, one with the fewest jumps is taken, and
+of these the one that moves least. Paths of redundant arms that jump are followed again: slowly towards the posture,
+then towards the middle of the limits, then without a posture.
 """
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ _BRANCHES: Final = 16  # of a path, followed at once
 _CHECKS: Final = (4, 2, 4, 10)  # steps to a sample; branches that have arrived after 4, 4 + 2, ... of them rest
 _PULLS: Final = 1  # rounds towards a posture at each sample
 _GENTLE: Final = 0.02  # of the way to a posture in a step, where the whole way led to a jump
-_MAX_NUMBERS: Final = 20_000_000  # in the history of the branches that are followed at once
+_MAX_NUMBERS: Final = 20_000_000  # in the branches that are followed at once
 
 
 class Path(NamedTuple):
@@ -43,30 +42,23 @@ def follow(solver: Solver, targets: Targets, shape: tuple[int, int], max_change:
         seed: seed of the starts.
     """
     rows = np.arange(shape[0] * shape[1]).reshape(shape)
-    q, steps, jumps = np.full((*shape, solver.dof), np.nan), np.zeros(shape, np.int64), np.zeros(shape, bool)
-    size = max(1, _MAX_NUMBERS // (shape[1] * _BRANCHES * solver.dof))
-    for first in range(0, shape[0], size):
-        some = slice(first, first + size)
-        branches = _Branches(solver, targets.at(rows[some].ravel()), rows[some].shape, max_change, seed)
-        q[some], steps[some] = branches.run()
-        jumps[some] = _jumps(q[some], max_change)
+    q, steps, jumps = np.full((*shape, solver.dof), np.nan), np.zeros(shape, np.int64), np.ones(shape, bool)
     middle = np.broadcast_to(solver.middle, (rows.size, solver.dof))
-    others = (middle,) if targets.posture is None else (targets.posture, middle, None)
     # A redundant arm may drift into limits or singular poses that it can also go round.
-    for posture in others if solver.redundant else ():
+    gentle = [(targets.posture, _GENTLE)] if targets.posture is not None else []
+    more = [*gentle, (middle, _GENTLE), *([(None, 1.0)] if gentle else [])] if solver.redundant else []
+    size = max(1, _MAX_NUMBERS // (shape[1] * _BRANCHES * solver.dof))
+    for posture, share in ((targets.posture, 1.0), *more):
         jumping = np.flatnonzero(jumps.any(axis=1))
         for first in range(0, len(jumping), size):
             paths = jumping[first : first + size]
             again = rows[paths].ravel()
-            part = targets.at(again) if posture is not None else targets.at(again)._replace(posture=None)
-            branches = _Branches(solver, part, (len(paths), shape[1]), max_change, seed)
-            if posture is not None:
-                branches.attract(posture[again], _GENTLE)
-            other, taken = branches.run()
+            part = targets.at(again)._replace(posture=None if posture is None else posture[again])
+            other, taken = _followed(solver, part, (len(paths), shape[1]), max_change, seed, share)
             steps[paths] += taken
-            jumps_then = _jumps(other, max_change)
-            fewer = jumps_then.sum(axis=1) < jumps[paths].sum(axis=1)
-            q[paths[fewer]], jumps[paths[fewer]] = other[fewer], jumps_then[fewer]
+            then = _jumps(other, max_change)
+            fewer = (then.sum(axis=1) < jumps[paths].sum(axis=1)) | np.isnan(q[paths]).all(axis=(1, 2))
+            q[paths[fewer]], jumps[paths[fewer]] = other[fewer], then[fewer]
     flat, found = q.reshape(-1, solver.dof), Solutions.nothing((rows.size,), solver)
     finite = np.flatnonzero(np.isfinite(flat).all(axis=1))
     if len(finite):
@@ -84,111 +76,71 @@ def _jumps(q: Float64Array, max_change: float) -> NDArray[np.bool_]:
     return jumps
 
 
-class _Branches:
-    """Up to 16 solutions (branches) of each of some paths, followed side by side from sample to sample."""
+def _followed(
+    solver: Solver, targets: Targets, shape: tuple[int, int], max_change: float, seed: int, share: float
+) -> tuple[Float64Array, NDArray[np.int64]]:
+    """Return the coordinates (P, N, dof) of the best branch of each of some paths, and the counts of steps (P, N). A
+    posture is approached from sample to sample, by a share of the way in each step.
+    """
+    paths, samples = shape
+    lanes = paths, _BRANCHES
+    q, (reached, steps) = np.full((samples, *lanes, solver.dof), np.nan), _within_reach(solver, targets, shape, seed)
+    last, alive = np.full((*lanes, solver.dof), np.nan), np.zeros(lanes, bool)
+    jumps, travel = np.zeros(lanes, np.int64), np.zeros(lanes)
+    finite = np.asarray(np.isfinite(targets.poses).all(axis=1)).reshape(shape)
+    for i in range(samples):
+        rows, arrived = np.arange(paths) * samples + i, np.zeros(paths, bool)
+        path, branch = np.nonzero(alive & reached[:, i, None])
+        if len(path):
+            before, part = last[path, branch], targets.at(rows[path])
+            found, taken = solver.descend(before, part, _CHECKS)
+            np.add.at(steps[:, i], path, taken)
+            if targets.posture is not None:
+                pulled = solver.pull(found.at(np.arange(len(path))), part, _PULLS, share)  # of a copy
+                near = np.abs(pulled.q - before).max(axis=1) <= max_change
+                found.put(near, pulled.at(near))
+            change = np.abs(found.q - before)
+            there = found.ok & (change.max(axis=1) <= max_change)
+            arrived[path[there]] = True
+            ending = ~there & arrived[path]
+            alive[path[ending], branch[ending]] = False
+            last[path[there], branch[there]] = found.q[there]
+            travel[path[there], branch[there]] += np.sqrt(np.square(change[there]).sum(axis=1))
+        stuck = np.flatnonzero(finite[:, i] & ~arrived)
+        if len(stuck):  # all go on from the best branch: with its solutions, or else the closest pose
+            best = np.where(alive, travel, np.inf)[stuck].argmin(axis=1)
+            was, part = last[stuck, best], targets.at(rows[stuck])
+            first = np.isnan(was).any(axis=1)
+            part = part._replace(
+                near=np.where(first[:, None], solver.middle if part.near is None else part.near, was)
+            )
+            found = Solutions.nothing((len(stuck), _BRANCHES), solver)
+            solved = first | reached[stuck, i]
+            if solved.any():
+                some, taken, _ = solver.several(part.at(solved), _BRANCHES, seed)
+                found.put(solved, some)
+                steps[stuck[solved], i] += taken
+            if not solved.all():
+                found.put((~solved, 0), solver.approached(was[~solved], part.at(~solved)))
+            change = np.where(first[:, None, None], 0.0, np.abs(found.q - was[:, None]))
+            q[:i, stuck] = q[:i, stuck, best][:, :, None]
+            jumps[stuck] = jumps[stuck, best][:, None] + (change.max(axis=2) > max_change)
+            travel[stuck] = travel[stuck, best][:, None] + np.sqrt(np.square(change).sum(axis=2))
+            known = np.isfinite(found.q).all(axis=2)
+            fewest = np.where(known, jumps[stuck], samples).min(axis=1, keepdims=True)
+            alive[stuck], last[stuck] = known & (jumps[stuck] == fewest), found.q
+            if targets.near is not None:  # a path starts at the solution nearest to q0
+                alive[stuck[first], 1:] = False
+        q[i] = np.where((alive & finite[:, i, None])[..., None], last, np.nan)
+    best = np.where(alive, travel, np.inf).argmin(axis=1)
+    return np.swapaxes(q[:, np.arange(paths), best], 0, 1), steps
 
-    def __init__(
-        self, solver: Solver, targets: Targets, shape: tuple[int, ...], max_change: float, seed: int
-    ) -> None:
-        self.solver, self.targets, self.max_change, self.seed = solver, targets, max_change, seed
-        self.paths, self.samples = shape
-        lanes = self.paths, _BRANCHES
-        self.q = np.full((*lanes, solver.dof), np.nan)
-        self.alive, self.travel = np.zeros(lanes, bool), np.zeros(lanes)
-        self.history = np.full((self.samples, *lanes, solver.dof), np.nan)
-        self.chosen = np.full((self.paths, self.samples, solver.dof), np.nan)
-        self.begin = np.zeros(self.paths, np.int64)  # of the branches that are followed
-        self.steps = np.zeros(shape, np.int64)
-        self.last = np.full((self.paths, solver.dof), np.nan)  # the coordinates before that; NaN without any
-        self.finite = np.logical_and.reduce(np.isfinite(targets.poses), axis=1)
-        self.posture, self.share = targets.posture, 1.0  # what is approached from sample to sample, and how fast
-        # One solution of each sample tells which are within reach.
-        self.one = Solutions.nothing((len(targets.poses),), solver)
-        some = targets.at(self.finite)._replace(posture=None)
-        some = some if solver.holds else some._replace(near=None)
-        found, self.steps.ravel()[self.finite], _ = solver.first(some, seed)
-        self.one.put(self.finite, found)
 
-    def attract(self, posture: Float64Array, share: float) -> None:
-        """Approach another posture from sample to sample, by a share of the way in each step."""
-        self.posture, self.share = posture, share
-
-    def run(self) -> tuple[Float64Array, NDArray[np.int64]]:
-        """Return the coordinates (P, N, dof), and the counts of steps (P, N)."""
-        for i in range(self.samples):
-            rows = np.arange(self.paths) * self.samples + i
-            finite, within_reach = self.finite[rows], self.one.ok[rows]
-            lasting = self._follow(i, rows, within_reach)
-            lost = np.flatnonzero(finite & ~lasting)
-            if len(lost):
-                self._take_longest(lost, i)
-                self._begin(lost, i, rows[lost])
-            self.history[i] = np.where((self.alive & finite[:, None])[..., None], self.q, np.nan)
-        self._take_longest(np.arange(self.paths), self.samples)
-        return self.chosen, self.steps
-
-    def _follow(self, i: int, rows: NDArray[np.int64], going: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Move the branches of the paths `going` to sample i, the targets in `rows`. Return which of these paths have
-        branches that arrive; their other branches end.
-        """
-        path, branch = np.nonzero(self.alive & going[:, None])
-        lasting = np.zeros(self.paths, bool)
-        if not len(path):
-            return lasting
-        before, targets = self.q[path, branch], self.targets.at(rows[path])
-        found, taken = self.solver.descend(before, targets, _CHECKS)
-        np.add.at(self.steps[:, i], path, taken)
-        if self.posture is not None:
-            wanted = targets._replace(posture=self.posture[rows[path]])
-            copy = found.at(np.arange(len(path)))  # a slice would be a view
-            pulled = self.solver.pull(copy, wanted, _PULLS, self.share)
-            near = (np.abs(pulled.q - before) <= self.max_change).all(axis=1)
-            found.put(near, pulled.at(near))
-        change = np.abs(found.q - before)
-        there = found.ok & (change.max(axis=1) <= self.max_change)
-        lasting[path[there]] = True
-        ending = ~there & lasting[path]
-        self.alive[path[ending], branch[ending]] = False
-        path, branch = path[there], branch[there]
-        self.q[path, branch] = found.q[there]
-        self.travel[path, branch] += np.sqrt(np.square(change[there]).sum(axis=1))
-        return lasting
-
-    def _take_longest(self, paths: NDArray[np.int64], end: int) -> None:
-        """Choose, for the samples before `end`, the branch that has moved least of those that have lasted."""
-        best = np.where(self.alive[paths], self.travel[paths], np.inf).argmin(axis=1)
-        for p, b in zip(paths, best, strict=True):
-            if self.alive[p, b]:
-                self.chosen[p, self.begin[p] : end] = self.history[self.begin[p] : end, p, b]
-                self.last[p] = self.q[p, b]
-            self.begin[p] = end
-
-    def _begin(self, paths: NDArray[np.int64], i: int, rows: NDArray[np.int64]) -> None:
-        """Begin branches at sample i, the targets in `rows`: at its solutions near the sample before, at all if none
-        is near, at the closest pose if it is out of reach.
-        """
-        first = np.isnan(self.last[paths]).any(axis=1)
-        near = self.solver.middle if self.targets.near is None else self.targets.near[rows]
-        last = np.where(first[:, None], near, self.last[paths])
-        found = Solutions.nothing((len(paths), _BRANCHES), self.solver)
-        found.q[:, 0] = self.one.q[rows]  # the closest pose, where it is out of reach
-        alive = np.zeros((len(paths), _BRANCHES), bool)
-        alive[:, 0] = True
-        within = self.one.ok[rows]
-        if within.any():
-            targets = self.targets.at(rows[within])._replace(near=last[within])
-            some, taken, _ = self.solver.several(targets, _BRANCHES, self.seed)
-            self.steps[paths[within], i] += taken
-            found.put(within, some)
-            alive[within] = some.ok
-        change = np.abs(found.q - last[:, None]).max(axis=2)
-        close = found.ok & (change <= self.max_change)
-        alive = np.where((close.any(axis=1) & ~first)[:, None], close, alive)
-        if self.targets.near is not None:  # a path starts at the solution nearest to q0
-            alive[first, 1:] = False
-        astray = ~found.ok[:, 0] & ~first
-        if astray.any():  # the closest pose next to the one before
-            alive[astray] = np.arange(_BRANCHES) == 0
-            found.q[astray, 0] = self.solver.approached(last[astray], self.targets.at(rows[astray])).q
-        self.q[paths], self.alive[paths] = found.q, alive
-        self.travel[paths] = np.where(first[:, None] | ~alive, 0.0, change)
+def _within_reach(solver: Solver, targets: Targets, shape: tuple[int, int], seed: int) -> tuple[Any, Any]:
+    """Return which samples of paths are within reach, and the counts of steps that tell so; (P, N) each."""
+    finite = np.isfinite(targets.poses).all(axis=1)
+    reached, steps = np.zeros(len(finite), bool), np.zeros(len(finite), np.int64)
+    some = targets.at(finite)._replace(posture=None)
+    found, steps[finite], _ = solver.first(some if solver.holds else some._replace(near=None), seed)
+    reached[finite] = found.ok
+    return reached.reshape(shape), steps.reshape(shape)
