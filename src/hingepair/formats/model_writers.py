@@ -24,7 +24,7 @@ from hingepair.formats.robot_writer import robot_to_urdf
 from hingepair.mechanism.bodies.body import Body, Box, Cylinder, DynamicsWarning, Shape
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.bodies.shapes import BodyDrawing
+from hingepair.mechanism.bodies.shapes import Drawing
 from hingepair.mechanism.building.pairs import tree_of_pair
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
@@ -254,7 +254,7 @@ def _tree_of_pair(pair: HingePair, load: HingeLoad, *, is_fixed: bool) -> tuple[
         sentences += [f"{link}: {sentence}" for sentence in (body.assumed if body and moves else ())]
         masses.append(ZERO_MASS_PROPERTIES if body is None else _mass_properties(body, origin))
     hung = tuple(replace(shape, center=shape.center - pair.u2) for shape in two)
-    drawings = (BodyDrawing(visuals=one, colour=_BLUE), BodyDrawing(visuals=hung, colour=_ORANGE))
+    drawings = (Drawing(visuals=one, colour=_BLUE), Drawing(visuals=hung, colour=_ORANGE))
     return tree_of_pair(pair, load, masses, drawings), sentences
 
 

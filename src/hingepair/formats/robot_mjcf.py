@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError
 from hingepair.formats.xml_text import add_element, check_names, check_xml_text, document, first_few, seat_of
 from hingepair.mechanism.bodies.body import Box, Cylinder, warn_of_dynamics
-from hingepair.mechanism.bodies.shapes import BodyDrawing, Drawn, Mesh
+from hingepair.mechanism.bodies.shapes import Drawing, Drawn, Mesh
 from hingepair.mechanism.tree import Joint, Tree, unused_name
 from hingepair.numeric.arrays import one_constant
 from hingepair.rotations.matrices import matrix_to_quaternion
@@ -146,7 +146,7 @@ def _add_body(
         J = masses.inertia
         moments = (J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
         add_element(body, "inertial", pos=masses.centre_of_mass, mass=masses.mass, fullinertia=moments)
-    _add_geoms(body, tree.drawings[number] if tree.drawings else BodyDrawing(), assets)
+    _add_geoms(body, tree.drawings[number] if tree.drawings else Drawing(), assets)
     for name, frame in links.items():
         add_element(body, "body", name=_body_name(name), **_pose(frame.R, frame.S))
     for name, frame in frames.items():
@@ -225,7 +225,7 @@ def _add_assets(root: ET.Element, assets: _Assets) -> None:
             add_element(group, "mesh", name=asset.name, file=str(asset.path), **scaled, inertia="shell")
 
 
-def _add_geoms(body: ET.Element, drawing: BodyDrawing, assets: _Assets) -> None:
+def _add_geoms(body: ET.Element, drawing: Drawing, assets: _Assets) -> None:
     """Add the geoms of a body: those that are drawn, and those for collisions, shown if there are no others."""
     visuals = [one for shape in drawing.visuals if (one := _geom(shape, assets))]
     for visual in visuals:

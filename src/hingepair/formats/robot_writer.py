@@ -17,7 +17,7 @@ import numpy as np
 from hingepair.errors import URDFError
 from hingepair.formats.xml_text import NO_TURN, add_element, check_names, check_xml_text, document, seat_of
 from hingepair.mechanism.bodies.body import Box, Cylinder, warn_of_dynamics
-from hingepair.mechanism.bodies.shapes import BodyDrawing, Drawn, Mesh
+from hingepair.mechanism.bodies.shapes import Drawing, Drawn, Mesh
 from hingepair.mechanism.joints import KINDS
 from hingepair.mechanism.tree import Joint, Tree, unused_name
 from hingepair.numeric.arrays import Float64Array
@@ -93,7 +93,7 @@ class _UrdfWriter:
             add_element(inertial, "mass", value=masses.mass)
             moments = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), masses.inertia[np.triu_indices(3)], strict=True)
             add_element(inertial, "inertia", **dict(moments))
-        drawing = tree.drawings[number] if tree.drawings else BodyDrawing()
+        drawing = tree.drawings[number] if tree.drawings else Drawing()
         for tag, shapes in (("visual", drawing.visuals), ("collision", drawing.collisions)):
             for shape in shapes:
                 if self._meshes or not isinstance(shape, Mesh):

@@ -138,7 +138,7 @@ def _followed(
 
 def _within_reach(solver: Solver, targets: Targets, shape: tuple[int, int], seed: int) -> tuple[Any, Any]:
     """Return which samples of paths are within reach, and the counts of steps that tell so; (P, N) each."""
-    finite = np.isfinite(targets.poses).all(axis=1)
+    finite = np.asarray(np.isfinite(targets.poses).all(axis=1))
     reached, steps = np.zeros(len(finite), bool), np.zeros(len(finite), np.int64)
     some = targets.at(finite)._replace(posture=None)
     found, steps[finite], _ = solver.first(some if solver.holds else some._replace(near=None), seed)

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from hingepair.equations.joints import Axis
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.bodies.shapes import BodyDrawing
+from hingepair.mechanism.bodies.shapes import Drawing
 from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.robots.samples import Samples
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, read_only
@@ -191,7 +191,7 @@ class Tree(Frozen):
     # body can have; whole sentences that name the link
     notes: tuple[str, ...] = ()
     base_notes: tuple[str, ...] = ()  # the same of the base, whose mass counts only if it is free
-    drawings: tuple[BodyDrawing, ...] = ()  # what each body is drawn by, the base first
+    drawings: tuple[Drawing, ...] = ()  # what each body is drawn by, the base first
     # what the robot was read from, as long as it describes the links and masses of the robot
     source: Source | None = None
     without_mass: Mapping[int, str] = field(default_factory=dict)

@@ -11,7 +11,7 @@ import numpy as np
 
 from hingepair.formats.model_writers import drawn_shapes
 from hingepair.mechanism.bodies.body import Box, Shape, Sphere
-from hingepair.mechanism.bodies.shapes import BodyDrawing, Mesh, placed_shapes
+from hingepair.mechanism.bodies.shapes import Drawing, Mesh, placed_shapes
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.tree import Frame, Joint, Tree
@@ -234,7 +234,7 @@ def _coordinate_json(joint: Joint, chain_index: int, size: float, positions: np.
 
 
 def _coloured_shapes(
-    colour: str, drawing: BodyDrawing, simple_body: SimpleBody, pieces: Mapping[int, Sequence[MeshPiece]]
+    colour: str, drawing: Drawing, simple_body: SimpleBody, pieces: Mapping[int, Sequence[MeshPiece]]
 ) -> list[tuple[str, Shape | MeshPiece]]:
     """Return a body's shapes and their colours: as the URDF draws it if all its meshes were read, else by its shapes,
     with those of a simple body where they are not complete.
@@ -244,8 +244,9 @@ def _coloured_shapes(
         shapes: list[Shape | MeshPiece] = [shape for shape in drawing.visuals if not isinstance(shape, Mesh)]
         shapes += [piece for mesh in meshes for piece in pieces[id(mesh)]]
         return [(colour, shape) for shape in shapes]
-    drawn: list[tuple[str, Shape | MeshPiece]] = [(colour, shape) for shape in drawing.shapes]
-    if not drawing.is_complete:
+    written = [shape for shape in drawing.visuals if not isinstance(shape, Mesh)]
+    drawn: list[tuple[str, Shape | MeshPiece]] = [(colour, shape) for shape in drawing.shapes or written]
+    if not drawing.shapes:
         drawn += [(colour, shape) for shape in simple_body.links]
         drawn += [(_JOINT_COLOUR, shape) for shape in simple_body.joints]
     return drawn

@@ -57,63 +57,40 @@ class Mesh(NamedTuple):
 Drawn: TypeAlias = Shape | Mesh
 
 
-class LinkDrawing(NamedTuple):
-    """What a URDF, or a pair, draws a link by, in the axes of the link."""
+class Drawing(NamedTuple):
+    """What a link or a body is drawn by, in its axes, from its reference point."""
 
     shapes: tuple[Shape, ...] | None = ()  # that show all of it; None if others do, such as meshes
     visuals: tuple[Drawn, ...] = ()  # shapes and meshes, as written
     collisions: tuple[Drawn, ...] = ()  # those for collisions, as written
     unread: tuple[str, ...] = ()  # what was written and cannot be read, such as "visual of link 'hand'"
-
-
-NOT_DRAWN = LinkDrawing()
-
-
-class BodyDrawing(NamedTuple):
-    """Drawing of a body of a robot, in the axes of the body, from its reference point."""
-
-    shapes: tuple[Shape, ...] = ()
-    is_complete: bool = (
-        False  # whether the shapes show all of the body; False if there are none, or if meshes draw it
-    )
-    visuals: tuple[Drawn, ...] = ()
-    collisions: tuple[Drawn, ...] = ()
-    unread: tuple[str, ...] = ()
     colour: tuple[float, ...] | None = None  # RGBA of shapes, in files that are written
 
-    def with_shapes(self, added: Iterable[Shape]) -> BodyDrawing:
-        """Return the drawing of the body with further shapes."""
+    def with_shapes(self, added: Iterable[Shape]) -> Drawing:
+        """Return the drawing with further shapes."""
         more = tuple(added)
-        return self._replace(shapes=(*self.shapes, *more), visuals=(*self.visuals, *more))
-
-    def as_link(self) -> LinkDrawing:
-        """Return the drawing as that of a link in the frame of the body."""
-        shapes = self.shapes if self.is_complete or not self.visuals else None
-        return LinkDrawing(shapes, self.visuals, self.collisions, self.unread)
+        shapes = None if self.shapes is None else (*self.shapes, *more)
+        return self._replace(shapes=shapes, visuals=(*self.visuals, *more))
 
 
-def body_drawing(parts: Iterable[tuple[LinkDrawing, FramePose]]) -> BodyDrawing:
+NOT_DRAWN = Drawing()
+
+
+def body_drawing(parts: Iterable[tuple[Drawing, FramePose]]) -> Drawing:
     """Return the drawing of a body from those of its links and their poses in it."""
-    shapes: list[Shape] = []
-    visuals: list[Drawn] = []
-    collisions: list[Drawn] = []
-    unread: list[str] = []
-    is_complete = True
-    for part, pose in parts:
-        try:
-            shapes += placed_shapes(part.shapes or (), pose)
-            visuals += placed_shapes(part.visuals, pose)
-            collisions += placed_shapes(part.collisions, pose)
-        except ArgumentError:  # a position overflows; the drawing does not matter to motion
-            return BodyDrawing()
-        unread += part.unread
-        is_complete &= part.shapes is not None
-    if not is_complete:
-        shapes = []
-    return BodyDrawing(tuple(shapes), bool(shapes), tuple(visuals), tuple(collisions), tuple(unread))
+    links: list[tuple[Any, FramePose]] = [*parts]
+    try:
+        shapes, visuals, collisions = (
+            tuple(one for part, pose in links for one in placed_shapes(part[k] or (), pose)) for k in range(3)
+        )
+    except ArgumentError:  # a position overflows; the drawing does not matter to motion
+        return Drawing()
+    is_complete = all(part.shapes is not None for part, _ in links)
+    unread = tuple(name for part, _ in links for name in part.unread)
+    return Drawing(shapes if is_complete else None, visuals, collisions, unread)
 
 
-def link_drawing(link: LinkRecord, folder: Path | None) -> LinkDrawing:
+def link_drawing(link: LinkRecord, folder: Path | None) -> Drawing:
     """Return what a URDF draws a link by; `folder` is that of the file."""
     unread = []
     drawn: dict[str, tuple[Drawn, ...]] = {}
@@ -133,7 +110,7 @@ def link_drawing(link: LinkRecord, folder: Path | None) -> LinkDrawing:
             shapes = tuple(one for one in own if not isinstance(one, Mesh))
         elif records != ():
             shapes = None
-    return LinkDrawing(shapes, drawn["visual"], drawn["collision"], tuple(unread))
+    return Drawing(shapes, drawn["visual"], drawn["collision"], tuple(unread))
 
 
 def _drawn(visual: Visual, folder: Path | None) -> list[Drawn]:

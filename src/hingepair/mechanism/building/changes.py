@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.bodies.shapes import BodyDrawing, placed_shapes
+from hingepair.mechanism.bodies.shapes import Drawing, placed_shapes
 from hingepair.mechanism.building.folding import (
     JointPart,
     body_masses,
@@ -62,7 +62,7 @@ def pair_of(
             )
             warn_of_dynamics(message)
         elif masses.mass:
-            shapes = placed_shapes(tree.drawings[body].shapes if tree.drawings else (), end)
+            shapes = placed_shapes((tree.drawings[body].shapes if tree.drawings else ()) or (), end)
             masses = masses.placed(end)
             options[label] = Body(masses.mass, masses.centre_of_mass, masses.inertia, shapes)
     if KINDS[joint.kind].has_pitch:
@@ -142,7 +142,7 @@ def lock_joints(tree: Tree, positions: Mapping[str, float]) -> Tree:
     for number, (part, masses) in enumerate(zip(parts, tree.bodies, strict=True)):
         part.masses[next(iter(part.links), f"body {number}")] = masses
         part.leaves += [link for link in leaves if link in part.links]
-        part.drawing = (tree.drawings[number] if tree.drawings else BodyDrawing()).as_link()
+        part.drawing = tree.drawings[number] if tree.drawings else Drawing()
         if number in tree.without_mass:
             part.without_mass.append(tree.without_mass[number])
     held = locked_positions(parts, positions)

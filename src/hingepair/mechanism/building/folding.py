@@ -18,7 +18,7 @@ import numpy as np
 from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
-from hingepair.mechanism.bodies.shapes import NOT_DRAWN, LinkDrawing, body_drawing
+from hingepair.mechanism.bodies.shapes import NOT_DRAWN, Drawing, body_drawing
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.tree import BASE_KINDS, Frame, Joint, Mimic, Tree
 from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, read_only
@@ -40,7 +40,7 @@ class JointPart:
     leaves: list[str] = field(default_factory=list)  # names of the links that carry no further link
     frames: dict[str, FramePose] = field(default_factory=dict)  # poses of further frames, by name
     masses: dict[str, MassProperties] = field(default_factory=dict)  # by the link that has them
-    drawing: LinkDrawing = NOT_DRAWN  # what the body is drawn by
+    drawing: Drawing = NOT_DRAWN  # what the body is drawn by
     notes: list[str] = field(default_factory=list)  # sentences about assumed masses
     without_mass: list[str] = field(default_factory=list)  # its links whose mass was never given; a URDF's has 0 kg
 
@@ -124,7 +124,7 @@ def fold_parts(name: str, parts: Sequence[JointPart], locked: Mapping[str, float
             joints.append(replace(part.joint, parent=parent, u=frame.R, S=frame.S, n=n, body=sum_of, mimic=mimic))
         links, frames = _links_and_frames(parts, body_poses, body_numbers)
         base_masses = mass_properties(masses[0])
-        drawn: list[list[tuple[LinkDrawing, FramePose]]] = [[] for _ in masses]
+        drawn: list[list[tuple[Drawing, FramePose]]] = [[] for _ in masses]
         for part, (body, pose) in zip(parts, body_poses, strict=True):
             drawn[body].append((part.drawing, pose))
         drawings = tuple(map(body_drawing, drawn))

@@ -15,7 +15,7 @@ import numpy as np
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.bodies.shapes import LinkDrawing
+from hingepair.mechanism.bodies.shapes import Drawing
 from hingepair.mechanism.building.folding import (
     JointPart,
     chosen_base,
@@ -39,7 +39,7 @@ _KINDS: dict[int, JointKind] = {2: "slider", 3: "hinge"}  # by mjtJoint, MuJoCo'
 _LOOP_KINDS = {0: "ball", 1: "weld"}  # of loops, by the type of an equality (mjtEq)
 _SITE = 6  # what an equality joins (mjtObj)
 _JOINT_EQUALITY = 2  # mjEQ_JOINT, the type of an equality by which a joint follows another
-_UNKNOWN = LinkDrawing(None)  # geoms are not read
+_UNKNOWN = Drawing(None)  # geoms are not read
 _FREE, _TYPE_NAMES = 0, ("free", "ball", "slide", "hinge")
 
 

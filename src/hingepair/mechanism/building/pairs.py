@@ -12,7 +12,7 @@ import numpy as np
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body, inertial_parameters
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.bodies.shapes import BodyDrawing, LinkDrawing, placed_shapes
+from hingepair.mechanism.bodies.shapes import Drawing, placed_shapes
 from hingepair.mechanism.building.changes import add_frame
 from hingepair.mechanism.building.folding import JointPart, body_masses, fold_parts, written_joint
 from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
@@ -50,7 +50,7 @@ def tree_of_pair(
     pair: HingePair,
     load: HingeLoad = NO_LOAD,
     bodies: Sequence[MassProperties] | None = None,
-    drawings: tuple[BodyDrawing, ...] = (),
+    drawings: tuple[Drawing, ...] = (),
 ) -> Tree:
     """Return a pair as a robot. It has the links body1, body2_at_hinge, which the joint `hinge` carries, and body2,
     which is fixed to it at -u2; points are frames.
@@ -231,6 +231,6 @@ def _add_body(part: JointPart, link: str, body: Body | None, pose: FramePose, is
         part.without_mass.append(link)
     else:
         shapes = tuple(placed_shapes(body.shapes, pose))
-        part.drawing = LinkDrawing(shapes, shapes)
+        part.drawing = Drawing(shapes, shapes)
         part.notes += [f"{link}: {sentence}" for sentence in body.assumed]
     return part
