@@ -109,7 +109,7 @@ def test_bounds_hold_errors():
         for name, bound in bounds.items():
             gap = np.abs(state[name].astype(object) - exact.values[name]).reshape(6, -1).max(axis=-1)
             assert (gap <= bound).all()
-            assert (bound <= 1e-13).all()
+            assert (bound <= 512 * U).all()
 
 
 def test_pinocchio_agrees_with_a_pair_and_with_a_robot():
@@ -139,7 +139,7 @@ def test_models_are_those_that_pinocchio_and_mujoco_read(tmp_path):
     model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
     data = model.createData()
     pin.framesForwardKinematics(model, data, np.array([0.1, 0.2, 0.3, 0, 0, 0, 1, 0.7]))
-    assert min(np.abs(place.translation - R2).max() for place in data.oMf) <= 1e-15
+    assert min(np.abs(place.translation - R2).max() for place in data.oMf) <= 8 * U
     spec = mujoco.MjModel.from_xml_string(hp.to_mjcf(PAIR))
     state = mujoco.MjData(spec)
     state.qpos[:] = [0.1, 0.2, 0.3, 1, 0, 0, 0, 0.7]

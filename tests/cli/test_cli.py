@@ -187,7 +187,9 @@ def test_a_mechanism_runs_as_a_pair_does(tmp_path: Path) -> None:
     report = json.loads(run_command("run", logged, "--outputs", "tau", "--json").stdout)
     assert report["moving"] == ["swing", "boom", "stick", "bucket"]
     largest = report["outputs"]["tau_boom"]["largest"]
-    assert largest == pytest.approx(np.abs(hp.load_scene(scene).forces().tau_boom).max(), rel=1e-9)
+    assert largest == pytest.approx(
+        np.abs(hp.load_scene(scene).forces().tau_boom).max(), rel=1e-9
+    )  # of the digits that are printed
     assert "(nearest: R_teeth), got 'R_teath'" in refusal("run", scene, "--outputs", "R_teath")
 
 

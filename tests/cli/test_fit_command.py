@@ -12,6 +12,7 @@ import hingepair as hp
 from hingepair.mechanism.results import Record
 from support.commands import refusal, run_command
 from support.drawn import drawn_texts
+from support.near import U
 from support.recorded import HOME, recording
 
 NOISE = re.compile(r"smoothed: noise of (0\.001|0\.0009\d) m of position, (0\.002|0\.0019) rad of attitude")
@@ -65,7 +66,7 @@ def test_lengths_and_angles_are_in_the_units_that_are_asked_for(tmp_path):
     assert heading == "t [s],psi [mrad],psi_std [mrad],gap [mm],tilt [mrad],weight"
     assert float(rows[0].split(",")[3]) == pytest.approx(1e3 * fitted.gap[0], rel=1e-9)
     (line,) = fitted.plot("um").axes[1].get_lines()
-    np.testing.assert_allclose(line.get_ydata(), 1e6 * fitted.gap, rtol=1e-14)
+    np.testing.assert_allclose(line.get_ydata(), 1e6 * fitted.gap, rtol=64 * U)
     assert "--units: expected one of" in refused(file, "--units", "degrees")
 
 
@@ -89,7 +90,7 @@ def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
     assert any(NOISE.search(note) for note in loaded.motion.notes)
     result = loaded.evaluate(outputs=("R2", "S2", "v2", "alpha2"))
     inside = slice(50, -50)
-    assert np.sqrt(np.mean((result.R2 - made.R2)[inside] ** 2)) < 2e-3
+    assert np.sqrt(np.mean((result.R2 - made.R2)[inside] ** 2)) < 2e-3  # m, of the noise, as below
     exact = recording(600)
     assert np.sqrt(np.mean((result.R2 - exact.R2)[inside] ** 2)) < 1e-3
     slopes = np.gradient(exact.R2, exact.t, axis=0)

@@ -11,6 +11,7 @@ import pytest
 
 import hingepair as hp
 from support.commands import run_command
+from support.near import U
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -81,7 +82,7 @@ def test_instants_without_finite_forces_are_counted_and_left_out_of_the_ranges(t
     row = report["outputs"]["hinge_torque"]
     assert finite.size == 62
     assert (row["smallest"], row["largest"]) == (finite.min(), finite.max())
-    assert row["rms"] == pytest.approx(np.sqrt(np.mean(finite**2)), rel=1e-14)
+    assert row["rms"] == pytest.approx(np.sqrt(np.mean(finite**2)), rel=64 * U)
     assert row["t_of_largest_size"] == np.linspace(0, 1, 101)[np.nanargmax(np.abs(torque))]
 
 
@@ -115,7 +116,7 @@ def test_the_torque_about_the_hinge_axis_is_split_into_what_gives_it(tmp_path, t
     assert parts["stop_torque"].any()
     assert list(forces.recorded())[:7] == ["psi", "hinge_torque", *parts]
     for name, torque in parts.items():
-        np.testing.assert_allclose(forces[name], torque, rtol=1e-13, atol=1e-12)
+        np.testing.assert_allclose(forces[name], torque, rtol=512 * U, atol=8192 * U)
     np.testing.assert_allclose(sum(parts.values()), forces.hinge_torque, rtol=1e-9, atol=1e-9)
     output = told(path)
     rows = [line.split()[:3] for line in output.splitlines() if re.match(r" *\w+_torque +N m", line)]

@@ -111,7 +111,7 @@ def test_mujoco_shows_the_meshes_where_the_urdf_has_them(
     placed = state.R + (at[0] + (CORNERS * (0.1, 0.2, -0.3)) @ at[1].T) @ state.S.T
     distances = np.linalg.norm(found[:, None] - placed, axis=2)
     assert distances.min(axis=1).max() <= 1e-6  # MuJoCo holds corners in single precision
-    assert distances.min(axis=0).max() <= 1e-6
+    assert distances.min(axis=0).max() <= 1e-6  # as above
     assert model.geom_rgba[0].tolist() == [1, 0, 0, 0.5]
     assert model.geom_contype[0] == model.geom_conaffinity[0] == 0
     assert not model.nmesh - 1

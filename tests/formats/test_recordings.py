@@ -115,7 +115,7 @@ def test_attitudes_of_a_few_digits_and_of_zeros_are_read(tmp_path: Path) -> None
     places = {f"R{i}_{a}": R[:, j] for i, R in ((1, MADE.R1), (2, MADE.R2)) for j, a in enumerate("xyz")}
     found = read_recording(table(tmp_path / "a.csv", **columns, **places))
     assert np.isnan(found.body2.S[5]).all()
-    assert np.abs(np.delete(found.body2.S - MADE.S2, 5, axis=0)).max() < 1e-6
+    assert np.abs(np.delete(found.body2.S - MADE.S2, 5, axis=0)).max() < 1e-6  # of six digits
 
 
 def same_recording(found: Recording, expected: Recording) -> None:

@@ -11,6 +11,7 @@ from hingepair.measured.most_likely import Model, evaluate, most_likely, psi_der
 from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
 from hingepair.measured.statistics import LOSSES, cauchy, loss_weights, median_variance, neighbours_to_sum, sandwich
 from hingepair.rotations.matrices import rotation_log
+from support.near import U
 from support.recorded import HOME, N1, U1, U2, recording, turns
 
 NOISE = Noise(place=4e-6, attitude=9e-6)
@@ -78,9 +79,9 @@ def test_home_takes_one_axis_to_the_other_and_is_a_rotation() -> None:
     for n in units(40, 1):
         for m in (*units(40, 2), n, -n):
             home = home_of(Hinge.along(n, m, U1, U2))
-            assert np.abs(home @ m - n).max() < 4e-15
-            assert np.abs(home.T @ home - np.eye(3)).max() < 4e-15
-            assert np.linalg.det(home) == pytest.approx(1, abs=4e-15)
+            assert np.abs(home @ m - n).max() < 32 * U
+            assert np.abs(home.T @ home - np.eye(3)).max() < 32 * U
+            assert np.linalg.det(home) == pytest.approx(1, abs=32 * U)
 
 
 def test_home_of_opposite_axes_hardly_moves_with_them() -> None:
@@ -94,7 +95,7 @@ def test_home_of_opposite_axes_hardly_moves_with_them() -> None:
             home_of(Hinge.along(near / np.linalg.norm(near), far / np.linalg.norm(far), U1, U2))
             @ home_of(Hinge.along(n, -n, U1, U2)).T
         )
-        assert np.abs(rotation_log(turn)).max() < 2e-5
+        assert np.abs(rotation_log(turn)).max() < 2e-5  # rad, of axes moved by 1e-6
 
 
 @pytest.mark.parametrize("axis", [(-1, 2, 0), (1, -1, 0), (-1, 0, 1), (0, -3, 1), (-1, -1, 1)], ids=str)

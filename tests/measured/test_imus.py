@@ -111,7 +111,9 @@ def test_points_far_from_the_starts_are_found(scale: float) -> None:
         turning = np.cross(columns[k], np.cross(columns[k], u)) + np.cross(alpha, u)
         columns[k + 1] = columns[k + 1] - (scale - 1) * turning
     found = fitted(columns)
-    assert np.abs(np.concatenate((found.pair.u1, found.pair.u2)) - scale * POINT).max() < 3e-3 * scale
+    assert (
+        np.abs(np.concatenate((found.pair.u1, found.pair.u2)) - scale * POINT).max() < 3e-3 * scale
+    )  # left by differences of the rates
 
 
 @pytest.mark.slow
@@ -123,7 +125,7 @@ def test_two_recordings_give_the_hinge_whatever_their_clocks(late: float) -> Non
     found = fitted(columns, T, t2)
     assert found.ok, found
     assert abs(found.clock_offset - late) < 4.5 * found.std["clock_offset"]
-    assert found.std["clock_offset"] < 1e-3
+    assert found.std["clock_offset"] < 1e-3  # s, of a noise of 1e-2
     assert np.nanmax(np.abs(scores(found)["psi"])) < 6
 
 

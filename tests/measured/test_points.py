@@ -72,7 +72,7 @@ def test_outliers_and_missing_samples_of_a_point() -> None:
     assert "% of the samples are outliers; they count little." in found.findings[0]
     assert found.samples == 590
     assert np.isnan(found.psi[100:110]).all()
-    assert np.abs(found.pair.u1 - true_circle(found.gauge)).max() < 3e-3
+    assert np.abs(found.pair.u1 - true_circle(found.gauge)).max() < 3e-3  # m, of the noise of recordings
     assert not hp.fit(body1, point).ok
 
 
@@ -108,7 +108,7 @@ def test_a_cluster_is_found_with_its_poses() -> None:
     assert found.ok
     assert found.noise == pytest.approx(1e-3, rel=0.05)
     apart = [np.linalg.norm(each[:, None] - each, axis=-1) for each in (found.reference, CLUSTER)]
-    assert np.abs(apart[0] - apart[1]).max() < 4e-4
+    assert np.abs(apart[0] - apart[1]).max() < 4e-4  # m, of a noise of 1 mm
     turn = np.swapaxes(made.S1, -1, -2) @ found.body.S
     assert np.abs(hp.rotation_log(np.swapaxes(turn[:1], -1, -2) @ turn)).max() < 0.06
     assert np.abs(found.body.S[0] - np.eye(3)).max() < 0.02
@@ -124,7 +124,7 @@ def test_missing_markers_leave_the_others() -> None:
     few = (np.isfinite(places) & (places != 0)).all(axis=-1).sum(axis=1) < 3
     assert few[7]
     assert (np.isnan(found.body.R).any(axis=1) == few).all()
-    assert np.sqrt(np.mean((found.body.R - made.R1)[~few] ** 2)) < 1.5e-3
+    assert np.sqrt(np.mean((found.body.R - made.R1)[~few] ** 2)) < 1.5e-3  # m, of the noise
     assert np.isnan(found.residuals[7, 0])
     whole = hp.fit_cluster(places)
     assert whole.ok
@@ -168,7 +168,7 @@ def test_poses_of_markers_give_the_hinge() -> None:
     assert found.ok
     n = np.sign(found.pair.n @ N1) * N1
     assert (np.abs(found.pair.n - n) < 4 * found.std["n"]).all()
-    assert found.std["n"].max() < 1e-3
+    assert found.std["n"].max() < 1e-3  # of markers seen to 0.3 mm
 
 
 def marked(markers: int, count: int = 300, noise: float = 1e-3, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -227,10 +227,10 @@ def test_samples_with_exchanged_labels_have_no_pose(rows: slice, given: bool) ->
     right, wrong = hp.fit_cluster(seen, reference), hp.fit_cluster(exchanged(seen, rows), reference)
     assert wrong.ok
     assert "labels may be exchanged" in " ".join(wrong.findings)
-    assert np.abs(right.reference - wrong.reference).max() < 2e-4
+    assert np.abs(right.reference - wrong.reference).max() < 2e-4  # m, of the noise
     lost = np.isin(np.arange(300), np.arange(300)[rows])
     assert (np.isnan(wrong.body.S).all(axis=(1, 2)) == lost).all()
-    assert np.abs(right.body.S - wrong.body.S)[~lost].max() < 3e-3
+    assert np.abs(right.body.S - wrong.body.S)[~lost].max() < 3e-3  # of the noise
 
 
 @pytest.mark.parametrize("width", [0.1, 0.0045], ids=["wide", "nearly on a line"])

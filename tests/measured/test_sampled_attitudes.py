@@ -49,8 +49,8 @@ def uneven(count, seed=0):
 def test_reference_example_at_a_millisecond():
     t = np.arange(10_001) * 1e-3
     omega, alpha = hp.angular_velocity_from_samples(t, reference(t), with_alpha=True)
-    assert abs(omega - omega1_of(t)).max() <= 2e-11
-    assert abs(alpha - alpha1_of(t)).max() <= 1e-7
+    assert abs(omega - omega1_of(t)).max() <= 2e-11  # left by differences of rounded attitudes
+    assert abs(alpha - alpha1_of(t)).max() <= 1e-7  # as above, twice
     assert np.array_equal(omega, hp.angular_velocity_from_samples(t, reference(t)))
 
 
@@ -79,7 +79,7 @@ def test_noise_gain_is_that_of_the_docstring():
         for own, _, first, _ in stencils(np.arange(40.0) / 8, int(order)):
             gain[own] = np.sqrt((first**2).sum(axis=-1)) / 8
         assert [f"{gain[20]:.2g}", f"{gain[0]:.2g}"] == [f"{float(text):.2g}" for text in stated]
-        assert gain[-1] == pytest.approx(gain[0], rel=1e-12)
+        assert gain[-1] == pytest.approx(gain[0], rel=8192 * U)
 
 
 def test_a_lost_sample_costs_its_stencil_and_nothing_else():
@@ -142,4 +142,4 @@ def test_a_fast_spin_about_an_axis_that_tilts_slowly_is_followed(order):
     assert error < (0.1 if order == 2 else 0.01)
     motion = hp.resample(t, hp.BodyMotion(R=np.zeros((200, 3)), S=S), t[:-1] + 0.005)
     between = attitude(t[:-1] + 0.005)
-    assert np.abs(hp.rotation_log(np.swapaxes(between, -1, -2) @ motion.S)).max() < 1e-3
+    assert np.abs(hp.rotation_log(np.swapaxes(between, -1, -2) @ motion.S)).max() < 1e-3  # rad, left between samples

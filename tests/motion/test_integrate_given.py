@@ -36,7 +36,7 @@ def test_samples_keep_order_6(spin, even):
         t = t if even else t + 0.3 * (t * (1 - t))
         errors.append(spin.error(t, attitudes(spin, t, spin.omega(t)).S1))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(6, abs=0.5)
-    assert errors[1] < 1e-12
+    assert errors[1] < 8192 * U
 
 
 @spins
@@ -68,7 +68,7 @@ def test_tolerance_out_of_reach_says_what_is_left():
         attitudes(REFERENCE, T, REFERENCE.omega(T), tol=1e-14)
     motion = attitudes(REFERENCE, T[::4], tol=1e-13)
     assert motion.steps > len(T[::4]) - 1
-    assert REFERENCE.error(T[::4], motion.S1) <= 1e-13
+    assert REFERENCE.error(T[::4], motion.S1) <= 512 * U
 
 
 def test_outputs_follow_what_is_known():
@@ -157,8 +157,8 @@ def test_a_million_steps_do_not_drift(name):
     )
     for i in generator(131).integers(1, count + 1, 100):
         S = hp.BodyMotion.from_quaternion_wxyz(R=(0, 0, 0), quat_wxyz=motion.quat_wxyz[i]).S
-        assert angle(S, spin.exact(t[i])) <= 2e-14
+        assert angle(S, spin.exact(t[i])) <= 128 * U
         with mpmath.workdps(DIGITS):
             exact = mpmath.mpf(0.1) + mpmath.mpf(t[i]) + mpmath.mpf(3) / 10 * mpmath.sin(mpmath.mpf(t[i]))
             assert abs(motion.psi[i] - exact) <= 2 * U * abs(exact)
-    assert motion.error_estimate <= 2e-14
+    assert motion.error_estimate <= 128 * U

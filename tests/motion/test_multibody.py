@@ -8,6 +8,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 import multibody as mb
+from support.near import U
 
 SHORT = {
     "four-bars": (lambda: mb.four_bars(3, np.linspace(0, 3, 61)), 1e-10),  # past two change points
@@ -33,6 +34,6 @@ def test_motions_are_those_of_the_reference(name):
 def test_the_squeezer_ends_where_it_is_published_to_end():
     squeezer = mb.andrews(np.array([0, 0.03]))
     start = squeezer.mechanism.forward_dynamics(squeezer.q0, (0,), (mb.TORQUE,), gravity=(0, 0, 0)).qdd
-    assert abs(start[0] / mb.FIRST_ACCELERATION - 1) < 1e-14
+    assert abs(start[0] / mb.FIRST_ACCELERATION - 1) < 64 * U
     end = squeezer.seen(mb.simulated(squeezer, 1e-12))[-1]
     assert np.abs(end - [*mb.END.values()]).max() < 2e-9  # from which the reference of the test above differs, too

@@ -64,8 +64,8 @@ def test_a_symmetric_top_precesses():
     momentum = np.array([2 * transverse * omega[0], 0, 2 * axial * omega[2] + axial * -1.5])
     rate = momentum / (2 * transverse)  # the axis turns with L / transverse
     axis = np.stack([hp.rotation_exp(x * rate) @ (0, 0, 1) for x in t])
-    np.testing.assert_allclose(top.S1[:, :, 2], axis, rtol=0, atol=2e-13)
-    np.testing.assert_allclose(top.psi, -1.5 * t, rtol=0, atol=2e-13)
+    np.testing.assert_allclose(top.S1[:, :, 2], axis, rtol=0, atol=1024 * U)
+    np.testing.assert_allclose(top.psi, -1.5 * t, rtol=0, atol=1024 * U)
 
 
 @pytest.mark.slow
@@ -127,7 +127,9 @@ def test_a_damper_and_friction_bring_the_hinge_to_rest_and_stops_turn_it_back():
     damped = hp.simulate(wheel, t, STILL, 0.0, 1.0, base="fixed", hinge_torque=hp.HingeLoad(damping=0.5))
     np.testing.assert_allclose(damped.psid, np.exp(-0.5 * t), rtol=0, atol=10 * TOL)
     rubbed = hp.simulate(wheel, t, STILL, 0.0, 1.0, base="fixed", hinge_torque=hp.HingeLoad(friction=0.5), tol=1e-8)
-    assert np.abs(rubbed.psid[t < 1.9] - (1 - 0.5 * t[t < 1.9])).max() < 1e-3
+    assert (
+        np.abs(rubbed.psid[t < 1.9] - (1 - 0.5 * t[t < 1.9])).max() < 1e-3
+    )  # of the rate below which friction is viscous, as below
     assert abs(rubbed.psid[-1]) < 1e-3
     stopped = hp.HingeLoad(stops=(-1, 1), stop_stiffness=1e4)
     bounced = hp.simulate(wheel, t, STILL, 0.0, 1.0, base="fixed", hinge_torque=stopped, tol=1e-9)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.near import U
 
 
 def curve_and_limits(axes):
@@ -40,4 +41,4 @@ def test_coordinates_of_a_robot_are_drawn_with_limits_and_paths(arm):
     assert panels[3].get_xlabel() == "t [s]"
     line, _ = paths.get_lines()
     expected = arm.forward_kinematics(Q, frames="reach", backend="numpy")["reach"].R + np.array((0, 0, 5))
-    np.testing.assert_allclose(np.stack(line.get_data_3d(), axis=1), expected, rtol=1e-14)
+    np.testing.assert_allclose(np.stack(line.get_data_3d(), axis=1), expected, rtol=64 * U)

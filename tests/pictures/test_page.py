@@ -79,7 +79,7 @@ def test_the_page_holds_the_motion_and_asks_for_nothing_else(scene):
     rows = np.searchsorted(scene.times(), content["t"])
     S, R = placements_of(content)
     np.testing.assert_array_equal(S, result.state.S1[rows])
-    np.testing.assert_allclose(R + content["origin"], result.state.R1[rows], rtol=1e-15)
+    np.testing.assert_allclose(R + content["origin"], result.state.R1[rows], rtol=8 * U)
     np.testing.assert_array_equal(np.array(content["q"])[:, 0], result.psi[rows])
     np.testing.assert_array_equal(np.array(content["qd"])[:, 0], result.psid[rows])
     np.testing.assert_array_equal(content["base_rates"]["omega"], result.state.omega1[rows])
@@ -117,8 +117,8 @@ def test_shapes_are_drawn_where_they_are():
         ]
         centers = np.array([(0, 3, 4), (1, 0, -2), (0, 1, 0)])
         np.testing.assert_array_equal(placed[:, :3, 3], centers + center)
-        np.testing.assert_allclose(placed[0, :3, 1], np.array([1, 2, -2]) / 3, rtol=1e-15)
-        np.testing.assert_allclose(placed[0, :3, :3] @ placed[0, :3, :3].T, np.eye(3), atol=1e-15)
+        np.testing.assert_allclose(placed[0, :3, 1], np.array([1, 2, -2]) / 3, rtol=8 * U)
+        np.testing.assert_allclose(placed[0, :3, :3] @ placed[0, :3, :3].T, np.eye(3), atol=8 * U)
         assert np.linalg.det(placed[0]) == pytest.approx(1)
         np.testing.assert_array_equal(placed[1:, :3, :3], [axes, np.eye(3)])
 
@@ -345,7 +345,7 @@ def test_the_slider_of_time_moves_body_2_to_where_it_is(scene, tmp_path):
         hinge = R2 + S2 @ scene.pair.u2  # body 2 of the page has its origin there
         scale = np.abs(found["origin"]).max() + np.abs(hinge).max() + 1
         np.testing.assert_allclose(placement[:3, 3] + found["origin"], hinge, rtol=0, atol=8 * U * scale)
-    assert found["psi"] == pytest.approx(result.psi[row], rel=1e-14)
+    assert found["psi"] == pytest.approx(result.psi[row], rel=64 * U)
     assert re.findall(r"(\w+) +- ", found["after"]) == ["v", "omega"]  # those of the motion
     assert found["asked"] == []
 
@@ -386,5 +386,5 @@ def test_the_camera_has_the_whole_robot_and_the_floor_is_below_it(name, tmp_path
     found = asked(hp.view(hp.load_robot(name), meshes=0), tmp_path, FRAMED)
     assert 0.3 < found["most"] < 1
     assert found["shown"]
-    assert found["floor"] <= 1e-12
+    assert found["floor"] <= 8192 * U
     assert found["lowest"] >= found["floor"] - 0.02

@@ -10,6 +10,7 @@ import pytest
 import hingepair as hp
 from support.commands import refusal, run_command
 from support.drawn import drawn_texts
+from support.near import U
 from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -89,7 +90,7 @@ def test_angles_go_on_after_a_gap(tmp_path):
     _, (*_, angle) = lines_of(hp.plot(log_scene(tmp_path, rows)), "attitude of body 2, Euler angles XYZ")
     expected = np.arange(9.0)
     expected[3] = np.nan
-    np.testing.assert_allclose(angle, expected, rtol=1e-14)
+    np.testing.assert_allclose(angle, expected, rtol=64 * U)
 
 
 def moving(folder, samples, **motion):
@@ -167,12 +168,12 @@ def test_a_figure_is_in_the_units_that_are_asked_for():
     ):  # fmt: skip
         label, lines = drawn(figure, title)
         assert label == unit
-        np.testing.assert_allclose(lines, factor * array, rtol=1e-14)
+        np.testing.assert_allclose(lines, factor * array, rtol=64 * U)
     (label, degrees), (_, radians) = (
         drawn(own, "attitude of body 2, Euler angles XYZ") for own in (figure, hp.plot(scene, ("S2",)))
     )
     assert label == "deg"
-    np.testing.assert_allclose(degrees, np.degrees(radians), rtol=1e-14)
+    np.testing.assert_allclose(degrees, np.degrees(radians), rtol=64 * U)
 
 
 def test_map_coordinates_and_stamps_are_drawn_with_an_offset(tmp_path):

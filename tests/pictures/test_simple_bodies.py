@@ -9,6 +9,7 @@ import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.pictures.page_model import robot_model
 from hingepair.pictures.simple_bodies import robot_size, simple_bodies
+from support.near import U
 
 BASE = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="base joint")
 ELBOW = hp.HingePair(u1=(2, 0, 0), u2=(-0.5, 0, 0), n=(0, 1, 0), name="elbow")
@@ -31,8 +32,8 @@ def test_rods_reach_from_joint_to_joint():
     base, first, second, last = simple(BASE, ELBOW, RAM)
     for body, end in ((base, (0, 0, 1)), (first, (2, 0, 0)), (second, (1, 0, 0))):
         ((begin, far),) = rods_of(body)
-        np.testing.assert_allclose(begin, np.zeros(3), atol=1e-15)
-        np.testing.assert_allclose(far, end, atol=1e-15)
+        np.testing.assert_allclose(begin, np.zeros(3), atol=8 * U)
+        np.testing.assert_allclose(far, end, atol=8 * U)
     assert rods_of(last) == []
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 U = 2.0**-53
 TOL = 1e-10  # of simulations, relative, unless given
+POSE = 1e-9  # of positions [m] and angles [rad] of inverse kinematics, unless given
 TIGHT = 1e-12  # of simulations that are held against closed forms
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hingepair.tables.units import SCALES, Units, read_heading
+from support.near import U
 
 
 def test_a_unit_of_lengths_or_angles_stands_for_its_rates_unless_these_have_their_own() -> None:
@@ -39,4 +40,4 @@ def test_units_are_as_large_as_they_are_defined():
         "N m": {"N mm": 1e-3, "kN m": 1e3},
     }
     for si, units in sizes.items():
-        assert {unit: SCALES[si][unit] for unit in units} == pytest.approx(units, rel=4e-16)
+        assert {unit: SCALES[si][unit] for unit in units} == pytest.approx(units, rel=4 * U)
