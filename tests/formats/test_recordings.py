@@ -1,4 +1,4 @@
-"""Recordings of two bodies in files."""
+"""Recordings of two bodies, and of robots, in files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 import xarray
 
 import hingepair as hp
-from hingepair.formats.recordings import Recording, read_recording
+from hingepair.formats.recordings import Recording, read_recording, read_robot_recording
 from support.near import U
 from support.recorded import recording
 
@@ -248,3 +248,24 @@ def test_angles_in_degrees_are_noticed() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         hp.read_recording(both() | {"phi_x1": 100 * MADE.t})  # coordinates beside the quaternion
+
+
+ARM = hp.Mechanism([hp.HingePair((0, 0, 1), (-1, 0, 0), (0, 1, 0), name="elbow")])
+
+
+def robot_log(folder: Path, *names: str) -> Path:
+    """Return a file whose columns of these names hold 1, 2, 3 and so on, times the row."""
+    rows = np.outer(np.arange(9), 1 + np.arange(len(names)))
+    path = folder / "log.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
+    return path
+
+
+def test_columns_of_other_names_are_those_of_ours(tmp_path: Path) -> None:
+    path = robot_log(tmp_path, "t", "Winkel", "qd_elbow", "qdd_elbow", "tau_elbow [N mm]")
+    t, found = read_robot_recording(path, ARM, columns={"q_elbow": {"name": "Winkel", "unit": "deg"}})
+    rows = np.arange(9.0)
+    assert np.array_equal(t, rows)
+    np.testing.assert_allclose(found["q"][:, 0], np.radians(2 * rows), rtol=4 * 2.0**-53, atol=0)
+    np.testing.assert_allclose(found["tau"][:, 0], 5e-3 * rows, rtol=4 * 2.0**-53, atol=0)
+    assert np.array_equal(found["qd"][:, 0], 3 * rows)
