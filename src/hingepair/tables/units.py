@@ -32,7 +32,7 @@ SCALES: Final[Mapping[str, Mapping[str, float]]] = {
     },
 }
 """Factors of the units that may stand for an SI unit, by the SI unit."""
-_HEADING: Final = re.compile(r"(.+) \[([^][]+)\]")  # a name and its unit
+_HEADING: Final = re.compile(r"(.+?)\s*[\[(]([^][()]+)[\])]\s*")  # a name and its unit
 
 
 def _in_ascii(name: str) -> str:
@@ -178,8 +178,8 @@ def heading_unit(heading: str) -> str:
     >>> heading_unit("Angle [deg]"), heading_unit("Kurs (\N{DEGREE SIGN})"), heading_unit("Angle [raw]")
     ('deg', 'deg', '')
     """
-    match = re.fullmatch(r".*[\[(]([^][()]+)[\])]\s*", heading)
-    unit = _in_ascii(match[1].strip()) if match else ""
+    match = _HEADING.fullmatch(heading)
+    unit = _in_ascii(match[2].strip()) if match else ""
     return unit if any(unit == si or unit in scales for si, scales in SCALES.items()) else ""
 
 
@@ -191,8 +191,7 @@ def read_heading(heading: str, si_unit: Callable[[str], str]) -> tuple[str, floa
     (('R2_x', 0.001), ('R2_x [deg]', 1.0), ('R2_x', 1.0))
     """
     if match := _HEADING.fullmatch(heading):
-        name, unit = match.groups()
-        si = si_unit(name)
+        si, unit = si_unit(match[1]), _in_ascii(match[2].strip())
         if unit == si or unit in SCALES.get(si, {}):
-            return name, SCALES.get(si, {}).get(unit, 1.0)
+            return match[1], SCALES.get(si, {}).get(unit, 1.0)
     return heading, 1.0
