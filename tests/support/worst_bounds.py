@@ -7,10 +7,10 @@ alpha and the hinge's psi, psid, psidd; home as quaternions where there is one.
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import hingepair as hp
 from hingepair.bench.truth import UNIT, motion_scales
-from support.extended import attitude_of_quaternion
 
 _VECTORS = {"u1": 3, "u2": 3, "n": 3, "q": 7, "qd": 7, "qdd": 7}
 _GIVEN = {"u1": 3, "u2": 3, "n": 3, "quat": 4, "R": 3, "v": 3, "omega": 3, "a": 3, "alpha": 3, "hinge": 3}
@@ -72,7 +72,7 @@ def ratios(form, state, outputs, dtype=np.float64):
 
 
 def _turns(quat_wxyz):
-    return attitude_of_quaternion(np.roll(quat_wxyz, -1, axis=-1)).astype(float)
+    return Rotation.from_quat(quat_wxyz, scalar_first=True).as_matrix()
 
 
 def _first(shape, rng, count):
