@@ -17,7 +17,6 @@ from hingepair.engine.trace import (
     arc_tangent,
     hypotenuse,
     needed_values,
-    operation_count,
     square_root,
     where_less,
 )
@@ -119,7 +118,7 @@ def test_derivatives_fold():
     assert rows[1] == [1.0, 1.0, 0.0]
     assert rows[0][1] is sine(x)
     assert rows[0][2] == 0.0
-    added = operation_count(needed_values([*results, *rows[0]])) - operation_count(needed_values(results))
+    added = len(needed_values([*results, *rows[0]])) - len(needed_values(results))
     assert added == 2  # cos x, times y
 
 
@@ -131,7 +130,7 @@ def test_many_inputs_and_few_lead_to_the_same_jacobian():
         result = result * one
     (backwards,) = jacobian([result], [[(x, 1.0)] for x in inputs])
     forwards = [pushforward([result], [(x, 1.0)])[0] for x in inputs]
-    assert operation_count(needed_values(backwards)) < operation_count(needed_values(forwards))
+    assert len(needed_values(backwards)) < len(needed_values(forwards))
 
 
 def test_known_and_repeated_values_are_variables_of_their_own():

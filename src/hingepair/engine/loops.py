@@ -31,7 +31,7 @@ from hingepair.engine.llvm.schedule import ComponentGroup, Schedule
 from hingepair.engine.slices import run_slices
 from hingepair.engine.threads import run_in_threads
 from hingepair.engine.trace import Operand as TracedOperand
-from hingepair.engine.trace import Trace, TracedValue, needed_values, operation_count
+from hingepair.engine.trace import Trace, TracedValue, needed_values
 from hingepair.engine.ufunc import Code
 from hingepair.errors import CompilationError, ShapeError
 from hingepair.numeric.arrays import Block, split_into_blocks
@@ -45,25 +45,6 @@ Buffers: TypeAlias = Mapping[str, NDArray[Any]]
 
 _BLOCK: Final = 2048  # samples that NumPy computes at a time: 16 kB for each component
 _HELD_NUMBERS: Final = 30_000_000  # of values that NumPy holds at a time, 240 MB
-
-
-class OperationCounts(NamedTuple):
-    """Numbers of operations of a program.
-
-    Attributes:
-        per_sample: operations for each sample.
-        shared: operations that are done once for all samples.
-        unfolded: operations of the program for which no input is known beforehand.
-    """
-
-    per_sample: int
-    shared: int
-    unfolded: int
-
-    @property
-    def folded(self) -> int:
-        """Number of operations that known inputs make unnecessary."""
-        return self.unfolded - self.per_sample - self.shared
 
 
 class Loop:
@@ -131,12 +112,10 @@ class Loop:
         else:
             program.run_numpy(bound, targets, shape, dtype, execution.workers)
 
-    def count_operations(self, values: Mapping[str, Any]) -> OperationCounts:
-        """Count the operations for these inputs, of which arrays vary and numbers are known."""
-        nothing_known = {name: np.empty((2, *tail)) for name, tail in self.inputs}
-        program, unfolded = (self.program(bind(self.inputs, one).pattern) for one in (values, nothing_known))
-        per_sample, shared = (operation_count(program.needed_values, varies) for varies in (True, False))
-        return OperationCounts(per_sample, shared, operation_count(unfolded.needed_values))
+    def count_operations(self, values: Mapping[str, Any]) -> int:
+        """Count the operations of each sample for these inputs, of which arrays vary and numbers are known."""
+        program = self.program(bind(self.inputs, values).pattern)
+        return sum(value.operation != "input" and value.varies for value in program.needed_values)
 
 
 class TracedFunction(NamedTuple):

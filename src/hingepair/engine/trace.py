@@ -155,16 +155,6 @@ def needed_values(results: Iterable[Operand], behind_solutions: bool = True) -> 
     return needed
 
 
-def operation_count(values: Iterable[TracedValue], varying: bool | None = None) -> int:
-    """Return the number of operations among traced values.
-
-    Args:
-        values: values of a trace.
-        varying: count only operations that vary from sample to sample (True), only the others (False), or all (None).
-    """
-    return sum(v.operation != "input" and varying in {None, v.varies} for v in values)
-
-
 def square_root(x: Any) -> Any:
     """Return the square root of a number, an array or a traced value."""
     if isinstance(x, TracedValue):

@@ -12,7 +12,7 @@ import numpy as np
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.calls import Call
-from hingepair.engine.loops import Loop, OperationCounts
+from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, RotationError, ShapeError
 from hingepair.plans import dask_chunks
@@ -210,10 +210,8 @@ class Computation:
         axes = first.ndim - len(next(iter(outputs.values())))
         return first if self.result is None else self.result(arrays, first.shape[:axes])
 
-    def count_operations(
-        self, values: Mapping[str, Any], gravity: tuple[float, ...] | None = None
-    ) -> OperationCounts:
-        """Count the operations of a call in which numbers among these values are known, and where nothing is."""
+    def count_operations(self, values: Mapping[str, Any], gravity: tuple[float, ...] | None = None) -> int:
+        """Count the operations for each sample of a call in which numbers among these values are known."""
         loop = self._loop(self.outputs, tuple(values))
         arrays = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
         known = self.known if gravity is None else {**self.known, "gravity": gravity}

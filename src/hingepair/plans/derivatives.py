@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
-from hingepair.engine.derivatives import weighted_sum
+from hingepair.engine.derivatives import jacobian, pullback, pushforward, weighted_sum
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import Operand
 from hingepair.numeric.blocks import components
 from hingepair.plans.functions import (
-    Functions,
     Moves,
     change_of,
     change_shape,
@@ -86,25 +85,25 @@ def derivative_loop(plain: Loop, derivative: Derivative) -> Loop:
 def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the outputs and the Jacobian of each by every argument."""
     values, moves = _variables(plain, given, derivative.arguments)
-    functions = Functions(plain.function(values))
-    rows = functions.jacobian(derivative.outputs, [*itertools.chain(*moves.values())])
+    results = _results(plain, values)
+    rows = iter(jacobian(_flat(results, derivative.outputs), [*itertools.chain(*moves.values())]))
     found: dict[str, Any] = {}
     for output in derivative.outputs:
-        parts = functions.results[output]
-        columns = zip(*rows[output], strict=True)
+        parts = results[output]
+        columns = zip(*itertools.islice(rows, len(parts)), strict=True)
         for name, changes in moves.items():
             block = [change_of(output, parts, column) for column in itertools.islice(columns, len(changes))]
             found[f"{output}_{name}"] = tuple(itertools.chain(*zip(*block, strict=True)))
-    return {**functions.results, **found}
+    return {**results, **found}
 
 
 def _gradients(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the outputs, and the gradient of their weighted sum by every argument."""
     values, moves = _variables(plain, given, derivative.arguments, derivative.entries)
-    functions = Functions(plain.function(values))
+    results = _results(plain, values)
     weights: dict[str, list[Operand]] = {}
     for output in derivative.outputs:
-        parts, kind = functions.results[output], "" if derivative.entries else output
+        parts, kind = results[output], "" if derivative.entries else output
         given_weights = components(values[f"{derivative.prefix}weight_{output}"])
         sums: list[Operand] = [0.0] * len(parts)
         weights[output] = sums
@@ -112,12 +111,13 @@ def _gradients(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) ->
             for k, rate in change:
                 sums[k] = sums[k] + weight * rate * share_of(kind)
     inputs = [x for change in itertools.chain(*moves.values()) for x, _ in change]
-    slopes = dict(zip(map(id, inputs), functions.pullback(weights, inputs), strict=True))
+    pairs = zip(_flat(results, weights), itertools.chain(*weights.values()), strict=True)
+    slopes = dict(zip(map(id, inputs), pullback(pairs, inputs), strict=True))
     gradients = {
         f"gradient_{name}": tuple(weighted_sum((slopes[id(x)], rate) for x, rate in change) for change in changes)
         for name, changes in moves.items()
     }
-    return {**functions.results, **gradients}
+    return {**results, **gradients}
 
 
 def _rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -128,13 +128,24 @@ def _rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dic
         for name, group in moves.items()
         for weight, change in zip(components(values[f"{derivative.prefix}change_{name}"]), group, strict=True)
     ]
-    functions = Functions(plain.function(values))
-    rates = functions.pushforward(derivative.outputs, sum_of(changes))
+    results = _results(plain, values)
+    rates = iter(pushforward(_flat(results, derivative.outputs), sum_of(changes)))
     changed = {
-        f"rate_{one}": tuple(change_of("" if derivative.entries else one, functions.results[one], rate))
-        for one, rate in rates.items()
+        f"rate_{one}": tuple(
+            change_of("" if derivative.entries else one, results[one], [*itertools.islice(rates, len(results[one]))])
+        )
+        for one in derivative.outputs
     }
-    return {**functions.results, **changed}
+    return {**results, **changed}
+
+
+def _results(plain: Loop, values: dict[str, Any]) -> dict[str, Any]:
+    """Return the components of a loop's outputs by name."""
+    return {name: components(value) for name, value in plain.function(values).items()}
+
+
+def _flat(results: Mapping[str, Sequence[Operand]], names: Iterable[str]) -> list[Operand]:
+    return [part for name in names for part in results[name]]
 
 
 def _variables(

@@ -5,13 +5,12 @@ A change of an attitude is a rotation about world axes: three numbers, not nine.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
 from hingepair.engine.binding import ArrayShape
-from hingepair.engine.derivatives import Change, jacobian, pullback, pushforward, variables, weighted_sum
+from hingepair.engine.derivatives import Change, variables, weighted_sum
 from hingepair.engine.trace import Operand
 from hingepair.numeric.blocks import components
 
@@ -75,37 +74,6 @@ def sum_of(changes: Iterable[tuple[Operand, Change]]) -> list[tuple[Operand, Ope
         for x, rate in change:
             sums[id(x)] = x, sums.get(id(x), (x, 0.0))[1] + weight * rate
     return [*sums.values()]
-
-
-class Functions:
-    """Results of a program, and their derivatives by what it has traced.
-
-    Args:
-        results: results by name, scalars or tuples of components.
-    """
-
-    def __init__(self, results: Mapping[str, Any]) -> None:
-        self.results: Parts = {name: components(value) for name, value in results.items()}
-
-    def jacobian(self, names: Iterable[str], changes: Sequence[Change]) -> dict[str, list[list[Operand]]]:
-        """Return the Jacobians of the named results: a row for each component, a column for each change."""
-        return self._by_name(names, jacobian(self._flat(names), changes))
-
-    def pushforward(self, names: Iterable[str], change: Change) -> dict[str, list[Operand]]:
-        """Return the rates of change of the components of the named results."""
-        return self._by_name(names, pushforward(self._flat(names), change))
-
-    def pullback(self, weights: Parts, inputs: Sequence[Operand]) -> list[Operand]:
-        """Return the derivatives by inputs of the sum of the results' components times the weights."""
-        flat = (zip(self.results[name], parts, strict=True) for name, parts in weights.items())
-        return pullback(itertools.chain(*flat), inputs)
-
-    def _flat(self, names: Iterable[str]) -> list[Operand]:
-        return [part for name in names for part in self.results[name]]
-
-    def _by_name(self, names: Iterable[str], rows: Iterable[Any]) -> dict[str, list[Any]]:
-        left = iter(rows)
-        return {name: [*itertools.islice(left, len(self.results[name]))] for name in names}
 
 
 def changes_of(name: str, value: Sequence[Operand]) -> list[list[tuple[int, Operand]]]:

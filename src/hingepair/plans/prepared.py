@@ -11,7 +11,6 @@ from hingepair.engine import jax_torch
 from hingepair.engine.backend import Execution
 from hingepair.engine.c_source import c_source
 from hingepair.engine.calls import Call
-from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results, writable_arrays
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, quoted
@@ -69,15 +68,6 @@ class Prepared:
 
     def __repr__(self) -> str:
         return f"Prepared(given={self.given}, outputs={self.outputs})"
-
-    def __str__(self) -> str:
-        title = f"{', '.join(self.outputs)} from {', '.join(self.given)}"
-        count = self.operations
-        once = f", {count.shared} once for all samples" if count.shared else ""
-        return (
-            f"{title}: {count.per_sample} operations for each sample{once}, "
-            f"of {count.unfolded} where nothing is known"
-        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return self._factory, ()
@@ -201,12 +191,6 @@ class Prepared:
             call = self._computation.call(given, "auto", self._gravity, derivatives=derivatives)
         return call
 
-    @property
-    def operations(self) -> OperationCounts:
-        """Numbers of operations for each sample, once for all samples, and where no constant is known."""
-        samples = {name: np.empty((2, *self._call.argument_shapes[name])) for name in self.given}
-        return self._computation.count_operations(samples, self._gravity)
-
     def __call__(self, *given: Any, out: Any = None) -> Any:
         """Compute the outputs for one state or many.
 
@@ -234,7 +218,7 @@ class Prepared:
     # ---- derivatives
 
     def jacobian(
-        self, given: Sequence[Any], wrt: str | Iterable[str] | None = None, *, out: Any = None
+        self, given: Sequence[Any], wrt: str | Iterable[str] | None = None
     ) -> dict[str, dict[str, FloatArray]]:
         """Compute the derivatives of all outputs by arguments, exactly up to rounding.
 
@@ -242,7 +226,6 @@ class Prepared:
             given: the arguments, as a tuple in the order of the call.
             wrt: names of arguments out of `given`, by default all; or of constants: of a robot masses, first_moments,
                 inertias and lengths, of kinematics of a pair in space u1, u2, n and home (see below).
-            out: arrays to write into, in the form of the result.
 
         Returns:
             {output: {argument: array}}. The shape of an array is (..., shape of the output, shape of the argument),
@@ -268,21 +251,8 @@ class Prepared:
         (6, 6)
         """
         derived = self._derived("jacobian", None, wrt)
-        names, flat = derived.names, None
-        if out is not None:
-            form = {one: [*names] for one in self.outputs}
-            if not isinstance(out, dict) or {one: [*part] for one, part in out.items()} != form:
-                raise ArgumentError("out", f"a dict of dicts of arrays, with the names {form}", quoted(out))
-            flat = {f"{one}_{name}": array for one, part in out.items() for name, array in part.items()}
-        try:
-            arrays = writable_arrays(self._derive(derived, given, (), flat))
-        except ArgumentError as error:
-            for one in self.outputs:
-                for name in names:
-                    if error.name == f"out['{one}_{name}']":
-                        raise error.renamed(f"out[{one!r}][{name!r}]") from None
-            raise
-        return {one: {name: arrays[f"{one}_{name}"] for name in names} for one in self.outputs}
+        arrays = writable_arrays(self._derive(derived, given, ()))
+        return {one: {name: arrays[f"{one}_{name}"] for name in derived.names} for one in self.outputs}
 
     def vjp(
         self, given: Sequence[Any], cotangents: Mapping[str, Any], wrt: str | Iterable[str] | None = None
@@ -370,15 +340,13 @@ class Prepared:
         derived = self._derivatives[key] = _Derived(names, further, computation, call, labels)
         return derived
 
-    def _derive(
-        self, derived: _Derived, given: Sequence[Any], further: Sequence[Any], out: Mapping[str, Any] | None = None
-    ) -> Results:
+    def _derive(self, derived: _Derived, given: Sequence[Any], further: Sequence[Any]) -> Results:
         """Compute a derivative; `further` are its weights or changes."""
         if not isinstance(given, tuple | list) or len(given) != len(self.given):
             raise ArgumentError("given", f"a tuple of {', '.join(self.given)}", quoted(given))
         named = dict(zip(derived.call.argument_shapes, (*given, *further), strict=True))
         workers = self._execution.workers
-        result: Results = derived.computation.answer(derived.call, named, out, workers, derived.labels)
+        result: Results = derived.computation.answer(derived.call, named, None, workers, derived.labels)
         return result
 
     def _value(self, arrays: Mapping[str, FloatArray], found: Results) -> Any:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Final, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
-from hingepair.engine.derivatives import Solution, variables
+from hingepair.engine.derivatives import Solution, jacobian, pushforward, variables
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import Operand, square_root, where_less
 from hingepair.equations import trees as eq
@@ -40,7 +40,7 @@ from hingepair.numeric.blocks import components, cosine, sine
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.attitudes import rotation_defect
 from hingepair.plans.closures import Chains, Closure, condition_count
-from hingepair.plans.functions import Functions, Moves, group_of, sum_of, with_variables
+from hingepair.plans.functions import Moves, group_of, sum_of, with_variables
 from hingepair.plans.struts import Strut, StrutForm, line_of_action
 
 # Shapes of the constants of the base.
@@ -144,7 +144,6 @@ class TreeQuantities:
 
     def __init__(self, form: Form, request: Request, values: Mapping[str, Any]) -> None:
         self.form, self.request, self.values = form, request, values
-        self._differentiated: dict[str, tuple[Functions, Moves]] = {}
         parts = iter(values.get("numbers") or complete_numbers(form, request, values))
         self.base = eq.Base(**_take_numbers(parts, BASE_SHAPES))
         joints = [_take_numbers(parts, JOINT_SHAPES) for _ in form.parents]
@@ -175,6 +174,10 @@ class TreeQuantities:
     def outputs(self, names: Iterable[str]) -> dict[str, Any]:
         """Return outputs by name, each a scalar or a flat tuple of components."""
         return {name: OUTPUTS[name].compute(self) for name in names}
+
+    def flat(self, names: Iterable[str]) -> list[Scalar]:
+        """Return the components of outputs one behind the other."""
+        return [part for value in self.outputs(names).values() for part in components(value)]
 
     def with_values(self, **changed: Any) -> TreeQuantities:
         """Return the quantities for other values, except of the coordinates."""
@@ -469,7 +472,7 @@ class TreeQuantities:
         changes = [*zip(values["qd"], moves["q"], strict=True)]
         changes += zip(values["omega1"], moves.get("S1", ()), strict=turns)
         moved = TreeQuantities(self.form, self.request, values)
-        return tuple(Functions(moved.outputs((output,))).pushforward((output,), sum_of(changes))[output])
+        return tuple(pushforward(moved.flat((output,)), sum_of(changes)))
 
     def torque_regressor(self) -> tuple[Scalar, ...]:
         """Return the regressor Y in Y p = (force1, torque1, tau), the first two of a free base only, as a flat tuple
@@ -484,8 +487,7 @@ class TreeQuantities:
         )  # fmt: skip
         names = group_of("tau", self.request.free)
         moved = TreeQuantities(self.form, self.request, values)
-        rows = Functions(moved.outputs(names)).jacobian(names, [*itertools.chain(*by_body)])
-        return _chain_vectors(row for name in names for row in rows[name])
+        return _chain_vectors(jacobian(moved.flat(names), [*itertools.chain(*by_body)]))
 
     def dynamics_matrix(self, name: str) -> tuple[Scalar, ...]:
         """Return a derivative of inverse or forward dynamics, such as tau_q, as a flat tuple row by row, with a row
@@ -494,24 +496,17 @@ class TreeQuantities:
         (of, _, by), free = name.partition("_"), self.request.free
         if by == "qdd":
             return self.mass_matrix()
-        functions, moves = self._slopes(of)
-        names = group_of(of, free)
-        rows = functions.jacobian(names, [change for one in group_of(by, free) for change in moves[one]])
-        return _chain_vectors(row for one in names for row in rows[one])
+        moved, moves = self.varied
+        changes = [change for one in group_of(by, free) for change in moves[one]]
+        return _chain_vectors(jacobian(moved.flat(group_of(of, free)), changes))
 
-    def _slopes(self, of: str) -> tuple[Functions, Moves]:
-        """Return inverse ("tau") or forward dynamics ("qdd") as functions, and the changes of what the derivatives
-        asked for are taken by.
-        """
-        if of not in self._differentiated:
-            free = self.request.free
-            asked = [by for by in ("q", "qd", "tau") if f"{of}_{by}" in self.request.outputs]
-            shapes = {"S1": (3, 3), **dict.fromkeys(("q", "qd", "tau"), (self.form.dof,))}
-            arguments = [(one, shapes.get(one, (3,))) for by in asked for one in group_of(by, free)]
-            values, moves = with_variables(self.values, arguments)
-            moved = TreeQuantities(self.form, self.request, values)
-            self._differentiated[of] = Functions(moved.outputs(group_of(of, free))), moves
-        return self._differentiated[of]
+    @lock_free_cached_property
+    def varied(self) -> tuple[TreeQuantities, Moves]:
+        """The quantities for variables in the place of the arguments of dynamics, and how these change."""
+        shapes = {"S1": (3, 3), **dict.fromkeys(("q", "qd", "tau"), (self.form.dof,))}
+        arguments = [one for by in ("q", "qd", "tau") for one in group_of(by, self.request.free)]
+        values, moves = with_variables(self.values, [(one, shapes.get(one, (3,))) for one in arguments])
+        return TreeQuantities(self.form, self.request, values), moves
 
     def base_wrench(self, kind: int) -> Vector:
         """Return force1 (kind 0) or torque1 (kind 1), which acts on the base, world axes."""
@@ -613,8 +608,7 @@ class TreeQuantities:
 
         def lack(unknowns: Sequence[Scalar]) -> list[Scalar]:
             moved = self.with_values(**dict(zip(names, split(unknowns), strict=True)))
-            needed = _chain_vectors(moved.outputs(loads).values())
-            return [*map(operator.sub, _chain_vectors(self.values[one] for one in loads), needed)]
+            return [*map(operator.sub, _chain_vectors(self.values[one] for one in loads), moved.flat(loads))]
 
         def solve(b: Sequence[Scalar]) -> tuple[Scalar, ...]:
             lower, pivots = self.factored

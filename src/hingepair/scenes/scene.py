@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, VELOCITY
 from hingepair.errors import ArgumentError, quoted
@@ -52,14 +51,13 @@ class ScenePlan:
 
     #: names of the outputs that are computed
     outputs: tuple[str, ...]
-    #: numbers of operations at each instant, once for all instants, and where nothing is known
-    operations: OperationCounts
+    #: number of operations at each instant
+    operations: int
     #: (what is left out, why)
     skipped: tuple[tuple[str, str], ...]
 
     def __str__(self) -> str:
-        left = f"{self.operations.per_sample} operations at each instant, of {self.operations.unfolded} in all"
-        lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {left}"]
+        lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {self.operations} operations at each instant"]
         lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)] if self.skipped else []
         return "\n".join(lines)
 
@@ -418,19 +416,12 @@ class Scene:
         """
         request, level = self.request(outputs), self.motion.level
         names = tuple(item.name for item in request if item.of in ("state", "force"))
-        operations = OperationCounts(
-            *map(sum, zip((0, 0, 0), *self.subject.operations(request, self.motion), strict=True))
-        )
+        operations = self.subject.operations(request, self.motion)
         reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
         skipped = [
             (f"{('first', 'second')[i]} derivatives of the coordinates", reasons[i])
             for i in range(order_of(request), 2)
         ]
-        if operations.folded:
-            known_results = "their results are known, such as products with 0 or 1"
-            skipped.append((f"{operations.folded} operations", known_results))
-        if operations.shared:
-            skipped.append((f"operations at each instant: {operations.shared}", "they depend on constants only"))
         return ScenePlan(names, operations, tuple(skipped))
 
     def unit(self, name: str) -> str:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.loops import OperationCounts
 from hingepair.equations.quantities import ACCELERATION, POSE, QUANTITIES, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
@@ -466,22 +465,22 @@ class Subject:
             raise KeyError(name)
         return computed.tau if name == "tau" else None
 
-    def operations(self, request: Request, motion: Motion) -> list[OperationCounts]:
-        """Return the numbers of operations of the programs that compute a request."""
+    def operations(self, request: Request, motion: Motion) -> int:
+        """Return the number of operations at each instant of the programs that compute a request."""
         known = motion.source.part(np.zeros(2, dtype=np.intp), order_of(request))  # one sample would be a constant
         of_state, of_robot = tuple(item for item in request if item.of == "state"), requests_of(self.robot)
         names = tuple(dict.fromkeys(_ATTITUDES.get(item.quantity, item.quantity) for item in of_state))
-        counts, base = [], known.base_motion
+        count, base = 0, known.base_motion
         if of_state and self.pair is not None:
             computation = constants_of(self.pair).computation(names, known.sequence)
-            counts.append(computation.count_operations(dict(zip(ROWS, known.derivatives, strict=False))))
+            count += computation.count_operations(dict(zip(ROWS, known.derivatives, strict=False)))
         elif of_state:
             arguments = known.arguments()[: 1 + order_of(of_state)]
             frames = tuple(dict.fromkeys(item.owner for item in of_state))
-            counts.append(count_operations(of_robot, arguments, names, frames, base))
+            count += count_operations(of_robot, arguments, names, frames, base)
         if any(item.of == "force" for item in request):
-            counts.append(count_operations(of_robot, known.arguments(), ("tau", *_OF_BASE), base_motion=base))
-        return counts
+            count += count_operations(of_robot, known.arguments(), ("tau", *_OF_BASE), base_motion=base)
+        return count
 
     # ---- reports
 

@@ -79,10 +79,10 @@ def test_points_cost_nothing_where_no_output_is_of_them():
     pair, _ = pointed(1)
     plain = replace(pair, points1={}, points2={})
     asked = ("R2", "v2", "arm_v")
-    counts = [
-        one.prepare("velocity", outputs=asked[: 2 + more]).operations.per_sample
-        for one, more in ((plain, 0), (pair, 0), (pair, 1))
+    calls = [
+        one.prepare("velocity", outputs=asked[: 2 + more])._call for one, more in ((plain, 0), (pair, 0), (pair, 1))
     ]
+    counts = [len(call.program_with_numbers()[0].needed_values) for call in calls]
     assert counts[0] == counts[1] < counts[2]
     assert pair.forward_kinematics(np.zeros(7)).outputs == plain.forward_kinematics(np.zeros(7)).outputs
 

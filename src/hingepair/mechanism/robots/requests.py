@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import execution_of
-from hingepair.engine.loops import OperationCounts
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
@@ -356,10 +355,8 @@ def count_operations(
     outputs: tuple[str, ...],
     frames: tuple[str, ...] = (),
     base_motion: BodyMotion | None = None,
-) -> OperationCounts:
-    """Count the operations that outputs of `forward_kinematics` or `inverse_dynamics` take, of which those of
-    coordinates with one value for all samples vanish or are performed once.
-    """
+) -> int:
+    """Count the operations for each sample that outputs of `forward_kinematics` or `inverse_dynamics` take."""
     computation = robot.computation(outputs, frames)
     named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
     return computation.count_operations(computation.read(named, base_motion, {}).values, DEFAULT_GRAVITY)
