@@ -59,9 +59,9 @@ class RobotPrograms:
         rest = dict.fromkeys((*_BASE_INPUTS, "force1", "torque1"), _ZERO) | {"S1": np.asarray(start.S)}
         base_inputs = _BASE_INPUTS if base == "moving" else ()
         frames = tuple(tree_of(robot).known_frame("wrenches", link) for link in links)
-        constants, loaded = robot_constants(tree_of(robot), robot.base == "free"), tuple(range(len(frames)))
-        computation = RobotComputation(constants, ("qdd",), self.has_momenta, frames, loaded, None)
-        form, request = computation.form, computation.request
+        constants = robot_constants(tree_of(robot), self.has_momenta)
+        computation = RobotComputation(constants, ("qdd",), (), frames)
+        form, request = computation.form, computation.request._replace(shown=None)
         self._known: dict[str, Any] = {**computation.known, **rest, "gravity": loads.gravity}
         matrices = ("mass_matrix", "bias_forces", *(("jacobian",) if frames else ()))
         if self.has_momenta:
@@ -75,7 +75,7 @@ class RobotPrograms:
             self._terms = self._call(request_loop(form, without_loads), ("q", "qd", *base_inputs))
             rates = request_loop(form, request)
         acting = ("force1", "torque1") if loads.acts_on_bodies else ()
-        of_links = (f"{kind}_{k}" for k in loaded for kind in ("force", "torque"))
+        of_links = (f"{kind}_{k}" for k in range(len(frames)) for kind in ("force", "torque"))
         given = ("state", "S0", "tau", *acting) if self.has_momenta else ("q", "qd", "tau", *base_inputs)
         self._rates, self._links = self._call(rates, (*given, *of_links)), len(frames)
 

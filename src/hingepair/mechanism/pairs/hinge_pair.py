@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body
-from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
+from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.options import DEFAULT_GRAVITY, EULER, GRAVITY, OUT, Options, with_options
 from hingepair.mechanism.pairs import accuracy, residuals
 from hingepair.mechanism.pairs.geometry import Points, checked_record, spatial_arrays
@@ -35,7 +35,7 @@ from hingepair.mechanism.states import (
     PairState,
 )
 from hingepair.numeric.arrays import FloatArray, Frozen, call_text, number_not_below_0, one_constant, set_frozen
-from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
+from hingepair.plans.arguments import Coordinates, Outputs
 from hingepair.plans.pairs import SPACE
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
@@ -43,11 +43,6 @@ from hingepair.tables.sheets import Sheet, Shown, sheet_of
 
 if TYPE_CHECKING:
     from hingepair import Mechanism
-
-_MOVED: Final = ("S", "omega", "a", "alpha")  # arrays of body 1 on which forces depend
-_PLACED: Final = ("R", "S", "v", "omega")  # arrays of body 1 on which energy and momentum depend
-WRENCH_OUTPUTS: Final = {"force": "hinge_force", "torque": "hinge_moment"}
-"""Outputs by the attributes of a HingeWrench."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -350,7 +345,7 @@ class HingePair(Frozen, Shown):
         >>> pair.mass_matrix(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).diagonal().round(12).tolist()
         [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
-        return self._constants.ask("mass_matrix", {**motion_inputs("body1", body1, ("S",)), "psi": psi}, options)
+        return self._constants.ask_of_body1("mass_matrix", body1, options, psi=psi)
 
     @with_options(*GRAVITY)
     def inverse_dynamics(
@@ -375,8 +370,7 @@ class HingePair(Frozen, Shown):
         ([0.0, 0.0, 39.24], -19.62)
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
-        given = {**motion_inputs("body1", body1, _MOVED), **hinge}
-        return self._constants.ask("inverse_dynamics", given, options)
+        return self._constants.ask_of_body1("inverse_dynamics", body1, options, **hinge)
 
     @with_options(*GRAVITY)
     def forward_dynamics(
@@ -417,8 +411,7 @@ class HingePair(Frozen, Shown):
         """
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
         loads = loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
-        given = {**motion_inputs("body1", body1, ("S", "omega")), **hinge, **loads}
-        return self._constants.ask("forward_dynamics", given, options)
+        return self._constants.ask_of_body1("forward_dynamics", body1, options, **hinge, **loads)
 
     @with_options(*GRAVITY)
     def hinge_wrench(
@@ -442,9 +435,7 @@ class HingePair(Frozen, Shown):
         [0.0, 0.0, 19.62]
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
-        given = {**motion_inputs("body1", body1, _MOVED), **hinge}
-        rename_out(options)
-        return self._constants.ask("hinge_wrench", given, options)
+        return self._constants.ask_of_body1("hinge_wrench", body1, options, **hinge)
 
     @with_options(*GRAVITY)
     def energy(self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[Options]) -> Energy:
@@ -461,8 +452,7 @@ class HingePair(Frozen, Shown):
         >>> [round(float(part), 9) for part in pair.energy(body1, psi=0.0, psid=0.0)]
         [2.0, 78.48]
         """
-        given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        return self._constants.ask("energy", given, options)
+        return self._constants.ask_of_body1("energy", body1, options, psi=psi, psid=psid)
 
     @with_options(*OUT)
     def momentum(
@@ -480,8 +470,7 @@ class HingePair(Frozen, Shown):
         >>> pair.momentum(body1, psi=0.0, psid=0.0).linear.tolist()
         [4.0, 0.0, 0.0]
         """
-        given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        return self._constants.ask("momentum", given, options)
+        return self._constants.ask_of_body1("momentum", body1, options, psi=psi, psid=psid)
 
     def residuals(
         self,
@@ -533,7 +522,7 @@ class HingePair(Frozen, Shown):
         >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return self._constants.ask("jacobian", body1_inputs(body1, psi), options)
+        return self._constants.ask_of_body1("jacobian", body1, options, psi=psi)
 
     @with_options(*OUT)
     def acceleration_bias(
@@ -551,7 +540,7 @@ class HingePair(Frozen, Shown):
         >>> pair.acceleration_bias(body1, 0.0, 2.0)
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        return self._constants.ask("acceleration_bias", body1_inputs(body1, psi, psid), options)
+        return self._constants.ask_of_body1("acceleration_bias", body1, options, psi=psi, psid=psid)
 
     @with_options(**TOLERANCE_DEFAULTS)
     def propagate_covariance(
@@ -605,12 +594,6 @@ def pair_sheet(pair: Any, names: Iterable[str]) -> Sheet:
     masses = (("mass1", pair.body1 and pair.body1.mass), ("mass2", pair.body2 and pair.body2.mass))
     points = (*pair.points1.items(), *pair.points2.items())
     return sheet_of(pair.name, [*((name, getattr(pair, name)) for name in names), *masses, *points])
-
-
-def rename_out(options: Options) -> None:
-    """Give the arrays of `out` the names of outputs, which differ from the attributes of a HingeWrench."""
-    if "out" in options:
-        options["out"] = renamed_out(options["out"], WRENCH_OUTPUTS)
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:

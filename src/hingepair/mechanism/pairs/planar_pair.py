@@ -15,7 +15,7 @@ from hingepair.mechanism.bodies.body_motion import motion_of_rotations
 from hingepair.mechanism.options import GRAVITY, OUT, Options, with_options
 from hingepair.mechanism.pairs import accuracy
 from hingepair.mechanism.pairs.geometry import Points, checked_record, lifted
-from hingepair.mechanism.pairs.hinge_pair import HingePair, pair_sheet, rename_out
+from hingepair.mechanism.pairs.hinge_pair import HingePair, pair_sheet
 from hingepair.mechanism.pairs.requests import PairRequests, loads_that_act, read_rows
 from hingepair.mechanism.requests import MOTION_LEVELS, ROWS, ask, coordinate_rows
 from hingepair.mechanism.states import Energy, Forces, HingeWrench, Momentum, PlanarState
@@ -235,7 +235,6 @@ class PlanarPair(Frozen, Shown):
         >>> wrench.force.tolist(), float(wrench.torque)
         ([0.0, 19.62], 19.62)
         """
-        rename_out(options)
         return ask(self._constants, "hinge_wrench", (q, qd, qdd), options)
 
     @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)

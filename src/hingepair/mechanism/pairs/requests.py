@@ -78,6 +78,11 @@ class PairRequests(Constants, Subject):
         """Compute what a method returns, from arguments by input name."""
         return ask(self, task, tuple(given.values()), options, tuple(given))
 
+    def ask_of_body1(self, task: str, body1: BodyMotion | None, options: Any, **hinge: Any) -> Any:
+        """Compute what a method returns, from the arrays of body 1 that its task takes, and values of the hinge."""
+        letters = (name[:-1] for name in self.tasks[task].given if name in INPUT_LABELS)
+        return self.ask(task, {**motion_inputs("body1", body1, letters), **hinge}, options)
+
     def computation(
         self,
         outputs: tuple[str, ...],

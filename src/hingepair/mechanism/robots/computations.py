@@ -150,12 +150,10 @@ class RobotComputation(Computation):
     Args:
         constants: constants of the robot.
         outputs: names out of `plans.trees.OUTPUTS`.
-        free: whether forces move the base.
-        frames: frames whose motion is computed, and frames on which wrenches act.
-        loaded_frames: indices of the frames on which wrenches act.
+        frames: frames whose motion is computed.
+        loaded: frames on which wrenches act.
         result: class of the result; None to return the only output as a bare array.
         joint_loads: whether springs, dampers and dry friction act at the joints.
-        shown: how many frames, the first, have outputs; by default all.
         single: whether results have no axis of frames.
     """
 
@@ -163,14 +161,15 @@ class RobotComputation(Computation):
         self,
         constants: RobotConstants,
         outputs: tuple[str, ...],
-        free: bool,
         frames: tuple[Frame, ...],
-        loaded_frames: tuple[int, ...],
-        result: type[Results] | None,
+        loaded: tuple[Frame, ...] = (),
+        result: type[Results] | None = None,
         joint_loads: bool = False,
-        shown: int | None = None,
         single: bool = False,
     ) -> None:
+        self._arguments = outputs, frames, loaded, result, joint_loads, single
+        shown, free, places = len(frames), constants.free, tuple(range(len(frames), len(frames) + len(loaded)))
+        frames = (*frames, *loaded)
         numbers = [number for frame in frames for number in frame_numbers(constants, frame)]
         if joint_loads:
             numbers += load_numbers(constants.tree)
@@ -183,9 +182,7 @@ class RobotComputation(Computation):
             behind = len(self.form.known)
             varied = {**constants.varied, **{behind + place: column for place, column in moved.items()}}
         bodies = tuple(frame.body for frame in frames)
-        self.request = Request(
-            outputs, free, bodies, folded, loaded_frames, joint_loads, tuple(varied), shown, single
-        )
+        self.request = Request(outputs, free, bodies, folded, places, joint_loads, tuple(varied), shown, single)
         self.inputs = input_shapes(self.form, self.request)
         self.asked: tuple[Any, ...] = ()  # by which `Mechanism._computation_of` makes it anew
         known: dict[str, Any] = {
@@ -208,11 +205,7 @@ class RobotComputation(Computation):
     def by_constants(self) -> RobotComputation:
         """The same computation with all mass counted with its own body, whose derivatives by constants are taken."""
         constants = robot_constants(self.constants.tree, self.constants.free, whole=True)
-        request = self.request
-        return RobotComputation(
-            constants, self.outputs, request.free, self.frames, request.loaded, self.result, request.joint_loads,
-            request.shown, request.single,
-        )  # fmt: skip
+        return RobotComputation(constants, *self._arguments)
 
     def _request_loop(self, outputs: tuple[str, ...], _: tuple[str, ...]) -> Loop:
         return request_loop(self.form, self.request._replace(outputs=outputs))

@@ -511,7 +511,7 @@ def _solver(
             constants = robot_constants(tree_with_base_joints(tree), free=False)
             own, limits = [on_moved_base(frame) for frame in own], np.concatenate([free, limits])
             held = tuple(column + BASE_JOINTS for column in held)
-        found = RobotComputation(constants, ("R", "S"), False, tuple(own), (), None)
+        found = RobotComputation(constants, ("R", "S"), tuple(own))
         numbers = found.known["constants"]
         solver = Solver(found.form, found.request, numbers, tuple(goals), limits, tuple(reaches), counts, held)
         if len(solvers) >= _MAX_SOLVERS:

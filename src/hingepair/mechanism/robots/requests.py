@@ -214,18 +214,16 @@ class RobotRequests(Subject):
         computations = self.cache.computations
         found: RobotComputation | None = computations.get(key)
         if found is None:
-            free, constants = self.base == "free", self.constants
-            shown = (frames,) if isinstance(frames, str) else frames
-            chosen = tuple(self.tree.known_frame("frames", name) for name in (*shown, *loaded))
+            constants, single = self.constants, isinstance(frames, str)
+            named = ((frames,) if isinstance(frames, str) else frames), loaded
+            shown, pushed = (tuple(self.tree.known_frame("frames", one) for one in group) for group in named)
             if not {*outputs}.isdisjoint(ROBOT_TASKS["joint_wrenches"].outputs):
                 if self.tree.closure is not None:
                     expected = "one without loops; loop_wrenches has what closes them"
                     raise ArgumentError("robot", expected, "a closed mechanism")
                 constants = self.whole_constants
-            found = RobotComputation(
-                constants, outputs, free, chosen, tuple(range(len(shown), len(shown) + len(loaded))),
-                result_class(outputs, frames, constants), joint_loads, len(shown), frames is not shown,
-            )  # fmt: skip
+            result = result_class(outputs, frames, constants)
+            found = RobotComputation(constants, outputs, shown, pushed, result, joint_loads, single)
             found.asked = key
             computations[key] = found
         return found
