@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
-from hingepair.mechanism.bodies.hinge_load import HingeTorque, check_callable, stop_range
+from hingepair.mechanism.bodies.hinge_load import HingeTorque, stop_range
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -40,7 +40,7 @@ from hingepair.motion.simulated import (
     Simulation,
 )
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import check_choice, finite_number, read_only
+from hingepair.numeric.arrays import check_choice, finite_number, is_zero, one_constant, read_only
 from hingepair.plans.arguments import Coordinates, Outputs
 from hingepair.tables.instants import instants_of
 from hingepair.tables.suspicions import suspicions
@@ -196,7 +196,6 @@ def simulate(
     robot, given = pair_as_robot(pair, base, body1, hinge_torque, forces, gravity)
     start: tuple[Any, Any] = (0.0, 0.0)
     if callable(hinge):
-        check_callable("hinge", hinge, "t")
         for name, value in (("psi_0", psi_0), ("psid_0", psid_0)):
             if value is not None:
                 raise ArgumentError(name, "None for a hinge that moves as given", quoted(value))
@@ -387,11 +386,6 @@ def _read_start(name: str, value: Any, robot: Mechanism) -> Array:
     """Return the checked coordinates or rates at the first instant, a new array (dof,)."""
     if value is None and robot.dof:
         raise ArgumentError(name, f"what the coordinates are at t[0], shape ({robot.dof},) or by joint", None)
-    if value is None or (isinstance(value, float | int) and not value):
+    if value is None or is_zero(value):
         return np.zeros(robot.dof)
-    array = tree_of(robot).rows(name, value).copy()
-    if array.ndim > 1:
-        raise ArgumentError(name, f"one start, shape ({robot.dof},)", f"shape {array.shape}")
-    for joint, x in zip(robot.names, array.tolist(), strict=True):
-        finite_number(f"{name}[{joint!r}]", x)
-    return array
+    return one_constant(name, tree_of(robot).rows(name, value), robot.dof).copy()

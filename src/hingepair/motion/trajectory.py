@@ -117,12 +117,7 @@ class Trajectory(Frozen, Result):
         raise missing_attribute_error(self, name)
 
     def __repr__(self) -> str:
-        estimate = (
-            f", error_estimate={self.error_estimate:.2g}"
-            if "error" in getattr(self._solution, "__dict__", ())
-            else ""
-        )
-        counts = f"steps={self.steps}, {describe_instants(self.t)}{estimate}"
+        counts = f"steps={self.steps}, {describe_instants(self.t)}"
         return f"{type(self).__name__}({self.method}, {counts}, outputs=({', '.join(self.state.outputs)}))"
 
     def _available_names(self) -> Iterable[str]:
