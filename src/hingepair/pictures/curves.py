@@ -7,7 +7,8 @@ that is faster than a column fills the band between its extremes, and a spike of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 # Colours of the components x, y and z: Okabe and Ito's blue, vermilion and green.
 XYZ_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")
+# Colours of curves that share a panel, and of the paths of frames; they repeat.
+COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
 PATHS: Final = "paths"
 """Name of the curve that holds the paths in space."""
 # Intervals of a curve whose extremes are drawn: more than a panel has columns of pixels, also in print.
@@ -36,36 +39,27 @@ _MAX_DRAWN: Final = 1e100  # pictures square and multiply, which overflows for l
 
 
 class Curve(NamedTuple):
-    """Samples of a curve over time, from which offsets may have been subtracted."""
+    """Samples of a curve over time."""
 
     #: shape (N,)
     t: Array
     #: shape (N,) or (N, components)
     values: Array
-    #: label of the axis of time
-    t_label: str = "t [s]"
-    #: of the components; empty if there are none
-    offsets: tuple[float, ...] = ()
-
-    def converted(self, name: str, columns: Columns, shifts_values: bool = True) -> Curve:
-        """Return the curve in units, less the offsets of t and, if wanted, of the values that hide its variation."""
-        t, values = columns.converted("t", self.t), columns.converted(name, self.values)
-        start, label = columns.units.offset_of_instants(*_ends(self.t))
-        label = label or f"t [{columns.unit('t')}]"
-        offsets: tuple[float, ...] = ()
-        if shifts_values:
-            ends = [_ends(component) for component in values.reshape(len(t), -1).T]
-            variation = max((high - low for low, high in ends), default=0.0)
-            offsets = tuple(round_offset(low, high, variation) for low, high in ends)
-        if not any(offsets):
-            return Curve(t - start if start else t, values, label)
-        return Curve(t - start, values - np.reshape(offsets, values.shape[1:]), label, offsets)
 
 
-def _ends(values: Array) -> tuple[float, float]:
-    """Return the smallest and the largest finite number; zeros if there is none."""
-    finite = values[np.isfinite(values)]
-    return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+class Panel(NamedTuple):
+    """Curves over time that share axes."""
+
+    #: names of the curves
+    curves: Sequence[str]
+    #: title
+    title: str
+    #: label of the axis of values
+    label: str
+    #: names of the curves in the legend, where there are several
+    names: Sequence[str] = ()
+    #: lower and upper limit of each curve, drawn if they are near it; infinite where there are none
+    limits: Sequence[tuple[float, float]] = ()
 
 
 class CurveCollector:
@@ -96,21 +90,13 @@ class CurveCollector:
             rows = _envelope_rows(values.reshape(len(t), -1), -(-num_instants // intervals))
             self._pieces.setdefault(name, []).append((t[rows], values[rows]))
 
-    def curves(
-        self, columns: Columns, shifted: Callable[[str], bool] = lambda name: name != PATHS
-    ) -> dict[str, Curve]:
-        """Return the collected curves by name.
-
-        Args:
-            columns: units of the curves.
-            shifted: whether offsets may be subtracted from the values of a curve, by its name.
-        """
-        pieces = self._pieces.items()
-        curves = {
-            name: Curve(np.concatenate([t for t, _ in parts]), np.concatenate([values for _, values in parts]))
-            for name, parts in pieces
-        }
-        return {name: curve.converted(name, columns, shifted(name)) for name, curve in curves.items()}
+    def curves(self, columns: Columns) -> dict[str, Curve]:
+        """Return the collected curves by name, in the units of `columns`."""
+        found = {}
+        for name, parts in self._pieces.items():
+            t, values = (np.concatenate(part) for part in zip(*parts, strict=True))
+            found[name] = Curve(columns.converted("t", t), columns.converted(name, values))
+        return found
 
 
 def check_drawable(name: str, array: Array) -> None:
@@ -134,17 +120,6 @@ def plain(text: str) -> str:
     """
     shown = printable(text).replace("$", r"\$")
     return f" {shown}" if shown.startswith("_") else shown  # or legends leave it out
-
-
-def finish_figure(figure: Figure, title: str) -> Figure:
-    """Set a figure's title, small tick labels, and a grid behind curves over time; return the figure itself."""
-    figure.suptitle(plain(title))
-    for axes in figure.axes:
-        axes.tick_params(labelsize=8)
-        axes.title.set_fontsize(9)
-        if axes.name != "3d":
-            axes.grid(alpha=0.3)
-    return figure
 
 
 def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
@@ -182,53 +157,80 @@ def _envelope_rows(values: Array, interval_size: int) -> Array:
     return np.unique(np.minimum(np.concatenate([start, start + interval_size - 1, extremes]), count - 1))
 
 
-def draw_side_by_side(
-    figure_type: type[Figure], curves: Mapping[str, Curve], title_and_unit: Callable[[str], tuple[str, str]]
-) -> Figure:
-    """Draw each curve over time in a panel of its own, up to three panels in a row, in a new figure of the class
-    `figure_type`; return the figure.
+def draw_figure(
+    title: str, rows: Sequence[Sequence[Panel]], curves: Mapping[str, Curve], columns: Columns, *,
+    t_label: str = "", paths: Mapping[str, str] = MappingProxyType({}), height: float = 2.6,
+) -> Figure:  # fmt: skip
+    """Draw rows of panels, and paths in space on the right, in a new figure.
 
     Args:
-        figure_type: matplotlib's class of figures.
-        curves: curves by name.
-        title_and_unit: function that returns the title and the unit of a curve by its name.
+        title: title of the figure.
+        rows: the panels.
+        curves: curves by name; the one named PATHS has the paths side by side.
+        columns: units of the curves.
+        t_label: label of the axis of time; by default "t" with its unit.
+        paths: colours of the paths by name.
+        height: height of a row [in].
     """
-    columns = min(3, len(curves))
-    rows = -(-len(curves) // columns)
-    figure = figure_type(figsize=(max(4.2 * columns, 6), 2.6 * rows + 0.5), layout="constrained")
-    places = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-    for axes, (name, curve) in zip(places, curves.items(), strict=False):
-        title, unit = title_and_unit(name)
-        draw_over_time(axes, plain(title), unit, curve)
-    for axes in places[len(curves) :]:
-        axes.remove()
+    count, width = max(map(len, rows)), 3.5 if paths else 4.2
+    size = max(width * count + 5.0 * bool(paths), 6), max(5.0 * bool(paths), height * len(rows) + 0.7)
+    figure = figure_class()(figsize=size, layout="constrained")
+    ratios = (*[width] * count, *[5.0] * bool(paths))
+    grid = figure.add_gridspec(len(rows), len(ratios), width_ratios=ratios)
+    ends = [end for curve in curves.values() for end in curve.t[[0, -1]]] or [0.0]
+    start = round_offset(min(ends), max(ends))
+    label = t_label or (f"{offset_text('t', start)} {columns.unit('t')}" if start else f"t [{columns.unit('t')}]")
+    first: Any = None
+    for row, panels in enumerate(rows):
+        for column, panel in enumerate(panels):
+            axes = figure.add_subplot(grid[row, column], sharex=first)
+            first = first or axes
+            is_last = all(len(later) <= column for later in rows[row + 1 :])
+            _draw_panel(axes, panel, {name: curves[name] for name in panel.curves}, start)
+            axes.set(title=panel.title, ylabel=panel.label, xlabel=label if is_last else "")
+            axes.tick_params(labelbottom=is_last)
+    if paths:
+        points = np.split(curves[PATHS].values, len(paths), axis=1)
+        _draw_paths(
+            figure, grid[:, -1], dict(zip(paths, points, strict=True)), [*paths.values()], columns.unit(PATHS)
+        )
+    figure.suptitle(plain(title))
+    for axes in figure.axes:
+        axes.tick_params(labelsize=8)
+        axes.title.set_fontsize(9)
+        if axes.name != "3d":
+            axes.grid(alpha=0.3)
     return figure
 
 
-def draw_over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
-    """Draw the components of a curve over time into Matplotlib axes, with a title, a unit and shaded gaps. Add a
-    legend to the figure if it has none and the curve has several components.
-    """
-    t, values = break_at_gaps(curve.t, curve.values)
-    shade_gaps(axes, t, values)
-    axes.set(title=title, ylabel=unit, xlabel=curve.t_label)
-    axes.tick_params(labelbottom=True)
-    if values.ndim == 1:
-        axes.plot(t, values, color="#222222", lw=1.2)
-        if curve.offsets:
-            axes.set_title(offset_text(title, *curve.offsets))
-        return
-    for part, colour, letter, style in zip(values.T, XYZ_COLOURS, "xyz", ("-", "--", "-."), strict=False):
-        axes.plot(t, part, style, color=colour, lw=1.2, label=letter)
-    if curve.offsets:
-        labels = [offset_text(letter, offset) for letter, offset in zip("xyz", curve.offsets, strict=False)]
-        axes.legend(axes.get_lines(), labels, fontsize=7)
-    if not axes.figure.legends:
-        handles, letters = axes.get_legend_handles_labels()
-        axes.figure.legend(handles, letters, fontsize=8, ncols=3, loc="outside upper right")
+def _draw_panel(axes: Axes, panel: Panel, curves: Mapping[str, Curve], start: float) -> None:
+    """Draw curves over time since a start into Matplotlib axes, with shaded gaps and limits."""
+    for k, (name, curve) in enumerate(curves.items()):
+        t, values = break_at_gaps(curve.t - start, curve.values)
+        _shade_gaps(axes, t, values)
+        if values.ndim > 1:
+            for part, colour, letter, style in zip(values.T, XYZ_COLOURS, "xyz", ("-", "--", "-."), strict=False):
+                axes.plot(t, part, style, color=colour, lw=1.2, label=letter)
+            if not axes.figure.legends:
+                handles, letters = axes.get_legend_handles_labels()
+                axes.figure.legend(handles, letters, fontsize=8, ncols=3, loc="outside upper right")
+            continue
+        colour, label = (COLOURS[k % len(COLOURS)], panel.names[k]) if panel.names else ("#222222", name)
+        axes.plot(t, values, color=colour, lw=1.2, label=plain(label))
+        finite = values[np.isfinite(values)]
+        if panel.limits and finite.size:
+            least, most = float(finite.min()), float(finite.max())
+            reach = 0.6 * max(most - least, 1e-3 * max(abs(least), abs(most)))
+            for limit in panel.limits[k]:
+                if least - reach <= limit <= most + reach:
+                    axes.axhline(
+                        limit, color=colour if panel.names else XYZ_COLOURS[1], lw=1, ls="--", label="_limit"
+                    )
+    if panel.names:
+        axes.legend(fontsize=6, loc="best")
 
 
-def shade_gaps(axes: Axes, t: Array, values: Array) -> None:
+def _shade_gaps(axes: Axes, t: Array, values: Array) -> None:
     """Shade the times t at which a row of `values` is not finite, in Matplotlib axes."""
     lost = ~np.isfinite(values.reshape(len(t), -1)).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(int)))
@@ -236,47 +238,27 @@ def shade_gaps(axes: Axes, t: Array, values: Array) -> None:
         axes.axvspan(t[max(start - 1, 0)], t[min(stop, len(t) - 1)], color="0.85", lw=0)
 
 
-def draw_paths(
-    figure: Figure,
-    grid_cell: Any,
-    paths_by_name: Mapping[str, Array],
-    colours: Sequence[str],
-    unit: str,
-    zoom: float = 1.0,
+def _draw_paths(
+    figure: Figure, grid_cell: Any, paths_by_name: Mapping[str, Array], colours: Sequence[str], unit: str
 ) -> None:
-    """Draw paths in space, a dict of arrays (N, 3) by name, into a cell of a figure's grid, in 3D or, if z is
-    constant, in the plane, at equal scales.
-
-    Args:
-        figure: the figure.
-        grid_cell: cell of the figure's grid.
-        paths_by_name: the paths by name, in world axes; shape (N, 3) each.
-        colours: colours of the paths, in order.
-        unit: unit of the paths.
-        zoom: size of the drawing; 1 leaves space for the labels in a wide panel.
+    """Draw paths in space, arrays (N, 3) by name, into a cell of a figure's grid, in 3D or, if z is constant, in the
+    plane, at equal scales.
     """
     finite = [np.where(np.isfinite(path), path, np.nan) for path in paths_by_name.values()]
     ends = np.array([(np.nanmin(path, 0), np.nanmax(path, 0)) for path in finite if not np.isnan(path).all(0).any()])
-    low, high = (ends[:, 0].min(0), ends[:, 1].max(0)) if len(ends) else (np.zeros(3), np.zeros(3))
-    variation = float((high - low).max())
-    offsets = [round_offset(*own, variation) for own in zip(low.tolist(), high.tolist(), strict=True)]
-    finite = [path - offsets for path in finite] if any(offsets) else finite
-    ends = ends - offsets if len(ends) else ends
     letters = "xy" if len(ends) and np.ptp(ends[..., 2]) == 0 else "xyz"
     axes: Any = figure.add_subplot(grid_cell, projection="3d" if letters == "xyz" else None)
     for name, colour, path in zip(paths_by_name, colours, finite, strict=True):
         shown = path.T[: len(letters)]
         axes.plot(*shown, color=colour, lw=1.2, label=plain(name))
         axes.plot(*shown[:, :1], "o", color=colour, ms=3)
-    title = f"paths in space [{unit}], from the dots"
-    if any(offsets):  # too long for the axes in space
-        title += "\n" + ", ".join(offset_text(letter, own) for letter, own in zip(letters, offsets, strict=False))
-    axes.set(title=title, **{f"{letter}label": letter for letter in letters})
+    labels = {f"{letter}label": letter for letter in letters}
+    axes.set(title=f"paths in space [{unit}], from the dots", **labels)
     if letters == "xy":
         axes.set_aspect("equal", adjustable="datalim")
         axes.legend(fontsize=8)
         return
-    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.35, 1))
+    axes.legend(fontsize=8, loc="upper left")
     if not len(ends):
         return
     middle, size = (ends[:, 1].max(0) + ends[:, 0].min(0)) / 2, ends[:, 1].max(0) - ends[:, 0].min(0)
@@ -285,5 +267,4 @@ def draw_paths(
     for letter, centre, extent in zip(letters, middle, size, strict=True):
         getattr(axes, f"set_{letter}lim")(centre - extent / 2, centre + extent / 2)
         axes.locator_params(axis=letter, nbins=max(1, round(4 * extent / size.max())))
-    long = max(0.0, 1 - max(size[2], size.min()) / size.max())  # a panel has more space to the sides than up and down
-    axes.set_box_aspect(size, zoom=zoom * (0.7 + 0.6 * long))  # leaves space for the labels
+    axes.set_box_aspect(size, zoom=0.75)  # leaves space for the labels

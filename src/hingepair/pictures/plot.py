@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,22 +13,20 @@ from hingepair.equations.quantities import ACCELERATION, unit_of
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.requests import constants_of
 from hingepair.numeric.arrays import check_choice
 from hingepair.pictures.curves import (
+    COLOURS,
     PATHS,
     XYZ_COLOURS,
     Curve,
     CurveCollector,
-    draw_over_time,
-    draw_paths,
-    draw_side_by_side,
-    figure_class,
-    finish_figure,
+    Panel,
+    draw_figure,
+    plain,
 )
-from hingepair.pictures.mechanism_plot import plot_mechanism
 from hingepair.pictures.moving import Array, Moving, Shown, moving
 from hingepair.plans.pairs import point_outputs, unit_among
 from hingepair.tables.units import Columns, Units
@@ -39,11 +37,12 @@ if TYPE_CHECKING:
 # Colours of the paths of the bodies' reference points and of the hinge point.
 _PATH_COLOURS: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
 _POINT_COLOURS: Final = ("#d62839", "#228833", "#aa3377", "#bbaa00")  # of the paths of points, which repeat
-# Outputs by row of panels, and in it by column.
-_PANELS: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"), ("hinge_torque", "hinge_force", "bearing_torque"))
+# Outputs of pairs by row of panels, and in it by column.
+_PANELS: Final = (
+    ("R2", "v2", "a2"), ("S2", "omega2", "alpha2"), ("psi", "hinge_torque", "hinge_force"), ("bearing_torque",)
+)  # fmt: skip
 _RATES: Final = ("v2", "omega2", "a2", "alpha2")  # two for each order of derivatives
-_AS_ANGLES: Final = ("S1", "S2")  # drawn as Euler angles
-# Titles of the panels, by output.
+# Titles of the panels, by output, or by quantity of joints.
 _TITLES: Final = {
     "R2": "position of body 2, R2",
     "v2": "velocity, v2",
@@ -59,6 +58,7 @@ _TITLES: Final = {
     "force1": "force on body 1, force1",
     "torque1": "torque on body 1, torque1",
 }
+_OF_JOINTS: Final = {"q": "position", "qd": "rate", "tau": "torque or force"}  # titles of columns of panels
 
 
 def plot(
@@ -73,15 +73,14 @@ def plot(
     tau: ArrayLike | None = None,
 ) -> Figure:
     """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair, a robot with coordinates,
-    or the result of `smooth`). For the motion of a pair, the figure shows position,
-    attitude, velocities and accelerations of body 2 and the hinge angle psi over time, the torque and the force of
-    the hinge if body 2 has masses, and the paths of R1, R2, the hinge point and the points of the bodies. No file is
-    written. For a robot or a scene of one, the figure shows position, rate
-    and torque of each joint that moves, the limits of these quantities, and the paths of the frames of the scene, or
-    else of the last links. For the result of `smooth`, the figure shows each smoothed quantity and its derivatives
-    over time, with a band from two standard deviations below the curve to two above it. Limits far from the curve are
-    given as text. No extreme value is lost: for more than 4,000 samples, the curves go through the smallest and the
-    largest value of each of 2,000 intervals.
+    or the result of `smooth`). For the motion of a pair, the figure shows position, attitude, velocities and
+    accelerations of body 2 and the hinge angle psi over time, the torque and the force of the hinge if body 2 has
+    masses, and the paths of R1, R2, the hinge point and the points of the bodies. For a robot or a scene of one, it
+    shows position, rate and torque of each joint that moves, the limits that these come near, and the paths of the
+    frames of the scene, or else of the last links. For the result of `smooth`, it shows each smoothed quantity and
+    its derivatives over time, with a band from two standard deviations below the curve to two above it. No extreme
+    value is lost: for more than 4,000 samples, the curves go through the smallest and the largest value of each of
+    2,000 intervals. No file is written.
 
     Args:
         source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; a robot, with q; or the
@@ -126,52 +125,75 @@ def plot(
         if outputs is not None:
             name, expected = "outputs", "None, since q, qd and tau of a robot are drawn as given"
         raise ArgumentError(name, expected, quoted(outputs))
-    shown = moving(source, q, t, base_motion, qd, tau)
-    if isinstance(shown.subject, Mechanism):
-        has_instants = t is not None or shown.scene is not None
-        shown = shown if has_instants else shown._replace(t=np.arange(float(len(shown.t))))
-        return plot_mechanism(shown, outputs, units, has_instants=has_instants)
-    pair, scene = shown.subject, shown.scene
-    points = point_outputs(constants_of(pair).points)
-    columns = (
-        Columns(Units.of(units), lambda name: unit_among(points, name)) if scene is None else scene.in_units(units)
-    )
-    columns = columns._replace(si_unit=_drawn_unit(columns.si_unit))
-    collector, title = CurveCollector(), shown.title if scene is not None or isinstance(source, HingePair) else ""
+    shown, t_label = moving(source, q, t, base_motion, qd, tau), ""
+    if isinstance(source, Mechanism) and t is None:
+        shown, t_label = shown._replace(t=np.arange(float(len(shown.t)))), "sample"
+    title = shown.title if shown.scene is not None or isinstance(source, HingePair | Mechanism) else ""
+    columns = _columns(shown, units)
     if outputs is not None:
-        _collect_outputs(shown, outputs, collector)
-        curves = collector.curves(columns)
-        return finish_figure(draw_side_by_side(figure_class(), curves, lambda n: _title_and_unit(n, columns)), title)
-    paths = _collect_motion(shown, pair, collector)
-    return finish_figure(_draw_motion(figure_class(), collector.curves(columns), columns, paths), title)
+        curves = _outputs(shown, outputs, columns)
+        return draw_figure(title, _side_by_side(_panels(curves, columns)), curves, columns)
+    if isinstance(shown.subject, Mechanism):
+        rows, curves, paths = _robot(shown, shown.subject, columns)
+        return draw_figure(title, rows, curves, columns, t_label=t_label, paths=paths, height=1.5)
+    curves, paths = _pair(shown, shown.subject, columns)
+    rows = [_panels([name for name in names if name in curves], columns) for names in _PANELS]
+    return draw_figure(title, [row for row in rows if row], curves, columns, paths=paths)
 
 
-def _drawn_unit(unit: Callable[[str], str]) -> Callable[[str], str]:
-    """Return the function from the name of a curve to its SI unit that extends `unit`, that of quantities."""
-    own = {**dict.fromkeys(_AS_ANGLES, "rad"), PATHS: "m"}
-    return lambda name: own.get(name) or unit(name)
+def _columns(shown: Moving, units: str | None) -> Columns:
+    """Return the units of curves. Rotation matrices are drawn as Euler angles; `q_elbow` is a joint's coordinate."""
+    subject, scene = shown.subject, shown.scene
+    own = {PATHS: "m", "S1": "rad", "S2": "rad"}
+    unit: Callable[[str], str]
+    if isinstance(subject, Mechanism):
+        for row in _joint_rows(shown, subject):
+            own |= zip((f"{quantity}_{row.name}" for quantity in _OF_JOINTS), row.units, strict=True)
+        unit = unit_of if scene is None else scene.unit
+    else:
+        points = point_outputs(constants_of(subject).points)
+        unit = (lambda name: unit_among(points, name)) if scene is None else scene.in_units(units).si_unit
+    of_units = Units.of(units) if scene is None else scene.in_units(units).units
+
+    def si_unit(name: str) -> str:
+        return own.get(name) or ("rad" if _is_attitude(name) else unit(name))
+
+    return Columns(of_units, si_unit)
 
 
-def _chosen(arrays: Mapping[str, Array], names: Iterable[str] | None) -> dict[str, Array]:
-    """Return the arrays of these names; all for None."""
-    for name in names or ():
-        if name not in arrays:
-            raise ArgumentError("outputs", choices(tuple(arrays)), quoted(name))
-    return {name: arrays[name] for name in (arrays if names is None else names)}
+def _is_attitude(name: str) -> bool:
+    """Return whether an output is a rotation matrix of a frame."""
+    return name.startswith("S_")
 
 
-def _collect_outputs(shown: Moving, outputs: tuple[str, ...], collector: CurveCollector) -> None:
-    """Collect the curves of outputs of a pair."""
+def _panels(names: Iterable[str], columns: Columns) -> list[Panel]:
+    """Return a panel for each curve."""
+    titles = {name: f"{name}, Euler angles XYZ" if _is_attitude(name) else name for name in names}
+    return [Panel((one,), plain(_TITLES.get(one, title)), columns.unit(one)) for one, title in titles.items()]
+
+
+def _side_by_side(panels: list[Panel]) -> list[list[Panel]]:
+    """Return rows of up to three panels."""
+    return [panels[start : start + 3] for start in range(0, len(panels), 3)]
+
+
+def _outputs(shown: Moving, outputs: tuple[str, ...], columns: Columns) -> dict[str, Curve]:
+    """Return the curves of outputs."""
+    collector = CurveCollector()
     if shown.scene is None:
-        collector.add_piece(shown.t, len(shown.t), _chosen(shown.arrays, outputs))
-        return
-    for part in shown.scene.blocks(outputs):
-        collector.add_piece(part.t, len(shown.t), part.requested_arrays())
+        for name in outputs:
+            if name not in shown.arrays:
+                raise ArgumentError("outputs", choices(tuple(shown.arrays)), quoted(name))
+        collector.add_piece(shown.t, len(shown.t), {name: shown.arrays[name] for name in outputs})
+    else:
+        for part in shown.scene.blocks(outputs):
+            collector.add_piece(part.t, len(shown.t), part.requested_arrays())
+    return collector.curves(columns)
 
 
-def _collect_motion(shown: Moving, pair: HingePair, collector: CurveCollector) -> tuple[str, ...]:
-    """Collect all curves of a figure of a pair; return the names of the paths."""
-    points = (*pair.points1, *pair.points2)
+def _pair(shown: Moving, pair: HingePair, columns: Columns) -> tuple[dict[str, Curve], dict[str, str]]:
+    """Return all curves of a figure of a pair, and the colours of the paths."""
+    points, collector = (*pair.points1, *pair.points2), CurveCollector()
     for rows, known in shown.pieces(ACCELERATION):
         names = ("R1", "S1", "R2", "S2", *points, *_RATES[: 2 * known.level])
         arrays = pair.forward_kinematics_from_body1(known.body1, *known.hinge, outputs=names).arrays()
@@ -189,38 +211,76 @@ def _collect_motion(shown: Moving, pair: HingePair, collector: CurveCollector) -
         loads = scene.arrays(forces)
     if loads:
         collector.add_piece(shown.t, len(shown.t), loads)
-    return ("R1", "R2", "hinge point", *points)
+    return collector.curves(columns), _PATH_COLOURS | dict(zip(points, itertools.cycle(_POINT_COLOURS), strict=False))
 
 
-def _title_and_unit(name: str, columns: Columns) -> tuple[str, str]:
-    """Return the title of an output's panel, and the unit of the output."""
-    return _TITLES.get(name, name), columns.unit(name)
+class _JointRow(NamedTuple):
+    """What is drawn of a joint, or of a strut, which is like a slider: length, rate and force."""
+
+    name: str
+    units: tuple[str, str, str]  # of q, qd and tau
+    limits: tuple[tuple[float, float], ...]  # of q, qd and tau
 
 
-def _draw_motion(
-    figure_type: type[Figure], curves: dict[str, Curve], columns: Columns, paths: Sequence[str]
-) -> Figure:
-    """Return a new figure of a pair's motion: curves over time, and paths in space."""
-    panels = [own for names in _PANELS if (own := [name for name in names if name in curves])]
-    beside = ["psi", *(panels.pop() if panels[-1] == ["hinge_torque"] else [])]  # one panel is no row
-    width = max(2, *map(len, panels))
-    figure = figure_type(figsize=(4.2 * width, 3.1 + 2.65 * len(panels)), layout="constrained")
-    grid = figure.add_gridspec(len(panels) + 1, 2 * width, height_ratios=(*[1] * len(panels), 1.25))
-    first: Any = None
-    for row, names in enumerate(panels):
-        for column, name in enumerate(names):
-            axes = figure.add_subplot(grid[row, 2 * column : 2 * column + 2], sharex=first)
-            first = first or axes
-            draw_over_time(axes, *_title_and_unit(name, columns), curves[name])
-    points = dict(zip(paths, np.split(curves[PATHS].values, len(paths), axis=1), strict=True))
-    others = itertools.cycle(_POINT_COLOURS)
-    colours = [_PATH_COLOURS.get(name) or next(others) for name in paths]
-    draw_paths(figure, grid[-1, :width], points, colours, columns.unit(PATHS))
-    lower = grid[-1, width:].subgridspec(len(beside), 1)
-    for row, shown in enumerate(beside):
-        axes = figure.add_subplot(lower[row], sharex=first)
-        draw_over_time(axes, *_title_and_unit(shown, columns), curves[shown])
-    return figure
+def _joint_rows(shown: Moving, robot: Mechanism) -> list[_JointRow]:
+    """Return the joints of a robot that move, and its struts."""
+    moves = robot.names if shown.scene is None else shown.scene.motion.moving
+    rows = []
+    for joint in tree_of(robot).coordinates:
+        limits = joint.position_limits, (-joint.rate_limit, joint.rate_limit), joint.effort_bounds
+        if joint.name in moves:
+            rows.append(_JointRow(joint.name, (joint.unit, f"{joint.unit}/s", joint.effort_unit), limits))
+    struts = [strut for strut in tree_of(robot).struts if strut.name not in robot.names]
+    free = (-np.inf, np.inf)
+    return rows + [_JointRow(strut.name, ("m", "m/s", "N"), (strut.limits, free, free)) for strut in struts]
+
+
+def _robot(
+    shown: Moving, robot: Mechanism, columns: Columns
+) -> tuple[list[list[Panel]], dict[str, Curve], dict[str, str]]:
+    """Return a row of panels for each joint, or of more than 12 for several with the same unit, all curves of a
+    figure of a robot, and the colours of the paths.
+    """
+    scene, drawn, tau, collector = shown.scene, _joint_rows(shown, robot), shown.tau(), CurveCollector()
+    frames, has_struts = robot.tips if scene is None else scene.frames, bool(tree_of(robot).struts)
+    wanted = {f"{quantity}_{row.name}" for row in drawn for quantity in _OF_JOINTS}
+    for rows, known in shown.pieces(1):
+        given = {name: shown.arrays[name][rows] for name in ("qd",) if name in shown.arrays}
+        arrays: dict[str, Array] = {"q": known.array(0), **({"qd": known.array(1)} if known.level else given)}
+        arrays |= {} if tau is None else {"tau": tau[rows]}
+        curves = {f"{kind}_{name}": a[:, i] for kind, a in arrays.items() for i, name in enumerate(robot.names)}
+        for name, strut in robot.struts(arrays["q"], arrays.get("qd")).items() if has_struts else ():
+            known_parts = (strut.length, *((strut.rate, strut.force) if "qd" in arrays else ()))
+            curves |= {f"{kind}_{name}": part for kind, part in zip(_OF_JOINTS, known_parts, strict=False)}
+        curves = {name: curve for name, curve in curves.items() if name in wanted}
+        if frames:
+            state = robot.forward_kinematics(
+                arrays["q"], frames=frames, outputs=("R",), base_motion=known.base_motion
+            )
+            curves[PATHS] = np.concatenate([np.broadcast_to(state[f].R, (known.count, 3)) for f in frames], axis=1)
+        collector.add_piece(shown.t[rows], len(shown.t), curves)
+    found, size = collector.curves(columns), -(-len(drawn) // 12)
+    alike = [[row for row in drawn if row.units == units] for units in dict.fromkeys(row.units for row in drawn)]
+    groups = [own[start : start + size] for own in alike for start in range(0, len(own), size)]
+    panels: list[list[Panel]] = []
+    for group in groups:
+        panels.append([])
+        for kind, quantity in enumerate(_OF_JOINTS):
+            names = [name for row in group if (name := f"{quantity}_{row.name}") in found]
+            if names:
+                limits = [columns.converted(names[0], np.array(row.limits[kind])).tolist() for row in group]
+                label = f"[{columns.unit(names[0])}]" if size > 1 else columns.unit(names[0])
+                if not panels[-1] and size == 1:
+                    label = f"{_shortened(group[0].name)}\n[{label}]"
+                title = _OF_JOINTS[quantity] if len(panels) == 1 else ""
+                legend = [_shortened(row.name) for row in group] if size > 1 else []
+                panels[-1].append(Panel(names, title, label, legend, limits))
+    return panels, found, dict(zip(frames if PATHS in found else (), itertools.cycle(COLOURS), strict=False))
+
+
+def _shortened(name: str) -> str:
+    """Return a name, shortened in the middle if it has more than the 22 characters that fit beside a panel."""
+    return plain(name if len(name) <= 22 else f"{name[:10]}…{name[-11:]}")
 
 
 def _plot_smoothed(
@@ -237,15 +297,17 @@ def _plot_smoothed(
     collector.add_piece(source.t, source.t.size, {name: getattr(source, name) for name in outputs or known})
     columns = Columns(Units.of(units), lambda name: "rad" if name == "S" else unit_of(name))
     curves = collector.curves(columns)
-    figure = draw_side_by_side(figure_class(), curves, lambda name: (name, columns.unit(name)))
-    instants = Curve(source.t, source.t).converted("t", columns).t
+    panels = [Panel((name,), name, columns.unit(name)) for name in curves]
+    title = "smoothed: curves, and bands of two standard deviations"
+    figure = draw_figure(title, _side_by_side(panels), curves, columns)
     for axes, (name, curve) in zip(figure.axes, curves.items(), strict=True):
         if name == "S":
             continue
         std = columns.converted(name, np.asarray(source.std[name]).reshape(source.t.size, -1))
-        values = curve.values.reshape(curve.t.size, -1)
+        values, instants = curve.values.reshape(curve.t.size, -1), columns.converted("t", source.t)
         colours = XYZ_COLOURS if values.shape[1] > 1 else ("#222222",)
+        t = curve.t - (curve.t - axes.get_lines()[0].get_xdata())[0]
         for column, deviations, colour in zip(values.T, std.T, colours, strict=False):
             half = 2 * np.interp(curve.t, instants, deviations)
-            axes.fill_between(curve.t, column - half, column + half, color=colour, alpha=0.25, lw=0)
-    return finish_figure(figure, "smoothed: curves, and bands of two standard deviations")
+            axes.fill_between(t, column - half, column + half, color=colour, alpha=0.25, lw=0)
+    return figure
