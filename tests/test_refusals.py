@@ -341,7 +341,8 @@ CALLS = {
         ("pair", A, C(pair=FLAT)),
         ("pair.body2", A, C(pair=BARE), C(pair=hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), body2=NEEDLE))),
         ("pair.body1", A, C(pair=hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), body2=LIGHT), base="free")),
-        ("hinge", A, "driven", C(hinge=lambda: 0, psi_0=None, psid_0=None), C(hinge=lambda t: (t, 0 * t, 0 * t), psi_0=None, psid_0=None)),
+        ("hinge", A, "driven", C(hinge=lambda: 0, psi_0=None, psid_0=None)),
+        ("hinge", A, C(hinge=lambda t: (t, 0 * t, 0 * t), psi_0=None, psid_0=None)),
         ("psi_0", A, C(hinge=lambda t: (t, 0 * t + 1, 0 * t))),
     ]),
     "simulate to the end": (lambda **k: hp.simulate(PAIR, [0, 1], POSE, 0.0, 1.0, base="fixed", **k), [
