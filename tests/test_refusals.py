@@ -436,7 +436,7 @@ CALLS = {
         ("select", A, "best"), ("frame", A, "tool1", C(R={"tool0": (0, 0, 0)})), ("angle_tolerance", A, -1),
         ("seed", A, 0.5),
         ("limits", A, 3, np.tile((1.0, -1.0), (6, 1))), ("direction", A, (0, 0, 0)),
-        ("direction", A, C(direction=(0, 0, 1), S=EYE)),
+        ("S", A, C(direction=(0, 0, 1), S=EYE)),
         ("prefer", A, "home"), ("solutions", A, 0), ("workers", A, 0),
         ("base_motion", A, POINT),
     ]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final, NamedTuple, Unpack
 
 import numpy as np
@@ -263,8 +263,7 @@ def read_query(
     if not constants.names and not solves:
         raise ArgumentError("robot", "a joint that moves", "none")
     tolerances = [number_not_below_0(name, given[name]) for name in ("position_tolerance", "angle_tolerance")]
-    by_frame, wanted = _targets_by_frame(tree, R, S, given)
-    frames, targets = _read_targets(tree, wanted, by_frame, given)
+    by_frame, count, frames, targets = _read_targets(tree, R, S, given)
     shapes = {one.label: one.values.shape[: one.values.ndim - len(one.goal.shape)] for one in targets}
     near = None if q0 is None else _read_posture("q0", q0, tree, path)
     posture = None if prefer is None or isinstance(prefer, str) else _read_posture("prefer", prefer, tree, False)
@@ -294,7 +293,7 @@ def read_query(
     near, posture = (_rows_of(one, shape, solver.dof) for one in (near, posture))
     start = (base_motion or AT_REST) if solves else None
     return Query(
-        solver, Targets(poses, near, posture, *tolerances), shape, by_frame, len(wanted), start, int(seed), workers
+        solver, Targets(poses, near, posture, *tolerances), shape, by_frame, count, start, int(seed), workers
     )
 
 
@@ -341,87 +340,81 @@ def read_solutions(solutions: Any, select: str, q0: Any) -> int | None:
     return int(solutions)
 
 
-def _targets_by_frame(tree: Tree, R: Any, S: Any, given: Mapping[str, Any]) -> tuple[bool, dict[str, dict[str, Any]]]:
-    """Return whether targets were given by frame, and for each frame what was given of R, S and direction."""
-    wanted = {"R": R, "S": S, "direction": given["direction"]}
-    present = {name: value for name, value in wanted.items() if value is not None}
+def _by_frame(tree: Tree, R: Any, S: Any, given: Mapping[str, Any]) -> tuple[bool, dict[str, dict[str, Any]]]:
+    """Return whether targets were given by frame, and R, S and direction, as far as given, by frame."""
+    arguments = {"R": R, "S": S, "direction": given["direction"]}
+    arguments = {name: value for name, value in arguments.items() if value is not None}
     frame = given["frame"]
-    if any(isinstance(value, Mapping) for value in present.values()):
+    if any(isinstance(value, Mapping) for value in arguments.values()):
         if frame is not None:
             raise ArgumentError("frame", "None, since the targets are given by frame", quoted(frame))
-        for name, value in present.items():
+        for name, value in arguments.items():
             if not isinstance(value, Mapping) or not value:
                 raise ArgumentError(name, "a dict by frame, as the other targets", quoted(value))
-        frames = dict.fromkeys(name for value in present.values() for name in value)
-        return True, {one: {name: value[one] for name, value in present.items() if one in value} for one in frames}
-    if not present:
-        if given["centre_of_mass"] is None:
-            raise ArgumentError("R", "positions, or attitudes in S or direction", None)
-        return False, {}
-    if frame is None and len(tree.tips) != 1:
+        return True, arguments
+    if not arguments and given["centre_of_mass"] is None:
+        raise ArgumentError("R", "positions, or attitudes in S or direction", None)
+    if arguments and frame is None and len(tree.tips) != 1:
         expected = f"the name of a link or joint, since the robot has several tips: {', '.join(tree.tips)}"
         raise ArgumentError("frame", expected, None)
-    return False, {tree.tips[0] if frame is None else frame: present}
+    return False, {name: {tree.tips[0] if frame is None else frame: value} for name, value in arguments.items()}
 
 
 def _read_targets(
-    tree: Tree, wanted: Mapping[str, Mapping[str, Any]], by_frame: bool, given: Mapping[str, Any]
-) -> tuple[dict[tuple[str, str], Frame], list[_Target]]:
-    """Return the frames that goals compare, by name and role, and all targets."""
-    frames: dict[tuple[str, str], Frame] = {}
-    read = []
-    for name, own in wanted.items():
-        labels = {one: f"{one}[{name!r}]" if by_frame else one for one in ("R", "S", "direction", "axis")}
-        frames[name, ""], kinds = _read_target(tree, name, own, given["axis"], labels)
-        read.append((name, kinds))
+    tree: Tree, R: Any, S: Any, given: Mapping[str, Any]
+) -> tuple[bool, int, dict[tuple[str, str], Frame], list[_Target]]:
+    """Return whether targets were given by frame, the count of frames that have some, the frames that goals compare,
+    by name and role, and all targets.
+    """
+    by_frame, arguments = _by_frame(tree, R, S, given)
+    names = [*dict.fromkeys(name for value in arguments.values() for name in value)]
+    frames = {(name, ""): tree.known_frame("frame", name) for name in names}
     relative_to = given["relative_to"]
-    for name in relative_to if isinstance(relative_to, Mapping) else ():
-        if name not in wanted:
-            raise ArgumentError("relative_to", choices(list(wanted)), quoted(name))
+    origins = relative_to if isinstance(relative_to, Mapping) else dict.fromkeys(names, relative_to)
+    for name in origins:
+        if name not in names:
+            raise ArgumentError("relative_to", choices(names), quoted(name))
     targets: list[_Target] = []
-    for number, (name, kinds) in enumerate(read):
-        origin = relative_to.get(name) if isinstance(relative_to, Mapping) else relative_to
-        place = None
+    for number, name in enumerate(names):
+        own = {one: value[name] for one, value in arguments.items() if name in value}
+        labels = {one: f"{one}[{name!r}]" if by_frame else one for one in ("R", "S", "direction", "axis")}
+        place, origin = None, origins.get(name)
         if origin is not None:
             frames.setdefault((origin, "from"), tree.known_frame("relative_to", origin))
             place = [*frames].index((origin, "from"))
-        targets += [_Target(kind(number, place), label, values) for kind, label, values in kinds]
+        targets += [_Target(kind(number, place), label, values) for kind, label, values in _of_frame(own, labels)]
+        if "direction" in own:  # of the z axis of a turned frame
+            frame, axis = frames[name, ""], given["axis"]
+            axis = axis.get(name, (0, 0, 1)) if isinstance(axis, Mapping) else axis
+            axis = _unit_vectors(labels["axis"], one_constant(labels["axis"], axis, 3))
+            frames[name, ""] = Frame(frame.body, frame.R, frame.S @ axes_along(axis))
     if given["centre_of_mass"] is not None:
         tree.single()
         values = vectors("centre_of_mass", given["centre_of_mass"], 3).astype(np.float64)
         targets.append(_Target(CentreOfMass(-1), "centre_of_mass", values))
-    return frames, targets
+    return by_frame, len(names), frames, targets
 
 
-def _read_target(
-    tree: Tree, name: str, given: Mapping[str, Any], axis: Any, labels: Mapping[str, str]
-) -> tuple[Frame, list[tuple[type[Goal], str, Float64Array]]]:
-    """Return a frame, whose z axis is the one that has a direction, and its targets: what kinds, of which arguments,
-    and their numbers.
-    """
-    frame = tree.known_frame("frame", name)
+def _of_frame(given: Mapping[str, Any], labels: Mapping[str, str]) -> Iterator[tuple[type[Goal], str, Float64Array]]:
+    """Yield the kinds of the targets of a frame, the arguments that they are of, and their numbers."""
     R, S, toward = (given.get(one) for one in ("R", "S", "direction"))
-    if S is not None and toward is not None:
-        raise ArgumentError(labels["direction"], f"None, since {labels['S']} is given", quoted(toward))
+    if S is not None and (toward is not None or isinstance(R, BodyMotion | FrameState)):
+        raise ArgumentError(labels["S"], "None, since an attitude or a direction is given beside it", quoted(S))
     if isinstance(R, BodyMotion | FrameState):
-        if S is not None:
-            raise ArgumentError(labels["S"], f"None, since {labels['R']} has attitudes", quoted(S))
         state: Any = R
-        R, S = state.R, None if toward is not None else state.S
-    found: list[tuple[type[Goal], str, Any]] = []
+        R, S = state.R, state.S if toward is None else None
     if R is not None:
-        found.append((Position, labels["R"], vectors(labels["R"], R, 3)))
+        yield Position, labels["R"], np.asarray(vectors(labels["R"], R, 3), np.float64)
     if S is not None:
-        turns = vectors(labels["S"], S, 3, 3)
+        turns = np.asarray(vectors(labels["S"], S, 3, 3), np.float64)
         check_rotation(labels["S"], turns)
-        found.append((Attitude, labels["S"], turns))
+        yield Attitude, labels["S"], turns
     if toward is not None:
-        ways = _unit_vectors(labels["direction"], vectors(labels["direction"], toward, 3))
-        found.append((Direction, labels["direction"], ways))
-        own = axis.get(name, (0, 0, 1)) if isinstance(axis, Mapping) else axis
-        own = _unit_vectors(labels["axis"], one_constant(labels["axis"], own, 3))
-        frame = Frame(frame.body, frame.R, frame.S @ axes_along(own))
-    return frame, [(kind, label, np.asarray(values, np.float64)) for kind, label, values in found]
+        yield (
+            Direction,
+            labels["direction"],
+            _unit_vectors(labels["direction"], vectors(labels["direction"], toward, 3)),
+        )
 
 
 def _unit_vectors(name: str, values: Any) -> Float64Array:
