@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, HingePairError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
@@ -118,14 +118,7 @@ class Mechanism(MechanismMethods):
         parents: Sequence[int] | None = None,
         base: str = "fixed",
         name: str | None = None,
-        *,
-        _tree: Tree | None = None,  # which dataclasses.replace passes
     ) -> None:
-        if _tree is not None:
-            raise HingePairError(
-                "dataclasses.replace cannot change a Mechanism: make it again with what is to differ, as by "
-                'load_robot(..., base="free")'
-            )
         set_frozen(self, _tree=tree_of_pairs(pairs, parents, base, name), base=base)
 
     @classmethod
@@ -359,12 +352,6 @@ class Mechanism(MechanismMethods):
             expected = choices(names) + nearest(str(joint), names) if names else "no joint, since none moves"
             raise ArgumentError("joint", expected, quoted(joint))
         return changes.pair_of(self._tree, names.index(joint) + 1)
-
-    def _instead(self, _: str) -> str:
-        return "; methods such as with_payload and with_base return changed copies"
-
-    def __iter__(self) -> Any:
-        raise TypeError("a Mechanism is no sequence of joints; robot.names are their names")
 
     # ---- extended copies
 

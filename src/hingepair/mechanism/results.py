@@ -7,7 +7,7 @@ import functools
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any, ClassVar, Final, TypeAlias
+from typing import IO, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +38,6 @@ class Result(Shown):
     __slots__ = ()
 
     t: NDArray[np.float64]
-    _names_hidden_from_dir: ClassVar[frozenset[str]] = frozenset({"in_units", "inputs", "recorded", "unit"})
-    """Public names that only other modules of the package use; `dir` leaves them out."""
 
     @property
     def described(self) -> str:
@@ -66,11 +64,7 @@ class Result(Shown):
         return Columns(Units.of(units), self.unit)
 
     def __dir__(self) -> list[str]:
-        attributes = (
-            name
-            for name in object.__dir__(self)
-            if not name.startswith("_") and name not in self._names_hidden_from_dir
-        )
+        attributes = (name for name in object.__dir__(self) if not name.startswith("_"))
         return sorted({*attributes, *self._available_names()})
 
     def _available_names(self) -> Iterable[str]:

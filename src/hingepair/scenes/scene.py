@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,9 +99,6 @@ class SceneResult(Frozen, Result):
     computed: Computed
     #: index of the first instant; 0 except in blocks
     first: int = 0
-    _names_hidden_from_dir: ClassVar[frozenset[str]] = Result._names_hidden_from_dir | {
-        *("computed", "energy_balance", "first", "known", "requested_arrays"),
-    }
 
     @property
     def described(self) -> str:

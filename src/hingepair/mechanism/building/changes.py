@@ -15,7 +15,6 @@ from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import Drawing, placed_shapes
 from hingepair.mechanism.building.folding import (
     JointPart,
-    body_masses,
     fold_parts,
     locked_positions,
     mass_properties,
@@ -80,19 +79,18 @@ def add_body(tree: Tree, link: str, body: Body | None) -> Tree:
     frame = tree.known_frame("link", link)
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
-    if frame.samples is not None:
-        payload_with_samples = Payload(np.array(body.mass), body.centre_of_mass, body.inertia)
-        return add_payload(tree, link, payload_with_samples)
-    payload = body_masses(body).placed(FramePose(frame.S, frame.R))
+    tree = add_payload(tree, link, Payload(np.array(body.mass), body.centre_of_mass, body.inertia))
     notes = tuple(f"payload of {link}: {note}" for note in body.assumed)
-    if frame.body:
-        tree = replace(tree, notes=(*tree.notes, *notes))
-    else:
-        tree = replace(tree, base_notes=(*tree.base_notes, *notes))
+    notes, base_notes = (notes, ()) if frame.body else ((), notes)
     drawings = list(tree.drawings)
     added = placed_shapes(body.shapes, FramePose(frame.S, frame.R))
     drawings[frame.body] = drawings[frame.body].with_shapes(added)
-    return replace(_with_mass(tree, frame.body, payload), drawings=tuple(drawings))
+    return replace(
+        tree,
+        notes=(*tree.notes, *notes),
+        base_notes=(*tree.base_notes, *base_notes),
+        drawings=tuple(drawings),
+    )
 
 
 def set_loads(tree: Tree, loads: Mapping[str, HingeLoad]) -> Tree:
@@ -155,26 +153,21 @@ def lock_joints(tree: Tree, positions: Mapping[str, float]) -> Tree:
     return replace(locked, notes=notes, base_notes=of_base, source=source)
 
 
-def _with_mass(tree: Tree, number: int, payload: MassProperties) -> Tree:
-    """Return a copy of a tree with a payload, given in the body's axes, added to the body of this number."""
-    total = mass_properties({"body": tree.bodies[number], "payload": payload})
-    without_mass = {body: name for body, name in tree.without_mass.items() if body != number}
-    tree = replace(tree, source=None, without_mass=without_mass)
-    if number == 0:
-        return replace(tree, base=total)
-    joints = list(tree.joints)
-    joints[number - 1] = replace(joints[number - 1], body=total)
-    return replace(tree, joints=tuple(joints))
-
-
 def add_payload(tree: Tree, link: str, payload: Payload) -> Tree:
     """Return a copy of a tree with a Payload fixed to the frame `link`, as samples where it has leading axes."""
     frame = tree.known_frame("link", link)
+    number, tree = frame.body, replace(tree, source=None)
     if payload.shape or frame.samples is not None:
-        samples = (tree.samples or Samples()).with_matter(frame.body, payload.moments(frame.origin, frame.S))
-        return replace(tree, samples=samples, source=None)
-    single = MassProperties(float(payload.mass), payload.centre, payload.inertia)
-    return _with_mass(tree, frame.body, single.placed(FramePose(frame.S, frame.R)))
+        return replace(
+            tree, samples=(tree.samples or Samples()).with_matter(number, payload.moments(frame.origin, frame.S))
+        )
+    single = MassProperties(float(payload.mass), payload.centre, payload.inertia).placed(FramePose(frame.S, frame.R))
+    total = mass_properties({"body": tree.bodies[number], "payload": single})
+    joints = list(tree.joints)
+    if number:
+        joints[number - 1] = replace(joints[number - 1], body=total)
+    without_mass = {body: name for body, name in tree.without_mass.items() if body != number}
+    return replace(tree, base=tree.base if number else total, joints=tuple(joints), without_mass=without_mass)
 
 
 def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
