@@ -12,6 +12,7 @@ from hingepair.cli.output import check_output, write_text
 from hingepair.cli.sources import read_source
 from hingepair.errors import ArgumentError, HingePairError
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.scenes.subject import FURTHER_OUTPUTS
 
 _DERIVED = ("omega1", "R2", "S2", "phi2", "v2", "omega2", "a2", "alpha2")
@@ -92,5 +93,5 @@ def _forms(subject: Any, frame: str | None, symbols: Any) -> tuple[Any, str, lis
         named = [name for name in scene.outputs or () if name not in FURTHER_OUTPUTS]
     else:
         forms, title, named = derive_any_motion(subject, symbols), subject.pair.name, []
-    points = [name for name in forms.names if name not in forms.kind.levels]
+    points = [name for name in forms.names if name not in {*SPACE.levels, *PLANE.levels}]
     return forms, title, named or [*(name for name in _DERIVED if name in forms.names), *points]

@@ -17,8 +17,9 @@ from hingepair.rotations.euler import matrix_to_euler
 from hingepair.scenes.load import SceneFile
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.tables import Table
-from hingepair.symbolic.closed_forms import SYMBOLIC_CONSTANTS, FrameForms, PairForms, point_key
+from hingepair.symbolic.closed_forms import SYMBOLIC_CONSTANTS, frame_forms, pair_forms, point_key
 from hingepair.symbolic.exact import Expr, exact, to_sympy
+from hingepair.symbolic.writing import ClosedForms
 
 
 def derive(
@@ -26,9 +27,8 @@ def derive(
     symbolic: Iterable[str] = (),
     frame: str | None = None,
 ) -> Any:
-    r"""Return closed forms as SymPy expressions. A Scene, a HingePair or a PlanarPair gives a PairForms with the
-    equations E1-E11 (docs/concepts/equations.md). A Mechanism, or its scene, gives the FrameForms of one
-    link, joint or frame.
+    r"""Return closed forms as SymPy expressions: of a Scene, a HingePair or a PlanarPair by the equations E1-E11
+    (docs/concepts/equations.md), of a Mechanism, or its scene, those of one link, joint or frame.
 
     The coordinates of a HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
     phi_z(t), and psi(t). The coordinates of a PlanarPair are x(t), y(t), phi(t), psi(t). The coordinates of a Scene
@@ -57,12 +57,11 @@ def derive(
             name is required if several links have no children. Only for a robot.
 
     Returns:
-        For a scene or a pair, a PairForms: `.R2`, `.omega2` and so on are SymPy matrices in the symbol `.t`; of a
+        ClosedForms. For a scene or a pair, `.R2`, `.omega2` and so on are SymPy matrices in the symbol `.t`; of a
         point named tip also `.tip`, `.tip_v` and `.tip_a`. For a planar pair, `.phi2`, `.omega2` and `.alpha2` are
-        SymPy expressions. For a robot, FrameForms: position `.R`, rotation `.S`, `.jacobian`, velocity `.v` and
-        angular velocity `.omega` of the frame, in world axes, are SymPy matrices in the symbols `.q` and `.qd`. A
-        PairForms and a FrameForms have the methods `.to_text()`, `.to_latex()` `.to_python()` and `.to_c()`, which
-        return the forms as text.
+        SymPy expressions. For a robot, position `.R`, rotation `.S`, `.jacobian`, velocity `.v` and angular velocity
+        `.omega` of the frame, in world axes, are SymPy matrices in the symbols `.q` and `.qd`. The methods
+        `.to_text()`, `.to_latex()`, `.to_python()` and `.to_c()` return the forms as text.
 
     Raises:
         ArgumentError: the derivatives of an expression are too long. The message names the argument.
@@ -94,7 +93,7 @@ def derive(
     if isinstance(scene_or_pair, Mechanism):
         if symbolic:
             raise ArgumentError("symbolic", "nothing for a robot, whose numbers the formulas show", quoted(symbolic))
-        return FrameForms(scene_or_pair, frame)
+        return frame_forms(scene_or_pair, frame)
     if frame is not None:
         raise ArgumentError("frame", "a robot, whose frame it is", quoted(scene_or_pair))
     if isinstance(scene_or_pair, Scene):
@@ -103,14 +102,14 @@ def derive(
         symbolic_constants = tuple(name for name in names if name in scene.constants)
         motion = dict.fromkeys(scene.expressions, exact(0)) | scene.functions.expressions(symbolic_constants)
         written = _exact_pair_values(pair, scene.tables, symbolic_constants)
-        return PairForms(pair, motion, scene.sequence, names, written)
+        return pair_forms(pair, motion, scene.sequence, names, written)
     pair = scene_or_pair
     if not isinstance(pair, HingePair | PlanarPair):
         raise ArgumentError("scene_or_pair", "a Scene, a HingePair, a PlanarPair or a Mechanism", quoted(pair))
-    return PairForms(pair, symbolic=_symbolic_names(symbolic, pair, ()))
+    return pair_forms(pair, symbolic=_symbolic_names(symbolic, pair, ()))
 
 
-def derive_any_motion(file: SceneFile, symbolic: Iterable[str] = ()) -> PairForms:
+def derive_any_motion(file: SceneFile, symbolic: Iterable[str] = ()) -> ClosedForms:
     """Return the PairForms of the pair in a scene file with coordinates that are unspecified functions of t, those of
     a fixed body 1 apart.
 
@@ -129,7 +128,7 @@ def derive_any_motion(file: SceneFile, symbolic: Iterable[str] = ()) -> PairForm
         kind = PLANE if isinstance(pair, PlanarPair) else SPACE
         motion = dict(zip(kind.coordinates[:-1], given, strict=True))
     written = _exact_pair_values(pair, file.tables, symbolic_constants)
-    return PairForms(pair, motion, symbolic=names, exact_values=written)
+    return pair_forms(pair, motion, symbolic=names, exact_values=written)
 
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:

@@ -6,9 +6,10 @@ symbols.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import operator
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import sympy
@@ -21,22 +22,14 @@ from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.pairs.requests import check_single_pair, constants_of
 from hingepair.mechanism.tree import Joint
 from hingepair.numeric.names import Names
-from hingepair.plans.pairs import PLANE, SPACE, PairKind, point_outputs, unit_among
+from hingepair.plans.pairs import PLANE, SPACE, point_outputs, unit_among
 from hingepair.rotations.sequences import find_sequence
 from hingepair.symbolic.exact import TIME, Expr, exact, exact_axis, exact_entry, rate, real_symbol
 from hingepair.symbolic.trig_sums import cosine_expression, sine_expression
-from hingepair.symbolic.writing import ClosedForms, Exprs, latex_name
+from hingepair.symbolic.writing import ClosedForms, Equation, Exprs, Output, latex_name
 
 SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
-FRAME_OUTPUTS: Final = {
-    "R": "position of the frame's origin, world axes [m]",
-    "S": "rotation from the frame's axes to those of the world",
-    "jacobian": "(v, omega) = jacobian @ qd, world axes",
-    "v": "velocity of the frame's origin, world axes [m/s]",
-    "omega": "angular velocity of the frame, world axes [rad/s]",
-}
-"""What the outputs of a robot's frame are, by name."""
 
 _IDENTITY = (1, 0, 0, 0, 1, 0, 0, 0, 1)
 _ZERO_LENGTH = 4 * 2.0**-53  # of a component of a point beside its largest one: rounding
@@ -45,11 +38,17 @@ _ZERO_LENGTH = 4 * 2.0**-53  # of a component of a point beside its largest one:
 # ---- a pair
 
 
-class PairForms(ClosedForms):
-    """Closed forms of a pair's motion (E1-E11) as functions of `t`.
+def pair_forms(
+    pair: HingePair | PlanarPair,
+    motion: Mapping[str, Expr | None] | None = None,
+    sequence: str | None = "XYZ",
+    symbolic: Collection[str] = (),
+    exact_values: Mapping[str, Exprs] | None = None,
+) -> ClosedForms:
+    """Return closed forms of a pair's motion (E1-E11) as functions of `t`.
 
     The outputs are `R2`, `S2`, `d`, `v2`, `omega2`, `a2`, `alpha2`, `R1`, `S1`, `v1`, `omega1`, `a1`, `alpha1`, and
-    of a point `tip` also `tip`, `tip_v`, `tip_a`; of a planar pair those that `names` lists. Vectors of a planar pair
+    of a point `tip` also `tip`, `tip_v`, `tip_a`; of a planar pair those of `PlanarPair`. Vectors of a planar pair
     have two components, and its angles, angular velocities and accelerations are expressions.
 
     Args:
@@ -63,116 +62,66 @@ class PairForms(ClosedForms):
     Raises:
         ArgumentError: `pair` holds more than one pair.
     """
+    check_single_pair(pair)
+    planar, points = isinstance(pair, PlanarPair), constants_of(pair).points
+    kind = PLANE if planar else SPACE
+    names = (*kind.levels, *point_outputs(points))
+    outputs = {}
+    for name in names:
+        unit = unit_among(names, name)
+        outputs[name] = Output(kind.shapes.get(name, (3 - planar,)), f" [{unit}]" if unit != "1" else "")
+    given = {name: expr for name, expr in (motion or {}).items() if expr is not None}
+    values = {key: tuple(map(sympy.sympify, exprs)) for key, exprs in (exact_values or {}).items()}
+    used = ["t", *(label for name, output in outputs.items() for label in output.labels(name))]
+    used += [name + "d" * order for name in kind.coordinates if name not in given for order in range(3)]
+    used += [f"{key}_{axis}" for key in symbolic for axis in "xyz"]
+    renamed = _symbols_of_constants([*given.values(), *itertools.chain(*values.values())], used)
+    *R1, psi = (
+        given[name].xreplace(renamed) if name in given else sympy.Function(name, real=True)(TIME)
+        for name in kind.coordinates
+    )
+    values = {key: tuple(expr.xreplace(renamed) for expr in exprs) for key, exprs in values.items()}
+    found: dict[str, Any] = {**_constants(pair, symbolic, values), "psi": psi}
+    found |= {"R1": (*R1[:2], sympy.S.Zero), "phi1": R1[2]} if planar else {"R1": tuple(R1[:3]), "phi": tuple(R1[3:])}
+    plane: dict[str, Equation] = {"S1": (_about_z, ("phi1",)), "omega1": (_spin_about_z, ("phi1",))}
+    equations = {**_PAIR, **(plane if planar else _attitude_equations(sequence or "XYZ"))}
+    for point in points:
+        i, name, arm = point.body, point.name, f"arm of {point.name}"
+        equations[arm] = (eq.rotate, (f"S{i}", point_key(name)))
+        equations[name] = (eq.add, (f"R{i}", arm))
+        equations[f"{name}_v"] = (_point_velocity, (f"v{i}", f"omega{i}", arm))
+        equations[f"{name}_a"] = (_point_acceleration, (f"a{i}", f"omega{i}", f"alpha{i}", arm))
+    rates = {f"{name}{'d' * k}": (name, k) for name in kind.coordinates for k in (1, 2)}
+    return ClosedForms(pair.name or "", outputs, equations, found, rates)
 
-    t: Final = TIME
-    """The SymPy symbol of time [s]."""
 
-    def __init__(
-        self,
-        pair: HingePair | PlanarPair,
-        motion: Mapping[str, Expr | None] | None = None,
-        sequence: str | None = "XYZ",
-        symbolic: Collection[str] = (),
-        exact_values: Mapping[str, Exprs] | None = None,
-    ) -> None:
-        super().__init__()
-        check_single_pair(pair)
-        points = constants_of(pair).points
-        self.planar, self.title = isinstance(pair, PlanarPair), pair.name or ""
-        self.names = (*self.kind.levels, *point_outputs(points))
-        self.rates = {f"{name}{'d' * k}": (name, k) for name in self.kind.coordinates for k in (1, 2)}
-        self._bodies = {point.name: point.body for point in points}
-        given = {name: expr for name, expr in (motion or {}).items() if expr is not None}
-        values = {key: tuple(map(sympy.sympify, exprs)) for key, exprs in (exact_values or {}).items()}
-        renamed = self._renamed([*given.values(), *itertools.chain(*values.values())], given, symbolic)
-        coordinates = [
-            given[name].xreplace(renamed) if name in given else sympy.Function(name, real=True)(TIME)
-            for name in self.kind.coordinates
-        ]
-        values = {key: tuple(expr.xreplace(renamed) for expr in exprs) for key, exprs in values.items()}
-        self._found |= self._constants(pair, symbolic, values)
-        *R1, psi = coordinates
-        if self.planar:
-            self._found |= {"R1": (*R1[:2], sympy.S.Zero), "phi1": R1[2], "psi": psi}
+def _symbols_of_constants(exprs: Iterable[Expr], used: Iterable[str]) -> dict[Expr, Expr]:
+    """Return the symbols that replace the constants in expressions of a scene; names in use get an underscore."""
+    constants = set().union(*(expr.free_symbols for expr in exprs)) - {TIME}
+    taken = Names(used, latex_name).take_all(sorted(symbol.name for symbol in constants))
+    return {symbol: real_symbol(taken[symbol.name]) for symbol in constants}
+
+
+def _constants(
+    pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, Exprs]
+) -> dict[str, Exprs]:
+    """Return u1, u2, n, home and points: symbols, `exact_values`, or exact numbers made of the pair's floats."""
+    constants = constants_of(pair)
+    floats = {key: tuple(array.ravel().tolist()) for key, array in constants.arrays.items()}
+    floats |= {point_key(name): tuple(R.tolist()) for name, R in {**pair.points1, **pair.points2}.items()}
+    found: dict[str, Exprs] = {"n": (0, 0, 1), "home": _IDENTITY}
+    for key, value in floats.items():
+        if key in symbolic:
+            found[key] = tuple(real_symbol(f"{key}_{axis}") for axis in "xyz"[: len(value)])
+        elif key in exact_values:
+            found[key] = exact_values[key]
+        elif key == "home":
+            found[key] = tuple(map(exact_entry, value)) if constants.has_home else _IDENTITY
         else:
-            self._found |= {"R1": tuple(R1[:3]), "phi": tuple(R1[3:]), "psi": psi}
-        plane = {"S1": (_about_z, ("phi1",)), "omega1": (_spin_about_z, ("phi1",))}
-        self._equations = {**_PAIR, **(plane if self.planar else _attitude_equations(sequence or "XYZ"))}
-
-    @property
-    def kind(self) -> PairKind:
-        """Kind of motion of the pair, PLANE or SPACE."""
-        return PLANE if self.planar else SPACE
-
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of an output."""
-        shape = self.kind.shapes.get(name)
-        return (3 - self.planar,) if shape is None else shape
-
-    def description(self, name: str) -> str:
-        """Return the unit of an output."""
-        unit = unit_among(self.names, name)
-        return f" [{unit}]" if unit != "1" else ""
-
-    def entries(self, name: str) -> Exprs:
-        """Return the components of an output; in the plane those of the plane alone."""
-        parts = super().entries(name)
-        if self.planar and len(parts) == 3:
-            return parts[:2] if self.shape(name) else parts[2:]
-        return parts
-
-    def _renamed(self, exprs: Iterable[Expr], given: Collection[str], symbolic: Collection[str]) -> dict[Expr, Expr]:
-        """Return the symbols that replace the constants in expressions of a scene; names in use get an underscore.
-        `given` are the names of the coordinates, `symbolic` those of the pair's constants that are symbols.
-        """
-        used = ["t", *itertools.chain(*map(self.labels, self.names))]
-        used += [name + "d" * order for name in self.kind.coordinates if name not in given for order in range(3)]
-        used += [f"{key}_{axis}" for key in symbolic for axis in "xyz"]
-        names = Names(used, latex_name)
-        constants = set().union(*(expr.free_symbols for expr in exprs)) - {TIME}
-        taken = names.take_all(sorted(symbol.name for symbol in constants))
-        return {symbol: real_symbol(taken[symbol.name]) for symbol in constants}
-
-    def _constants(
-        self, pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, Exprs]
-    ) -> dict[str, Exprs]:
-        """Return u1, u2, n, home and points: symbols, `exact_values`, or exact numbers made of the pair's floats."""
-        constants = constants_of(pair)
-        floats = {key: tuple(array.ravel().tolist()) for key, array in constants.arrays.items()}
-        floats |= {point_key(name): tuple(R.tolist()) for name, R in {**pair.points1, **pair.points2}.items()}
-        found: dict[str, Exprs] = {"n": (0, 0, 1), "home": _IDENTITY}
-        for key, value in floats.items():
-            if key == "home" and not constants.has_home:
-                continue
-            if key in symbolic:
-                found[key] = tuple(real_symbol(f"{key}_{axis}") for axis in "xyz"[: len(value)])
-            elif key in exact_values:
-                found[key] = exact_values[key]
-            else:
-                found[key] = (
-                    tuple(map(exact_entry if key == "home" else exact, value)) if key != "n" else exact_axis(value)
-                )
-            if len(found[key]) == 2:
-                found[key] = (*found[key], 0)
-        return found
-
-    def _derive(self, name: str) -> Any:
-        point, _, ending = name.rpartition("_") if name.endswith(("_v", "_a")) else (name, "", "R")
-        if point in self._bodies:
-            return self._of_point(ending, point, self._bodies[point])
-        function, arguments = self._equations[name]
-        return function(*map(self.form, arguments))
-
-    def _of_point(self, letter: str, point: str, body: int) -> Exprs:
-        """Return R = R_i + S_i p, or its velocity or acceleration (E1, E8, E9)."""
-        form = self.form
-        arm = eq.rotate(form(f"S{body}"), form(point_key(point)))
-        if letter == "R":
-            return eq.add(form(f"R{body}"), arm)
-        omega = form(f"omega{body}")
-        if letter == "v":
-            return eq.add(form(f"v{body}"), eq.cross(omega, arm))
-        return eq.add(form(f"a{body}"), eq.point_acceleration(omega, form(f"alpha{body}"), arm))
+            found[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
+        if len(found[key]) == 2:
+            found[key] = (*found[key], 0)
+    return found
 
 
 def point_key(name: str) -> str:
@@ -197,7 +146,7 @@ def _spin_about_z(angle: Expr) -> Exprs:
     return 0, 0, rate(angle)
 
 
-def _attitude_equations(sequence: str) -> dict[str, _Equation]:
+def _attitude_equations(sequence: str) -> dict[str, Equation]:
     """Return the equations of the attitude of body 1 by Euler angles (E4, E10)."""
     order = find_sequence(sequence)
     return {
@@ -218,10 +167,16 @@ def _difference(R: Exprs, r1: Exprs, r2: Exprs) -> Exprs:
     return eq.add(R, eq.subtract(r1, r2))
 
 
-_Equation = tuple[Callable[..., Any], tuple[str, ...]]  # a function, and the names of its arguments
+def _point_velocity(v: Exprs, omega: Exprs, arm: Exprs) -> Exprs:
+    return eq.add(v, eq.cross(omega, arm))
+
+
+def _point_acceleration(a: Exprs, omega: Exprs, alpha: Exprs, arm: Exprs) -> Exprs:
+    return eq.add(a, eq.point_acceleration(omega, alpha, arm))
+
 
 # Every quantity, of others (E5-E9): r1 = S1 u1 and r2 = S2 u2 lead to the hinge point.
-_PAIR: Final[Mapping[str, _Equation]] = {
+_PAIR: Final[Mapping[str, Equation]] = {
     "v1": (_rates, ("R1",)),
     "a1": (_rates, ("v1",)),
     "psid": (_rates, ("psi",)),
@@ -253,14 +208,14 @@ _PAIR: Final[Mapping[str, _Equation]] = {
 # ---- a frame of a robot
 
 
-class FrameForms(ClosedForms):
-    """Closed forms of the motion of one frame of a robot whose base rests at the origin (E2, E5, E7), in the symbols
-    `q` and `qd` of the robot's coordinates and rates: `R` (3, 1), `S` (3, 3), `jacobian` (6, dof) with the rows of v
-    before those of omega, `v` (3, 1) and `omega` (3, 1), all in world axes.
+def frame_forms(robot: Mechanism, frame: str | None = None) -> ClosedForms:
+    """Return closed forms of the motion of one frame of a robot whose base rests at the origin (E2, E5, E7), in the
+    symbols `q` and `qd` of the robot's coordinates and rates: `R` (3, 1), `S` (3, 3), `jacobian` (6, dof) with the
+    rows of v before those of omega, `v` (3, 1) and `omega` (3, 1), all in world axes.
 
     Each number of the robot is the rational number that its shortest decimal form shows; a length that rounding left
-    is 0. An entry of a rotation that
-    equals 0, 1, -1 or the root of a simple fraction within rounding is exactly that number.
+    is 0. An entry of a rotation that equals 0, 1, -1 or the root of a simple fraction within rounding is exactly that
+    number.
 
     Args:
         robot: a robot with a fixed base.
@@ -269,128 +224,88 @@ class FrameForms(ClosedForms):
     Raises:
         ArgumentError: the base is free, or there is no such frame.
     """
+    if robot.base != "fixed":
+        expected = "a robot with base='fixed': the motion of its frames relative to its base"
+        raise ArgumentError("scene_or_pair", expected, f"base={robot.base!r}")
+    tree = tree_of(robot)
+    last = tree.plain().tips
+    if frame is None and len(last) != 1:
+        which = f"the name of a link or joint, since {robot.name} ends in {len(last)} links: {choices(last)}"
+        raise ArgumentError("frame", which, "none")
+    name = last[0] if frame is None else frame
+    place, path = tree.known_frame("frame", name), list[Joint]()
+    body = place.body
+    while body:
+        path.insert(0, tree.joints[body - 1])
+        body = path[0].parent
+    moving = tree.coordinates
+    q, qd = (tuple(real_symbol(f"{letter}_{k + 1}") for k in range(len(moving))) for letter in ("q", "qd"))
+    by_name = dict(zip((joint.name for joint in moving), q, strict=True))
+    own = [by_name[(joint if joint.mimic is None else tree.joints[joint.mimic.leader - 1]).name] for joint in path]
+    positions = [
+        one if joint.mimic is None else exact(joint.mimic.multiplier) * one + exact(joint.mimic.offset)
+        for joint, one in zip(path, own, strict=True)
+    ]
+    found: dict[str, Any] = {"attitude 0": _IDENTITY, f"lever {len(path)}": _exact_point(place.R.tolist())}
+    found["axes"] = _entries(place.S)
+    equations: dict[str, Equation] = {
+        "R": (tuple, ("lever 0",)),
+        "S": (eq.compose, (f"attitude {len(path)}", "axes")),
+        "v": (functools.partial(_times_rates, qd, 0), ("jacobian",)),
+        "omega": (functools.partial(_times_rates, qd, 3), ("jacobian",)),
+    }
+    spins: list[tuple[Expr, Exprs, Expr]] = []
+    for k, (joint, position) in enumerate(zip(path, positions, strict=True)):
+        axes, n = _entries(joint.S), tuple(map(exact_entry, joint.n.tolist()))
+        turned = eq.hinge_rotation(n, _trig(exact(joint.axis.turns) * position)) if joint.axis.turns else _IDENTITY
+        along = eq.scale(eq.rotate(axes, n), exact(joint.axis.shifts) * position)
+        found[f"turn {k}"] = eq.compose(axes, turned)
+        found[f"foot {k}"] = eq.add(_exact_point(joint.u.tolist()), along)
+        equations[f"attitude {k + 1}"] = (eq.compose, (f"attitude {k}", f"turn {k}"))
+        equations[f"lever {k}"] = (_lever, (f"foot {k}", f"turn {k}", f"lever {k + 1}"))
+        spins.append((own[k], eq.rotate(axes, n), exact(joint.axis.turns) * position.diff(own[k])))
+    attitudes = tuple(f"attitude {k}" for k in range(len(path)))
+    equations["jacobian"] = (functools.partial(_jacobian, q, spins), ("R", *attitudes))
+    rows = [f"{row}_{axis}" for row in ("Jv", "Jomega") for axis in "xyz"]
+    labels = [f"{row}{column}" for row in rows for column in range(1, len(q) + 1)]
+    outputs = {
+        "R": Output((3,), ": position of the frame's origin, world axes [m]"),
+        "S": Output((3, 3), ": rotation from the frame's axes to those of the world"),
+        "jacobian": Output((6, len(q)), ": (v, omega) = jacobian @ qd, world axes", labels),
+        "v": Output((3,), ": velocity of the frame's origin, world axes [m/s]"),
+        "omega": Output((3,), ": angular velocity of the frame, world axes [rad/s]"),
+    }
+    rates = {f"qd_{k + 1}": (f"q_{k + 1}", 1) for k in range(len(q))}
+    title = f"frame {name} of {robot.name}"
+    joints = [
+        f"{one} {joint.name}{' [m]' * (joint.unit == 'm')}"
+        for one, joint in zip(q, moving, strict=True)
+        if one in own
+    ]
+    others = ["the other joints do not move the frame"] * (0 < len({*own}) < len(q))
+    legend = f"{title}: {'; '.join((*joints, *others)) or 'no joint moves the frame'}"
+    return ClosedForms(title, outputs, equations, found, rates, q, qd, {*own}, (legend,))
 
-    names = tuple(FRAME_OUTPUTS)
 
-    def __init__(self, robot: Mechanism, frame: str | None = None) -> None:
-        super().__init__()
-        if robot.base != "fixed":
-            expected = "a robot with base='fixed': the motion of its frames relative to its base"
-            raise ArgumentError("scene_or_pair", expected, f"base={robot.base!r}")
-        self._tree = tree_of(robot)
-        last = self._tree.plain().tips
-        if frame is None and len(last) != 1:
-            which = f"the name of a link or joint, since {robot.name} ends in {len(last)} links: {choices(last)}"
-            raise ArgumentError("frame", which, "none")
-        name = last[0] if frame is None else frame
-        self._frame = self._tree.known_frame("frame", name)
-        self.title = f"frame {name} of {robot.name}"
-        moving = self._tree.coordinates
-        self.q = tuple(real_symbol(f"q_{number}") for number in range(1, len(moving) + 1))
-        self.qd = tuple(real_symbol(f"qd_{number}") for number in range(1, len(moving) + 1))
-        self._columns = {joint.name: column for column, joint in enumerate(moving)}
-        self._path = self._joints_to(self._frame.body)
-        self.moving = {self.q[self._column(joint)] for joint in self._path}
-        self.rates = {str(rate): (str(q), 1) for q, rate in zip(self.q, self.qd, strict=True)}
-        vectors = (*(joint.u for joint in self._path), self._frame.R)
-        self._points = [_exact_point(vector.tolist()) for vector in vectors]
-        self.notes = (self._legend(),)
+def _lever(foot: Exprs, turn: Exprs, behind: Exprs) -> Exprs:
+    """Return the frame's origin in the axes of the body that carries a joint, from its reference point (E7)."""
+    return eq.add(foot, eq.rotate(turn, behind))
 
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of an output."""
-        return {"S": (3, 3), "jacobian": (6, len(self.q))}.get(name, (3,))
 
-    def description(self, name: str) -> str:
-        """Return what an output is."""
-        return f": {FRAME_OUTPUTS[name]}"
+def _jacobian(q: Exprs, spins: Sequence[tuple[Expr, Exprs, Expr]], R: Exprs, *attitudes: Exprs) -> Exprs:
+    """Return the rows of v and of omega (E2). `spins` has of each joint on the way to the frame the coordinate, the
+    axis in the axes of the body that carries it, and the turn for each unit of the coordinate.
+    """
+    columns: dict[Expr, Any] = dict.fromkeys(q, (0, 0, 0))
+    for (own, axis, ratio), attitude in zip(spins, attitudes, strict=True):
+        columns[own] = eq.add(columns[own], eq.scale(eq.rotate(attitude, axis), ratio))
+    linear = (part.diff(one) for part in R for one in q)
+    return (*linear, *(spin[row] for row in range(3) for spin in columns.values()))
 
-    def labels(self, name: str) -> list[str]:
-        """Return the labels of the components of an output: R_x, S_xy, Jv_x1, Jomega_z6."""
-        if name != "jacobian":
-            return super().labels(name)
-        rows = [f"{row}_{axis}" for row in ("Jv", "Jomega") for axis in "xyz"]
-        return [f"{row}{column}" for row in rows for column in range(1, len(self.q) + 1)]
 
-    def _legend(self) -> str:
-        """Return a text on which joint each coordinate q_1, q_2, ... belongs to."""
-        moving, coordinates = self.moving, zip(self.q, self._tree.coordinates, strict=True)
-        joints = [f"{q} {joint.name}{' [m]' * (joint.unit == 'm')}" for q, joint in coordinates if q in moving]
-        others = ["the other joints do not move the frame"] * (0 < len(moving) < len(self.q))
-        return f"{self.title}: {'; '.join((*joints, *others)) or 'no joint moves the frame'}"
-
-    def _joints_to(self, body: int) -> list[Joint]:
-        joints: list[Joint] = []
-        while body:
-            joints.append(self._tree.joints[body - 1])
-            body = joints[-1].parent
-        return joints[::-1]
-
-    def _column(self, joint: Joint) -> int:
-        leader = joint if joint.mimic is None else self._tree.joints[joint.mimic.leader - 1]
-        return self._columns[leader.name]
-
-    def _position(self, joint: Joint) -> Expr:
-        """Return the coordinate of a joint, in that of its leader where it follows one."""
-        q = self.q[self._column(joint)]
-        return q if joint.mimic is None else exact(joint.mimic.multiplier) * q + exact(joint.mimic.offset)
-
-    def _derive(self, name: str) -> Any:
-        what, _, number = name.partition(" ")
-        return getattr(self, f"_find_{what}")(*map(int, number.split()))
-
-    def _find_R(self) -> Exprs:
-        lever: Exprs = self.form("lever 0")
-        return lever
-
-    def _find_S(self) -> Exprs:
-        return eq.compose(self.form(f"attitude {len(self._path)}"), _entries(self._frame.S))
-
-    def _find_jacobian(self) -> Exprs:
-        linear = [part.diff(q) for part in self.form("R") for q in self.q]
-        return (*linear, *(spin[row] for row in range(3) for spin in self._spins()))
-
-    def _find_v(self, first_row: int = 0) -> Exprs:
-        jacobian, dof = self.form("jacobian"), len(self.q)
-        rows = range(first_row, first_row + 3)
-        return tuple(sum(jacobian[row * dof + k] * qd for k, qd in enumerate(self.qd)) for row in rows)
-
-    def _find_omega(self) -> Exprs:
-        return self._find_v(3)
-
-    def _find_attitude(self, number: int) -> Exprs:
-        """Return the attitude of the body behind so many joints (E5)."""
-        if not number:
-            return _IDENTITY
-        return eq.compose(self.form(f"attitude {number - 1}"), self._turn(self._path[number - 1]))
-
-    def _turn(self, joint: Joint) -> Exprs:
-        """Return the rotation from the axes of a joint's body to those of its parent (E5)."""
-        turns = joint.axis.turns
-        if not turns:
-            return _entries(joint.S)
-        angle = exact(turns) * self._position(joint)
-        return eq.compose(_entries(joint.S), eq.hinge_rotation(_axis(joint), _trig(angle)))
-
-    def _find_lever(self, number: int) -> Exprs:
-        """Return the frame's origin in the axes of the body behind so many joints, from its reference point (E7)."""
-        point: Exprs = self._points[number]
-        if number == len(self._path):
-            return point
-        joint = self._path[number]
-        behind = eq.rotate(self._turn(joint), self.form(f"lever {number + 1}"))
-        shift = exact(joint.axis.shifts) * self._position(joint)
-        along = eq.scale(eq.rotate(_entries(joint.S), _axis(joint)), shift)
-        return eq.add(point, eq.add(along, behind))
-
-    def _spins(self) -> list[Exprs]:
-        """Return the angular velocity of the frame for each coordinate's rate (E2)."""
-        spins: list[Any] = [(0, 0, 0)] * len(self.q)
-        for number, joint in enumerate(self._path):
-            column, position = self._column(joint), self._position(joint)
-            axis = eq.rotate(self.form(f"attitude {number}"), eq.rotate(_entries(joint.S), _axis(joint)))
-            ratio = exact(joint.axis.turns) * position.diff(self.q[column])
-            spins[column] = eq.add(spins[column], eq.scale(axis, ratio))
-        return spins
+def _times_rates(qd: Exprs, first_row: int, jacobian: Exprs) -> Exprs:
+    rows = (jacobian[row * len(qd) : (row + 1) * len(qd)] for row in range(first_row, first_row + 3))
+    return tuple(sum(map(operator.mul, row, qd)) for row in rows)
 
 
 def _exact_point(point: Sequence[float]) -> Exprs:
@@ -401,7 +316,3 @@ def _exact_point(point: Sequence[float]) -> Exprs:
 
 def _entries(S: Any) -> Exprs:
     return tuple(map(exact_entry, S.ravel().tolist()))
-
-
-def _axis(joint: Joint) -> Exprs:
-    return tuple(map(exact_entry, joint.n.tolist()))

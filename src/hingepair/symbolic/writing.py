@@ -8,8 +8,7 @@ import itertools
 import keyword
 import math
 import textwrap
-from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import sympy
@@ -52,43 +51,69 @@ class _Sheet(NamedTuple):
     rows: list[tuple[list[str], Expr]]  # equal components, and their expression
 
 
-class ClosedForms(ABC):
+Equation: TypeAlias = tuple[Callable[..., Any], tuple[str, ...]]
+"""A function, and the names of its arguments."""
+
+
+class Output(NamedTuple):
+    """What a closed form is of."""
+
+    shape: tuple[int, ...]
+    description: str  # or unit, as it stands behind the name
+    own_labels: Sequence[str] = ()
+
+    def labels(self, name: str) -> list[str]:
+        """Return the labels of the components: omega1_x, S2_xy, phi2."""
+        axes = ("xyz"[:size] for size in self.shape)
+        places = map("".join, itertools.product(*axes)) if not self.own_labels else ()
+        return [*self.own_labels, *(f"{name}_{place}" if place else name for place in places)]
+
+
+class ClosedForms:
     """Closed forms, whose outputs are attributes: immutable SymPy matrices, or expressions of planar angles. Methods
     write them as text, LaTeX, Python, C and SymPy source.
 
     An output is derived at the first access, and intermediate results are kept.
+
+    Attributes:
+        names: names of the outputs.
+        t: the SymPy symbol of time [s].
+        q: symbols of a robot's coordinates, arguments of generated functions; qd of their rates.
+
+    Args:
+        title: what the forms are of.
+        outputs: the outputs by name.
+        equations: every quantity, of others.
+        found: quantities that are known.
+        rates: names of rates, with the coordinate and the order of the derivative.
+        q: coordinates of a robot.
+        qd: their rates.
+        moving: the coordinates that move the frame.
+        notes: sentences that stand above written forms.
     """
 
-    names: tuple[str, ...]
-    title: str
-    notes: Sequence[str] = ()
-    #: coordinates of a robot and their rates, which are arguments of generated functions
-    q: Exprs = ()
-    qd: Exprs = ()
-    #: the coordinates that move the frame
-    moving: Collection[Expr] = ()
-    #: names of rates, with the coordinate and the order of the derivative
-    rates: Mapping[str, tuple[str, int]]
+    t: Final = TIME
 
-    def __init__(self) -> None:
-        self._found: dict[str, Any] = {}
-
-    @abstractmethod
-    def _derive(self, name: str) -> Any:
-        """Return a quantity, derived from others by the equations."""
-
-    @abstractmethod
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of an output."""
-
-    @abstractmethod
-    def description(self, name: str) -> str:
-        """Return what an output is, or its unit, as it stands behind its name."""
+    def __init__(
+        self,
+        title: str,
+        outputs: Mapping[str, Output],
+        equations: Mapping[str, Equation],
+        found: Mapping[str, Any],
+        rates: Mapping[str, tuple[str, int]],
+        q: Exprs = (),
+        qd: Exprs = (),
+        moving: Collection[Expr] = (),
+        notes: Sequence[str] = (),
+    ) -> None:
+        self.title, self.rates, self.q, self.qd, self.moving, self.notes = title, rates, q, qd, moving, notes
+        self.names = tuple(outputs)
+        self._outputs, self._equations, self._found = outputs, equations, dict(found)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name not in self.names:
             raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {', '.join(self.names)}")
-        parts, shape = self.entries(name), self.shape(name)
+        parts, shape = self.entries(name), self.output(name).shape
         return parts[0] if not shape else sympy.ImmutableMatrix(shape[0], len(parts) // shape[0], parts)
 
     def __dir__(self) -> list[str]:
@@ -97,25 +122,32 @@ class ClosedForms(ABC):
     def __repr__(self) -> str:
         return f"{type(self).__name__} of {', '.join(self.names)}"
 
+    def output(self, name: str) -> Output:
+        """Return what an output is of; refuse an unknown name."""
+        check_outputs((name,), self.names)
+        return self._outputs[name]
+
     def entries(self, name: str) -> Exprs:
-        """Return the components of an output.
+        """Return the components of an output; in the plane those of the plane alone.
 
         Raises:
             ArgumentError: no such output, or its closed form is too long to be of use.
         """
-        check_outputs((name,), self.names)
-        value = self.form(name)
-        return tuple(map(_displayed, value if isinstance(value, tuple) else (value,)))
+        shape, value = self.output(name).shape, self.form(name)
+        parts = value if isinstance(value, tuple) else (value,)
+        if len(parts) == 3 and shape != (3,):
+            parts = parts[:2] if shape else parts[2:]
+        return tuple(map(_displayed, parts))
 
     def labels(self, name: str) -> list[str]:
-        """Return the labels of the components of an output: omega1_x, S2_xy, phi2."""
-        axes = ("xyz"[:size] for size in self.shape(name))
-        return [f"{name}_{place}" if place else name for place in map("".join, itertools.product(*axes))]
+        """Return the labels of the components of an output: omega1_x, S2_xy, phi2, Jv_x1."""
+        return self.output(name).labels(name)
 
     def form(self, name: str) -> Any:
         """Return a quantity: an expression, or a tuple of them."""
         if name not in self._found:
-            value = self._derive(name)
+            function, arguments = self._equations[name]
+            value = function(*map(self.form, arguments))
             parts = value if isinstance(value, tuple) else (value,)
             short = tuple(map(_shorter, map(sympy.sympify, parts)))
             longest = max(map(count_symbols, short))
@@ -474,8 +506,10 @@ def _function(forms: ClosedForms, name: str) -> _Function:
     letters = sympy.numbered_symbols("w", exclude={*used, *renamed.values()}, real=True)
     steps, results = sympy.cse([e.xreplace(renamed) for e in exprs], symbols=letters, order="none", list=True)
     named_steps = [(symbol.name, step) for symbol, step in steps]
-    described = forms.description(name)
-    return _Function(name, described, arguments, named_steps, results, forms.shape(name), vectors, len(forms.q))
+    described = forms.output(name).description
+    return _Function(
+        name, described, arguments, named_steps, results, forms.output(name).shape, vectors, len(forms.q)
+    )
 
 
 def _heading(forms: ClosedForms, title: str) -> Iterator[str]:
