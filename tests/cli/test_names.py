@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import csv
-import inspect
 import json
-import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import sympy
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import hingepair as hp
-from hingepair.symbolic.expressions import constant_name_fault
-from hingepair.symbolic.writing import latex_name
 from support.commands import run_command
-from support.near import assert_near
 
 few = settings(
     max_examples=12,
@@ -27,79 +20,6 @@ few = settings(
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much],
 )
-
-LETTERS = (
-    "numpy numpy_ float parts __debug__ w0 np R2 R2_x u1_x u2_x u1 u_1 c_1 s_1 c_2 k_1 y yd y_ psid max sum print "
-    "E I S _ l beta"
-)
-CONSTANT_NAMES = st.one_of(
-    st.sampled_from(LETTERS.split()), st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,3}", fullmatch=True)
-).filter(lambda name: constant_name_fault(name) is None)
-
-PLANAR = """
-planar = true
-[pair]
-u1 = ["{a}/2", 0.1]
-u2 = [-0.25, 0.1]
-[motion]
-x = "{a}*t"
-y = {{ t = [0, 1, 2], value = [0, 1, 0.5] }}
-phi = "{b}*t**2 + sqrt(1 + t) + sqrt(1 + t)**3"
-psi = "{c}*sin(3*t) + {a}"
-[constants]
-{a} = 0.5
-{b} = 0.25
-{c} = 1.5
-[time]
-start = 0
-stop = 2
-samples = 5
-"""
-WRITTEN = ("R2", "v2", "phi2", "alpha2")
-
-
-def owners(called: set[str], names: list[str]) -> dict[str, str]:
-    """Return the constant behind each name in a form: that of the name, or one that got underscores."""
-    found = {name: name for name in called if name in names}
-    for name in sorted(called - {*found}):
-        others = (other for other in names if other not in found.values() and name.startswith(other))
-        found[name] = next(other for other in others if {*name.removeprefix(other)} == {"_"})
-    return found
-
-
-@pytest.mark.slow(4)
-@few
-@given(names=st.lists(CONSTANT_NAMES, min_size=3, max_size=3, unique=True))
-@example(names=["numpy", "numpy_", "parts"])
-@example(names=["c_1", "k_1", "s_1"])
-@example(names=["u2_x", "y", "yd"])
-@example(names=["u_1", "u1", "R2_x"])
-@example(names=["numpy", "N", "gamma"])
-def test_formulas_hold_whatever_the_constants_are_called(names, tmp_path):
-    (tmp_path / "a.toml").write_text(PLANAR.format(**dict(zip("abc", names, strict=True))))
-    scene = hp.load_scene(tmp_path / "a.toml")
-    form, expected = hp.derive(scene, (*names, "u2")), scene.evaluate(("q", "qd", "qdd", *WRITTEN))
-    ours = {"t": expected.t, "y": expected.q[:, 1], "yd": expected.qd[:, 1], "ydd": expected.qdd[:, 1]}
-    ours |= {"u2_x": -0.25, "u2_y": 0.1} | ({"u1_x": 0.25, "u1_y": 0.1} if "u1" in names else {})
-    constants = dict(zip(names, (0.5, 0.25, 1.5), strict=True))
-    module: dict[str, Any] = {}
-    exec(form.to_python(WRITTEN), module)
-    for output in WRITTEN:
-        arguments = {*inspect.signature(module[output]).parameters}
-        values = {called: constants[name] for called, name in owners(arguments - {*ours}, names).items()}
-        found = module[output](**values, **{name: ours[name] for name in arguments & {*ours}})
-        assert_near(found, getattr(expected, output), 32)
-
-    symbols = {symbol.name for output in WRITTEN for symbol in sympy.sympify(getattr(form, output)).free_symbols}
-    used = owners(symbols - {*ours}, names)
-    assert {*used.values()} == {*names}
-    text = form.to_text(WRITTEN, short=True, width=10**6)
-    defined = re.findall(r"(?:^|; )(\w+) = ", text.replace("\N{GREEK SMALL LETTER ALPHA}", "alpha"), re.MULTILINE)
-    called = [*defined, *used, *ours]
-    assert len({*called}) == len({*map(latex_name, called)}) == len(called)
-    for component in form.to_sympy(WRITTEN).values():
-        assert {symbol.name for symbol in sympy.sympify(component).free_symbols} <= symbols
-
 
 JOINT_NAMES = st.one_of(
     st.sampled_from(

@@ -152,6 +152,14 @@ def test_constants_of_a_scene_stay_letters():
         hp.derive(found, ("speed",))
 
 
+@pytest.mark.parametrize("name", ["numpy", "u1_x", "R2_x", "long"])
+def test_a_letter_is_called_otherwise_than_what_formulas_name(name, tmp_path):
+    text = (MODELS / "reference_2d.toml").read_text().replace("swing", name)
+    (tmp_path / "scene.toml").write_text(text)
+    with pytest.raises(hp.ArgumentError, match=f"symbolic: expected .*, got '{name}'"):
+        hp.derive(hp.load_scene(tmp_path / "scene.toml"), (name, "u1"))
+
+
 TURNS = {
     "degrees": ("{ axis = [1, -2, 3], deg = 77 }", lambda: hp.rodrigues((1, -2, 3), np.deg2rad(77))),
     "radians": ("{ axis = [0.3, 0, -1e-7], rad = 2 }", lambda: hp.rodrigues((0.3, 0, -1e-7), 2)),

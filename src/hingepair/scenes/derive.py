@@ -51,8 +51,8 @@ def derive(
         scene_or_pair: a Scene, a HingePair, a PlanarPair, or a Mechanism with base="fixed".
         symbolic: tuple of names of constants that stay symbols; () by default. For a pair, "u1", "u2" and "n" are
             possible (symbols u1_x, u1_y, u1_z and so on; n is assumed to have length 1). For a scene, the names of
-            the scene's constants are possible too; one whose name is also that of a coordinate, a component or an
-            output gets an underscore (``u1_x_``). Not for a robot.
+            the scene's constants are possible too, unless they are called as a coordinate, a component or an output.
+            Not for a robot.
         frame: name of a link, a joint or another frame of a robot; by default its only link without children. The
             name is required if several links have no children. Only for a robot.
 

@@ -9,24 +9,23 @@ from __future__ import annotations
 import functools
 import itertools
 import operator
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final
 
 import sympy
 
 from hingepair.equations import spatial as eq
-from hingepair.errors import ArgumentError, choices
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.pairs.requests import check_single_pair, constants_of
 from hingepair.mechanism.tree import Joint
-from hingepair.numeric.names import Names
 from hingepair.plans.pairs import PLANE, SPACE, point_outputs, unit_among
 from hingepair.rotations.sequences import find_sequence
 from hingepair.symbolic.exact import TIME, Expr, exact, exact_axis, exact_entry, rate, real_symbol
 from hingepair.symbolic.trig_sums import cosine_expression, sine_expression
-from hingepair.symbolic.writing import ClosedForms, Equation, Exprs, Output, latex_name
+from hingepair.symbolic.writing import RESERVED, ClosedForms, Equation, Exprs, Output
 
 SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
@@ -75,12 +74,12 @@ def pair_forms(
     used = ["t", *(label for name, output in outputs.items() for label in output.labels(name))]
     used += [name + "d" * order for name in kind.coordinates if name not in given for order in range(3)]
     used += [f"{key}_{axis}" for key in symbolic for axis in "xyz"]
-    renamed = _symbols_of_constants([*given.values(), *itertools.chain(*values.values())], used)
-    *R1, psi = (
-        given[name].xreplace(renamed) if name in given else sympy.Function(name, real=True)(TIME)
-        for name in kind.coordinates
-    )
-    values = {key: tuple(expr.xreplace(renamed) for expr in exprs) for key, exprs in values.items()}
+    constants = set().union(*(expr.free_symbols for expr in [*given.values(), *itertools.chain(*values.values())]))
+    for name in sorted(symbol.name for symbol in constants - {TIME}):
+        if name in used or name in RESERVED:
+            expected = "constants that are called otherwise than coordinates, outputs and words of Python and C"
+            raise ArgumentError("symbolic", expected, quoted(name))
+    *R1, psi = (given.get(name, sympy.Function(name, real=True)(TIME)) for name in kind.coordinates)
     found: dict[str, Any] = {**_constants(pair, symbolic, values), "psi": psi}
     found |= {"R1": (*R1[:2], sympy.S.Zero), "phi1": R1[2]} if planar else {"R1": tuple(R1[:3]), "phi": tuple(R1[3:])}
     plane: dict[str, Equation] = {"S1": (_about_z, ("phi1",)), "omega1": (_spin_about_z, ("phi1",))}
@@ -93,13 +92,6 @@ def pair_forms(
         equations[f"{name}_a"] = (_point_acceleration, (f"a{i}", f"omega{i}", f"alpha{i}", arm))
     rates = {f"{name}{'d' * k}": (name, k) for name in kind.coordinates for k in (1, 2)}
     return ClosedForms(pair.name or "", outputs, equations, found, rates)
-
-
-def _symbols_of_constants(exprs: Iterable[Expr], used: Iterable[str]) -> dict[Expr, Expr]:
-    """Return the symbols that replace the constants in expressions of a scene; names in use get an underscore."""
-    constants = set().union(*(expr.free_symbols for expr in exprs)) - {TIME}
-    taken = Names(used, latex_name).take_all(sorted(symbol.name for symbol in constants))
-    return {symbol: real_symbol(taken[symbol.name]) for symbol in constants}
 
 
 def _constants(

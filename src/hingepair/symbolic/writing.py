@@ -34,14 +34,16 @@ _MAX_DENOMINATOR = 12  # 5/12 reads better than 0.41666...; other fractions are 
 _MAX_CHARACTERS = 8  # of an exact constant, or of a repeated term that is not abbreviated
 _INDENT = " " * 6  # of continued lines of text
 
-# Names that are in use in generated functions, and words of Python and C.
-_TAKEN_NAMES: Final = (
-    *("t", "numpy", "float", "parts", "part", "shape", "__debug__", "out", "double", "const", "void", "NAN"),
-    *keyword.kwlist,
-    *("auto", "case", "char", "default", "do", "enum", "extern", "goto", "inline", "int", "long", "register"),
-    *("restrict", "short", "signed", "sizeof", "static", "struct", "switch", "typedef", "union", "unsigned"),
-    *("volatile", "main", "j0", "j1", "jn", "y0", "y1", "yn", "gamma"),
+RESERVED: Final = frozenset(
+    {
+        *("t", "numpy", "float", "parts", "part", "shape", "out", "double", "const", "void", "NAN", "__debug__"),
+        *keyword.kwlist,
+        *("auto", "case", "char", "default", "do", "enum", "extern", "goto", "inline", "int", "long", "register"),
+        *("restrict", "short", "signed", "sizeof", "static", "struct", "switch", "typedef", "union", "unsigned"),
+        *("volatile", "main"),
+    }
 )
+"""Names that generated functions use, and words of Python and C."""
 
 
 class _Sheet(NamedTuple):
@@ -269,7 +271,7 @@ def _with_decimals(expr: Expr) -> Expr:
         simple = len(str(expr)) <= _MAX_CHARACTERS and all(
             x.q <= _MAX_DENOMINATOR for x in expr.atoms(sympy.Rational)
         )
-        return expr if simple else sympy.Float(constant_value(expr), 17)
+        return expr if simple else sympy.Float(constant_value(expr), 15)
     if not expr.args:
         return expr
     if expr.is_Pow and expr.exp.is_Rational:
@@ -349,22 +351,8 @@ def _wave_symbols(q: Sequence[Expr], exprs: Iterable[Expr]) -> dict[Expr, Expr]:
 # ---- text and LaTeX
 
 
-class _Text(StrPrinter):  # type: ignore[misc]  # SymPy carries no types
-    """Printer of SymPy's text, with floats in their shortest form."""
-
-    def _print_Float(self, expr: Expr) -> str:
-        return repr(float(expr))
-
-
-class _Latex(LatexPrinter):  # type: ignore[misc]
-    """Printer of LaTeX, with floats in their shortest form."""
-
-    def _print_Float(self, expr: Expr) -> str:
-        mantissa, e, exponent = repr(float(expr)).partition("e")
-        return f"{mantissa} \\cdot 10^{{{int(exponent)}}}" if e else mantissa
-
-
-_text: Final = _Text().doprint
+def _text(expr: Expr) -> str:
+    return str(sympy.sstr(expr, full_prec=False))
 
 
 def _write_text(forms: ClosedForms, names: Sequence[str], short: bool | None, width: int) -> str:
@@ -417,7 +405,7 @@ def _write_latex(forms: ClosedForms, names: Sequence[str], short: bool | None) -
     rates = {name: _rate_name(*of) for name, of in forms.rates.items()}
     symbols = set().union(*(expr.free_symbols for expr in exprs), *(s.free_symbols for s, _ in sheet.definitions))
     spelled = {symbol: rates.get(symbol.name) or latex_name(symbol.name) for symbol in symbols}
-    write = _Latex({"symbol_names": spelled}).doprint
+    write = LatexPrinter({"symbol_names": spelled, "full_prec": False}).doprint
     lines = [f"{spelled[symbol]} &= {write(meaning)}" for symbol, meaning in sheet.definitions]
     for labels, expr in sheet.rows:
         lines += _latex_lines(" = ".join(map(latex_name, labels)), [write(term) for term in _terms(expr)])
@@ -497,14 +485,10 @@ def _function(forms: ClosedForms, name: str) -> _Function:
     vectors = {
         v: [(s.name, i) for i, s in enumerate(symbols) if s in used] for v, symbols in parts.items() if symbols
     }
-    if vectors:
-        arguments, renamed = list(vectors), {}
-    else:
-        names = Names(_TAKEN_NAMES).take_all(sorted(symbol.name for symbol in used - {TIME}))
-        renamed = {symbol: real_symbol(names[symbol.name]) for symbol in used - {TIME}}
-        arguments = ["t"] * (TIME in used or not names) + sorted(names.values())
-    letters = sympy.numbered_symbols("w", exclude={*used, *renamed.values()}, real=True)
-    steps, results = sympy.cse([e.xreplace(renamed) for e in exprs], symbols=letters, order="none", list=True)
+    symbols = sorted(symbol.name for symbol in used - {TIME})
+    arguments = list(vectors) or ["t"] * (TIME in used or not symbols) + symbols
+    letters = sympy.numbered_symbols("w", exclude=used, real=True)
+    steps, results = sympy.cse(exprs, symbols=letters, order="none", list=True)
     named_steps = [(symbol.name, step) for symbol, step in steps]
     described = forms.output(name).description
     return _Function(
