@@ -12,7 +12,7 @@ import math
 import operator
 import re
 import warnings
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
@@ -22,8 +22,8 @@ from hingepair.errors import ArgumentError, line_with_caret, nearest
 
 MAX_CHARACTERS: Final = 10_000
 """Largest number of characters of a text."""
-MAX_DEPTH: Final = 50
-"""Largest number of nested parentheses, calls and powers; a sum or a product of any length is one level."""
+MAX_DEPTH: Final = 200
+"""Largest number of nested operations, calls and parentheses, and of terms of a sum or factors of a product."""
 MAX_NODES: Final = 3_000
 """Largest number of numbers, names and operations, those of constants included."""
 MAX_EXPONENT: Final = 1_000
@@ -232,12 +232,11 @@ class _Builder:
                 return self._number(node)
             case ast.Name():
                 return self._name(node)
-            case ast.BinOp(op=ast.Add() | ast.Sub()) | ast.UnaryOp(op=ast.UAdd() | ast.USub()):
-                return self._chain(node, depth + 1, (ast.Add, ast.Sub))
-            case ast.BinOp(op=ast.Mult() | ast.Div()):
-                return self._chain(node, depth + 1, (ast.Mult, ast.Div))
-            case ast.BinOp(op=ast.Pow()):
-                return self._power(node, self.build(node.left, depth + 1), self.build(node.right, depth + 1))
+            case ast.UnaryOp(op=ast.UAdd() | ast.USub()):
+                x = self.build(node.operand, depth + 1)
+                return self._negative(node, x) if isinstance(node.op, ast.USub) else x
+            case ast.BinOp(op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() | ast.Pow()):
+                return self._binary(node, self.build(node.left, depth + 1), self.build(node.right, depth + 1))
             case ast.Call():
                 return self._call(node, depth + 1)
         self._refuse(node, _INSTEAD.get(type(node), "numbers, names, calls and + - * / **"))
@@ -263,54 +262,25 @@ class _Builder:
             self._refuse(node, CALLS[node.id])
         self._refuse_name(node)
 
-    def _chain(self, node: ast.expr, depth: int, kinds: tuple[type[ast.operator], type[ast.operator]]) -> Expression:
-        """Return the expression of a sum or product of any length, such as `a - b + c`, which is one level deep."""
-        operands, inverted, current = [], False, node
-        while True:
-            if isinstance(current, ast.BinOp) and isinstance(current.op, kinds):
-                operands.append((inverted ^ isinstance(current.op, kinds[1]), current.right))
-                current = current.left
-            elif (
-                isinstance(current, ast.UnaryOp) and ast.Sub in kinds and isinstance(current.op, ast.UAdd | ast.USub)
-            ):
-                inverted ^= isinstance(current.op, ast.USub)
-                current = current.operand
-            else:
-                break
-            self._count(current)
-        operands.append((inverted, current))
-        parts = [(inverted, self.build(operand, depth)) for inverted, operand in reversed(operands)]
-        if ast.Add in kinds:
-            return self._joined(node, "add", [self._negative(node, x) if minus else x for minus, x in parts])
-        over, under = ([x for inverted, x in parts if inverted == below] for below in (False, True))
-        over += [self._operation(node, "div", (_ONE, x)) for x in under if x.constant is not None]
-        varying = [x for x in under if x.constant is None]
-        top = self._joined(node, "mul", over)
-        return Expression("div", (top, self._joined(node, "mul", varying))) if varying else top
-
     def _negative(self, node: ast.expr, x: Expression) -> Expression:
-        return self._joined(node, "mul", (_MINUS_ONE, x))
+        return self._operation(node, "mul", (_MINUS_ONE, x))
 
-    def _joined(self, node: ast.expr, operation: str, parts: Sequence[Expression]) -> Expression:
-        """Return the sum or product of parts, whose constants are folded into the first."""
-        fixed = tuple(part for part in parts if part.constant is not None)
-        if len(fixed) > 1:
-            varying = (part for part in parts if part.constant is None)
-            parts = [self._operation(node, operation, fixed), *varying]
-        if operation == "mul" and any(part.constant == 0 for part in parts) and all(map(_is_always_real, parts)):
-            return _ZERO
-        return parts[0] if len(parts) == 1 else self._operation(node, operation, tuple(parts))
-
-    def _power(self, node: ast.expr, base: Expression, exponent: Expression) -> Expression:
-        """Return a power; refuse one that takes too long, or has a varying exponent and no base above 0."""
-        if exponent.constant is None and base.constant is not None and base.constant <= 0:
-            self._refuse(node, "a base above 0 where the exponent varies")
-        k = exponent.constant
-        if isinstance(k, Fraction) and (abs(k) > MAX_EXPONENT or k.denominator > MAX_ROOT):
-            self._refuse(node, f"an exponent of at most {MAX_EXPONENT}, with at most 4 decimals")
-        if k == Fraction(1, 2) and base.constant is None:
-            return _square_root(base)
-        return self._operation(node, "pow", (base, exponent))
+    def _binary(self, node: ast.BinOp, x: Expression, y: Expression) -> Expression:
+        """Return a sum, a product or a power; refuse a power that takes too long, or has a varying exponent and no
+        base above 0.
+        """
+        match node.op:
+            case ast.Sub():
+                return self._operation(node, "add", (x, self._negative(node, y)))
+            case ast.Div() if y.constant is not None and x.constant is None:
+                return self._operation(node, "mul", (x, self._operation(node, "div", (_ONE, y))))
+            case ast.Pow():
+                if y.constant is None and x.constant is not None and x.constant <= 0:
+                    self._refuse(node, "a base above 0 where the exponent varies")
+                k = y.constant
+                if isinstance(k, Fraction) and (abs(k) > MAX_EXPONENT or k.denominator > MAX_ROOT):
+                    self._refuse(node, f"an exponent of at most {MAX_EXPONENT}, with at most 4 decimals")
+        return self._operation(node, _BINARY[type(node.op)], (x, y))
 
     def _call(self, node: ast.Call, depth: int) -> Expression:
         """Return the value of a function; refuse what is none, and another number of arguments than in CALLS."""
@@ -336,12 +306,10 @@ class _Builder:
             case "clip":
                 name, parts = "min", (self._operation(node, "max", parts[:2]), parts[2])
             case "deg":
-                in_turns = self._joined(node, "mul", (*parts, number(Fraction(1, 180))))
-                return self._joined(node, "mul", (in_turns, BUILTIN_CONSTANTS["pi"]))
+                in_turns = self._operation(node, "mul", (*parts, number(Fraction(1, 180))))
+                return self._operation(node, "mul", (in_turns, BUILTIN_CONSTANTS["pi"]))
             case "mod" if parts[1].constant is None or parts[1].constant <= 0:
                 self._refuse(node, f"{call} with a period above 0 that does not depend on t")
-            case "sqrt" if parts[0].constant is None:
-                return _square_root(parts[0])
         return self._operation(node, name, parts)
 
     def _choice(self, node: ast.expr, condition: Expression, x: Expression, y: Expression) -> Expression:
@@ -364,7 +332,7 @@ class _Builder:
                 parts = ()
                 for sign, left, right in zip(node.ops, sides[:-1], sides[1:], strict=True):
                     low, high = (left, right) if isinstance(sign, ast.Lt | ast.LtE) else (right, left)
-                    difference = self._joined(node, "add", (low, self._negative(node, high)))
+                    difference = self._operation(node, "add", (low, self._negative(node, high)))
                     comparison = "<" if isinstance(sign, ast.Lt | ast.Gt) else "<="
                     parts = (*parts, self._operation(node, comparison, (difference,)))
                 return parts[0] if len(parts) == 1 else self._operation(node, "and", parts)
@@ -393,7 +361,7 @@ class _Builder:
         if self.nodes > MAX_NODES:
             self._refuse(node, f"at most {MAX_NODES} numbers, names and operations, with constants written out")
         if depth > MAX_DEPTH:
-            self._refuse(node, f"at most {MAX_DEPTH} levels of parentheses")
+            self._refuse(node, f"at most {MAX_DEPTH} terms, or levels of parentheses")
 
     def _source_of(self, node: ast.expr) -> str:
         return self.text[node.col_offset : node.end_col_offset]
@@ -448,23 +416,7 @@ class _Builder:
 
 
 _ZERO, _ONE, _MINUS_ONE = number(0), number(1), number(-1)
-
-
-# Operations whose values are real wherever their parts are.
-_ALWAYS_REAL: Final = frozenset({"add", "mul", "sin", "cos", "atan", "tanh", "abs", "sign", "min", "max"})
-
-
-def _is_always_real(expression: Expression) -> bool:
-    """Return whether an expression certainly has a real value at every t."""
-    if expression.constant is not None or not expression.parts:
-        return True
-    return expression.operation in _ALWAYS_REAL and all(map(_is_always_real, expression.parts))
-
-
-def _square_root(x: Expression) -> Expression:
-    """Return the square root of an expression in t; that of a square has a derivative from the right at 0."""
-    is_square = x.operation == "pow" and x.parts[1].constant == 2
-    return Expression("abs", (x.parts[0],)) if is_square else Expression("sqrt", (x,))
+_BINARY: Final = {ast.Add: "add", ast.Mult: "mul", ast.Div: "div", ast.Pow: "pow"}
 
 
 # ---- values of constant parts
@@ -515,8 +467,8 @@ _CONSTANT: Final[Mapping[str, Callable[..., Any]]] = {  # values of operations o
     "sin": constant_sine,
     "cos": constant_cosine,
     "tan": _tangent,
-    "add": lambda *terms: sum(terms, Fraction()),
-    "mul": lambda *factors: math.prod(factors, start=Fraction(1)),
+    "add": operator.add,
+    "mul": operator.mul,
     "div": operator.truediv,
     "pow": _power,
     "mod": _remainder,

@@ -7,15 +7,13 @@ equations use once and not once per sample.
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable, Mapping, Sequence
-from fractions import Fraction
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.symbolic.expressions import SMOOTH_FUNCTIONS, Expression, Number, number
+from hingepair.symbolic.expressions import SMOOTH_FUNCTIONS, Expression, number, parse_expression
 
 TimeValue: TypeAlias = float | NDArray[np.float64]
 """Samples of a function of time, or a float where it is constant."""
@@ -181,8 +179,8 @@ def _below(*derivatives: Any) -> Any:
 
 _FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {
     **{name: getattr(np, name.replace("a", "arc", 1) if name[0] == "a" else name) for name in SMOOTH_FUNCTIONS},
-    "add": lambda *terms: functools.reduce(np.add, terms),
-    "mul": lambda *factors: functools.reduce(np.multiply, factors),
+    "add": np.add,
+    "mul": np.multiply,
     "div": np.divide,
     "pow": np.power,
     "abs": np.abs,
@@ -232,7 +230,7 @@ class _Rates:
             case "add":
                 return _sum(*map(self.of, parts))
             case "mul":
-                a, b = _halves("mul", parts)
+                a, b = parts
                 return _sum(_product(self.of(a), b), _product(a, self.of(b)))
             case "div":
                 return _quotient(_sum(self.of(parts[0]), _negative(_product(x, self.of(parts[1])))), parts[1])
@@ -256,12 +254,13 @@ class _Rates:
                 return self.of(parts[0])
             case "sign":
                 return _ZERO
-        return _product(_SLOPES[x.operation](parts[0], x), self.of(parts[0]))
+        slope = parse_expression("slope", _SLOPES[x.operation], {"x": parts[0], "y": x})
+        return _product(slope, self.of(parts[0]))
 
     def _of_power(self, x: Expression, base: Expression, exponent: Expression) -> Expression:
         if exponent.constant is not None:
             lower = _power(base, number(exponent.constant - 1))
-            return _product(number(exponent.constant), lower, self.of(base))
+            return _product(number(exponent.constant), _product(lower, self.of(base)))
         log = _log(base)
         return _product(x, _sum(_product(self.of(exponent), log), _product(exponent, self.of(log))))
 
@@ -275,24 +274,22 @@ class _Rates:
         return Expression(condition.operation, tuple(map(self._just_after, condition.parts)))
 
 
-_ZERO, _ONE, _TWO = map(number, (0, 1, 2))
+_ZERO, _ONE = number(0), number(1)
 
 
-def _sum(*terms: Expression) -> Expression:
-    terms = tuple(term for term in terms if term.constant != 0)
-    if all(term.constant is not None for term in terms):
-        return number(sum((term.constant for term in terms if term.constant is not None), Fraction()))
-    return terms[0] if len(terms) == 1 else Expression("add", terms)
+def _sum(x: Expression, y: Expression) -> Expression:
+    if x.constant is not None and y.constant is not None:
+        return number(x.constant + y.constant)
+    return y if x.constant == 0 else x if y.constant == 0 else Expression("add", (x, y))
 
 
-def _product(*factors: Expression) -> Expression:
+def _product(x: Expression, y: Expression) -> Expression:
     """Return a product; one with 0 is 0."""
-    known: Number = math.prod((x.constant for x in factors if x.constant is not None), start=Fraction(1))
-    varying = tuple(factor for factor in factors if factor.constant is None)
-    if not varying or known == 0:
-        return number(known)
-    factors = varying if known == 1 else (number(known), *varying)
-    return factors[0] if len(factors) == 1 else Expression("mul", factors)
+    if x.constant is not None and y.constant is not None:
+        return number(x.constant * y.constant)
+    if x.constant == 0 or y.constant == 0:
+        return _ZERO
+    return y if x.constant == 1 else x if y.constant == 1 else Expression("mul", (x, y))
 
 
 def _negative(x: Expression) -> Expression:
@@ -323,45 +320,20 @@ def _halves(operation: str, parts: Sequence[Expression]) -> list[Expression]:
     return [side[0] if len(side) == 1 else Expression(operation, side) for side in sides]
 
 
-def _call(name: str, x: Expression) -> Expression:
-    return Expression(name, (x,))
-
-
-def _square(x: Expression) -> Expression:
-    return _product(x, x)
-
-
-def _plus(x: Expression) -> Expression:
-    return _sum(_ONE, x)
-
-
-def _minus(x: Expression) -> Expression:
-    return _sum(_ONE, _negative(x))
-
-
-def _inverse(x: Expression) -> Expression:
-    return _quotient(_ONE, x)
-
-
-def _inverse_root(x: Expression) -> Expression:
-    return _inverse(_call("sqrt", x))
-
-
-_Slope: TypeAlias = Callable[[Expression, Expression], Expression]
-_SLOPES: Final[dict[str, _Slope]] = {  # f'(x) from x and y = f(x)
-    "sin": lambda x, _: _call("cos", x),
-    "cos": lambda x, _: _negative(_call("sin", x)),
-    "tan": lambda _, y: _plus(_square(y)),
-    "asin": lambda x, _: _inverse_root(_product(_minus(x), _plus(x))),
-    "acos": lambda x, _: _negative(_inverse_root(_product(_minus(x), _plus(x)))),
-    "atan": lambda x, _: _inverse(_plus(_square(x))),
-    "sinh": lambda x, _: _call("cosh", x),
-    "cosh": lambda x, _: _call("sinh", x),
-    "tanh": lambda x, _: _inverse(_square(_call("cosh", x))),
-    "asinh": lambda x, _: _inverse_root(_plus(_square(x))),
-    "acosh": lambda x, _: _inverse_root(_product(_sum(x, number(-1)), _plus(x))),
-    "atanh": lambda x, _: _inverse(_product(_minus(x), _plus(x))),
-    "exp": lambda _, y: y,
-    "log": lambda x, _: _inverse(x),
-    "sqrt": lambda _, y: _inverse(_product(_TWO, y)),
+_SLOPES: Final = {  # f'(x), from x and y = f(x)
+    "sin": "cos(x)",
+    "cos": "-sin(x)",
+    "tan": "1 + y*y",
+    "asin": "1/sqrt((1 - x)*(1 + x))",
+    "acos": "-1/sqrt((1 - x)*(1 + x))",
+    "atan": "1/(1 + x*x)",
+    "sinh": "cosh(x)",
+    "cosh": "sinh(x)",
+    "tanh": "1/cosh(x)**2",
+    "asinh": "1/sqrt(1 + x*x)",
+    "acosh": "1/sqrt((x - 1)*(x + 1))",
+    "atanh": "1/((1 - x)*(1 + x))",
+    "exp": "y",
+    "log": "1/x",
+    "sqrt": "1/(2*y)",
 }
