@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.errors import ArgumentError, URDFError
+from hingepair.errors import ArgumentError
 from hingepair.formats.robots import robot_urdf
 from hingepair.mechanism.building import urdf
 from hingepair.mechanism.building.changes import add_body, pair_of
@@ -25,20 +25,10 @@ from support.near import assert_near
 from support.robots import check_against_model, tree_of_file
 
 U = 2.0**-53
-FAST = ("panda", "talos_reduced", "romeo", "kinova", "quadrotor_base")
-"""Sliders, a humanoid, mimic joints, continuous joints, and one body."""
 
 
 def tree_of_urdf(*arguments):
     return urdf.tree_of_urdf(*arguments)[0]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FAST)
-def test_a_robot_of_urdf_is_that_of_pinocchio(name):
-    check_against_model(tree_of_file(name), pin.buildModelFromUrdf(str(robot_urdf(name))), 0)
-    model = pin.buildModelFromUrdf(str(robot_urdf(name)), pin.JointModelFreeFlyer())
-    check_against_model(tree_of_file(name, "free"), model, 1)
 
 
 def same_numbers(one, other, bound):
@@ -159,18 +149,6 @@ def test_a_leader_that_does_not_exist_is_told():
 
 
 @pytest.mark.parametrize(
-    ("rules", "message"),
-    [
-        ([("b", "b", 1, 0)], "joint 'b', mimic: expected a joint that does not follow this one, got 'b'"),
-        ([("a", "b", 1, 0), ("b", "a", 1, 0)], "joint 'b', mimic: expected a joint that does not follow this one"),
-    ],
-)
-def test_joints_that_follow_themselves_are_refused(rules, message):
-    with pytest.raises(ArgumentError, match=message):
-        tree_of_urdf(mimic_arm(*rules), "fixed", None, None)
-
-
-@pytest.mark.parametrize(
     ("joint", "position", "message"),
     [
         ("slide", 20, "locked: 'slide' is held at 20 m, beyond its limits, -1 to 1 m"),
@@ -187,10 +165,36 @@ def test_a_joint_that_is_held_beyond_its_limits_is_told(joint, position, message
         hp.Mechanism.from_urdf(ARM, locked={"shoulder": -1, "elbow": 20, "slide": 1})
 
 
-@pytest.mark.parametrize("kind", ["planar", "floating", "spherical", ""])
-def test_joints_of_other_kinds_are_refused_by_name(kind):
-    with pytest.raises(URDFError, match="joint 'slide': expected a type out of revolute, continuous, "):
-        tree_of_urdf(ARM.replace('"prismatic"', f'"{kind}"'), "fixed", None, None)
+def hinges(*parents):
+    """Hinges of a model of Pinocchio, by the numbers of the joints that carry them."""
+    model = pin.Model()
+    for number, parent in enumerate(parents, 1):
+        model.addJoint(parent, pin.JointModelRZ(), pin.SE3.Identity(), f"j{number}")
+    return model
+
+
+def ball():
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    return model
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        *((lambda kind=kind: tree_of_urdf(ARM.replace('"prismatic"', f'"{kind}"'), "fixed", None, None),
+           "joint 'slide': expected a type out of revolute, continuous, ") for kind in ("planar", "floating", "")),
+        *((lambda rules=rules: tree_of_urdf(mimic_arm(*rules), "fixed", None, None),
+           "joint 'b', mimic: expected a joint that does not follow this one")
+          for rules in ([("b", "b", 1, 0)], [("a", "b", 1, 0), ("b", "a", 1, 0)])),
+        (lambda: tree_of_pinocchio(ball(), None, None), "joint 'ball': expected a revolute, .* JointModelSpherical"),
+        (lambda: tree_of_pinocchio(3, None, None), "model: expected a model of Pinocchio, got 3"),
+        (lambda: tree_of_pinocchio(hinges(0, 0, 1), None, None), "joint 'j3': expected its place right behind"),
+    ],
+)  # fmt: skip
+def test_what_is_no_tree_is_refused_by_name(call, message):
+    with pytest.raises(ArgumentError, match=message):
+        call()
 
 
 # ---------------------------------------------------------------- masses that no rigid body has
@@ -287,23 +291,6 @@ def test_a_screw_comes_back_from_pinocchio():
     np.testing.assert_allclose(
         back.inverse_dynamics([2.0], [1.0], [3.0]).tau, robot.inverse_dynamics([2.0], [1.0], [3.0]).tau, rtol=16 * U
     )
-
-
-def test_joints_of_a_model_that_are_no_part_of_a_tree_are_refused_by_name():
-    model = pin.Model()
-    model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
-    with pytest.raises(ArgumentError, match=r"joint 'ball': expected a revolute, .* got JointModelSpherical"):
-        tree_of_pinocchio(model, None, None)
-    with pytest.raises(ArgumentError, match="model: expected a model of Pinocchio, got 3"):
-        tree_of_pinocchio(3, None, None)
-
-
-def test_a_model_that_is_not_depth_first_is_refused_by_name():
-    model = pin.Model()
-    for parent, name in ((0, "a"), (0, "b"), (1, "c")):
-        model.addJoint(parent, pin.JointModelRZ(), pin.SE3.Identity(), name)
-    with pytest.raises(ArgumentError, match="joint 'c': expected its place right behind what 'a' carries"):
-        tree_of_pinocchio(model, None, None)
 
 
 # ---------------------------------------------------------------- pairs
