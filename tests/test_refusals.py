@@ -491,7 +491,8 @@ CALLS = {
         ("loss", A, "tukey"), ("gauge", A, "middle"), ("weights", S, [1.0, 2.0]), ("weights", A, -np.ones(50)),
         ("t", S, np.arange(3.0)),
         ("body2", S, hp.BodyMotion(R=THREE, S=EYE)), ("body2", A, 3), ("body1", A, C(body1={"x1": [1.0]})),
-        ("attitude_noise", A, (0, 0), 1e-3, (-1, 1), C(attitude_noise=(0, 1), body2=hp.BodyMotion(R=bodies()[1].R))),
+        ("noise2", A, C(noise1=(1e-3, 1e-3)), C(noise1=(1e-3, 1e-3), noise2=1e-3)),
+        ("noise1", A, C(noise1=(0, 1), noise2=(0, 1), body2=hp.BodyMotion(R=bodies()[1].R))),
     ]),
     "smooth": (lambda **k: hp.smooth(**{"t": T, "body": np.sin(T), **k}), [
         ("body", A, spoiled(11, slice(0, 5))), ("bandwidth", A, -1, 1e-9, 1e6),

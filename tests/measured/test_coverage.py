@@ -117,10 +117,10 @@ KINDS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "weights, outliers": ({"sizes": UNEQUAL, "outliers": 0.1}, {"weights": 1e-4 / UNEQUAL**2, "loss": "cauchy"}),
     "weights, gaps": ({"sizes": UNEQUAL, "gaps": True}, {"weights": 1e6 / UNEQUAL**2}),
     "tag beside a base at rest": ({"fixed": True} | LOOSE, {}),
-    MOVING: (LOOSE, {"attitude_noise": (0, 0.03)}),
+    MOVING: (LOOSE, {"noise1": (0, 0), "noise2": (3e-3, 0.03)}),
     "noise given, weights": (
         {"attitudes": (0.02, 0.01), "sizes": UNEQUAL},
-        {"attitude_noise": (0.02, 0.01), "weights": 1 / UNEQUAL**2},
+        {"noise1": (1e-3, 0.02), "noise2": (1e-3, 0.01), "weights": 1 / UNEQUAL**2},
     ),
 }
 
@@ -137,7 +137,7 @@ FEW: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {  # 80 runs each, 40 wi
     "split unknown": ({"attitudes": (2e-3, 0.02)}, {}),
     "noise given, outliers": (
         {"attitudes": (0.02, 0.01), "outliers": 0.1},
-        {"attitude_noise": (0.02, 0.01), "loss": "cauchy"},
+        {"noise1": (1e-3, 0.02), "noise2": (1e-3, 0.01), "loss": "cauchy"},
     ),
 }
 
@@ -167,7 +167,7 @@ def judge_fits(name: str, what: str, runs: int) -> None:
     """Fit so many recordings of a kind, and judge the errors."""
     made, told = (KINDS | FEW)[name]
     if what == "point":
-        told = {key: value for key, value in told.items() if key != "attitude_noise"}
+        told = {key: value for key, value in told.items() if not key.startswith("noise")}
     scores: dict[str, list[np.ndarray]] = {}
     findings = []
     for seed in range(runs):

@@ -179,7 +179,7 @@ def test_noise_of_attitudes_belongs_to_the_body_that_has_it(fixed: bool) -> None
     """Levers of a body whose attitudes are noisy come out short, so it matters which body that is."""
     scores = []
     for seed in range(8):
-        known = {} if fixed else {"attitude_noise": (0, 0.03)}
+        known = {} if fixed else {"noise1": (0, 0), "noise2": (3e-3, 0.03)}
         found = hp.fit(*tracked_tag(fixed, seed), **known)
         sign = np.sign(found.pair.n @ N1)
         u1, u2, *_ = truth(sign)

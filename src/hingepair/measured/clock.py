@@ -24,11 +24,17 @@ from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import rotation_exp, skew
 from hingepair.tables.instants import split_at_gaps
 
-_MAX_SHIFT = 0.75  # median time steps by which a sample of body 2 may be moved along its smoothed motion
+MAX_SHIFT = 0.75  # median time steps by which a sample of body 2 may be moved along its smoothed motion
 _MAX_GAP = 0.05  # s without a sample of body 2 that its smoothed motion bridges
 _TRIAL_SAMPLES = 256  # at most, at each trial offset
 _REPEATED = 0.995  # correlation of a motion with itself later, above which it repeats
 _MAX_LAGS = 2**16  # samples of the search for a period
+
+
+def nearest_samples(t: Float64Array, instants: Float64Array) -> NDArray[np.intp]:
+    """Return the indices of the samples at instants t (N,), increasing, that are nearest to other instants (M,)."""
+    after = np.clip(np.searchsorted(t, instants), 1, t.size - 1)
+    return np.asarray(after - (instants - t[after - 1] < t[after] - instants))
 
 
 class ClockedPoses:
@@ -70,10 +76,9 @@ class ClockedPoses:
         """
         rows = self._rows[:: max(-(-self._rows.size // max_samples), 1)]
         instants = self._t[rows] - clock[0] - clock[1] * self._since_middle[rows]
-        after = np.clip(np.searchsorted(self._t, instants), 1, self._t.size - 1)
-        near = after - (instants - self._t[after - 1] < self._t[after] - instants)
+        near = nearest_samples(self._t, instants)
         shift = instants - self._t[near]
-        movable = self._smooth[near] & (np.abs(shift) <= _MAX_SHIFT * self._step)
+        movable = self._smooth[near] & (np.abs(shift) <= MAX_SHIFT * self._step)
         is_usable = self._samples.known2[near] & (movable | (shift == 0))
         return rows[is_usable], near[is_usable], shift[is_usable]
 

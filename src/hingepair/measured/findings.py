@@ -74,3 +74,9 @@ def exceeded(*findings: Finding) -> list[Finding]:
 def is_reliable(findings: Iterable[Finding]) -> bool:
     """Return whether no finding says that a number may be wrong by more than its standard deviations."""
     return all(finding.is_note for finding in findings)
+
+
+def memory_finding(lag: int, what: str) -> Finding:
+    """Return a note that residuals are correlated over `lag` samples, too long for the recording; of 0 it is none."""
+    text = f"What is left of {what} is correlated over {lag} samples and more, too long relative to the whole "
+    return Finding("memory", lag, 0, text + "recording: the standard deviations are rough.", harmless=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import FitError
-from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable
+from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable, memory_finding
 from hingepair.measured.hinge import result_derivatives
 from hingepair.measured.hinge_model import PointModel, constraints
 from hingepair.measured.most_likely import Estimate, evaluate, psi_derivatives
@@ -131,7 +131,7 @@ def judged(fitted: Fitted) -> list[Finding]:
     """Return findings on a fit, the serious ones first."""
     judge = _judge_circle if isinstance(fitted.model, PointModel) else _judge_hinge
     findings = judge(fitted)
-    if not fitted.has_converged:
+    if not fitted.has_converged and is_reliable(findings):
         findings.append(Finding("steps", 1, 0, "The steps of the fit did not come to rest."))
     if fitted.poses.samples < _FEW and not fitted.is_rounding().all():
         text = f"Of {fitted.poses.samples} samples, the standard deviations are no more than a hint."
@@ -156,13 +156,11 @@ def _judge_hinge(fitted: Fitted) -> list[Finding]:
         )
         findings.append(Finding("plane", 1, 0, text, harmless=True))
     lag = 0 if fitted.is_rounding().all() else fitted.unresolved_lag
-    text = f"What is left of the samples is correlated over {lag} samples and more, too long relative to the whole "
-    text += "recording: the standard deviations are rough."
     reach = max(fitted.reach, _rms_distance(fitted.poses.p))
     return (
         findings
         + _certainty_findings(fitted, reach, "bodies turn further, or longer", ", across the axis")
-        + (exceeded(Finding("memory", lag, 0, text, harmless=True)))
+        + exceeded(memory_finding(lag, "the samples"))
     )
 
 

@@ -132,11 +132,12 @@ def fit(
     t: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     clock_offset: float | None = None,
-    attitude_noise: tuple[float, float] | None = None,
+    noise1: tuple[float, float] | None = None,
+    noise2: tuple[float, float] | None = None,
 ) -> HingeFit:
     """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to two recorded motions.
 
-    A maximum-likelihood estimate refines a first one in closed form. Unless `weights` and `attitude_noise` say
+    A maximum-likelihood estimate refines a first one in closed form. Unless `weights`, `noise1` and `noise2` say
     otherwise, the noise is assumed to be isotropic, equal for all samples and equal for both bodies; a body whose
     recorded attitude is the same at all samples has no noise of attitude. The size of the noise is estimated from the
     data. If it is not known how the noise of the attitudes divides between the bodies, the covariance includes what
@@ -174,9 +175,11 @@ def fit(
             effect. A sample of weight 0 is left out.
         clock_offset: 0 if both recordings use the same clock, as is assumed without `t`; None to estimate the offset.
             Of another known offset, shift the instants of body 2, and `resample` it to those of body 1.
-        attitude_noise: standard deviations of the noise of the attitudes of body 1 and of body 2 [rad], if they are
-            known and not equal, such as (0, 0.03) of a robot's flange and a tag that a camera sees. Only their ratio
-            counts. None if body 2 is a point.
+        noise1: standard deviations of the noise of body 1, in each coordinate of the position [m] and in each
+            component of the rotation vector of the attitude error [rad]: two numbers, such as (smoothed.noise["R"],
+            smoothed.noise["S"]) with `smoothed = smooth(t, body1)`. Only the ratio of the attitudes' noise counts;
+            its size is estimated from the data.
+        noise2: those of body 2. Give both noise1 and noise2 or neither; give neither if body 2 is a point.
 
     Returns:
         The HingeFit. Check `.ok` and `.findings` before you use its numbers.
@@ -198,7 +201,7 @@ def fit(
     """
     check_choice("loss", loss, LOSSES)
     check_choice("gauge", gauge, GAUGES)
-    samples = checked_samples(body1, body2, t, weights, clock_offset, attitude_noise)
+    samples = checked_samples(body1, body2, t, weights, clock_offset, noise1, noise2)
     used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")

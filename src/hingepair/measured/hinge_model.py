@@ -87,7 +87,7 @@ class BodyModel:
     angles: ClassVar[int] = 4  # of these; the others are lengths
     components: ClassVar[int] = 5  # of the residuals of a sample: two tilts and three gaps
     turns_samples: ClassVar[bool] = False  # whether parameters change the angles of samples each in its way
-    unknown_split: ClassVar[str] = "is divided between the bodies, which is not known: give attitude_noise"
+    unknown_split: ClassVar[str] = "is divided between the bodies, which is not known: give noise1 and noise2"
 
     @classmethod
     def start(cls, poses: RelativePoses, loss: Loss | None) -> Self:

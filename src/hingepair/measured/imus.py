@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded
+from hingepair.measured.clock import MAX_SHIFT, nearest_samples
+from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, memory_finding
 from hingepair.measured.hinge import (
     RULE_OF_HOME,
     RULE_OF_SIGN,
@@ -57,7 +58,6 @@ _HINGE, _GYROSCOPES, _ACCELEROMETERS, _CLOCK = slice(0, 9), slice(9, 15), slice(
 _PRIOR = np.repeat((1.0, 10.0, 0.05, 0.2, 1.0, 2e-4), (4, 5, 6, 6, 1, 1))
 _STEPS = np.repeat((1e-5, 1e-5, 1e-5, 1e-5, 1e-6, 1e-8), (4, 5, 6, 6, 1, 1))  # of derivatives
 _FEW, _SOME, _MANY = 400, 2000, 20_000  # samples of starts, of the first steps, and of the last one, at most
-_MAX_SHIFT = 0.75  # time steps by which a reading of sensor 2 may be moved along its slope
 _RELIABLE_POINT = 0.1  # standard deviation of the point, in parts of the levers, up to which it is relied on
 _UNMEASURED = 1e6  # rad: standard deviation of an angle, or a change over a gap, that nothing measures
 
@@ -189,7 +189,7 @@ def fit_imus(
         expected = f"instants that overlap those of imu1, from {t1[0]:.6g} to {t1[-1]:.6g} s"
         raise ArgumentError("imu2.t", expected, f"{t2[0]:.6g} to {t2[-1]:.6g} s")
     sensors = _Sensor.of("imu1", t1, imu1, longest), _Sensor.of("imu2", t2, imu2, longest)
-    problem = _Problem.started(sensors)
+    problem = _started(sensors)
     # Each round with the samples of sensor 2 nearest at the last clock.
     x = np.zeros(_PRIOR.size)
     for _ in range(5):
@@ -197,85 +197,78 @@ def fit_imus(
         if moved < 0.01 * sensors[1].step:
             break
     covariance, seen = problem.covariance(x), problem.seen(x)
-    estimate = _most_likely_angle(problem, seen, x, covariance, longest)
+    psi, psi_std, drift, findings = _most_likely_angle(problem, seen, x, covariance, longest)
     hinge, std = problem.hinge, np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     change = result_derivatives(lambda step: hinge.moved(step).results("closest_to_R1"), 9)
     of_hinge = change @ covariance[_HINGE, _HINGE] @ change.T
     deviations = np.sqrt(np.maximum(np.diagonal(of_hinge), 0.0)).reshape(4, 3)
-    rows, count, instants = problem.rows[0], t1.size, problem.instants
-    findings = [
-        *_hinge_findings(problem, seen, deviations, float(std[2:4].max())),
-        *_angle_findings(estimate),
-        *_record_findings(imu1, imu2),
-    ]
-    if (np.diff(instants) > max(longest, 1.5 * sensors[0].step)).any():
-        text = "Whole turns during a gap are not seen: the angle after it is taken as less than half a turn away."
-        findings.append(Finding("turns in a gap", 1, 0, text, harmless=True))
+    findings = _hinge_findings(problem, seen, deviations, float(std[2:4].max())) + findings
+    for name, record in (("imu1", imu1), ("imu2", imu2)):
+        texts = suspicions("instants", f"{name}.t", increasing_seconds("t", record.t)[0])
+        texts += suspicions("gyroscope", f"{name}.omega", record.omega)
+        texts += suspicions("accelerometer", f"{name}.force", record.force)
+        findings += [Finding("unit", 1, 0, text) for text in texts]
+
+    def of_all(values: Float64Array) -> Float64Array:
+        """Return values of the instants that are used as those of all, NaN where they are not."""
+        whole = np.full(t1.size, np.nan)
+        whole[problem.rows[0]] = values
+        return read_only(whole)
+
+    biases = {"gyroscope_bias": _GYROSCOPES, "accelerometer_bias": _ACCELEROMETERS}
     rms = np.sqrt(np.mean(seen.differences() ** 2, axis=1))
     return ImuFit(
         pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home_of(hinge)),
-        psi=_scattered(estimate.psi - 2 * np.pi * np.rint(estimate.psi[0] / (2 * np.pi)), rows, count),
-        psid=_scattered(seen.rate - estimate.drift, rows, count),
+        psi=of_all(psi - 2 * np.pi * np.rint(psi[0] / (2 * np.pi))),
+        psid=of_all(seen.rate - drift),
         covariance=read_only(of_hinge),
         std=dict(zip(("u1", "u2", "n", "home"), map(read_only, deviations), strict=True))
-        | {"psi": _scattered(np.minimum(estimate.std, np.pi), rows, count)}
-        | {
-            "gyroscope_bias": read_only(std[_GYROSCOPES].reshape(2, 3)),
-            "accelerometer_bias": read_only(std[_ACCELEROMETERS].reshape(2, 3)),
-            "clock_offset": std[_CLOCK][0],
-            "clock_drift": std[_CLOCK][1],
-        },
-        gyroscope_bias=read_only(x[_GYROSCOPES].reshape(2, 3)),
-        accelerometer_bias=read_only(x[_ACCELEROMETERS].reshape(2, 3)),
+        | {"psi": of_all(np.minimum(psi_std, np.pi))}
+        | {name: read_only(std[part].reshape(2, 3)) for name, part in biases.items()}
+        | dict(zip(("clock_offset", "clock_drift"), std[_CLOCK], strict=True)),
+        **{name: read_only(x[part].reshape(2, 3)) for name, part in biases.items()},
         clock_offset=problem.clock[0],
         clock_drift=problem.clock[1],
         rms_rate=float(rms[0]),
         rms_force=float(rms[1]),
         t=read_only(t1),
-        samples=rows.size,
+        samples=problem.rows[0].size,
         findings=tuple(dict.fromkeys(findings)),
     )
 
 
 class _Sensor(NamedTuple):
-    """Readings of one sensor, which are finite where `is_used`, and their smooth course."""
+    """A record of one sensor, smoothed in series without gaps."""
 
     t: Float64Array  # [s]; (N,)
-    readings: Float64Array  # angular velocity [rad/s] and specific force [m/s^2]; (2, N, 3)
-    smooth: Float64Array  # of both, values and two derivatives; (2, 3, N, 3)
+    # Of the angular velocity [rad/s] and the specific force [m/s^2] the readings, and the smooth values with their
+    # first and second derivatives.
+    courses: Float64Array  # (4, 2, N, 3)
     alpha_std: Float64Array  # standard deviation of the angular acceleration [rad/s^2]; (N,)
-    is_used: NDArray[np.bool_]
+    is_used: NDArray[np.bool_]  # where all of these are finite; (N,)
 
     @classmethod
     def of(cls, name: str, t: Float64Array, record: ImuRecording, gaps: float) -> _Sensor:
-        """Smooth a record in series without gaps."""
+        """Smooth a record."""
         readings = np.stack((record.omega, record.force))
         pieces = split_at_gaps(t, np.asarray(np.isfinite(readings).all(axis=(0, 2))), gaps, MIN_PIECE)
         if not pieces:
             raise FitError(name, f"at least {MIN_PIECE} finite samples without a gap", "none")
         smoothed = [smooth_columns(t, columns, pieces, None) for columns in readings]
+        courses = np.stack([readings, *(np.stack([one.curves(order) for one in smoothed]) for order in range(3))])
         is_used = np.zeros(t.size, dtype=bool)
         is_used[np.concatenate(pieces)] = True
-        courses = np.stack([[each.curves(order) for order in range(3)] for each in smoothed])
-        return cls(t, readings, courses, smoothed[0].deviations(1), is_used)
+        return cls(t, courses, smoothed[0].deviations(1), is_used)
 
     @property
     def step(self) -> float:
         """Median time step [s]."""
         return float(np.median(np.diff(self.t)))
 
-    def gathered(self, rows: NDArray[np.intp]) -> Float64Array:
-        """Return the readings, and of both the smooth values and two derivatives, at some rows; (4, 2, M, 3)."""
-        return np.concatenate((self.readings[None, :, rows], np.moveaxis(self.smooth[:, :, rows], 1, 0)))
-
-
-def _moved(gathered: Float64Array, shift: Float64Array | float) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return readings (2, M, 3), each moved along its smooth course by `shift` (M, 1) [s], and the smooth angular
-    velocity and acceleration there.
-    """
-    readings, smooth, slopes, bends = gathered
-    by_shift = (slopes + bends * (shift / 2)) * shift
-    return readings + by_shift, smooth[0] + by_shift[0], slopes[0] + bends[0] * shift
+    @property
+    def middle(self) -> float:
+        """Instant in the middle of the record [s]."""
+        return float(self.t[0] + self.t[-1]) / 2
 
 
 class _Seen(NamedTuple):
@@ -306,24 +299,23 @@ class _Problem(NamedTuple):
     hinge: Hinge
     clock: tuple[float, float]  # offset in the middle [s] and drift, by which samples were matched
     rows: tuple[NDArray[np.intp], NDArray[np.intp]]  # the samples of both sensors that belong together; (M,) each
-    gathered: tuple[Float64Array, Float64Array]  # their readings and smooth courses; (4, 2, M, 3) each
+    gathered: tuple[Float64Array, Float64Array]  # their `courses`; (4, 2, M, 3) each
 
     @classmethod
-    def started(cls, sensors: tuple[_Sensor, _Sensor]) -> _Problem:
-        """Return the problem with a first estimate of clock, axes and levers."""
-        z, none = np.array((0.0, 0.0, 1.0)), np.zeros(3)
-        nowhere = np.zeros((4, 2, 0, 3))
-        problem = cls(sensors, Hinge.along(z, z, none, none), (0.0, 0.0), (), (nowhere, nowhere))  # type: ignore[arg-type]
-        problem, n, m = _with_start_axes(problem)
-        m = m if _sign_correlation(problem, n, m) > _sign_correlation(problem, n, -m) else -m
-        tried = []
-        for levers in (np.zeros((2, 3)), *np.random.default_rng(0).normal(scale=0.3, size=(3, 2, 3))):
-            start = Hinge.along(sign_of(n) * n, sign_of(n) * m, *levers).in_gauge("closest_to_R1")
-            some = problem._replace(hinge=start).thinned(_FEW)
-            there, x, _ = some.solved(np.zeros(_PRIOR.size))
-            left = there.seen(x).differences() if there.rows[0].size else np.full((3, 1), np.inf)
-            tried.append((float((left[1:] ** 2).mean()), there.hinge))
-        return problem._replace(hinge=min(tried, key=lambda each: each[0])[1])
+    def at_clock(cls, sensors: tuple[_Sensor, _Sensor], hinge: Hinge, offset: float, drift: float) -> _Problem:
+        """Return the problem with the samples matched by a clock."""
+        first, second = sensors
+        wanted = first.t - offset - drift * (first.t - first.middle)
+        near = nearest_samples(second.t, wanted)
+        is_near = np.abs(wanted - second.t[near]) <= MAX_SHIFT * second.step
+        rows = np.flatnonzero(is_near & first.is_used & second.is_used[near])
+        if rows.size < MIN_PIECE:
+            expected = f"at least {MIN_PIECE} instants at which both sensors have samples"
+            raise FitError("imu1, imu2", expected, rows.size)
+        both = rows, near[rows]
+        return cls(
+            sensors, hinge, (offset, drift), both, (first.courses[:, :, both[0]], second.courses[:, :, both[1]])
+        )
 
     @property
     def instants(self) -> Float64Array:
@@ -333,29 +325,21 @@ class _Problem(NamedTuple):
     def thinned(self, most: int) -> _Problem:
         """Return the problem of every k-th sample, with the smallest k that leaves at most so many."""
         every = slice(None, None, -(-self.rows[0].size // most))
-        rows, gathered = (
-            (self.rows[0][every], self.rows[1][every]),
-            tuple(each[:, :, every] for each in self.gathered),
-        )
-        return self._replace(rows=rows, gathered=(gathered[0], gathered[1]))
-
-    def at_clock(self, offset: float, drift: float) -> _Problem:
-        """Return the problem with the samples matched by a clock."""
-        rows = _matched(self.sensors, offset, drift)
-        gathered = [sensor.gathered(own) for sensor, own in zip(self.sensors, rows, strict=True)]
-        return self._replace(clock=(offset, drift), rows=rows, gathered=(gathered[0], gathered[1]))
-
-    def moved_sensor2(self, x: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Return what sensor 2 reads at the instants of sensor 1, as `_moved`."""
-        since = self.instants - _middle(self.sensors[0])
-        late = self.clock[0] + x[_CLOCK][0] + (self.clock[1] + x[_CLOCK][1]) * since
-        return _moved(self.gathered[1], (self.instants - late - self.sensors[1].t[self.rows[1]])[:, None])
+        (rows1, rows2), (first, second) = self.rows, self.gathered
+        return self._replace(rows=(rows1[every], rows2[every]), gathered=(first[:, :, every], second[:, :, every]))
 
     def seen(self, x: Float64Array) -> _Seen:
-        """Return what both sensors see if the unknowns are x."""
-        hinge = self.hinge.moved(x[_HINGE])
-        both = []
-        for i, (readings, smooth, alpha) in enumerate((_moved(self.gathered[0], 0.0), self.moved_sensor2(x))):
+        """Return what both sensors see if the unknowns are x. Each reading of sensor 2 is moved along its smooth
+        course to the instant of sensor 1.
+        """
+        offset, drift = np.array(self.clock) + x[_CLOCK]
+        late = offset + drift * (self.instants - self.sensors[0].middle)
+        shifts = np.zeros(late.size), self.instants - late - self.sensors[1].t[self.rows[1]]
+        hinge, both = self.hinge.moved(x[_HINGE]), []
+        for i, ((recorded, values, slopes, bends), shift) in enumerate(zip(self.gathered, shifts, strict=True)):
+            by_shift = (slopes + bends * (shift[:, None] / 2)) * shift[:, None]
+            readings, smooth = recorded + by_shift, values[0] + by_shift[0]
+            alpha = slopes[0] + bends[0] * shift[:, None]
             axes, lever = hinge[i], hinge[2 + i]
             turning = smooth - x[_GYROSCOPES][3 * i :][:3]
             spin = turning * (turning @ lever)[:, None] - (turning**2).sum(axis=1)[:, None] * lever
@@ -385,11 +369,10 @@ class _Problem(NamedTuple):
             gradient = np.einsum("aki,ki->a", J, left * weights**2) + x / _PRIOR**2
             x = x - solve_semidefinite(normal, gradient)
         hinge = self.hinge.moved(x[_HINGE]).signed().in_gauge("closest_to_R1")
-        offset, drift = x[_CLOCK]
+        offset, drift = x[_CLOCK].tolist()
         moved = abs(offset) + abs(drift) * float(np.ptp(self.instants)) / 2
-        clock, x = (self.clock[0] + float(offset), self.clock[1] + float(drift)), x.copy()
-        x[_HINGE], x[_CLOCK] = 0.0, 0.0
-        return self._replace(hinge=hinge).at_clock(*clock), x, float(moved)
+        x = np.concatenate((np.zeros(9), x[9:21], np.zeros(2)))
+        return self.at_clock(self.sensors, hinge, self.clock[0] + offset, self.clock[1] + drift), x, moved
 
     def weights(self, x: Float64Array) -> Float64Array:
         """Return the weights (3, M) of the differences; those that are alike for long tell less, and so do forces
@@ -453,48 +436,35 @@ class _Problem(NamedTuple):
         return np.asarray((covariance + np.outer(shrinking, shrinking)) * scale)
 
 
-def _middle(sensor: _Sensor) -> float:
-    """Return the instant in the middle of a record [s]."""
-    return float(sensor.t[0] + sensor.t[-1]) / 2
-
-
-def _matched(
-    sensors: tuple[_Sensor, _Sensor], offset: float, drift: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the samples of sensor 1 that have one of sensor 2 near enough by a clock, and those of sensor 2."""
-    first, second = sensors
-    wanted = first.t - offset - drift * (first.t - _middle(first))
-    after = np.clip(np.searchsorted(second.t, wanted), 1, second.t.size - 1)
-    near = after - (wanted - second.t[after - 1] < second.t[after] - wanted)
-    is_near = np.abs(wanted - second.t[near]) <= _MAX_SHIFT * second.step
-    rows = np.flatnonzero(is_near & first.is_used & second.is_used[near])
-    if rows.size < MIN_PIECE:
-        raise FitError("imu1, imu2", f"at least {MIN_PIECE} instants at which both sensors have samples", rows.size)
-    return rows, near[rows]
-
-
-def _with_start_axes(problem: _Problem) -> tuple[_Problem, Float64Array, Float64Array]:
-    """Return the problem at the clock offset at which one axis fits both gyroscopes best, which is 0 unless rates
-    differ there; and the axis in either body, but for its signs.
+def _started(sensors: tuple[_Sensor, _Sensor]) -> _Problem:
+    """Return the problem at a first estimate: of the clock offset, 0 unless rates differ there, at which one axis
+    fits both gyroscopes best; of that axis; and of the levers that fit the accelerometers best.
     """
+    z, none = np.array((0.0, 0.0, 1.0)), np.zeros(3)
+    first, second = sensors
 
     def axes_at(offset: float, starts: int) -> tuple[float, Float64Array, Float64Array, _Problem]:
-        there = problem.at_clock(offset, 0.0)
+        there = _Problem.at_clock(sensors, Hinge.along(z, z, none, none), offset, 0.0)
         omega1, omega2 = (each[0, 0] for each in there.thinned(_FEW).gathered)
         return *_start_axes(omega1, omega2, starts), there
 
     found = [axes_at(0.0, 12)]
-    first, second = problem.sensors
     rates = np.sqrt(np.mean([np.mean((each[0, 0] ** 2).sum(axis=1)) for each in found[0][3].gathered]))
     if np.sqrt(found[0][0]) > 0.05 * rates:
-        speed, pace = (float(np.sqrt(np.nanmedian((rate**2).sum(axis=1)))) for rate in second.smooth[0, :2])
+        speed, pace = (float(np.sqrt(np.nanmedian((rate**2).sum(axis=1)))) for rate in second.courses[1:3, 0])
         apart = max(first.step, second.step, 0.3 * speed / max(pace, 1e-300))
         offsets = np.arange(1, max(min(float(np.ptp(first.t)) / 4, 40 * apart) / apart, 1)) * apart
         for offset in (*offsets, *-offsets):
             with contextlib.suppress(FitError):  # the records hardly overlap there
                 found.append(axes_at(float(offset), 2))
     _, n, m, problem = min(found, key=lambda each: each[0])
-    return problem, n, m
+    n, m = sign_of(n) * n, sign_of(n) * max(m, -m, key=lambda axis: _sign_correlation(problem, n, axis))
+    tried = []
+    for levers in (np.zeros((2, 3)), *np.random.default_rng(0).normal(scale=0.3, size=(3, 2, 3))):
+        start = Hinge.along(n, m, *levers).in_gauge("closest_to_R1")
+        there, x, _ = problem._replace(hinge=start).thinned(_FEW).solved(np.zeros(_PRIOR.size))
+        tried.append((float((there.seen(x).differences()[1:] ** 2).mean()), there.hinge))
+    return problem._replace(hinge=min(tried, key=lambda each: each[0])[1])
 
 
 def _start_axes(omega1: Float64Array, omega2: Float64Array, starts: int) -> tuple[float, Float64Array, Float64Array]:
@@ -530,28 +500,14 @@ def _start_axes(omega1: Float64Array, omega2: Float64Array, starts: int) -> tupl
 
 
 def _sign_correlation(problem: _Problem, n: Float64Array, m: Float64Array) -> float:
-    """Return the correlation between the rates of the hinge angle from the directions of the angular velocities
-    across the axis, and from the velocities about it: positive if n and m point in the same direction along the axis.
+    """Return the correlation between the steps of the hinge angle from the directions of the angular velocities
+    across the axis, and the rates about it: positive if n and m point in the same direction along the axis.
     """
-    turned = []  # of each body: smooth angular velocity across the axis and its rate, and that about the axis
-    for gathered, axis in zip(problem.gathered, (n, m), strict=True):
-        values, slopes = gathered[1, 0] @ frame(axis), gathered[2, 0] @ frame(axis)
-        turned.append((values[:, 0] + 1j * values[:, 1], slopes[:, 0] + 1j * slopes[:, 1], values[:, 2]))
-    (a, da, along1), (b, db, along2) = turned
-    by_direction = (np.conj(a) * da).imag * np.abs(b) ** 2 - (np.conj(b) * db).imag * np.abs(a) ** 2
-    by_rate = (along2 - along1) * np.abs(a * b) ** 2
-    return float(by_direction @ by_rate / max(np.linalg.norm(by_direction) * np.linalg.norm(by_rate), 1e-300))
-
-
-class _Angle(NamedTuple):
-    """The hinge angle over time."""
-
-    psi: Float64Array  # [rad]; (M,)
-    std: Float64Array  # [rad]; (M,)
-    drift: float  # bias of the hinge rate [rad/s]
-    excess: float  # scatter of the directions, in parts of what their noise explains
-    contradicted: float  # share of directions that are far from the angle
-    unresolved_lag: int  # samples over which directions err alike at least; 0 where they do not
+    one, other = (each[1, 0] @ frame(axis) for each, axis in zip(problem.gathered, (n, m), strict=True))
+    both = (one[:, 0] + 1j * one[:, 1]) * (other[:, 0] - 1j * other[:, 1])
+    steps, rates = (both[1:] * np.conj(both[:-1])).imag, (other - one)[1:, 2]
+    rates = rates * np.abs(both[1:]) ** 2
+    return float(steps @ rates / max(np.linalg.norm(steps) * np.linalg.norm(rates), 1e-300))
 
 
 def _directions(one: Float64Array, other: Float64Array) -> tuple[Float64Array, float]:
@@ -569,9 +525,9 @@ def _directions(one: Float64Array, other: Float64Array) -> tuple[Float64Array, f
 
 def _most_likely_angle(
     problem: _Problem, seen: _Seen, x: Float64Array, covariance: Float64Array, gaps: float
-) -> _Angle:
-    """Return the angle that integrated rates, which have a constant bias, and directions tell together. `covariance`
-    is that of the unknowns x.
+) -> tuple[Float64Array, Float64Array, float, list[Finding]]:
+    """Return the angle that integrated rates, which have a constant bias, and directions tell together, its standard
+    deviations, that bias and findings. `covariance` is that of the unknowns x.
     """
     rate_bias = np.sqrt(2) * _PRIOR[_GYROSCOPES][0]
     (by_turning, rate_noise), (by_pulling, _) = (_directions(*both) for both in (seen.turning, seen.pulling))
@@ -616,8 +572,23 @@ def _most_likely_angle(
     shown = np.isfinite(variances)
     off = np.abs(psi - angles - 2 * np.pi * np.rint((psi - angles) / (2 * np.pi)))[shown]
     # Off by five deviations, and by more than half of what chance would leave.
-    far = (off > 5.0 * np.sqrt(variances[shown])) & (off > 0.2)
-    return _Angle(psi, std, drift, excess, float(far.mean()) if far.size else 0.0, lag)
+    far = float(np.mean((off > 5.0 * np.sqrt(variances[shown])) & (off > 0.2))) if off.size else 0.0
+    worst = min(float(std.max()), np.pi)
+    known = f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
+    known += "velocity shows a direction across the axis for long enough."
+    scattered = f"Directions are {excess:.2g} times as far from the integrated angle as their noise explains: the "
+    scattered += "axis or the point may be wrong."
+    contradicted = f"{percent(far)} of the directions contradict the integrated rate: units, axes or the point may "
+    contradicted += "be wrong."
+    text = "Whole turns during a gap are not seen: the angle after it is taken as less than half a turn away."
+    findings = exceeded(
+        Finding("angle", worst, 0.2, known),
+        Finding("directions", excess, 3.0, scattered),
+        Finding("contradictions", far, 0.2, contradicted),
+        memory_finding(lag, "the directions"),
+        Finding("turns in a gap", float(after_gap.any()), 0, text, harmless=True),
+    )
+    return psi, std, drift, findings
 
 
 def _unwrapped_start(integrated_rates: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:
@@ -644,20 +615,15 @@ class _Smoother:
     ) -> None:
         from scipy.linalg import cholesky_banded
 
-        count = dt.size + 1
         self._dt, self._step_weights, self._angle_weights = dt, step_weights, angle_weights
-        border, matrix = np.zeros(count), np.zeros((2, count))
-        border[1:] += step_weights * dt
-        border[:-1] -= step_weights * dt
-        matrix[0, 1:] = -step_weights
-        matrix[1, 1:] += step_weights
-        matrix[1, :-1] += step_weights
-        matrix[1] += angle_weights.sum(axis=0) + 1 / _UNMEASURED**2
-        matrix[1] += 1e-13 * matrix[1].max()  # rounding must not make it indefinite
-        self._matrix, self._factor, self._border = matrix, cholesky_banded(matrix), border
-        self._y = self._solved(border)
+        steps = np.append(step_weights, 0.0) + np.append(0.0, step_weights)  # after and before each angle
+        diagonal = angle_weights.sum(axis=0) + steps + 1 / _UNMEASURED**2
+        diagonal += 1e-13 * diagonal.max()  # rounding must not make the matrix indefinite
+        self._matrix = np.stack((np.pad(-step_weights, (1, 0)), diagonal))
+        self._factor, self._border = cholesky_banded(self._matrix), -np.diff(np.pad(step_weights * dt, 1))
+        self._y = self._solved(self._border)
         least = 1 / max(bias_std, 1e-9) ** 2
-        self._precision = max(float((step_weights * dt) @ dt - border @ self._y), 0.0) + least
+        self._precision = max(float((step_weights * dt) @ dt - self._border @ self._y), 0.0) + least
 
     def _solved(self, right: Float64Array) -> Float64Array:
         from scipy.linalg import cho_solve_banded
@@ -668,8 +634,7 @@ class _Smoother:
         """Return the angles (M,) and the bias of the rate, from measured `steps` (M - 1,) and `angles` (2, M)."""
         weighted = self._step_weights * steps
         right = (self._angle_weights * np.where(self._angle_weights > 0, angles, 0.0)).sum(axis=0)
-        right[1:] += weighted
-        right[:-1] -= weighted
+        right -= np.diff(np.pad(weighted, 1))
         x = self._solved(right)
         drift = float((weighted @ self._dt - self._border @ x) / self._precision)
         return x - drift * self._y, drift
@@ -711,39 +676,3 @@ def _hinge_findings(problem: _Problem, seen: _Seen, std: Float64Array, m_std: fl
         Finding("forces", 0.0 if pulls else rms_force, least, force_text),
         Finding("forces along the axis", rms_along, 0.2 * force, along_text),
     )
-
-
-def _angle_findings(angle: _Angle) -> list[Finding]:
-    """Return findings on the hinge angle."""
-    worst, lag = min(float(angle.std.max()), np.pi), angle.unresolved_lag
-    known = f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
-    known += "velocity shows a direction across the axis for long enough."
-    excess = f"Directions are {angle.excess:.2g} times as far from the integrated angle as their noise explains: the "
-    excess += "axis or the point may be wrong."
-    contradicted = f"{percent(angle.contradicted)} of the directions contradict the integrated rate: units, axes or "
-    contradicted += "the point may be wrong."
-    memory = f"What is left of the directions is correlated over {lag} samples and more, too long relative to the "
-    memory += "whole recording: the standard deviations of the angle are rough."
-    return exceeded(
-        Finding("angle", worst, 0.2, known),
-        Finding("directions", angle.excess, 3.0, excess),
-        Finding("contradictions", angle.contradicted, 0.2, contradicted),
-        Finding("memory", lag, 0, memory, harmless=True),
-    )
-
-
-def _record_findings(imu1: ImuRecording, imu2: ImuRecording) -> list[Finding]:
-    """Return findings on readings or instants that are probably in another unit than expected."""
-    texts = []
-    for name, record in (("imu1", imu1), ("imu2", imu2)):
-        texts += suspicions("instants", f"{name}.t", increasing_seconds("t", record.t)[0])
-        texts += suspicions("gyroscope", f"{name}.omega", record.omega)
-        texts += suspicions("accelerometer", f"{name}.force", record.force)
-    return [Finding("unit", 1, 0, text) for text in texts]
-
-
-def _scattered(values: Float64Array, rows: NDArray[np.intp], count: int) -> Float64Array:
-    """Return a read-only array of NaN that has `values` at some rows."""
-    whole = np.full(count, np.nan)
-    whole[rows] = values
-    return read_only(whole)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, notes
+from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, memory_finding, notes
 from hingepair.measured.statistics import OUTLIER, median_variance, neighbour_correlation, score_scatter
 from hingepair.measured.torques import TERMS, Found, Recording, column_rms, inertial_units
 from hingepair.mechanism.mechanism import Mechanism, tree_of
@@ -106,12 +106,7 @@ def _rest_findings(explained: Explained) -> list[Finding]:
             "random: filtered noise, or what the parameters lack, such as other friction and elastic gears."
         )
         findings.append(Finding("not random", share, 0, text, harmless=share < _POOR))
-        lag = found.unresolved_lag
-        text = (
-            f"What is left of the torques is correlated over {lag} samples and more, too long relative to the whole "
-            "recording: the standard deviations are rough."
-        )
-        findings += exceeded(Finding("memory", lag, 0, text, harmless=True))
+        findings += exceeded(memory_finding(found.unresolved_lag, "the torques"))
     usual = np.sqrt([max(median_variance(column**2, 1), 1e-300) for column in left.T])
     # Where a joint turns round, noise of its rate decides on the sign of dry friction.
     turns = np.diff(np.sign(recording.values["qd"][: explained.num_fitted]), axis=0) != 0

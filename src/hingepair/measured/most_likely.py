@@ -20,7 +20,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp
 
 _SOME = 4096  # samples of the rounds, at most
-_MAX_ROUNDS = 60
+_MAX_ROUNDS = 40
 _AT_REST = 0.02  # standard deviations; shorter steps are the last
 _SMALL = 1e-6  # rad, s, and parts of the size of the places; likewise: the last step with all samples squares it
 _DRIFT = 2e-4  # expected clock drift [s/s], that of crystals
@@ -69,12 +69,11 @@ def most_likely(
 ) -> tuple[Estimate, RelativePoses]:
     """Return the most likely model near `start` and `clock`, and the poses of all samples at its clock."""
     model, has_converged = start, False
-    for k in range(_MAX_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         poses = poses_at(clock, _SOME)
         model = model.with_noise(poses, loss)
         seen = evaluate(model, poses, clock, loss)
-        # Shorter steps, later, end the oscillations that large residuals cause.
-        step = -solve_semidefinite(seen.normal, seen.gradient) / (1 if k < 10 else 2)
+        step = -solve_semidefinite(seen.normal, seen.gradient)
         model, clock = model.moved(step[: model.parameters]), clock + _of_clock(model, step)
         scales = np.ones(step.size)
         scales[model.angles : model.parameters] = max(poses.size, 1e-300)

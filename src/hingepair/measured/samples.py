@@ -61,7 +61,8 @@ def checked_samples(
     t: ArrayLike | None,
     weights: ArrayLike | None,
     clock_offset: float | None,
-    attitude_noise: tuple[float, float] | None,
+    noise1: tuple[float, float] | None,
+    noise2: tuple[float, float] | None,
 ) -> Samples:
     """Check the arguments of `fit`, which have the same names; samples that are not finite count as missing."""
     for name, body in (("body1", body1), ("body2", body2)):
@@ -96,8 +97,8 @@ def checked_samples(
     for digit, rows in frozen.items():
         known[digit] &= ~rows
     share: float | None = None
-    if attitude_noise is not None:
-        share = _share_of_body1(attitude_noise, is_point)
+    if noise1 is not None or noise2 is not None:
+        share = _share_of_body1(noise1, noise2, is_point)
     elif _is_constant(full_arrays["S1"]):
         share = 0.0
     elif not is_point and _is_constant(full_arrays["S2"]):
@@ -158,13 +159,18 @@ def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Arra
     return sample_weights
 
 
-def _share_of_body1(attitude_noise: tuple[float, float], is_point: bool) -> float:
-    """Return the share of body 1 in the variance of attitudes by the argument `attitude_noise`."""
+def _share_of_body1(noise1: tuple[float, float] | None, noise2: tuple[float, float] | None, is_point: bool) -> float:
+    """Return the share of body 1 in the variance of attitudes by the arguments `noise1` and `noise2`."""
     if is_point:
-        raise ArgumentError("attitude_noise", "None, since body 2 has no attitudes", attitude_noise)
-    deviations = real_array("attitude_noise", attitude_noise).astype(np.float64)
-    if deviations.shape != (2,) or not (np.isfinite(deviations) & (deviations >= 0)).all() or not deviations.any():
-        expected = "two standard deviations [rad], of body 1 and of body 2, one above 0"
-        raise ArgumentError("attitude_noise", expected, attitude_noise)
-    first, second = (deviations / deviations.max()) ** 2
+        raise ArgumentError("noise1", "None, since body 2 has no attitudes", "values")
+    deviations = []
+    for name, noise in (("noise1", noise1), ("noise2", noise2)):
+        pair = np.zeros(0) if noise is None else real_array(name, noise).astype(np.float64)
+        if pair.shape != (2,) or not (np.isfinite(pair) & (pair >= 0)).all():
+            expected = "two standard deviations, of positions [m] and of attitudes [rad], of each body"
+            raise ArgumentError(name, expected, noise)
+        deviations.append(pair[1])
+    if not any(deviations):
+        raise ArgumentError("noise1, noise2", "a standard deviation of attitudes above 0", "0 for both")
+    first, second = (np.array(deviations) / max(deviations)) ** 2
     return float(first / (first + second))
