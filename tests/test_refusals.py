@@ -510,7 +510,7 @@ CALLS = {
     "fit_masses": (lambda **k: hp.fit_masses(
         **{"robot": ur5(), **dict.fromkeys(("q", "qd", "qdd", "tau"), np.zeros((8, 6))), **k}
     ), [
-        ("joint_terms", A, ("stiction",), "viscous"), ("test", A, 1), ("robot", A, "panda"),
+        ("joint_terms", A, ("stiction",), "viscous"), ("robot", A, "panda"),
         ("q", S, np.zeros((2, 8, 6))),
         ("q", errors.FitError, np.zeros((8, 6))), ("qd", S, np.zeros((4, 6))),
     ]),

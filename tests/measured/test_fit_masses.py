@@ -60,12 +60,11 @@ def test_masses_and_friction_are_found_whatever_was_described():
     tau = torques(heavier, q, qd, qdd) + noise(q.shape, 0)
     fit = hp.fit_masses(panda(), q, qd, qdd, tau)
     assert fit.ok, fit.findings
-    assert fit.samples == 750
+    assert fit.samples == 1000
     exact = np.concatenate((fit.base.matrix @ heavier.inertial_parameters, VISCOUS, COULOMB))
     assert (np.abs(fit.values - exact) < 5 * fit.std).all()
     assert np.abs(fit.values - fit.described).max() > 100 * fit.std.min()
     np.testing.assert_allclose(fit.noise, NOISE, rtol=0.1)
-    np.testing.assert_allclose(fit.rms_test, NOISE, rtol=0.2)
     assert (fit.rms_described > 2 * fit.rms).all()
     other = q[::100], -0.5 * qd[::100], qdd[::100]
     tau = torques(heavier, *other)
@@ -78,11 +77,10 @@ def test_masses_and_friction_are_found_whatever_was_described():
 def test_exact_torques_give_exact_parameters():
     q, qd, qdd = motion(10)
     wrong = panda().with_inertial_parameters(0.5 * panda().inertial_parameters)
-    fit = hp.fit_masses(wrong, q, qd, qdd, torques(panda(), q, qd, qdd), test=0)
+    fit = hp.fit_masses(wrong, q, qd, qdd, torques(panda(), q, qd, qdd))
     exact = np.concatenate((panda().base_parameters().values, VISCOUS, COULOMB))
     np.testing.assert_allclose(fit.values, exact, rtol=0, atol=8192 * U)
     assert fit.ok
-    assert np.isnan(fit.rms_test).all()
 
 
 @pytest.mark.slow
@@ -183,10 +181,6 @@ def test_torques_that_masses_do_not_explain_are_reported():
     assert any("is not random: filtered noise, or what the parameters lack" in text for text in spring.findings)
     flipped = hp.fit_masses(panda(), q, qd, qdd, -tau)
     assert any(text.endswith("is below 0: do tau and qd have the same sign?") for text in flipped.findings)
-    tau[800:, 3] += 2.0
-    later = hp.fit_masses(panda(), q, qd, qdd, tau)
-    assert not later.ok
-    assert any("kept for the test, the torques of panda_joint4 are off" in text for text in later.findings)
     degrees = hp.fit_masses(panda(), np.degrees(q), qd, qdd, tau)
     assert any("is it in radians?" in text for text in degrees.findings)
 
@@ -264,7 +258,7 @@ def test_recordings_come_in_every_form_and_with_gaps():
     gap = tau.copy()
     gap[10:20, 2] = np.nan
     fit = hp.fit_masses(panda(), q, qd, qdd, gap)
-    assert fit.samples == 218
+    assert fit.samples == 290
     assert fit.findings[-1] == "10 of 300 samples are missing."
     assert (np.abs(fit.values - plain.values) < 3 * plain.std).all()
     report = json.loads(plain.to_json())
@@ -335,26 +329,28 @@ def test_recordings_that_make_parameters_wrong_are_not_relied_on(what):
     assert NAMED[what] in {finding.name for finding in fit.findings if finding.severity == "serious"}
 
 
-WRONG_MODELS = {  # a robot with another length of the first link, an angle of gravity, and a zero of the first joint
-    "gravity tilted by 10 deg": (0.5, np.radians(10), 0.0, "gravity", "gravity that is tilted by 10 deg"),
-    "gravity tilted by 1 deg": (0.5, np.radians(1), 0.0, "gravity", "gravity that is tilted by (0.9|1)"),
-    "link 10 % too long": (0.55, 0.0, 0.0, "length", "a place of b that is off by (4[5-9]|5[0-5]) mm"),
-    "encoder off by 2 deg": (0.5, 0.0, np.radians(2), "gravity", "a zero of a that is off by (1.9|2|2.1) deg"),
+WRONG_MODELS = {  # length of the first link, tilt of gravity, zero of the first joint; what is named, with its size
+    "gravity tilted by 10 deg": (0.5, np.radians(10), 0.0, "gravity that is tilted", 10.0),
+    "gravity tilted by 1 deg": (0.5, np.radians(1), 0.0, "gravity that is tilted", 1.0),
+    "link 10 % too long": (0.55, 0.0, 0.0, "a place of b that is off", 50.0),
+    "encoder off by 2 deg": (0.5, 0.0, np.radians(2), "a zero of a that is off", 2.0),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WRONG_MODELS)
 def test_errors_of_the_model_are_named_with_their_size(name):
-    length, tilt, off, kind, words = WRONG_MODELS[name]
+    """Within what is known of it: the value of the finding is the size in its standard deviations."""
+    length, tilt, off, words, size = WRONG_MODELS[name]
     _, q, qd, qdd, tau = recorded()
     gravity = (9.81 * np.sin(tilt), 0, -9.81 * np.cos(tilt))
-    fit = hp.fit_masses(
-        planar_arm(2.5, 1.2, 0.25, 0.05, length), q + np.array((off, 0)), qd, qdd, tau, gravity=gravity
-    )
+    robot = planar_arm(2.5, 1.2, 0.25, 0.05, length)
+    fit = hp.fit_masses(robot, q + np.array((off, 0)), qd, qdd, tau, gravity=gravity)
     assert not fit.ok
-    (found,) = (finding for finding in fit.findings if finding.name == kind)
-    assert re.search(words, found), found
+    (found,) = (finding for finding in fit.findings if "A probable cause" in finding)
+    said = float(re.search(rf"{words} by ([\d.]+) (deg|mm)", found)[1])
+    # Two digits are printed, and an angle of 10 deg is linear to 1.5 %.
+    assert said == pytest.approx(size, abs=4 * size / found.value + 0.05 * size)
 
 
 @pytest.mark.slow
@@ -368,10 +364,7 @@ def test_torques_that_are_late_are_found_with_their_delay(samples):
     (found,) = (finding for finding in fit.findings if finding.name == "delay")
     said = re.search("torques that are (late|early)(?: by ([0-9.]+) samples?)?", found)
     assert said[1] == ("late" if samples > 0 else "early")
-    if samples == 24:  # more than are tried
-        assert said[2] is None
-    else:
-        assert float(said[2]) == pytest.approx(abs(samples), abs=0.25)
+    assert float(said[2]) == pytest.approx(abs(samples), abs=0.25)
 
 
 def test_a_robot_that_stands_still_is_not_said_to_have_other_units():

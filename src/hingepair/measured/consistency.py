@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from hingepair.mechanism.bodies.body import INERTIA_ENTRIES
 from hingepair.numeric.arrays import Float64Array
 
 # The pseudo-inertia is linear in the parameters m, hx, hy, hz, Jxx, Jxy, Jyy, Jxz, Jyz, Jzz; (10, 4, 4).
@@ -19,7 +20,7 @@ _OF_PARAMETERS: Final = np.zeros((10, 4, 4))
 _OF_PARAMETERS[0, 3, 3] = 1.0
 for _k in range(3):
     _OF_PARAMETERS[1 + _k, _k, 3] = _OF_PARAMETERS[1 + _k, 3, _k] = 1.0
-for _k, (_i, _j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), 4):
+for _k, (_i, _j) in enumerate(INERTIA_ENTRIES, 4):
     _OF_PARAMETERS[_k, _i, _j] = _OF_PARAMETERS[_k, _j, _i] = -1.0
     if _i == _j:
         _OF_PARAMETERS[_k, range(3), range(3)] += 0.5

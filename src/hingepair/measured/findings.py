@@ -80,3 +80,9 @@ def memory_finding(lag: int, what: str) -> Finding:
     """Return a note that residuals are correlated over `lag` samples, too long for the recording; of 0 it is none."""
     text = f"What is left of {what} is correlated over {lag} samples and more, too long relative to the whole "
     return Finding("memory", lag, 0, text + "recording: the standard deviations are rough.", harmless=True)
+
+
+def few_samples_finding(count: int, least: int) -> Finding:
+    """Return a finding that standard deviations are rough, exceeded if there are fewer samples than `least`."""
+    text = f"Of {count} samples, the standard deviations are no more than a hint."
+    return Finding("samples", least - count, 0, text)

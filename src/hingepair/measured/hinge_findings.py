@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import FitError
-from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable, memory_finding
+from hingepair.measured.findings import (
+    RANDOM_CORRELATION,
+    Finding,
+    exceeded,
+    few_samples_finding,
+    is_reliable,
+    memory_finding,
+)
 from hingepair.measured.hinge import result_derivatives
 from hingepair.measured.hinge_model import PointModel, constraints
 from hingepair.measured.most_likely import Estimate, evaluate, psi_derivatives
@@ -133,9 +140,8 @@ def judged(fitted: Fitted) -> list[Finding]:
     findings = judge(fitted)
     if not fitted.has_converged and is_reliable(findings):
         findings.append(Finding("steps", 1, 0, "The steps of the fit did not come to rest."))
-    if fitted.poses.samples < _FEW and not fitted.is_rounding().all():
-        text = f"Of {fitted.poses.samples} samples, the standard deviations are no more than a hint."
-        findings.append(Finding("samples", _FEW - fitted.poses.samples, 0, text))
+    if not fitted.is_rounding().all():
+        findings += exceeded(few_samples_finding(fitted.poses.samples, _FEW))
     return sorted(findings + _split_findings(fitted), key=lambda finding: finding.is_note)
 
 

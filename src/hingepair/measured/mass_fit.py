@@ -12,23 +12,22 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, FitError, ShapeError, nearest, quoted
 from hingepair.measured.consistency import rigid_parameters
 from hingepair.measured.findings import Finding, is_reliable, notes
-from hingepair.measured.mass_findings import Explained, judged
+from hingepair.measured.mass_findings import judged
 from hingepair.measured.statistics import LOSSES
 from hingepair.measured.torques import (
     JOINT_TERMS,
     TERMS,
     Found,
-    Recording,
     body_sizes,
     column_rms,
-    described_term,
     inertial_units,
+    recording_of,
     weighted_least_squares,
 )
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.robots.inertial_parameters import BaseParameters
-from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, check_choice, finite_number, read_only
+from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, check_choice, read_only
 from hingepair.plans.arguments import Coordinates, read_arguments
 from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text, json_text
 from hingepair.tables.suspicions import suspicions
@@ -51,9 +50,8 @@ class MassFit(Frozen, Shown):
             noise that is correlated from sample to sample.
         described: the same parameters of the robot as described.
         noise: standard deviation of the noise of the torques of each joint [N m]; shape (dof,).
-        rms: root mean square of what is left of the torques in the samples fitted to [N m]; shape (dof,).
-        rms_test: the same in the samples kept for the test; shape (dof,), NaN if there are none.
-        rms_described: the same by the robot as described, in all samples; shape (dof,).
+        rms: root mean square of what is left of the torques [N m]; shape (dof,).
+        rms_described: the same by the robot as described; shape (dof,).
         samples: number of samples fitted to.
         findings: sentences on what is not determined, what the torques have that the parameters have not, and what
             else is notable, as those of a HingeFit.
@@ -70,7 +68,6 @@ class MassFit(Frozen, Shown):
     described: Float64Array
     noise: Float64Array
     rms: Float64Array
-    rms_test: Float64Array
     rms_described: Float64Array
     samples: int
     findings: tuple[Finding, ...]
@@ -89,25 +86,23 @@ class MassFit(Frozen, Shown):
         """
         values = _arrays(self.robot, {"q": q, "qd": qd, "qdd": qdd})
         shape = values["q"].shape
-        flat = {name: one.reshape(-1, shape[-1]) for name, one in values.items()} | {"tau": np.zeros((1, 1))}
-        recording = Recording(
-            self.robot, self.base, self.joint_terms, self.gravity, flat, self.values, bool(self.unknown)
-        )
-        return -recording.left(self.values).reshape(shape)
+        flat = {name: one.reshape(-1, shape[-1]) for name, one in values.items()}
+        recording = recording_of(self.robot, self.base, self.joint_terms, self.gravity, flat, bool(self.unknown))
+        return recording.explained(self.values).reshape(shape)
 
     def __repr__(self) -> str:
         return f"MassFit({len(self.names)} parameters, {self.samples} samples, {'ok' if self.ok else 'not ok'})"
 
     def __str__(self) -> str:
         title, rows, _ = self._sheet()
-        joints: list[tuple[str, ...]] = [("joint", "unit", "noise", "left", "left in test", "left as described")]
+        joints: list[tuple[str, ...]] = [("joint", "unit", "noise", "left", "left as described")]
         for k, joint in enumerate(tree_of(self.robot).coordinates):
-            cells = (self.noise[k], self.rms[k], self.rms_test[k], self.rms_described[k])
+            cells = (self.noise[k], self.rms[k], self.rms_described[k])
             joints.append((joint.name, joint.effort_unit, *(f"{cell:.3g}" for cell in cells)))
         return "\n".join(
             (
                 title, *align_columns(rows, {2, 3, 4}),
-                "torques, root mean squares", *align_columns(joints, {2, 3, 4, 5}),
+                "torques, root mean squares", *align_columns(joints, {2, 3, 4}),
                 *self.findings, "ok" if self.ok else "NOT RELIABLE",
             )
         )  # fmt: skip
@@ -131,9 +126,9 @@ class MassFit(Frozen, Shown):
 
     def to_json(self) -> str:
         """Return a report as JSON text, in SI units. Numbers that are not finite become null. `parameters` holds
-        value, std and described by name, `joints` noise, rms, rms_test and rms_described.
+        value, std and described by name, `joints` noise, rms and rms_described.
         """
-        of_parameters, of_joints = ("values", "std", "described"), ("noise", "rms", "rms_test", "rms_described")
+        of_parameters, of_joints = ("values", "std", "described"), ("noise", "rms", "rms_described")
         report = {
             "ok": self.ok,
             "samples": self.samples,
@@ -160,7 +155,6 @@ def fit_masses(
     joint_terms: Iterable[str] | None = None,
     unknown: Iterable[str] = (),
     loss: str = "linear",
-    test: float = 0.25,
     gravity: ArrayLike = DEFAULT_GRAVITY,
 ) -> MassFit:
     """Fit the masses of a robot, and the friction of its joints, to a recorded motion and its torques.
@@ -184,12 +178,11 @@ def fit_masses(
             fitted; the other bodies, and friction that is not fitted, count as described. () to fit all.
         loss: "linear" (least squares), or a loss by which torques that are far off, such as spikes, count little:
             "soft_l1", "huber", "cauchy" or "arctan", as for `fit`.
-        test: part of the samples, the last ones, that is not fitted to, but tells whether the parameters hold for
-            other motions; 0 to fit to all.
         gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
 
     Returns:
-        The MassFit. Check `.ok` and `.findings` before you use its numbers.
+        The MassFit. Check `.ok` and `.findings` before you use its numbers. Its `torques` of another motion, compared
+        with recorded ones, tell whether the parameters hold for that motion.
 
     Raises:
         ArgumentError: an argument cannot be used, or the base is free.
@@ -213,28 +206,24 @@ def fit_masses(
         raise ArgumentError("unknown", "names of links, as a list", unknown)
     if joint_terms is None:
         joint_terms = () if links else ("viscous", "coulomb")
-    terms, share = _checked_options(robot, joint_terms, test)
+    terms = _checked_terms(robot, joint_terms)
     values = _arrays(robot, {"q": q, "qd": qd, "qdd": qdd, "tau": tau})
     if values["q"].ndim != 2:
         raise ShapeError("q", f"shape (N, {robot.dof}), N instants", f"shape {values['q'].shape}")
     known = np.logical_and.reduce([np.isfinite(one).all(axis=-1) for one in values.values()])
     base = robot.base_parameters(gravity=gravity)
     base = _parameters_of(robot, base, links) if links else base
-    described = np.concatenate((base.values, *(described_term(robot, term) for term in terms)))
-    recording = Recording(
-        robot, base, terms, tuple(np.asarray(gravity, dtype=np.float64).tolist()),
-        {name: one[known] for name, one in values.items()}, described, bool(links),
-    )  # fmt: skip
-    count = round((1 - share) * recording.samples)
+    given = {name: one[known] for name, one in values.items()}
+    recording = recording_of(
+        robot, base, terms, tuple(np.asarray(gravity, dtype=np.float64).tolist()), given, bool(links)
+    )
     names = (*base.names, *(f"{joint} {term}" for term in terms for joint in robot.names))  # as `parts` has them
+    count = len(recording.known)
     if count * robot.dof <= len(names):
         raise FitError("q", f"more than {-(-len(names) // robot.dof)} samples to fit to", f"{count}")
-    found = weighted_least_squares(recording, count, LOSSES[loss])
-    estimate = described + found.step
-    fitted, grown = _fitted_robot(recording, found, estimate)
-    left = recording.left(estimate)
-    findings = judged(Explained(recording, found, estimate, left, count, fitted, grown, loss != "linear"))
-    findings.sort(key=lambda finding: finding.is_note)
+    found = weighted_least_squares(recording, LOSSES[loss])
+    fitted, grown = _fitted_robot(found)
+    findings = judged(found, fitted, grown, loss != "linear")
     doubts = suspicions("angle", "q", np.abs(recording.values["q"]).max(axis=1))
     findings += [Finding("unit", 1, 0, text) for text in doubts]
     if not known.all():
@@ -243,14 +232,13 @@ def fit_masses(
         robot=fitted,
         base=base,
         names=names,
-        values=read_only(estimate),
+        values=read_only(found.estimate),
         std=read_only(found.std),
         covariance=read_only(found.covariance),
-        described=read_only(described),
+        described=read_only(recording.described),
         noise=read_only(found.noise),
-        rms=read_only(column_rms(left[:count])),
-        rms_test=read_only(column_rms(left[count:])),
-        rms_described=read_only(column_rms(recording.left(described))),
+        rms=read_only(column_rms(found.left)),
+        rms_described=read_only(column_rms(given["tau"] - recording.explained(recording.described))),
         samples=count,
         findings=tuple(dict.fromkeys(findings)),
         joint_terms=terms,
@@ -278,22 +266,19 @@ def _parameters_of(robot: Mechanism, base: BaseParameters, links: tuple[str, ...
     return BaseParameters(names, columns, rows, values, base.parameter_names)
 
 
-def _checked_options(robot: Any, joint_terms: Iterable[str], test: float) -> tuple[tuple[str, ...], float]:
-    """Check the robot and the options of `fit_masses`; return the terms, each once, and the share of the test."""
+def _checked_terms(robot: Any, joint_terms: Iterable[str]) -> tuple[str, ...]:
+    """Check the robot and the terms of its joints; return the terms, each once."""
     if not isinstance(robot, Mechanism):
         raise ArgumentError("robot", "a Mechanism", quoted(robot))
     if robot.base != "fixed":
         raise ArgumentError("robot", "a robot with a fixed base (base='fixed')", "a free base")
     if robot.dof == 0:
         raise ArgumentError("robot", "a robot with joints that move", "none")
-    terms = () if isinstance(joint_terms, str) else tuple(dict.fromkeys(joint_terms))
-    for term in (joint_terms,) if isinstance(joint_terms, str) else terms:
+    terms = (joint_terms,) if isinstance(joint_terms, str) else tuple(dict.fromkeys(joint_terms))
+    for term in terms:
         if isinstance(joint_terms, str) or term not in JOINT_TERMS:
             raise ArgumentError("joint_terms", f"names out of {', '.join(JOINT_TERMS)}, as a tuple", quoted(term))
-    share = finite_number("test", test)
-    if not 0 <= share < 1:
-        raise ArgumentError("test", "a part of the samples, from 0 to less than 1", test)
-    return terms, share
+    return terms
 
 
 def _arrays(robot: Mechanism, given: dict[str, Any]) -> dict[str, Float64Array]:
@@ -309,29 +294,30 @@ def _arrays(robot: Mechanism, given: dict[str, Any]) -> dict[str, Float64Array]:
     }
 
 
-def _fitted_robot(recording: Recording, found: Found, estimate: Float64Array) -> tuple[Mechanism, float]:
+def _fitted_robot(found: Found) -> tuple[Mechanism, float]:
     """Return the robot with fitted friction and rotors, of which what is below 0 counts as none, and with the masses
     that have the fitted base parameters by the least change, in parts of what such bodies may have; where these are
     none of rigid bodies, others near them. Also return by how many variances the squares of what is left grow so.
     """
-    base, terms = recording.parts(estimate)
-    start = recording.robot.inertial_parameters.copy()
-    start[::10] = np.where(start[::10] == 0, body_sizes(recording.robot)[:, 0], start[::10])  # moments need a mass
-    matrix, unit = recording.base.matrix, inertial_units(recording.robot)
+    recording, described = found.recording, found.recording.robot
+    base, terms = recording.parts(found.estimate)
+    start = described.inertial_parameters.copy()
+    start[::10] = np.where(start[::10] == 0, body_sizes(described)[:, 0], start[::10])  # moments need a mass
+    matrix, unit = recording.base.matrix, inertial_units(described)
     weighted = matrix * unit**2
-    nearest = start + weighted.T @ np.linalg.solve(weighted @ matrix.T, base - matrix @ start)
-    counts = np.repeat(np.abs(matrix).reshape(len(base), -1, 10).any(axis=(0, 2)), 10)  # bodies that are fitted
-    parameters, weights = nearest.copy(), found.factor[:, : len(base)]
-    parameters[counts], grown = rigid_parameters(
-        weights, *(part[..., counts] for part in (matrix, nearest, start, unit))
+    parameters = start + weighted.T @ np.linalg.solve(weighted @ matrix.T, base - matrix @ start)
+    fits = np.repeat(np.abs(matrix).reshape(len(base), -1, 10).any(axis=(0, 2)), 10)  # of bodies that are fitted
+    parameters[fits], grown = rigid_parameters(
+        found.factor[:, : len(base)], *(part[..., fits] for part in (matrix, parameters, start, unit))
     )
-    fitted = {term: np.maximum(values, 0.0) for term, values in terms.items()}
-    robot = recording.robot.with_inertial_parameters(parameters, armature=fitted.get("armature"))
-    fields = {field: fitted[term] for term in fitted if (field := TERMS[term].field)}
+    values = {term: np.maximum(each, 0.0) for term, each in terms.items()}
+    robot = described.with_inertial_parameters(parameters, armature=values.get("armature"))
     own = {joint.name: k for k, joint in enumerate(tree_of(robot).coordinates)}
     loads = {}
     for joint in tree_of(robot).joints:  # what is fitted counts the loads of followers with the leader's
-        k = own.get(joint.name)
-        own_load: dict[str, Any] = {field: 0.0 if k is None else values[k] for field, values in fields.items()}
-        loads[joint.name] = replace(joint.load, **own_load)
+        fields: dict[str, Any] = {
+            TERMS[term].field: each[own[joint.name]] if joint.name in own else 0.0
+            for term, each in values.items() if TERMS[term].field
+        }  # fmt: skip
+        loads[joint.name] = replace(joint.load, **fields)
     return robot.with_joint_loads(loads), grown

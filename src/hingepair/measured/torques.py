@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import FitError
-from hingepair.measured.statistics import Loss, loss_weights, median_variance, sandwich
+from hingepair.measured.statistics import Loss, loss_weights, median_variance, neighbour_correlation, sandwich
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.robots.inertial_parameters import BaseParameters, inertia_matrices
 from hingepair.numeric.arrays import Float64Array
@@ -20,6 +20,7 @@ _BLOCK = 2**23  # numbers of a regressor that are in memory at a time
 _WEIGHT_ROUNDS = 3  # in which the noise of each joint and the parameters are estimated in turn
 _LEAST_NOISE = 1e-7  # smallest noise assumed, of what the described parameters leave: weights stay finite
 _ROUNDING = 1e-12  # smallest noise assumed, of the torques: less is rounding
+_ORDERED = 0.9  # correlation of neighbouring positions, above which samples are in the order of time
 
 
 class Term(NamedTuple):
@@ -48,18 +49,18 @@ class Recording(NamedTuple):
     terms: tuple[str, ...]  # of the joints
     gravity: tuple[float, ...]
     values: dict[str, Float64Array]  # q, qd, qdd and tau; (N, dof) each
-    described: Float64Array  # parameters; (k,)
-    is_partial: bool = False  # whether what is not fitted counts as described: masses, and friction of joints
+    known: Float64Array  # torques of what is not fitted; (N, dof)
+    is_partial: bool  # whether the masses of other bodies are among these
 
     @property
-    def samples(self) -> int:
-        """N."""
-        return len(self.values["q"])
+    def described(self) -> Float64Array:
+        """Parameters of the robot as described (k,)."""
+        return np.concatenate((self.base.values, *(described_term(self.robot, term) for term in self.terms)))
 
-    def blocks(self, count: int) -> Iterator[slice]:
-        """Return the first `count` samples in blocks, whose regressors fit into memory."""
+    def blocks(self) -> Iterator[slice]:
+        """Return the samples in blocks, whose regressors fit into memory."""
         size = max(_BLOCK // (self.robot.dof * self.base.matrix.shape[1]), 1)
-        return (slice(start, min(start + size, count)) for start in range(0, count, size))
+        return (slice(start, start + size) for start in range(0, len(self.known), size))
 
     def rows(self, part: slice) -> Float64Array:
         """Return the columns of the base parameters and of the joint terms for some samples; shape (n, dof, k)."""
@@ -73,23 +74,39 @@ class Recording(NamedTuple):
         base, further = np.split(parameters, [len(self.base.names)])
         return base, dict(zip(self.terms, further.reshape(-1, self.robot.dof), strict=True))
 
-    def torques(self, part: slice) -> Float64Array:
-        """Return the recorded torques without those of what is known: rotors, other bodies; shape (n, dof)."""
-        q, qd, qdd, tau = (self.values[name][part] for name in ("q", "qd", "qdd", "tau"))
-        rotors = 0.0 if "armature" in self.terms else self.robot.armature * qdd
-        if not self.is_partial:
-            return tau - rotors
-        others = self.robot.inertial_parameters.copy()
-        others[self.base.columns] = 0.0
-        by_others = self.robot.torque_regressor(q, qd, qdd, gravity=self.gravity) @ others
-        for term in {"viscous", "coulomb"} - {*self.terms}:
-            by_others = by_others + TERMS[term].factor(qd, qdd) * described_term(self.robot, term)
-        return tau - rotors - by_others
+    def explained(self, parameters: Float64Array) -> Float64Array:
+        """Return the torques by parameters and by what is known; shape (N, dof)."""
+        torques = self.known.copy()
+        for part in self.blocks():
+            torques[part] += self.rows(part) @ parameters
+        return torques
 
-    def left(self, parameters: Float64Array) -> Float64Array:
-        """Return what parameters leave of the torques; shape (N, dof)."""
-        parts = [self.torques(part) - self.rows(part) @ parameters for part in self.blocks(self.samples)]
-        return np.concatenate(parts) if parts else np.zeros((0, self.robot.dof))
+    @property
+    def is_ordered(self) -> bool:
+        """Whether neighbouring samples are of neighbouring positions."""
+        q = self.values["q"] - self.values["q"].mean(axis=0)
+        return len(q) >= 50 and neighbour_correlation(q[:, np.ptp(q, axis=0) > 0].T) > _ORDERED
+
+
+def recording_of(
+    robot: Mechanism,
+    base: BaseParameters,
+    terms: tuple[str, ...],
+    gravity: tuple[float, ...],
+    values: dict[str, Float64Array],
+    is_partial: bool,
+) -> Recording:
+    """Return a recording; if it is partial, masses of other bodies and friction that is not fitted are known."""
+    q, qd, qdd = (values[name] for name in ("q", "qd", "qdd"))
+    known = np.zeros_like(q) if "armature" in terms else robot.armature * qdd
+    if is_partial:
+        others = robot.inertial_parameters.copy()
+        others[base.columns] = 0.0
+        rest = robot.with_inertial_parameters(others, armature=np.zeros(robot.dof))
+        known = known + rest.inverse_dynamics(q, qd, qdd, gravity=gravity).tau
+        for term in {"viscous", "coulomb"} - {*terms}:
+            known = known + TERMS[term].factor(qd, qdd) * described_term(robot, term)
+    return Recording(robot, base, terms, gravity, values, known, is_partial)
 
 
 def described_term(robot: Mechanism, term: str) -> Float64Array:
@@ -101,53 +118,66 @@ def described_term(robot: Mechanism, term: str) -> Float64Array:
 
 
 class Found(NamedTuple):
-    """What weighted least squares found; k parameters."""
+    """What weighted least squares found of a recording; k parameters."""
 
-    step: Float64Array  # from the parameters as described; (k,)
+    recording: Recording
+    estimate: Float64Array  # (k,)
+    left: Float64Array  # of the torques; (N, dof)
     factor: Float64Array  # F, F.T @ F the weighted products of columns; (k, k)
     covariance: Float64Array  # (k, k)
     std: Float64Array  # inf of what is not determined; (k,)
     noise: Float64Array  # (dof,)
     unresolved_lag: int  # samples; 0 where the recording is long beside the correlation of its noise
 
+    @property
+    def torque_sizes(self) -> Float64Array:
+        """Root mean square of the torques (dof,)."""
+        return np.maximum(column_rms(self.recording.values["tau"]), 1e-300)
 
-def weighted_least_squares(recording: Recording, count: int, loss: Loss | None) -> Found:
-    """Find the step from the described parameters to those that explain the first `count` samples best; with a loss
-    by repeated weights, beginning with those of least squares.
+    @property
+    def inexact(self) -> NDArray[np.bool_]:
+        """Of which joints more is left than rounding (dof,)."""
+        return np.asarray(column_rms(self.left) > 1e-6 * self.torque_sizes)
+
+    @property
+    def usual_left(self) -> Float64Array:
+        """Variances of what is left, from medians; (dof,)."""
+        return np.array([max(median_variance(column**2, 1), 1e-300) for column in self.left.T])
+
+
+def weighted_least_squares(recording: Recording, loss: Loss | None) -> Found:
+    """Find the parameters that explain a recording best; with a loss by repeated weights, beginning with those of
+    least squares.
     """
-    weights = np.ones((count, recording.robot.dof))
-    for _ in range(1 if loss is None else 12):
-        found = _least_squares_with(recording, count, weights)
-        if loss is None:
-            break
-        left = recording.left(recording.described + found.step)[:count]
-        variances = np.array([max(median_variance(column**2, 1), 1e-300) for column in left.T])
-        weights = np.maximum(loss_weights(loss, left**2 / variances, 1)[0], 1e-9)
+    weights = np.ones_like(recording.known)
+    found = _least_squares_with(recording, weights)
+    for _ in range(0 if loss is None else 11):
+        weights = np.maximum(loss_weights(loss, found.left**2 / found.usual_left, 1)[0], 1e-9)
+        found = _least_squares_with(recording, weights)
     return found
 
 
-def _least_squares_with(recording: Recording, count: int, weights: Float64Array) -> Found:
-    """Find the step that explains the first `count` samples best, whose torques have weights (count, dof)."""
-    robot, width = recording.robot, recording.described.size
+def _least_squares_with(recording: Recording, weights: Float64Array) -> Found:
+    """Find the parameters that explain torques with weights (N, dof) best."""
+    robot, described, count = recording.robot, recording.described, len(weights)
+    width, bodies = described.size, len(recording.base.names)
+    off = recording.values["tau"] - recording.explained(described)
     # Products of columns, the last of which is what the described parameters leave of the torques, joint by joint:
     # (N, dof, k) would not fit into memory.
     products = np.zeros((robot.dof, width + 1, width + 1))
-    for part in recording.blocks(count):
-        rows = recording.rows(part)
-        off = recording.torques(part) - rows @ recording.described
-        columns = np.concatenate((rows, off[..., None]), axis=-1) * np.sqrt(weights[part])[..., None]
-        columns = np.moveaxis(columns, 1, 0)
+    for part in recording.blocks():
+        columns = np.concatenate((recording.rows(part), off[part][..., None]), axis=-1)
+        columns = np.moveaxis(columns * np.sqrt(weights[part])[..., None], 1, 0)
         products += np.swapaxes(columns, 1, 2) @ columns
     unexplained = np.sqrt(products[:, width, width].max() / count)
-    least = max(_LEAST_NOISE * unexplained, _ROUNDING * column_rms(recording.values["tau"][:count]).max())
-    bodies = np.sqrt((recording.base.matrix**2) @ inertial_units(robot) ** 2)  # what parameters may amount to
+    least = max(_LEAST_NOISE * unexplained, _ROUNDING * column_rms(recording.values["tau"]).max(), 1e-100)
     # Parameters and the noise of each joint in turn.
     noise = np.ones(robot.dof)
     for _ in range(_WEIGHT_ROUNDS):
         whole = (products / noise[:, None, None] ** 2).sum(axis=0)
         lengths = np.sqrt(np.diagonal(whole)[:width])
-        torques = lengths[: len(bodies)] * bodies
-        lengths[: len(bodies)][torques < _NO_EFFECT * torques.max(initial=0.0)] = 0.0
+        torques = lengths[:bodies] * base_units(recording)
+        lengths[:bodies][torques < _NO_EFFECT * torques.max(initial=0.0)] = 0.0
         unit = np.where(lengths > 0, lengths, 1.0)
         sizes, vectors = np.linalg.eigh(whole[:width, :width] / np.outer(unit, unit))
         seen = sizes > _SINGULAR * sizes[-1]
@@ -156,20 +186,25 @@ def _least_squares_with(recording: Recording, count: int, weights: Float64Array)
         ends = np.append(step, -1.0)
         # Each joint loses its part of the parameters.
         free = max(count - seen.sum() / robot.dof, 1)
-        noise = np.maximum(np.sqrt(np.maximum(ends @ products @ ends, 0.0) / free), max(least, 1e-100))
+        noise = np.maximum(np.sqrt(np.maximum(ends @ products @ ends, 0.0) / free), least)
     if not lengths.any():
         raise FitError("q, qd, qdd", "a motion whose torques depend on the robot's masses", "none that does")
     # Covariance, from scores whose neighbours may be correlated.
-    scores = []
-    for part in recording.blocks(count):
-        rows = recording.rows(part)
-        left = recording.torques(part) - rows @ (recording.described + step)
-        scores.append(np.einsum("nik,ni->kn", rows, weights[part] * left / noise**2) / unit[:, None])
+    estimate, scores = described + step, []
+    left = recording.values["tau"] - recording.explained(estimate)
+    for part in recording.blocks():
+        weighted = weights[part] * left[part] / noise**2
+        scores.append(np.einsum("nik,ni->kn", recording.rows(part), weighted) / unit[:, None])
     covariance, lag = sandwich(inverse, np.concatenate(scores, axis=1), robot.dof)
     std = np.sqrt(np.diagonal(covariance)) / unit
     std[(lengths == 0) | (np.abs(vectors[:, ~seen]) > 1e-3).any(axis=1)] = np.inf
     factor = np.sqrt(np.where(seen, sizes, 0.0))[:, None] * vectors.T * unit
-    return Found(step, factor, covariance / np.outer(unit, unit), std, noise, lag)
+    return Found(recording, estimate, left, factor, covariance / np.outer(unit, unit), std, noise, lag)
+
+
+def base_units(recording: Recording) -> Float64Array:
+    """Return what each base parameter may amount to for the bodies as described; shape (B,)."""
+    return np.sqrt((recording.base.matrix**2) @ inertial_units(recording.robot) ** 2)
 
 
 def inertial_units(robot: Mechanism) -> Float64Array:
@@ -187,11 +222,10 @@ def body_sizes(robot: Mechanism) -> Float64Array:
     if not heavy.any():
         return np.tile((1.0, 0.1), (len(mass), 1))
     radius = np.sqrt(spread / np.where(heavy, mass, 1.0))
-    return np.stack(
-        (np.where(heavy, mass, mass[heavy].mean()), np.where(heavy, radius, radius[heavy].mean())), axis=1
-    )
+    means = mass[heavy].mean(), radius[heavy].mean()
+    return np.asarray(np.where(heavy[:, None], np.stack((mass, radius), axis=1), means))
 
 
 def column_rms(rows: NDArray[np.float64]) -> Float64Array:
-    """Return the root mean squares of columns; NaN of no rows."""
-    return np.sqrt((rows * rows).mean(axis=0)) if len(rows) else np.full(rows.shape[1], np.nan)
+    """Return the root mean squares of columns."""
+    return np.asarray(np.sqrt((rows * rows).mean(axis=0)))
