@@ -40,19 +40,6 @@ def test_samples_keep_order_6(spin, even):
 
 
 @spins
-@pytest.mark.parametrize("kind", ["callable", "samples"])
-def test_error_estimate_is_honest(spin, kind):
-    """Within a factor of 10 of the true error, or both at the level of rounding; of samples, 100 times it at most."""
-    most = 100 if kind == "samples" else 10
-    for count in (25, 120):
-        t = np.linspace(0, 1, count + 1)
-        motion = attitudes(spin, t, spin.omega(t) if kind == "samples" else None)
-        true = spin.error(t, motion.S1, instants=8)
-        assert motion.error_estimate <= most * max(true, 20 * U)
-        assert true <= 10 * motion.error_estimate
-
-
-@spins
 def test_tolerance_is_kept_by_substeps(spin):
     t, tol = np.array([0, 0.01, 0.1, 0.6, 1.0]), 1e-9
     motion = hp.integrate(PAIR, t, spin.omega, np.exp, S1_0=spin.S1_0, tol=tol, outputs=())
@@ -69,20 +56,6 @@ def test_tolerance_out_of_reach_says_what_is_left():
     motion = attitudes(REFERENCE, T[::4], tol=1e-13)
     assert motion.steps > len(T[::4]) - 1
     assert REFERENCE.error(T[::4], motion.S1) <= 512 * U
-
-
-def test_outputs_follow_what_is_known():
-    n = len(T)
-    point = np.zeros((n, 3))
-    still = hp.integrate(PAIR, T, (0, 0, 1), 1.0)
-    assert still.state.outputs == ("R2", "S2", "d", "v2", "omega2")
-    moving = hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=point)
-    assert moving.state.outputs == ("R2", "S2", "d", "omega2")
-    assert hp.integrate(PAIR, T, (0, 0, 1), 1.0, outputs=()).state.outputs == ()
-    with pytest.raises(hp.ArgumentError, match=r"R1: expected \(R1, v1\) .* since output v2 needs it, got no v1"):
-        hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=lambda _: point, outputs=("v2",))
-    with pytest.raises(hp.ArgumentError, match="alpha1: expected a value, since output alpha2 needs it"):
-        hp.integrate(PAIR, T, (0, 0, 1), 1.0, psidd=0.0, outputs=("alpha2",))
 
 
 @pytest.mark.slow

@@ -262,27 +262,6 @@ def test_a_driven_joint_moves_as_given_and_says_what_drives_it():
     assert np.abs(found.tau[:, [0, 2]]).max() == 0.0
 
 
-@pytest.mark.slow
-def test_a_damped_double_pendulum_is_that_of_mujoco_to_its_order():
-    mujoco = pytest.importorskip("mujoco")
-    body = '<inertial mass="1" pos="0.5 0 0" diaginertia="0.01 0.09 0.09"/>'
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option integrator="RK4"/><worldbody><body><joint axis="0 1 0" damping="0.2"/>{body}
-        <body pos="1 0 0"><joint axis="0 1 0" damping="0.1"/>{body}</body></body></worldbody></mujoco>"""
-    )
-    loads = {"j0": hp.HingeLoad(damping=0.2), "j1": hp.HingeLoad(damping=0.1)}
-    expected = hp.simulate(chain(2), [0.0, 1.0], [0.0, 0.0], loads=loads, tol=TIGHT).q[-1]
-    errors = []
-    for steps in (200, 400):
-        model.opt.timestep = 1 / steps
-        data = mujoco.MjData(model)
-        for _ in range(steps):
-            mujoco.mj_step(model, data)
-        errors.append(np.abs(data.qpos - expected).max())
-    assert errors[1] < 1e-8  # of RK4 with steps of 2.5 ms
-    assert 12 < errors[0] / errors[1] < 20  # order 4
-
-
 def test_masses_that_resist_no_motion_are_named():
     point = hp.Body(1.0, inertia=(1, 1e-20, 1))
     bodies = {"a": point, "b": ROD}

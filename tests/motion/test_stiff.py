@@ -35,34 +35,25 @@ def test_a_strong_damper_takes_no_short_steps(inertia):
     assert found.psi_error_estimate < TOL
 
 
-@pytest.mark.slow
-def test_a_stiff_spring_that_is_overdamped_takes_no_short_steps():
-    k, d, t = 1e6, 1e4, np.linspace(0, 0.5, 21)
-    load = hp.HingeLoad(stiffness=k, damping=d, motor=lambda t, *_: 1e3 * np.sin(5 * t))
-    found = hp.simulate(wheel(1e-2), t, STILL, 0.1, 0.0, base="fixed", hinge_torque=load)
-
-    def rates(t, y):
-        return [y[1], (1e3 * np.sin(5 * t) - k * y[0] - d * y[1]) / 1e-2]
-
-    expected = solve_ivp(rates, (0, 0.5), [0.1, 0.0], "Radau", t, rtol=1e-11, atol=1e-14).y
-    np.testing.assert_allclose(found.psi, expected[0], rtol=0, atol=10 * TOL)
-    assert found.steps < 150
+STIFF = {
+    "overdamped spring": (1e-2, 0.1, 0.0, lambda q, v: -1e6 * q - 1e4 * v, {"stiffness": 1e6, "damping": 1e4}, 1e3, 5),
+    "smooth friction": (
+        3e-5, 0.0, 1.0, lambda _, v: -0.05 * np.tanh(v / 1e-2), {"friction": 0.05, "friction_rate": 1e-2}, 0.1, 50
+    ),
+}  # fmt: skip
 
 
 @pytest.mark.slow
-def test_smooth_friction_on_a_small_inertia_takes_no_short_steps():
-    J, friction, t = 3e-5, 0.05, np.linspace(0, 0.2, 21)
-
-    def motor(t, *_):
-        return 0.1 * np.sin(50 * t)
-
-    load = hp.HingeLoad(friction=friction, friction_rate=1e-2, motor=motor)
-    found = hp.simulate(wheel(J), t, STILL, 0.0, 1.0, base="fixed", hinge_torque=load)
+@pytest.mark.parametrize(("J", "psi", "psid", "law", "load", "A", "w"), STIFF.values(), ids=STIFF)
+def test_stiff_loads_take_no_short_steps(J, psi, psid, law, load, A, w):
+    t = np.linspace(0, 0.2, 21)
+    load = hp.HingeLoad(**load, motor=lambda t, *_: A * np.sin(w * t))
+    found = hp.simulate(wheel(J), t, STILL, psi, psid, base="fixed", hinge_torque=load)
 
     def rates(t, y):
-        return [y[1], (motor(t) - friction * np.tanh(y[1] / 1e-2)) / J]
+        return [y[1], (A * np.sin(w * t) + law(*y)) / J]
 
-    expected = solve_ivp(rates, (0, 0.2), [0.0, 1.0], "Radau", t, rtol=1e-11, atol=1e-13).y
+    expected = solve_ivp(rates, (0, 0.2), [psi, psid], "Radau", t, rtol=1e-11, atol=1e-14).y
     np.testing.assert_allclose(found.psi, expected[0], rtol=0, atol=100 * TOL)
     assert found.steps < 200
 
