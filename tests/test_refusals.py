@@ -363,7 +363,6 @@ CALLS = {
     "linearize": (lambda psi_0=1.0, psid_0=0.0, **k: hp.linearize(PAIR, POSE, psi_0, psid_0, base="fixed", **k), [
         ("hinge_torque", A, "much", hp.HingeLoad(friction=30)),
         ("equilibrium", A, C(equilibrium=True, hinge_torque=50.0)),
-        ("hinge_torque", A, C(equilibrium=True, hinge_torque=hp.HingeLoad(stops=(-1, 1.2), stop_restitution=0.5))),
         ("hinge_torque", A, C(equilibrium=True, hinge_torque=hp.HingeLoad(friction=0.1))),
         ("base, psid_0", A, C(psid_0=1.0, equilibrium=True)),
     ]),

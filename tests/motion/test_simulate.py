@@ -103,25 +103,6 @@ def test_forces_are_found_again_from_the_motion():
     assert {*balance.work} == {"force1", "torque1", "motor"}
 
 
-@pytest.mark.slow
-def test_a_base_that_moves_as_given_carries_the_hinge_along():
-    """Shaken sideways, a pendulum in no gravity sees the inertia of its mass: the torques agree at each instant."""
-    pair = pendulum()
-
-    def shaken(t):
-        zero = np.zeros((len(t), 3))
-        wave = np.stack([np.sin(3 * t), 0 * t, 0 * t], axis=-1)
-        rate = np.stack([3 * np.cos(3 * t), 0 * t, 0 * t], axis=-1)
-        return hp.BodyMotion(R=wave, S=np.eye(3), v=rate, omega=zero, a=-9 * wave, alpha=zero)
-
-    spring = hp.HingeLoad(stiffness=4, rest=0.2, damping=0.3)
-    moved = hp.simulate(pair, np.linspace(0, 5, 51), None, 0.1, 0.0, hinge_torque=spring, base=shaken, tol=TIGHT)
-    wrench = pair.hinge_wrench(moved.body1, moved.psi, moved.psid, moved.psidd)
-    torque = spring(moved.t, moved.psi, moved.psid)
-    np.testing.assert_allclose(wrench.hinge_torque, torque, rtol=0, atol=TIGHT)
-    assert np.ptp(moved.psi) > 0.1
-
-
 DOOR = (0.0, 1.5)  # its stops; of inertia 4, stiffness 1e4: half a swing of 50 rad/s in a stop, then 3 rad/s
 
 

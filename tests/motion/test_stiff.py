@@ -36,7 +36,9 @@ def test_a_strong_damper_takes_no_short_steps(inertia):
 
 
 STIFF = {
-    "overdamped spring": (1e-2, 0.1, 0.0, lambda q, v: -1e6 * q - 1e4 * v, {"stiffness": 1e6, "damping": 1e4}, 1e3, 5),
+    "overdamped spring": (
+        1e-2, 0.1, 0.0, lambda q, v: -1e6 * q - 1e4 * v, {"stiffness": 1e6, "damping": 1e4}, 1e3, 5
+    ),
     "smooth friction": (
         3e-5, 0.0, 1.0, lambda _, v: -0.05 * np.tanh(v / 1e-2), {"friction": 0.05, "friction_rate": 1e-2}, 0.1, 50
     ),
