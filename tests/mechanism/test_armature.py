@@ -103,7 +103,7 @@ def test_the_twin_has_the_rotors(model, base):
 def test_urdf_says_which_rotors_it_leaves_out(model):
     robot = hp.Mechanism.from_pinocchio(model)
     names = [name for name, own in zip(robot.names, robot.armature, strict=True) if own]
-    with pytest.warns(hp.DynamicsWarning, match=f"not written are those of {', '.join(names)}$"):
+    with pytest.warns(hp.DynamicsWarning, match=f"the armatures of {', '.join(names)}$"):
         text = hp.to_urdf(robot)
     assert not hp.Mechanism.from_urdf(text).armature.any()
 
