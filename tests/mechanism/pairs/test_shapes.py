@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.bench.truth import OUTPUTS, euler_scales
 from support.states import coordinates, generator, pair
 
 pytestmark = pytest.mark.usefixtures("each_backend")
@@ -14,27 +13,17 @@ pytestmark = pytest.mark.usefixtures("each_backend")
 U = 2.0**-53
 
 
-@pytest.fixture
-def given(each_backend):  # noqa: ARG001 (what is expected comes from the same backend)
-    """A pair, 24 states of it, their outputs and scales."""
-    rng = generator(40)
-    u1, u2, n, home = pair(rng)
-    motion = coordinates(rng, 24)
-    one = hp.HingePair(u1=u1, u2=u2, n=n, home=home)
-    expected = one.forward_kinematics(*motion, outputs=OUTPUTS)
-    return one, motion, expected, euler_scales((u1, u2, n, home), *motion)
-
-
-def test_coordinates_broadcast(given):
+def test_coordinates_broadcast():
     """Scalars, rows and columns among the seven, and a single q against many qd."""
-    one, motion, _, _ = given
-    u, v = motion[0][:4, 5], motion[0][:3, 6]
-    q = (0.5, 1, 0.0, 0.25, np.array(0.1), u[:, None], v)
-    found = one.forward_kinematics(q, (0.0,) * 7, outputs=("R2", "S1", "omega2"))
+    rng = generator(40)
+    one, (q, qd, _) = hp.HingePair(*pair(rng)), coordinates(rng, 24)
+    u, v = q[:4, 5], q[:3, 6]
+    mixed = (0.5, 1, 0.0, 0.25, np.array(0.1), u[:, None], v)
+    found = one.forward_kinematics(mixed, (0.0,) * 7, outputs=("R2", "S1", "omega2"))
     assert (found.R2.shape, found.S1.shape, found.omega2.shape) == ((4, 3, 3), (4, 3, 3, 3), (4, 3, 3))
-    packed = np.stack(np.broadcast_arrays(*(np.asarray(x, float) for x in q)), axis=-1)
+    packed = np.stack(np.broadcast_arrays(*(np.asarray(x, float) for x in mixed)), axis=-1)
     assert abs(found.R2 - one.forward_kinematics(packed).R2).max() <= 32 * U
-    assert one.forward_kinematics(motion[0][0], motion[1]).v2.shape == (24, 3)
+    assert one.forward_kinematics(q[0], qd).v2.shape == (24, 3)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
