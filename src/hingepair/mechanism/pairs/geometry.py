@@ -5,7 +5,7 @@ Every constant is computed in twice the precision and rounded once. u1, u2, n, h
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -14,9 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
 from hingepair.equations.derivatives import matrix_from_columns
+from hingepair.equations.joints import HINGE
 from hingepair.equations.quantities import QUANTITIES
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body, moments_of
+from hingepair.mechanism.bodies.pivots import Resisted, smallest_pivots
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, constant, read_only
 from hingepair.numeric.blocks import Components, numbers
 from hingepair.numeric.caching import lock_free_cached_property
@@ -28,7 +30,6 @@ from hingepair.rotations.matrices import check_rotation
 Points: TypeAlias = Mapping[str, NDArray[np.float64]]
 Bodies: TypeAlias = tuple[Body | None, Body | None]
 
-PIVOT_ROUNDING: Final = 64 * 2.0**-53  # a pivot of the mass matrix below this share of all inertia is rounding
 IDENTITY: Final = read_only(np.eye(3))  # the default of home
 _RESERVED: Final = {  # names that a point cannot have
     *QUANTITIES,
@@ -340,40 +341,15 @@ def _masses(constants: Constants) -> tuple[Float64Array, Float64Array, Float64Ar
     with np.errstate(all="ignore"):
         matter1 = moments_of(body1.mass, body1.centre_of_mass, body1.inertia, origin, np.eye(3))
         matter2 = moments_of(body2.mass, lever, body2.inertia, origin, turn.reshape(*turn.shape[:-1], 3, 3))
-        spreads = [
-            body.mass * np.abs(arm).sum(axis=-1) ** 2 + np.abs(body.inertia).max()
-            for body, arm in ((body1, body1.centre_of_mass), (body2, lever))
-        ]
-        lowest = _lowest_pivots(body1, matter2, spreads, np.abs(u1).sum(axis=-1))
+        turning = matter2[..., 4] + matter2[..., 7]
+        lowest = smallest_pivots(
+            [(body1.mass, body1.centre_of_mass, body1.inertia), (body2.mass, lever, body2.inertia)],
+            [Resisted(0, HINGE, turning, np.abs(u1).sum(axis=-1))],
+        )
     if not (np.isfinite(matter1).all() and np.isfinite(matter2).all()):
         expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
         raise ArgumentError("pair", expected, "products that overflow")
-    return matter1, matter2, lowest
-
-
-def _lowest_pivots(body1: Any, matter2: Float64Array, spreads: Sequence[Any], reach: Any) -> Float64Array:
-    """Return the sizes below which pivots of the hinge, of forces and of torques on body 1 are rounding, (..., 3); 0
-    where they cannot be that small, as `robots.constants` has them for robots.
-
-    Args:
-        body1: mass properties of body 1.
-        matter2: moments of body 2 in the tree's axes.
-        spreads: bounds on the inertias of both bodies, about R1 and about the hinge point.
-        reach: bound on the length of u1.
-    """
-    m1, m2, least1 = body1.mass, matter2[..., 0], float(np.linalg.eigvalsh(body1.inertia)[0])
-    hinge, force = PIVOT_ROUNDING * spreads[1], PIVOT_ROUNDING * (m1 + m2)
-    arm = 2 * reach * np.abs(matter2[..., 1:4]).sum(axis=-1) + m2 * reach**2
-    torque = PIVOT_ROUNDING * (spreads[0] + spreads[1] + arm)
-    resists = least1 > torque
-    if m1 > 0 and least1 > 0:
-        c = body1.centre_of_mass
-        resists &= 1 / (1 / m1 + float(c @ c) / least1) > force
-    turns = matter2[..., 4] + matter2[..., 7] > hinge
-    # 1e-300, since 0 stands for a pivot that is never small
-    pairs = ((turns, hinge), (resists, force), (resists, torque))
-    parts = [np.where(regular, 0.0, np.maximum(least, 1e-300)) for regular, least in pairs]
-    return np.stack(np.broadcast_arrays(*parts), axis=-1)
+    return matter1, matter2, np.stack(np.broadcast_arrays(*lowest), axis=-1)
 
 
 def _joined(components: Components) -> Float64Array:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hingepair.engine.binding import FOLDED
 from hingepair.mechanism.bodies.body import SECOND_MOMENTS
-from hingepair.mechanism.pairs.geometry import PIVOT_ROUNDING
+from hingepair.mechanism.bodies.pivots import Resisted, smallest_pivots
 from hingepair.mechanism.robots.samples import JointSamples, Payload, turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, Tree
 from hingepair.numeric.arrays import read_only
@@ -83,15 +83,15 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
     with np.errstate(all="ignore"):  # what overflows is refused where masses are used
         axes = _axes_of_bodies(tree)
         poses = _poses_in_program_axes(tree, axes)
-        thresholds, base_thresholds = _pivot_thresholds(tree, axes)
-    base_thresholds = base_thresholds if free else (0.0, 0.0)
+        *thresholds, force, torque = _pivot_thresholds(tree, axes)
+    base_thresholds = (force, torque) if free else (0.0, 0.0)
     exact_poses = [(_numbers_of(S), _numbers_of(u)) for S, u in poses]
     moments = _mass_moments(tree, free, [*map(_numbers_of, axes)], exact_poses, whole)
     numbers = _rounded_numbers(moments[0])
     for k, (joint, (S, u)) in enumerate(zip(tree.joints, poses, strict=True), 1):
         multiplier, offset = (1.0, 0.0) if joint.mimic is None else joint.mimic[1:]
         numbers += [*S.ravel().tolist(), *u.tolist(), *_rounded_numbers(moments[k])]
-        numbers += [joint.armature, multiplier, offset, thresholds[k]]
+        numbers += [joint.armature, multiplier, offset, thresholds[k - 1]]
     numbers += base_thresholds
     closure = tree.closure
     if closure is not None:
@@ -120,7 +120,7 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
         ),
     )
     by_column = np.zeros(form.tree_dof)
-    for joint, column, value in zip(tree.joints, form.columns, thresholds[1:], strict=True):
+    for joint, column, value in zip(tree.joints, form.columns, thresholds, strict=True):
         ratio = 1.0 if joint.mimic is None else joint.mimic.multiplier
         by_column[column] += value * ratio * ratio
     if closure is not None:  # each coordinate may move all joints
@@ -257,10 +257,9 @@ def _bounded(matrix: NDArray[np.float64], errors: NDArray[np.float64]) -> Exact:
 def _distance_from_rotation(S: NDArray[np.float64], share: float) -> NDArray[np.float64]:
     """Return bounds on the distances of the entries of S from those of a rotation: of the next one (share 1/2), or of
     one that keeps the direction of the last column (share 1).
-
-    With S^T S = I + E, S = Q (I + E/2 + ...) where Q is the next rotation. Where Q keeps a direction, S = Q (I + U)
-    with a triangular U, and U + U^T = E up to squares.
     """
+    # With S^T S = I + E, S = Q (I + E/2 + ...) where Q is the next rotation. Where Q keeps a direction, S = Q (I + U)
+    # with a triangular U, and U + U^T = E up to squares.
     columns = [[Fraction(x) for x in column] for column in S.T.tolist()]
     off = [[sum(x * y for x, y in zip(a, b, strict=True)) - (a is b) for b in columns] for a in columns]
     E = np.abs(np.array([[float(entry) for entry in row] for row in off]))  # exact until it is rounded here
@@ -439,42 +438,16 @@ def _numbers_of(array: NDArray[np.float64], kind: Callable[[float], Any] = Fract
     return np.array([kind(x) if x else 0 for x in array.ravel().tolist()], dtype=object).reshape(array.shape)
 
 
-def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[list[float], tuple[float, float]]:
-    """Return the sizes below which the pivots D of forward dynamics (T5) are only rounding, or 0 where a pivot cannot
-    be that small: of the base (0) and every joint, and of forces and torques of a free base.
-
-    The inertia that resists a joint is at most that of all bodies beyond it, stretched out, and at least that of its
-    own body and rotor.
-    """
-    count = len(tree.joints) + 1
-    mass, moment, spread = ([0.0] * count for _ in range(3))
-    for k, body in enumerate(tree.bodies):
-        lever = float(np.abs(body.centre_of_mass).sum())
-        mass[k] = abs(body.mass)
-        moment[k] = mass[k] * lever
-        spread[k] = moment[k] * lever + float(np.abs(body.inertia).max())
-    thresholds = [0.0] * count
-    for k in range(count - 1, 0, -1):
-        joint = tree.joints[k - 1]
-        p, axis = joint.parent, joint.axis
-        reach = float(np.abs(joint.u).sum())
-        reach += joint.reach
-        smallest = PIVOT_ROUNDING * (axis.turns**2 * spread[k] + axis.shifts**2 * mass[k])
-        turning = _inertia_about_axis(joint.body, axes[k][:, 2]) if axis.turns else 0.0
-        own_inertia = axis.turns**2 * turning + axis.shifts**2 * joint.body.mass
-        # The threshold of a joint that carries no mass is 1e-300, since 0 stands for a pivot that is never small.
-        thresholds[k] = 0.0 if own_inertia + joint.armature > smallest else max(smallest, 1e-300)
-        mass[p] += mass[k]
-        moment[p] += moment[k] + mass[k] * reach
-        spread[p] += spread[k] + 2 * reach * moment[k] + mass[k] * reach * reach
-    smallest_force, smallest_torque = (PIVOT_ROUNDING * size for size in (mass[0], spread[0]))
-    is_regular = False
-    if tree.base.mass > 0:
-        c, least = tree.base.centre_of_mass, float(np.linalg.eigvalsh(tree.base.inertia)[0])
-        # A force may also turn the base about its centre of mass, which resists it least.
-        is_regular = least > smallest_torque and 1 / (1 / tree.base.mass + float(c @ c) / least) > smallest_force
-    lowest = (0.0, 0.0) if is_regular else (max(smallest_force, 1e-300), max(smallest_torque, 1e-300))
-    return thresholds, lowest
+def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[float]:
+    """Return the sizes below which pivots are rounding: of every joint, then of forces and torques on a free base."""
+    joints = []
+    for joint, P in zip(tree.joints, axes[1:], strict=True):
+        axis, reach = joint.axis, float(np.abs(joint.u).sum()) + joint.reach
+        turning = _inertia_about_axis(joint.body, P[:, 2]) if axis.turns else 0.0
+        own = axis.turns**2 * turning + axis.shifts**2 * joint.body.mass + joint.armature
+        joints.append(Resisted(joint.parent, axis, own, reach))
+    bodies = [(body.mass, body.centre_of_mass, body.inertia) for body in tree.bodies]
+    return [float(limit) for limit in smallest_pivots(bodies, joints)]
 
 
 def _inertia_about_axis(body: MassProperties, n: NDArray[np.float64]) -> float:
