@@ -38,6 +38,7 @@ from hingepair.plans.trees import (
     COORDINATES,
     FRAME_OUTPUTS,
     OF_FRAMES,
+    OUTPUTS,
     Request,
     input_shapes,
     output_shape,
@@ -60,11 +61,10 @@ Loads: TypeAlias = Mapping[str, tuple[Any, str]]
 OF_STRUTS: Final = ROBOT_TASKS["struts"].outputs
 # These, like those of struts, need no masses.
 OF_LOOPS: Final = (*ALL_COORDINATES, *PARTS_OF_LOOPS[:3])
-_FORCED: Final = (
-    "inverse_dynamics", "forward_dynamics", "joint_wrenches", "bias_forces", "gravity_forces", "tree_tau",
-    "inverse_dynamics_derivatives", "forward_dynamics_derivatives",
-)  # fmt: skip
-FORCED_OUTPUTS: Final = frozenset(name for task in _FORCED for name in ROBOT_TASKS[task].outputs)
+FORCED_OUTPUTS: Final = frozenset(name for name, one in OUTPUTS.items() if "gravity" in one.inputs) - {
+    "potential",
+    "torque_regressor",
+}
 """Outputs that depend on forces."""
 
 # Class of the result, by output; None: a bare array.

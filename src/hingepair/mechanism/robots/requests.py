@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -31,7 +32,6 @@ from hingepair.mechanism.requests import (
     read_gravity,
     warn_where_singular,
 )
-from hingepair.mechanism.robots.accuracy import error_bounds
 from hingepair.mechanism.robots.computations import (
     ALL_OUTPUTS,
     FORCED_OUTPUTS,
@@ -41,7 +41,14 @@ from hingepair.mechanism.robots.computations import (
     read_wrenches,
     result_class,
 )
-from hingepair.mechanism.robots.constants import RobotConstants, load_numbers, robot_constants
+from hingepair.mechanism.robots.constants import (
+    RobotConstants,
+    frame_numbers,
+    load_numbers,
+    number_bounds,
+    program_numbers,
+    robot_constants,
+)
 from hingepair.mechanism.states import (
     MechanismState,
 )
@@ -50,7 +57,8 @@ from hingepair.mechanism.tree import Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, is_zero
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Coordinates, requested_outputs
-from hingepair.plans.trees import BASE_LOADS, DERIVED, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES
+from hingepair.plans.bounds import Known, output_bounds
+from hingepair.plans.trees import BASE_LOADS, DERIVED, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES, compute_request
 
 
 class RobotRequests(Subject):
@@ -144,7 +152,7 @@ class RobotRequests(Subject):
         base_motion: BodyMotion | None,
         gravity: ArrayLike,
     ) -> dict[str, Float64Array]:
-        """Return what `Mechanism.error_bounds` describes."""
+        """Return what `Mechanism.error_bounds` describes: by output (...), of frames' motion (..., frames)."""
         without = (*ROBOT_TASKS["joint_wrenches"].outputs, *SOLVED, *DERIVED)
         accepted = tuple(name for name in self.available(ALL_OUTPUTS) if name not in without)
         asked = requested_outputs(outputs, None, accepted, ROBOT_TASKS[motion_level(coordinates)].outputs)
@@ -153,7 +161,19 @@ class RobotRequests(Subject):
         if computation.needs_masses:
             self.check_masses()
         values = computation.read(coordinates, base_motion, {})
-        return error_bounds(computation, values, read_gravity(gravity, DEFAULT_GRAVITY))
+        constants, request = computation.constants, computation.request
+        constants.tree.plain()
+        of_frames = (frame_numbers(constants, frame) for frame in computation.frames)
+        numbers = [*program_numbers(constants), *itertools.chain(*of_frames)]
+        errors = [float(error) for error in number_bounds(constants, computation.frames)]
+        # Which constants fold is said by their errors here: one that is 0 may be 1e-17 in the exact robot.
+        form = computation.form._replace(known=(None,) * len(computation.form.known))
+        program = functools.partial(compute_request, form, request._replace(known=(None,) * len(request.known)))
+        vector = read_gravity(gravity, DEFAULT_GRAVITY)
+        known = {**computation.known, "gravity": vector, "constants": Known(tuple(numbers), tuple(errors))}
+        shown = 0 if request.single else len(request.shown_frames)
+        parts = {name: shown if name in FRAME_OUTPUTS else 0 for name in request.outputs}
+        return output_bounds(program, values, computation.inputs, known, parts)
 
     def watch(self, outputs: Iterable[str], plain: bool = False) -> Watch | None:
         """Return what looks at the results of a call; None where nothing can be wrong with them."""
