@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import nullcontext
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 import hingepair as hp
 from hingepair.mechanism.pairs.accuracy import norm, output_scales
 from support import states
-from support.exported import corner_pair, pinocchio_of_urdf
+from support.exported import corner_pair
 from support.truths import ratios
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
@@ -66,6 +67,29 @@ def in_mujoco(text, body1, hinge):
         place = (data.xpos[body].copy(), data.xmat[body].reshape(3, 3).copy())
         for name, value in zip(OUTPUTS, (*place, twist[3:], twist[:3], rate[3:], rate[:3]), strict=True):
             found[name].append(value)
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def pinocchio_of_urdf(pair, body1, psi, psid, psidd):
+    """Frame body2's motion by the model that Pinocchio makes of the URDF: nq = 7 + 2 (cos psi, sin psi)."""
+    model = pin.buildModelFromXML(hp.to_urdf(pair), pin.JointModelFreeFlyer())
+    assert (model.nq, model.nv, model.joints[2].nq) == (9, 7, 2)
+    data, frame = model.createData(), model.getFrameId("body2")
+    twin = hp.to_pinocchio(pair)
+    q, v, a = (
+        twin.configuration(body1, psi),
+        twin.velocity(body1, psi, psid),
+        twin.acceleration(body1, psi, psid, psidd),
+    )
+    found = {name: [] for name in ("R2", "S2", "v2", "omega2", "a2", "alpha2")}
+    for i, angle in enumerate(psi):
+        pin.forwardKinematics(model, data, np.r_[q[i, :7], math.cos(angle), math.sin(angle)], v[i], a[i])
+        place = pin.updateFramePlacement(model, data, frame)
+        twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        classical = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        values = (place.translation, place.rotation, twist.linear, twist.angular, classical.linear, classical.angular)
+        for name, value in zip(found, values, strict=True):
+            found[name].append(value.copy())
     return {name: np.array(values) for name, values in found.items()}
 
 

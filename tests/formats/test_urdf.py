@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -17,7 +18,7 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.building.urdf import from_urdf
 from hingepair.rotations.matrices import rotation_exp
 from support import states
-from support.exported import ARM, corner_pair, welded_robot
+from support.exported import ARM, corner_pair
 from support.near import U
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
@@ -60,6 +61,21 @@ def test_a_joint_is_read_as_parent_and_child_link():
 
 def test_a_mimic_joint_is_a_hinge_and_any_axis_is_normalised():
     assert np.array_equal(from_urdf(ARM, "follower").n, (0, 1, 0))
+
+
+def welded_robot(rng):
+    """Side and top fixed to middle, middle to parent, which carries the hinge; child carries near, near far."""
+    stem = ("top", "middle", "parent", "child", "near", "far")
+    joints = [*pairwise(stem), ("middle", "side")]
+    parts = [f'<link name="{link}"/>' for link in (*stem, "side")]
+    for one, two in joints:
+        xyz, rpy = (" ".join(map(repr, row.tolist())) for row in rng.uniform(-3, 3, (2, 3)))
+        kind = "continuous" if two == "child" else "fixed"
+        parts.append(
+            f'<joint name="{two}_joint" type="{kind}"><parent link="{one}"/><child link="{two}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="1 -2 3"/></joint>'
+        )
+    return f'<robot name="welded">{"".join(parts)}</robot>'
 
 
 @pytest.mark.parametrize("body2", ["child", "near", "far"])

@@ -1,15 +1,13 @@
-"""Robots as URDF texts, pairs at the corners of the formats, and what other programs make of both."""
+"""A robot as URDF text, and pairs at the corners of the formats."""
 
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
-import pinocchio as pin
 
 import hingepair as hp
-from hingepair import euler_to_matrix, to_pinocchio, to_urdf
+from hingepair import euler_to_matrix
 from support import states
 
 ARM = """
@@ -33,44 +31,6 @@ ARM = """
   </joint>
 </robot>
 """
-
-
-def pinocchio_of_urdf(pair, body1, psi, psid, psidd):
-    """Frame body2's motion by the model that Pinocchio makes of the URDF: nq = 7 + 2 (cos psi, sin psi)."""
-    model = pin.buildModelFromXML(to_urdf(pair), pin.JointModelFreeFlyer())
-    assert (model.nq, model.nv, model.joints[2].nq) == (9, 7, 2)
-    data, frame = model.createData(), model.getFrameId("body2")
-    twin = to_pinocchio(pair)
-    q, v, a = (
-        twin.configuration(body1, psi),
-        twin.velocity(body1, psi, psid),
-        twin.acceleration(body1, psi, psid, psidd),
-    )
-    found = {name: [] for name in ("R2", "S2", "v2", "omega2", "a2", "alpha2")}
-    for i, angle in enumerate(psi):
-        pin.forwardKinematics(model, data, np.r_[q[i, :7], math.cos(angle), math.sin(angle)], v[i], a[i])
-        place = pin.updateFramePlacement(model, data, frame)
-        twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        classical = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        values = (place.translation, place.rotation, twist.linear, twist.angular, classical.linear, classical.angular)
-        for name, value in zip(found, values, strict=True):
-            found[name].append(value.copy())
-    return {name: np.array(values) for name, values in found.items()}
-
-
-def welded_robot(rng):
-    """Side and top fixed to middle, middle to parent, which carries the hinge; child carries near, near far."""
-    stem = ("top", "middle", "parent", "child", "near", "far")
-    joints = [*pairwise(stem), ("middle", "side")]
-    parts = [f'<link name="{link}"/>' for link in (*stem, "side")]
-    for one, two in joints:
-        xyz, rpy = (" ".join(map(repr, row.tolist())) for row in rng.uniform(-3, 3, (2, 3)))
-        kind = "continuous" if two == "child" else "fixed"
-        parts.append(
-            f'<joint name="{two}_joint" type="{kind}"><parent link="{one}"/><child link="{two}"/>'
-            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="1 -2 3"/></joint>'
-        )
-    return f'<robot name="welded">{"".join(parts)}</robot>'
 
 
 def corner_pair(k, **change):
