@@ -233,12 +233,9 @@ def _npz_table(path: Path) -> ColumnTable:
 
 
 def _parquet_table(path: Path) -> ColumnTable:
-    pa, pq = require("pyarrow", str(path)), require("pyarrow.parquet", str(path))
-    try:
-        _check_rows(pq.read_metadata(path).num_rows)
-        return column_table("source", pq.read_table(path).to_pandas())._replace(kind=str(path))
-    except pa.ArrowException as error:
-        raise OSError(str(error)) from None
+    parquet = require("pyarrow.parquet", str(path))
+    _check_rows(parquet.read_metadata(path).num_rows)
+    return column_table("source", parquet.read_table(path).to_pandas())._replace(kind=str(path))
 
 
 _READERS: Final[dict[str, Callable[[Path], ColumnTable]]] = {

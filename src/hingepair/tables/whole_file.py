@@ -36,9 +36,22 @@ def whole_file(
         if status is not None and not stat.S_ISREG(status.st_mode):
             with Path(target).open("wb") as file:
                 yield file
-        else:
-            with _temporary_replacement(Path(os.path.realpath(target)), status) as file:
+            return
+        behind = Path(os.path.realpath(target))
+        path = behind.with_name(f".hingepair-{uuid4().hex}")
+        # What replaces a private file is private from the first byte; a new file has the mode of the process.
+        mode = 0o666 if status is None else 0o600
+        with open(path, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
+            try:
                 yield file
+                file.flush()
+                os.fsync(file.fileno())
+                if status is not None:
+                    path.chmod(stat.S_IMODE(status.st_mode))
+                path.replace(behind)
+            except BaseException:
+                path.unlink(missing_ok=True)
+                raise
 
 
 def check_writable(target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]] = ()) -> None:
@@ -46,13 +59,8 @@ def check_writable(target: str | os.PathLike[str], input_paths: Iterable[str | o
     with _os_errors_named(target):
         status = _checked_status(target, input_paths)
         if status is None or stat.S_ISREG(status.st_mode):
-            _check_access(Path(target), status)
             with tempfile.TemporaryFile(dir=Path(os.path.realpath(target)).parent):
                 pass
-        elif stat.S_ISDIR(status.st_mode):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        else:
-            _check_access(Path(target), status)
 
 
 @contextlib.contextmanager
@@ -68,38 +76,19 @@ def _os_errors_named(target: str | os.PathLike[str]) -> Iterator[None]:
 def _checked_status(
     target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]]
 ) -> os.stat_result | None:
-    """Return the status of the target, None if there is none; refuse a target that is one of the inputs."""
+    """Return the status of the target, None if there is none; refuse a folder, what may not be written, and a target
+    that is one of the inputs.
+    """
     status = _file_status(target)
-    if status is not None and any(
-        os.path.samestat(status, other) for other in map(_file_status, input_paths) if other
-    ):
+    if status is None:
+        return None
+    if any(os.path.samestat(status, other) for other in map(_file_status, input_paths) if other):
         raise ArgumentError("path", "a file other than those that are read", repr(os.fspath(target)))
-    return status
-
-
-def _check_access(target: Path, status: os.stat_result | None) -> None:
-    if status is not None and not os.access(target, os.W_OK):
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not os.access(target, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-
-
-@contextlib.contextmanager
-def _temporary_replacement(target: Path, status: os.stat_result | None) -> Iterator[IO[bytes]]:
-    """Yield a file beside the target, which replaces it (mode kept) if the block succeeds."""
-    _check_access(target, status)
-    path = target.with_name(f".hingepair-{uuid4().hex}")
-    # What replaces a private file is private from the first byte; a new file has the mode of the process.
-    mode = 0o666 if status is None else 0o600
-    with open(path, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
-        try:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-            if status is not None:
-                path.chmod(stat.S_IMODE(status.st_mode))
-            path.replace(target)
-        except BaseException:
-            path.unlink(missing_ok=True)
-            raise
+    return status
 
 
 def _file_status(path: str | os.PathLike[str]) -> os.stat_result | None:
