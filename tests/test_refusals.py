@@ -482,6 +482,7 @@ CALLS = {
     ]),
     "view": (lambda source=None, **k: hp.view(arm() if source is None else source, **k), [
         ("source", A, FLAT), ("pair", S, C(source=MANY)), ("path", A, "page.png"),
+        ("u1", A, C(source=hp.HingePair((1e308, 0, 0), (0, 0, 0), (0, 0, 1)))),
         ("q", S, np.zeros(2), np.zeros((3, 8))),
         ("q", D, "sin(t)", np.zeros((3, 2), complex)), ("t", A, C(q=THREE[:, :2], t=[0, 2, 1])),
         ("base_motion", A, C(q=THREE[:, :2], base_motion=Q7)),

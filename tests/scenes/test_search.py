@@ -171,27 +171,9 @@ def test_times_at_levels_are_linear_between_instants() -> None:
     np.testing.assert_allclose(found["psi_t_above(-1)"], (0, 0, np.nan))
 
 
-FREE_DOOR = """
-[pair]
-u1 = [0, 0, 1]
-u2 = [-0.45, 0, 0]
-n = [0, 0, 1]
-body2 = { mass = 25, shapes = [{ box = [0.9, 0.04, 2] }] }
-[dynamics]
-base = "fixed"
-psi.q_0 = 1.5
-psi.stiffness = 10
-psi.damping = 0
-[time]
-start = 0
-stop = 20
-samples = 201
-"""
-
-
 @pytest.mark.slow
 def test_a_search_starts_from_a_number_that_is_zero(tmp_path):
-    (tmp_path / "door.toml").write_text(FREE_DOOR)
+    (tmp_path / "door.toml").write_text(DOOR.replace("damping = 3", "damping = 0"))
     found = hp.search(tmp_path / "door.toml", {"dynamics.psi.damping": None}, "psi_t_below(0.02) = 5")
     assert found.ok
     assert found.results["psi_t_below(0.02)"] == pytest.approx(5, rel=ROOT)
@@ -204,3 +186,58 @@ def test_a_swing_without_end_never_settles():
     assert np.isnan(found[0])
     assert 3 < found[1] < 5
     assert found[2] == 0
+
+
+FOUR_BAR = """
+[[joint]]
+name = "crank"
+u1 = [0, 0, 0]
+u2 = [0, 0, 0]
+n = [0, 0, 1]
+[[joint]]
+name = "coupler"
+parent = "crank"
+u1 = [0.2, 0, 0]
+u2 = [0, 0, 0]
+n = [0, 0, 1]
+[[joint]]
+name = "rocker"
+u1 = [0.6, 0, 0]
+u2 = [0, 0, 0]
+n = [0, 0, 1]
+[mechanism]
+coordinates = ["crank"]
+at = { crank = 0.3, coupler = 0.8, rocker = 1.9 }
+frames = { a = { link = "coupler", R = [0.5, 0, 0] }, b = { link = "rocker", R = [0.4, 0, 0] } }
+[[loop]]
+frame1 = "a"
+frame2 = "b"
+[motion]
+crank = "2*pi*t"
+[time]
+start = 0
+stop = 1
+samples = 21
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("error")
+def test_variants_that_cannot_close_are_told(tmp_path):
+    (tmp_path / "four.toml").write_text(FOUR_BAR)
+    found = hp.search(tmp_path / "four.toml", {"joint[2].u1[0]": (0.3, 3.0)}, minimize="R_b_x_max")
+    assert any("variants cannot be computed" in note and "be closed" in note for note in found.notes)
+    varied = hp.vary(tmp_path / "four.toml", {"joint[2].u1[0]": [0.3, 0.6, 3.0]}, ["R_b"])
+    assert ["closed" in reason for reason in varied.reason.values] == [True, False, True]
+
+
+def test_what_is_no_number_or_no_result_is_named_with_what_is(tmp_path):
+    (tmp_path / "door.toml").write_text(DOOR)
+    for key, until, words in (
+        ("pair.body2.inertia", "psi_last = 1", r"pair.body2.inertia\[0\] to pair.body2.inertia\[2\]"),
+        ("dynamics.psi.damping", "psi_lst = 1", "nearest: last"),
+        ("dynamics.psi.damping", "psidd_z_max = 1", "until"),
+        ("dynamics.psi.damping", (), "a result to minimize or maximize"),
+    ):
+        with pytest.raises(hp.ArgumentError, match=words):
+            hp.search(tmp_path / "door.toml", key, until)

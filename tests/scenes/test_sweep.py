@@ -177,22 +177,16 @@ def test_a_sweep_needs_no_package_for_a_csv_file(monkeypatch):
     assert_array_equal(found.T, list(whole.values()))
 
 
-def test_a_full_disk_leaves_nothing_that_could_be_taken_for_whole(monkeypatch):
+@pytest.mark.parametrize(("owner", "name", "kept"), [(sweeps, "write_npz", 0), (pandas.DataFrame, "to_parquet", 4)])
+def test_a_full_disk_leaves_nothing_that_could_be_taken_for_whole(owner, name, kept, monkeypatch):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
-        patch.setattr(sweeps, "write_npz", full)
-        shown = refusal("sweep", "grid.toml")
-    assert "No space left on device" in shown
+        patch.setattr(owner, name, full)
+        assert "No space left on device" in refusal("sweep", "grid.toml")
     assert not Path("grid.parquet").exists()
-    assert not [*Path("grid.parquet.parts").glob("part-*")]
-    with monkeypatch.context() as patch:
-        patch.setattr(pandas.DataFrame, "to_parquet", full)
-        shown = refusal("sweep", "grid.toml")
-    assert "No space left on device" in shown
-    assert not Path("grid.parquet").exists()
-    assert len([*Path("grid.parquet.parts").glob("part-*")]) == 4
+    assert len([*Path("grid.parquet.parts").glob("part-*")]) == kept
     assert len(table(swept("grid", "grid.parquet"))["variant"]) == 9
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.load import load_scene
 from hingepair.scenes.numbers import number_at
@@ -198,16 +196,14 @@ class _Tried:
         key = np.asarray(x, np.float64).tobytes()
         if key not in self.known:
             try:
-                with warnings.catch_warnings():
-                    if self.known:  # a result that is NaN is not found
-                        warnings.filterwarnings("ignore", ".* is beyond its stroke", DynamicsWarning)
-                    batch = self.variants.compute(np.asarray(x, np.float64).tolist())
+                batch = self.variants.compute(np.asarray(x, np.float64).tolist())
             except ArgumentError as error:
                 if not self.known:
                     raise
                 self.reasons[key] = str(error)
                 self.known[key] = [math.nan] * len(self._names)
                 return self.known[key]
+            self.reasons[key] = batch.reasons[0]
             reduced = batch.reduced(tuple({reduction for _, reduction in self._columns}), self._in_units)
             columns = {heading.partition(" [")[0]: float(values[0]) for heading, values in reduced.items()}
             for name in self._names:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import json
+import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -116,7 +118,7 @@ class Batch:
 
     t: Float64Array  # instants [s]; (samples,)
     arrays: Arrays  # outputs by name; (variants, samples, ...)
-    reasons: list[str]  # why a variant is NaN; otherwise empty
+    reasons: list[str]  # why a variant is NaN, at some instants or at all; otherwise empty
     touches: list[Touches]  # of each variant: coordinates at impacts, which lie between the instants
 
     def reduced(self, reductions: Sequence[str], columns: Columns) -> dict[str, Float64Array]:
@@ -181,8 +183,15 @@ class Variants:
         return self._of_scene(self.scene_of(numbers))
 
     def _of_scene(self, scene: Scene) -> Batch:
-        arrays = {name: array[None] for name, array in scene.arrays(self.outputs).items()}
-        return Batch(scene.times(), arrays, [""], [touches_of(scene.motion)])
+        """Return the results of a scene; warnings on results that are NaN at some instants become its reason."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            arrays = {name: array[None] for name, array in scene.arrays(self.outputs).items()}
+        reasons = [str(one.message) for one in caught if re.search("are NaN|beyond its stroke", str(one.message))]
+        for one in caught:
+            if str(one.message) not in reasons:
+                warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+        return Batch(scene.times(), arrays, ["; ".join(dict.fromkeys(reasons))], [touches_of(scene.motion)])
 
     def _one(self, numbers: Sequence[float]) -> Batch:
         """Return the results of one variant; NaN and the reason if it cannot be computed."""
@@ -334,5 +343,5 @@ def lost_variants(keys: Sequence[str], numbers: Float64Array, reasons: Sequence[
     if not lost:
         return ""
     first = ", ".join(f"{key} = {value:.6g}" for key, value in zip(keys, numbers[lost[0]], strict=True))
-    which = f"{len(lost)} of {len(reasons)} variants cannot be computed"
+    which = f"{len(lost)} of {len(reasons)} variants cannot be computed, or not at all instants"
     return f"{which}, the first with {first}: {reasons[lost[0]]}"
