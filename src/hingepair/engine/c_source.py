@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import re
@@ -12,9 +13,8 @@ from typing import Final
 import numpy as np
 
 from hingepair.engine.binding import NamedShapes
-from hingepair.engine.interpreter import interpreter
+from hingepair.engine.interpreter import FUNCTIONS, interpreter
 from hingepair.engine.loops import Program
-from hingepair.engine.trace import Operand, TracedValue, needed_values
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.blocks import VERSINE_SWITCH
 
@@ -51,36 +51,32 @@ def c_source(
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
         raise ArgumentError("name", "a name of a function in C, such as 'robot_tau'", quoted(name))
     traced, outputs = program.traced, program.loop.outputs
-    values = needed_values(traced.results)
-    # What depends on constants alone is a number; else it would be computed at each call.
-    still = [value for value in values if not value.varies]
-    with np.errstate(all="ignore"):
-        known = interpreter(traced.constants, still).run(*map(np.float64, numbers))
-    texts = dict(zip(map(id, still), map(_number, known), strict=True))
     needed = [one for one, _ in arguments if one in dict(program.loop.inputs)]
-    names = {
-        id(part): f"{_identifier(one)}[{k}]"
+    inputs = [
+        f"{_identifier(one)}[{k}]"
         for one, group in zip(needed, traced.arrays, strict=True)
-        for k, part in enumerate(group)
-    }
-    lines, count = [], itertools.count()
+        for k in range(len(group))
+    ]
+    lines: list[str] = []
 
-    def text(one: Operand) -> str:
-        return texts[id(one)] if isinstance(one, TracedValue) else _number(one)
+    def write(operation: str, *operands: str | float) -> str | float:
+        """Return the name of a variable with a result; a number of numbers, which C would compute at each call."""
+        if not any(isinstance(one, str) for one in operands):
+            return float(FUNCTIONS[operation](*map(np.float64, operands)))
+        name = f"_{len(lines)}"  # which is no name of an argument
+        expression = _EXPRESSIONS[operation].format(*map(_text, operands))
+        lines.append(f"const {'int' if operation == '<' else 'double'} {name} = {expression};")
+        return name
 
-    for value in values:
-        if id(value) in texts:
-            continue
-        if value.operation == "input":
-            expression = names[id(value)]
-        else:
-            operands = value.operands[value.operation == "versine" :]  # its sine and cosine stand behind the angle
-            expression = _EXPRESSIONS[value.operation].format(*map(text, operands))
-        texts[id(value)] = f"_{next(count)}"  # which is no name of an argument
-        lines.append(f"const {'int' if value.operation == '<' else 'double'} {texts[id(value)]} = {expression};")
+    written = {operation: functools.partial(write, operation) for operation in FUNCTIONS}
+    with np.errstate(all="ignore"):
+        found = interpreter([*traced.constants, *itertools.chain(*traced.arrays)], traced.results, written)
+        results = iter(found.run(*map(float, numbers), *inputs))
     named = {one: f"{_identifier(one)}_out" if one in dict(arguments) else _identifier(one) for one, _ in outputs}
     for one, group in traced.outputs.items():
-        lines += [f"{named[one]}[{k}] = {text(part)};" for k, part in enumerate(group)]
+        lines += [
+            f"{named[one]}[{k}] = {_text(part)};" for k, part in enumerate(itertools.islice(results, len(group)))
+        ]
     parameters = [f"const double *restrict {_identifier(one)}" for one, _ in arguments]
     parameters += [f"double *restrict {one}" for one in named.values()]
     comment = [title, ""]
@@ -92,8 +88,10 @@ def c_source(
     ])  # fmt: skip
 
 
-def _number(x: float) -> str:
-    """Return a number as C writes it, exact to the last bit."""
+def _text(x: str | float) -> str:
+    """Return a name as it is, and a number as C writes it, exact to the last bit."""
+    if isinstance(x, str):
+        return x
     if math.isnan(x):
         return "NAN"
     if math.isinf(x):
