@@ -12,9 +12,6 @@ from hingepair.numeric.twofold import (
     exact_product,
     exact_sum,
     normal,
-    twofold_product,
-    twofold_quotient,
-    twofold_sum,
 )
 
 COUNT = 200
@@ -46,14 +43,13 @@ def test_sums_and_products_of_two_numbers_are_exact() -> None:
         assert exactly(product) == Fraction(a) * Fraction(b)
 
 
-@pytest.mark.parametrize(("name", "bits"), [("sum", 104), ("difference", 104), ("product", 102), ("quotient", 102)])
+@pytest.mark.parametrize(("name", "bits"), [("sum", 104), ("difference", 104), ("product", 102)])
 def test_pairs_keep_twice_the_precision(name: str, bits: int) -> None:
-    for a, b, c in zip(pairs(5), pairs(6), numbers(7), strict=True):
+    for a, b in zip(pairs(5), pairs(6), strict=True):
         x, y = Twofold(*a), Twofold(*b)
         found, exact, size = {
-            "sum": (twofold_sum(a, b), exactly(a) + exactly(b), abs(a[0]) + abs(b[0])),
+            "sum": (x + y, exactly(a) + exactly(b), abs(a[0]) + abs(b[0])),
             "difference": (x - y, exactly(a) - exactly(b), abs(a[0]) + abs(b[0])),
-            "product": (twofold_product(a, b), exactly(a) * exactly(b), abs(a[0] * b[0])),
-            "quotient": (twofold_quotient(a, c), exactly(a) / Fraction(c), abs(a[0] / c)),
+            "product": (x * y, exactly(a) * exactly(b), abs(a[0] * b[0])),
         }[name]
         assert abs(exactly(found) - exact) <= Fraction(size) / 2**bits

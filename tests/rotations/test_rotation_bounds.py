@@ -132,7 +132,7 @@ LOCK = {
 @pytest.mark.slow
 @pytest.mark.parametrize("dtype", LOCK)
 def test_lock_is_told(dtype):
-    """Where euler_rates refuses angles, or returns the smallest rates."""
+    """Where euler_rates refuses angles."""
     for sequence in SEQUENCE_NAMES:
         check_lock(sequence, dtype)
 
@@ -147,8 +147,6 @@ def check_lock(sequence, dtype):
         if lock:
             with pytest.raises(hp.errors.GimbalLockError):
                 hp.euler_rates(angles, ZERO.astype(dtype), sequence)
-            rates = hp.euler_rates(angles, np.ones(3, dtype), sequence, at_lock="least_squares")
-            assert abs(rates).max() < 3
         else:
             hp.euler_rates(angles, ZERO.astype(dtype), sequence)
 

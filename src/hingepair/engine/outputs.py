@@ -65,7 +65,7 @@ def _check_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[
 
 
 def _check_memory(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) -> None:
-    """Refuse an array of `out` that shares memory with another one, with itself or with an input."""
+    """Refuse an array of `out` that shares memory with another one or with an input."""
     others = [
         (name, part)
         for name, value in inputs.items()
@@ -73,24 +73,10 @@ def _check_memory(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) ->
         if isinstance(part, np.ndarray)
     ]
     for name, array in out.items():
-        if not _elements_apart(array):
-            raise ArgumentError(name, "memory of its own", "an array that overlaps itself")
         for other_name, other in others:
             if np.may_share_memory(array, other) and np.shares_memory(array, other):
                 raise ArgumentError(name, "memory of its own", f"an array that overlaps {other_name}")
         others.append((name, array))
-
-
-def _elements_apart(array: NDArray[Any]) -> bool:
-    """Return whether the elements of an array do not overlap, as far as its strides tell: each leads beyond what the
-    smaller ones reach.
-    """
-    reach = array.itemsize
-    for step, n in sorted((abs(step), n) for step, n in zip(array.strides, array.shape, strict=True) if n > 1):
-        if step < reach:
-            return False
-        reach = step * (n - 1) + reach
-    return True
 
 
 MIN_REUSED_BYTES: Final = 1_000_000

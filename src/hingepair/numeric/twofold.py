@@ -24,35 +24,18 @@ class Twofold:
         self.low = low
 
     def __add__(self, other: Twofold) -> Twofold:
-        return Twofold(*twofold_sum((self.high, self.low), (other.high, other.low)))
+        total, lost = exact_sum(self.high, other.high)
+        return Twofold(*normal(total, lost + (self.low + other.low)))
 
     def __neg__(self) -> Twofold:
         return Twofold(-self.high, -self.low)
 
     def __sub__(self, other: Twofold) -> Twofold:
-        return Twofold(*twofold_sum((self.high, self.low), (-other.high, -other.low)))
+        return self + -other
 
     def __mul__(self, other: Twofold) -> Twofold:
-        return Twofold(*twofold_product((self.high, self.low), (other.high, other.low)))
-
-
-def twofold_sum(a: HighLow, b: HighLow) -> HighLow:
-    """Return the sum of two numbers (high, low)."""
-    total, lost = exact_sum(a[0], b[0])
-    return normal(total, lost + (a[1] + b[1]))
-
-
-def twofold_product(a: HighLow, b: HighLow) -> HighLow:
-    """Return the product of two numbers (high, low)."""
-    high, lost = exact_product(a[0], b[0])
-    return normal(high, lost + (a[0] * b[1] + a[1] * b[0]))
-
-
-def twofold_quotient(a: HighLow, divisor: Component) -> HighLow:
-    """Return the quotient of a number (high, low) and a double."""
-    quotient = a[0] / divisor
-    high, lost = exact_product(quotient, divisor)
-    return normal(quotient, (((a[0] - high) - lost) + a[1]) / divisor)
+        high, lost = exact_product(self.high, other.high)
+        return Twofold(*normal(high, lost + (self.high * other.low + self.low * other.high)))
 
 
 def normal(high: Component, low: Component) -> HighLow:

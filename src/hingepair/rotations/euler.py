@@ -14,7 +14,6 @@ from hingepair.errors import GimbalLockError
 from hingepair.numeric.arrays import (
     FloatArray,
     broadcast_shape,
-    check_choice,
     result_dtype,
     vectors,
 )
@@ -118,7 +117,7 @@ def _matrices_of_angles(
     return tabulate_one(matrix, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
 
 
-def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_lock: str = "raise") -> FloatArray:
+def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     """Return the time derivatives phi' = J^-1 omega of Euler angles (E4).
 
     Args:
@@ -126,22 +125,19 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         omega: angular velocity, world axes [rad/s]; shape (..., 3).
         sequence: one of 24 Euler sequences: upper-case letters are rotations about axes of the rotated body
             (intrinsic), lower-case letters about fixed axes (extrinsic).
-        at_lock: at gimbal lock, where the cosine of the middle angle (of sequences such as XYX, its sine) is below
-            1e-12 (float32: 5e-4), "raise" an error, or return the "least_squares"
-            rates: of those for which J phi' is nearest to omega, the smallest.
 
     Returns:
         The rates phi' [rad/s]; shape (..., 3).
 
     Raises:
-        GimbalLockError: angles are at gimbal lock, and at_lock is "raise".
+        GimbalLockError: angles are at gimbal lock, where the cosine of the middle angle (of sequences such as XYX,
+            its sine) is below 1e-12 (float32: 5e-4).
 
     >>> import numpy as np
     >>> import hingepair as hp
-    >>> hp.euler_rates((0, np.pi / 2, 0), (1, 0, 0), at_lock="least_squares").round(6) + 0.0
-    array([0.5, 0. , 0.5])
+    >>> hp.euler_rates((0, 0, np.pi / 2), (1, 0, 0)).round(6) + 0.0
+    array([1., 0., 0.])
     """
-    check_choice("at_lock", at_lock, ("raise", "least_squares"))
     order = find_sequence(sequence)
     angles, velocity = vectors("phi", phi, 3), vectors("omega", omega, 3)
     shape = broadcast_shape({"phi": angles.shape[:-1], "omega": velocity.shape[:-1]})
@@ -153,18 +149,13 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         return {"phid": phid, "lock": trig[2] if order.proper else trig[3]}
 
     out = tabulate(rates, inputs, {"phid": (3,), "lock": ()}, shape, result_dtype((angles, velocity)))
-    limit = _gimbal_lock_limit(angles)
-    locked = np.abs(out["lock"]) < limit
+    locked = np.abs(out["lock"]) < _gimbal_lock_limit(angles)
     if locked.any():
-        if at_lock == "raise":
-            first = np.unravel_index(int(np.argmax(locked)), shape)
-            where = f" at sample {tuple(map(int, first))}" if shape else ""
-            middle = float(np.broadcast_to(angles[..., 1], shape)[first])
-            expected = "angles away from gimbal lock, or at_lock='least_squares'"
-            raise GimbalLockError("phi", expected, f"lock of {sequence}, middle angle {middle:.6g}{where}")
-        J = euler_rate_matrix(np.broadcast_to(angles, (*shape, 3))[locked], sequence).astype(np.float64)
-        velocities = np.broadcast_to(velocity, (*shape, 3))[locked]
-        out["phid"][locked] = (np.linalg.pinv(J, rcond=limit) @ velocities[..., None])[..., 0]
+        first = np.unravel_index(int(np.argmax(locked)), shape)
+        where = f" at sample {tuple(map(int, first))}" if shape else ""
+        middle = float(np.broadcast_to(angles[..., 1], shape)[first])
+        got = f"lock of {sequence}, middle angle {middle:.6g}{where}"
+        raise GimbalLockError("phi", "angles away from gimbal lock", got)
     return out["phid"]
 
 
