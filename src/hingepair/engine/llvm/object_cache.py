@@ -1,14 +1,13 @@
 """Machine code on disk: compiled once on a machine, and loaded by every later process.
 
 The folder is `HINGEPAIR_CACHE`, or `hingepair` in the user's folder for caches; `HINGEPAIR_CACHE=off` turns it off.
-What is read is run: file and folder must belong to this user or to root, nobody else may write them, and the digest
-must be right. A file that cannot be read or written is as if it were not there.
+What is read is run: the folder must belong to this user or to root, nobody else may write there, and the digest must
+be right. A file that cannot be read or written is as if it were not there.
 """
 
 from __future__ import annotations
 
 import contextlib
-import errno
 import functools
 import hashlib
 import os
@@ -19,14 +18,12 @@ from pathlib import Path
 from typing import Final
 from uuid import uuid4
 
-MAX_BYTES: Final = 256 * 2**20  # of all files; past this or MAX_FILES, the files longest unused are deleted
-MAX_FILES: Final = 8192
-"""Most files in the folder."""
+MAX_BYTES: Final = 256 * 2**20  # of all files; past this, the files longest unused are deleted
 
 TRACED_PACKAGES: Final = ("engine", "equations", "inverse_kinematics", "numeric", "plans", "rotations", "tables")
 """Packages whose code writes programs; they import no others."""
 
-_TRIMMED: Final = 0.75  # share of the limits to which a folder past them is trimmed
+_TRIMMED: Final = 0.75  # share of the limit to which a folder past it is trimmed
 _MAGIC: Final = b"hingepair object 1\n"  # begins a file; then come the digest and the value
 _DIGEST_BYTES: Final = 32  # of SHA-256
 _PREFIX, _SUFFIX = "hingepair-", ".object"
@@ -92,31 +89,19 @@ def _source_digest() -> str | None:
 
 
 def read_object(key: str) -> bytes | None:
-    """Return what is kept under a key; None if nothing is, or if the file is damaged or not to be trusted. Warn of a
-    file that others may have written.
-    """
+    """Return what is kept under a key; None if nothing is, or if the file is damaged."""
     folder = cache_folder()
     if folder is None:
         return None
     path = _path(folder, key)
-    flags = os.O_RDONLY | _flag("NOFOLLOW") | _flag("NONBLOCK") | _flag("BINARY")
     try:
-        with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
-            status = os.fstat(file.fileno())
-            doubt = _doubt(status) if stat.S_ISREG(status.st_mode) else "it is no file"
-            if status.st_nlink > 1:  # a file without a name has just been replaced by another process
-                doubt = doubt or "it has a second name"
-            content = b"" if doubt else file.read()
-    except OSError as error:
-        if error.errno in {errno.ELOOP, errno.EISDIR}:
-            _warn_of(path, "it is no file")
+        content, used = path.read_bytes(), path.stat().st_mtime
+    except OSError:
         return None
-    if doubt:
-        _warn_of(path, doubt)
     value = content[len(_MAGIC) + _DIGEST_BYTES :]
     if content[: -len(value) or None] != _MAGIC + _digest(key, value):
         return None  # damaged: it is made again, and replaced
-    if time.time() - status.st_mtime > _MIN_USE:
+    if time.time() - used > _MIN_USE:
         with contextlib.suppress(OSError):
             os.utime(path)
     return value
@@ -128,12 +113,9 @@ def write_object(key: str, value: bytes) -> None:
     if folder is None:
         return
     path = folder / f"{_PREFIX}{uuid4().hex}{_UNFINISHED}"
-    content = _MAGIC + _digest(key, value) + value
     try:
         folder.mkdir(mode=0o755, parents=True, exist_ok=True)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _flag("NOFOLLOW") | _flag("BINARY")
-        with os.fdopen(os.open(path, flags, 0o644), "wb") as file:
-            file.write(content)
+        path.write_bytes(_MAGIC + _digest(key, value) + value)
         path.replace(_path(folder, key))
     except OSError:  # a full or read-only disk
         with contextlib.suppress(OSError):
@@ -156,14 +138,13 @@ def _trim(folder: Path) -> None:
             with contextlib.suppress(OSError):
                 status = path.lstat()
                 files.append((status.st_mtime, status.st_size, path))
-    total, count = sum(size for _, size, _ in files), len(files)
-    share = _TRIMMED if total > MAX_BYTES or count > MAX_FILES else 1.0
+    total = sum(size for _, size, _ in files)
+    most = MAX_BYTES if total <= MAX_BYTES else _TRIMMED * MAX_BYTES
     for used, size, path in sorted(files):
-        too_many = total > share * MAX_BYTES or count > share * MAX_FILES
-        if now - used > _MAX_WRITE if path.suffix == _UNFINISHED else too_many:
+        if now - used > _MAX_WRITE if path.suffix == _UNFINISHED else total > most:
             with contextlib.suppress(OSError):
                 path.unlink()
-                total, count = total - size, count - 1
+                total -= size
 
 
 def _path(folder: Path, key: str) -> Path:
@@ -189,11 +170,6 @@ def _warn_of(path: Path, doubt: str) -> None:
     """Warn that a file or a folder is not used."""
     advice = "HINGEPAIR_CACHE can name another folder for compiled code"
     warnings.warn(f"{path} is not used: {doubt}. {advice}", RuntimeWarning, stacklevel=2)
-
-
-def _flag(name: str) -> int:
-    """Return a flag of `os.open`, or 0 where the system does not have it."""
-    return getattr(os, f"O_{name}", 0)
 
 
 SOURCE_DIGEST: Final = _source_digest()
