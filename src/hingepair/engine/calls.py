@@ -24,7 +24,7 @@ from hingepair.engine.layout import Operand
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, empty, output_arrays
 from hingepair.engine.results import Results
-from hingepair.engine.ufunc import MAX_OPERANDS, Code, make_ufunc
+from hingepair.engine.ufunc import MAX_OPERANDS, make_ufunc
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import components
@@ -58,7 +58,6 @@ class Call:
             not exceed it.
         on_limit: called with the arguments by name where a limit is exceeded; raises the error.
         constants_name: name of the constants in messages.
-        samples_name: name in messages of the constants that have samples; by default `constants_name`.
         shared: whether few samples are computed by a kernel for any constants, which many calls share.
 
     Attributes:
@@ -80,7 +79,6 @@ class Call:
         limits: Mapping[str, Mapping[int, float]] | None = None,
         on_limit: Callable[[Mapping[str, Any]], None] | None = None,
         constants_name: str = "pair",
-        samples_name: str | None = None,
         shared: bool = False,
     ) -> None:
         self.loop = loop
@@ -88,7 +86,6 @@ class Call:
         self.result = result
         self._constants = {name: value for name, value in constants.items() if name not in argument_shapes}
         self._shape, self._backend, self._constants_name = shape, backend, constants_name
-        self._samples_name = samples_name or constants_name
         limits = limits or {}
         self._limits = [(k, limits[name]) for k, (name, _) in enumerate(loop.outputs) if name in limits]
         self._on_limit = on_limit
@@ -132,14 +129,14 @@ class Call:
         if self.has_kernels:
             self._direct("d", False)
 
-    def machine_code(self, char: str, shared: bool = False) -> Code:
-        """Return the kernel for a dtype, its arrays and its constants.
+    def machine_code(self, char: str, shared: bool = False, needed: bool = True) -> Any:
+        """Return the kernel for a dtype, its arrays and its constants; unless `needed`, None if LLVM fails.
 
         Raises:
             CompilationError: LLVM fails.
         """
         program, numbers = self.program_with_numbers(shared)
-        return program.code(self._operands, numbers, char)
+        return (program.code if needed else program.code_or_none)(self._operands, numbers, char)
 
     @lock_free_cached_property
     def _largest_constant(self) -> float:
@@ -156,9 +153,7 @@ class Call:
     def _direct(self, char: str, shared: bool) -> Direct | None:
         """Return the direct calls of the kernel for a dtype; None if LLVM fails and the backend is "auto"."""
         if (char, shared) not in self._directs:
-            program, numbers = self.program_with_numbers(shared)
-            compiled = program.code if self._backend == "compiled" else program.code_or_none
-            code = compiled(self._operands, numbers, char)
+            code = self.machine_code(char, shared, self._backend == "compiled")
             if code is None:
                 return None
             width = max(math.prod(tail) for _, tail in self.loop.outputs) * code.constants.itemsize
@@ -259,7 +254,7 @@ class Call:
             dtype: dtype to compute in; by default float32 if all arrays are float32, else float64.
             labels: names of arguments in messages, where they are not those of the inputs.
         """
-        shape = broadcast_shape({**shapes, self._samples_name: self._shape})
+        shape = broadcast_shape({**shapes, self._constants_name: self._shape})
         dtype = dtype or result_dtype(
             part for value in values.values() for part in (value if isinstance(value, tuple) else (value,))
         )

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -29,24 +29,13 @@ Chain: TypeAlias = tuple[tuple[str, tuple[int, ...]], ...]
 """Kinds of derivatives, one of the other, with the numbers of the arguments by which each is taken."""
 
 
-class Differentiable:
-    """A function of arrays with leading axes of samples, and its derivatives.
+class Differentiable(NamedTuple):
+    """A function of arrays with leading axes of samples, and its derivatives."""
 
-    Args:
-        arguments: shape of one sample of each argument.
-        outputs: shape of one sample of each output.
-        run: function of a chain and NumPy arrays with equal leading axes; returns the outputs.
-        call: returns the call of a chain, whose kernel XLA calls; None where there are no kernels.
-    """
-
-    def __init__(
-        self,
-        arguments: Shapes,
-        outputs: Shapes,
-        run: Callable[[Chain, Arrays], Arrays],
-        call: Callable[[Chain], Call] | None = None,
-    ) -> None:
-        self.arguments, self.outputs, self.run, self.call = arguments, outputs, run, call
+    arguments: Shapes  # shape of one sample of each argument
+    outputs: Shapes  # of each output
+    run: Callable[[Chain, Arrays], Arrays]  # from a chain and NumPy arrays with equal leading axes to the outputs
+    call: Callable[[Chain], Call] | None = None  # the call of a chain, whose kernel XLA calls; None without kernels
 
     def shapes(self, chain: Chain) -> tuple[Shapes, Shapes]:
         """Return the shapes of one sample of arguments and outputs of a chain of derivatives."""

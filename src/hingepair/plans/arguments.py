@@ -28,8 +28,6 @@ broadcast; or a table with a column for each."""
 Outputs: TypeAlias = Iterable[str] | None
 
 _LOADS: Final = ("force", "torque")  # beginnings of the arguments for which the number 0 is no load
-_OF_A_FREE_BASE: Final = {"q": 7, "q0": 7, "qd": 6, "qd0": 6}
-"""How many numbers the base adds to an argument in Pinocchio and MuJoCo."""
 _NUMBERS: Final = {float, int, np.float64, np.int64, np.int32}  # types; a row of such numbers becomes float64
 
 
@@ -147,18 +145,8 @@ def read_coordinates(name: str, value: Any, coordinates: CoordinateNames) -> tup
         elif isinstance(value, list) and len(value) == len(names):
             got = "a list of numbers and arrays: make it a tuple"
         expected = f"{error.expected}, or a tuple or a dict, of {coordinates.described()}"
-        if coordinates.noun == "joints" and _width(value) == len(names) + _OF_A_FREE_BASE.get(name, np.inf):
-            got = f"{got}; robot.from_pinocchio_state(q, v) takes the state of a free base apart"
         raise ShapeError(name, expected, got) from None
     return array, array.shape[:-1]
-
-
-def _width(value: Any) -> int:
-    """Return how many components a value has; 0 if it is no array of samples."""
-    try:
-        return np.shape(value)[-1] if np.shape(value) else 0
-    except ValueError:  # numbers beside arrays
-        return 0
 
 
 def _float_row(value: Any, count: int) -> NDArray[np.float64] | None:

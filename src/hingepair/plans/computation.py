@@ -48,8 +48,7 @@ class Computation:
         known: values of the inputs that need not be given.
         result: class of the result; None to return the only output as a bare array.
         coordinates: names of the coordinates.
-        owner: "pair" or "robot", for messages.
-        samples_name: name in messages of the constants that have samples; by default `owner`.
+        owner: name of the constants in messages, such as "pair", or of those of them that have samples.
         shape: leading shape of a pair whose geometry has axes.
         shared: whether few samples of a plain call are computed by a kernel for any constants.
         constant_shapes: shapes of the constants by which outputs can be differentiated.
@@ -66,7 +65,6 @@ class Computation:
         coordinates: CoordinateNames,
         *,
         owner: str = "pair",
-        samples_name: str | None = None,
         shape: ArrayShape = (),
         shared: bool = False,
         constant_shapes: Mapping[str, ArrayShape] | None = None,
@@ -74,8 +72,7 @@ class Computation:
     ) -> None:
         self.outputs, self.shapes, self.known = outputs, shapes, known
         self.result, self.coordinates = result, coordinates
-        self._loop, self._owner, self._shape, self._shared = loop, owner, shape, shared
-        self.samples_name = samples_name or owner
+        self._loop, self.owner, self._shape, self._shared = loop, owner, shape, shared
         self.constant_shapes, self._by_constants = constant_shapes or {}, by_constants
         self._calls: dict[Any, Call] = {}
         self._sufficient: set[tuple[str, ...]] = set()  # names of arguments that suffice
@@ -108,14 +105,12 @@ class Computation:
                 loop = derivative_loop(loop, one)
             shapes = {**self.shapes, **dict(loop.inputs)}
             known = self.known if gravity is None else {**self.known, "gravity": gravity}
-            empty = any(0 in shapes[name] for name in given)  # machine code needs numbers
             call = Call(
                 loop, {name: shapes[name] for name in given},
                 {name: known[name] for name, _ in loop.inputs if name not in given},
                 Results if derivatives else self.result,
-                shape=self._shape, backend="numpy" if empty else backend, constants_name=self._owner,
-                samples_name=self.samples_name, shared=self._shared and not prepared, limits=checks,
-                on_limit=_check_attitudes,
+                shape=self._shape, backend=backend, constants_name=self.owner,
+                shared=self._shared and not prepared, limits=checks, on_limit=_check_attitudes,
             )  # fmt: skip
             if len(self._calls) >= _MAX_CALLS:
                 self._calls.clear()
@@ -202,7 +197,7 @@ class Computation:
         """
         dask_chunks.refuse_out(out)
         if self._shape:
-            raise ShapeError(self.samples_name, "no samples, since the arguments are Dask arrays", f"{self._shape}")
+            raise ShapeError(self.owner, "no samples, since the arguments are Dask arrays", f"{self._shape}")
         named = {(labels or {}).get(name, name): value for name, value in given.items()}
         outputs = {name: tail for name, tail in call.loop.outputs if name in self.outputs}
         arrays = dask_chunks.over_chunks(function, named, [*call.argument_shapes.values()], outputs)

@@ -15,6 +15,7 @@ from hingepair.engine.results import Results, writable_arrays
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray
+from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import chosen_names
 from hingepair.plans.computation import Computation
 from hingepair.plans.dask_chunks import is_dask
@@ -62,7 +63,6 @@ class Prepared:
         self.given, self.outputs, self._count = given, self._call.outputs, len(given)
         self._plain = execution.workers == 1 and watch is None
         self._derivatives: dict[Any, _Derived] = {}
-        self._functions: dict[str, Callable[..., Any]] = {}  # of arrays of other libraries
         if execution.backend == "auto":
             self._call.compile()
 
@@ -89,7 +89,7 @@ class Prepared:
         """
         return self._unchecked.ufunc
 
-    @property
+    @lock_free_cached_property
     def jax(self) -> Callable[..., Any]:
         """This call as a function of arrays of JAX in the processor's memory: it takes one array for each argument,
         (..., one sample), and returns what the call returns, with arrays of JAX. Rotations are not checked.
@@ -100,9 +100,9 @@ class Prepared:
         Raises:
             ArgumentError: the pair's geometry has axes.
         """
-        return self._function_of("jax")
+        return jax_torch.library_function("jax", self._call_of_chain)
 
-    @property
+    @lock_free_cached_property
     def torch(self) -> Callable[..., Any]:
         """This call as a function of tensors of PyTorch in the processor's memory: it takes one tensor for each
         argument, (..., one sample), and returns what the call returns, with tensors. `backward`, also of gradients,
@@ -112,7 +112,7 @@ class Prepared:
         Raises:
             ArgumentError: the program has too many operations.
         """
-        return self._function_of("torch")
+        return jax_torch.library_function("torch", self._call_of_chain)
 
     def casadi(self, name: str = "hingepair") -> Any:
         """Return this call as a `casadi.Function` of one state: it takes a column for each argument, and returns one
@@ -171,12 +171,6 @@ class Prepared:
             expected = "a call without samples among its constants"
             raise ArgumentError(method, expected, ", ".join(self.outputs))
         return call
-
-    def _function_of(self, library: str) -> Callable[..., Any]:
-        """Return this call as a function of arrays of "jax" or "torch", made once."""
-        if library not in self._functions:
-            self._functions[library] = jax_torch.library_function(library, self._call_of_chain)
-        return self._functions[library]
 
     def _call_of_chain(self, chain: jax_torch.Chain) -> Call:
         """Return the call, or a derivative of a derivative of it, in which attitudes change by their entries."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
@@ -150,6 +150,12 @@ class FunctionBuilder:
     def multiply(self, x: str, y: str | int) -> str:
         """Return the product of two 64-bit integers, each a name or digits."""
         return self.put(f"mul i64 {x}, {y}")
+
+    def add_multiples(self, start: str, pairs: Iterable[tuple[str, str]]) -> str:
+        """Return a 64-bit integer plus the products of pairs."""
+        for x, y in pairs:
+            start = self.put(f"add i64 {start}, {self.multiply(x, y)}")
+        return start
 
     def load_entry(self, table: str, k: str) -> str:
         """Return the k-th entry of a table of 32-bit integers as a 64-bit integer; k is a name or digits."""

@@ -196,10 +196,7 @@ class InputReader:
 
     def address(self, *indices: str) -> str:
         """Return the address of a sample, and of a record, step and stage of a scan; those left out are the first."""
-        address = self.start
-        for index, stride in zip(indices, (self.stride, *self.strides), strict=False):
-            address = self.f.put(f"add i64 {address}, {self.f.multiply(index, stride)}")
-        return address
+        return self.f.add_multiples(self.start, zip(indices, (self.stride, *self.strides), strict=False))
 
     def read(self, address: str, samples_left: str) -> None:
         """Read the eight samples from an address on, or the `samples_left` that exist."""

@@ -140,10 +140,7 @@ class _Writer:
 
     def address(self, *indices: str) -> str:
         """Return the address of a sample at a record, step and stage."""
-        address = self.start
-        for index, stride in zip(indices, (self.stride, *self.strides), strict=True):
-            address = self.scan.f.put(f"add i64 {address}, {self.scan.f.multiply(index, stride)}")
-        return address
+        return self.scan.f.add_multiples(self.start, zip(indices, (self.stride, *self.strides), strict=True))
 
     def write(self, address: str, samples_left: str) -> None:
         """Write the eight samples from an address on, or the `samples_left` that exist."""

@@ -196,7 +196,7 @@ class RobotComputation(Computation):
             self._request_loop, outputs,
             {**{name: output_shape(name, self.form, self.request) for name in PREPARED_ARGUMENTS}, **self.inputs},
             known, result, constants.tree.coordinate_names,
-            owner="robot", samples_name="lengths" if samples is not None and samples.lengths else "payload",
+            owner="robot" if samples is None else "lengths" if samples.lengths else "payload",
             shape=known["samples"].shape[:-1] if varied else (),
             constant_shapes=body_constants(len(self.form.parents), free),
         )  # fmt: skip

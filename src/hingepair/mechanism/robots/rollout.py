@@ -248,7 +248,7 @@ def rolled_out(
         tracks["S1"] = Track("base_motion", np.asarray(S1, np.float64)[..., None, :, :], (3, 3), False)
     if request.varied:
         samples = computation.known["samples"]
-        tracks["samples"] = Track(computation.samples_name, samples[..., None, :], samples.shape[-1:], False)
+        tracks["samples"] = Track(computation.owner, samples[..., None, :], samples.shape[-1:], False)
     known = {name: value for name, value in known.items() if name not in tracks and name not in starts}
     step = RolloutStep(form, request._replace(outputs=()), method, control)
     count = count_steps(tracks, steps)
