@@ -121,7 +121,7 @@ def test_the_torque_about_the_hinge_axis_is_split_into_what_gives_it(tmp_path, t
     output = told(path)
     rows = [line.split()[:3] for line in output.splitlines() if re.match(r" *\w+_torque +N m", line)]
     assert rows == [[name, "N", "m"] for name in ("hinge_torque", *parts)]
-    assert "note: motor_torque exceeds the torque_limit, 20 N m" in " ".join(output.split())
+    assert "more than its limit of 20" in " ".join(output.split())
     if text is GIVEN:
         plain = scene_file(tmp_path, PENDULUM + MOVED.format("0.4*sin(3*t)**2"))
         np.testing.assert_array_equal(hp.load_scene(plain).forces((0, 0, -3)).hinge_torque, forces.hinge_torque)

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.mechanism import tree_of
-from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.results import Record
 from hingepair.mechanism.tree import Joint, loads_note
 from hingepair.numeric.arrays import Float64Array
@@ -24,11 +21,7 @@ from hingepair.tables.data_frames import column_names, plain_magnitudes, with_ma
 from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts, ruled_table
 from hingepair.tables.units import Columns, Units, UnitsLike
 
-# Headings of the table of joints: the effort against its limit, then position and rate.
-_HEADINGS = (
-    *("joint", "unit", "rms", "min tau", "max tau", "max |tau| at t", "limit", "of limit"),
-    *("min q", "limit", "max q", "limit", "max |q'|", "limit"),
-)
+_RANGES: Final = ("first", "smallest", "largest", "rms")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +74,52 @@ class JointLoad:
             return math.inf if self.largest else 0.0
         return self.largest / self.effort_limit
 
+    def converted(self, units: Units) -> JointLoad:
+        """Return the summary with its numbers in units."""
+        position = KINDS[self.kind].unit
+        fields = {self.unit: ("rms", "effort", "effort_limit"), position: ("position", "position_limits")}
+        fields |= {f"{position}/s": ("rate", "rate_limit"), "s": ("t_of_largest", "t_of_first")}
+        changed: dict[str, Any] = {}
+        for si, names in fields.items():
+            for name in names:
+                value, factor = getattr(self, name), units.factor(si)
+                changed[name] = tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
+        return replace(self, **changed)
+
+
+def _joint_load(joint: Joint, t: Float64Array, q: Float64Array, qd: Float64Array, tau: Float64Array) -> JointLoad:
+    """Return the JointLoad of a joint from its motion and its effort at the instants t; (N,) each."""
+    finite = np.isfinite(tau)
+    known, when = tau[finite], t[np.where(finite, np.abs(tau), -1.0).argmax()]
+    least, most = joint.effort_bounds
+    beyond = np.flatnonzero((tau < least) | (tau > most))
+    return JointLoad(
+        joint=joint.name,
+        kind=joint.kind,
+        rms=float(np.sqrt(np.mean(known**2))) if known.size else math.nan,
+        effort=(float(known.min()), float(known.max())) if known.size else (math.nan, math.nan),
+        t_of_largest=float(when) if known.size else math.nan,
+        effort_limit=joint.effort_limit,
+        beyond=int(beyond.size),
+        t_of_first=float(t[beyond[0]]) if beyond.size else math.nan,
+        position=(float(np.fmin.reduce(q)), float(np.fmax.reduce(q))),
+        position_limits=joint.position_limits,
+        rate=float(np.fmax.reduce(np.abs(qd))),
+        rate_limit=joint.rate_limit,
+    )
+
 
 class SceneForces(Record):
     """Forces at the instants of a scene. They print as a table and can be saved to a file.
 
     Args:
         scene: the Scene.
-        arrays: the coordinates of the joints and the forces, by name.
+        known: its motion at all instants, with accelerations.
+        arrays: the forces by name.
+        gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,).
+        assumed: whether nobody gave gravity.
+
+    Attributes:
         gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
         notes: sentences for readers of the forces.
         tau: of a robot, joint efforts: torques of hinges [N m], forces of sliders [N]; shape (N, dof).
@@ -97,18 +129,19 @@ class SceneForces(Record):
     __slots__ = ("_joints", "gravity", "loads", "notes", "tau")
 
     def __init__(
-        self,
-        scene: Any,
-        arrays: Mapping[str, NDArray[Any]],
-        *,
-        gravity: tuple[float, ...],
-        notes: tuple[str, ...],
-        tau: Float64Array | None = None,
-        loads: tuple[JointLoad, ...] = (),
+        self, scene: Any, known: Known, arrays: dict[str, Any], gravity: tuple[float, ...], *, assumed: bool
     ) -> None:
-        super().__init__(scene.t, arrays, f"forces: {scene.title}", scene.files, scene.unit, scene.units)
-        self.gravity, self.notes, self._joints = gravity, notes, scene.subject.names
-        self.tau, self.loads = tau, loads
+        subject, t = scene.subject, scene.t
+        self.tau, self.gravity, self._joints = arrays.pop("tau", None), gravity[: subject.dimensions], subject.names
+        columns = known.joint_columns(0) | arrays
+        super().__init__(t, columns, f"forces: {scene.title}", scene.files, scene.unit, scene.units)
+        of_pair: Any = arrays.get("motor_torque", arrays.get("hinge_torque"))
+        loads = []
+        for k, joint in enumerate(subject.joints):
+            tau = of_pair if subject.mechanism is None else self.tau[:, k]
+            loads.append(_joint_load(joint, t, known.column(0, k), known.column(1, k), tau))
+        self.loads = tuple(loads) if subject.mechanism is not None else ()
+        self.notes = tuple(_notes(scene, known, arrays, loads, assumed=assumed))
 
     def __str__(self) -> str:
         lines = [line for rows in self.tables() for line in ("", *ruled_table(rows, 2))]
@@ -141,8 +174,8 @@ class SceneForces(Record):
         known = finite.any(axis=0)
         largest = np.where(finite, np.abs(v), -1.0).argmax(axis=0)
         squares, count = np.nansum(v * v, axis=0), np.maximum(finite.sum(axis=0), 1)
-        columns = {"first": v[0], "smallest": np.fmin.reduce(v), "largest": np.fmax.reduce(v)}
-        columns |= {"rms": np.where(known, np.sqrt(squares / count), np.nan)}
+        rms = np.where(known, np.sqrt(squares / count), np.nan)
+        columns = dict(zip(_RANGES, (v[0], np.fmin.reduce(v), np.fmax.reduce(v), rms), strict=True))
         columns |= {"t_of_largest_size": np.where(known, shown.converted("t", self.t)[largest], np.nan)}
         return {
             name: {key: float(values[i]) for key, values in columns.items()}
@@ -157,17 +190,21 @@ class SceneForces(Record):
         """
         shown = self.in_units(units)
         ranges = self._ranges(with_magnitudes(self._vectors(), shown.si_unit), shown)
+        second = shown.units.unit("s")
         offset, name = shown.units.offset_of_instants(self.t[0], self.t[-1])
-        at = name or _time_name(shown.units)
-        keys = ("first", "smallest", "largest", "rms", "t_of_largest_size")
-        texts = number_texts([*ranges], [[row[key] for key in keys[:-1]] for row in ranges.values()], digits=5)
-        rows: list[tuple[str, ...]] = [("", "unit", *keys[:-1], f"max |.| at {at}")]
+        at = name or ("t" if second == "s" else f"t [{second}]")
+        texts = number_texts([*ranges], [[row[key] for key in _RANGES] for row in ranges.values()], digits=5)
+        rows: list[tuple[str, ...]] = [("", "unit", *_RANGES, f"max |.| at {at}")]
         plain = plain_magnitudes(ranges, [name for name, own in zip(ranges, texts, strict=True) if {*own} == {"0"}])
         for (name, row), numbers in zip(ranges.items(), texts, strict=True):
             if name not in plain:
-                at = instant_text(row["t_of_largest_size"] - offset)
-                rows.append((name, shown.unit(name.strip("|")), *numbers, at))
-        return [_load_rows(self.loads, self.t, shown.units), rows] if self.loads else [rows]
+                when = instant_text(row["t_of_largest_size"] - offset)
+                rows.append((name, shown.unit(name.strip("|")), *numbers, when))
+        if not self.loads:
+            return [rows]
+        efforts = ("rms", "min tau", "max tau", f"max |tau| at {at}", "limit", "of limit")
+        headings = ("joint", "unit", *efforts, "min q", "limit", "max q", "limit", "max |q'|", "limit")
+        return [[headings, *(_load_row(load, shown.units, offset) for load in self.loads)], rows]
 
     def facts(self, units: UnitsLike = None) -> dict[str, Any]:
         """Return what the JSON of `hingepair forces` says.
@@ -175,165 +212,63 @@ class SceneForces(Record):
         Args:
             units: units in place of SI units; by default those of the scene.
         """
-        shown = self.in_units(units)
-        converted = [_converted_load(load, shown.units) for load in self.loads]
-        loads = {load.joint: {**asdict(load), "largest": load.largest} for load in converted}
-        for own in loads.values():
-            del own["joint"]
-        joints = {} if self.tau is None else {"joints": loads}
-        if shown.units:
-            for load in self.loads:
-                kind = KINDS[load.kind]
-                texts = {"effort": kind.effort, "position": kind.unit, "rate": f"{kind.unit}/s", "time": "s"}
-                loads[load.joint]["units"] = {key: shown.units.unit(si) for key, si in texts.items()}
+        shown, joints = self.in_units(units), {}
+        for load in (load.converted(shown.units) for load in self.loads):
+            kind = KINDS[load.kind]
+            own = {**asdict(load), "largest": load.largest}
+            texts = {"effort": kind.effort, "position": kind.unit, "rate": f"{kind.unit}/s", "time": "s"}
+            joints[own.pop("joint")] = own
+            if shown.units:
+                own["units"] = {key: shown.units.unit(si) for key, si in texts.items()}
         ranges = {shown.heading(name): own for name, own in self.ranges(units).items()}
-        return {"gravity": list(self.gravity), **joints, "outputs": ranges}
+        of_joints = {} if self.tau is None else {"joints": joints}
+        return {"gravity": list(self.gravity), **of_joints, "outputs": ranges}
 
 
-def scene_forces(
-    scene: Any, known: Known, arrays: dict[str, NDArray[Any]], gravity: tuple[float, ...], *, assumed: bool
-) -> SceneForces:
-    """Return the forces `arrays` of a Scene along its known motion, computed with `gravity`, as `Scene.forces`
-    describes them; `assumed` says whether nobody gave it.
-    """
-    subject, motion, t = scene.subject, scene.motion, scene.t
-    dynamics = scene.tables.table("dynamics", required=False)
-    notes = [*non_finite_sentences(arrays)]
-    tau: Any = arrays.pop("tau", None)
-    columns = known.joint_columns(0) | arrays
-    if motion.simulated is not None:
-        notes += impact_sentences(motion.simulated.impacts, {joint.name: joint.unit for joint in subject.joints})
-    else:
-        own = {name: load for name, load in motion.loads.items() if name in dynamics.values}
-        notes += _rest_friction_sentences(own, known, subject.pair is not None)
-        if subject.planar and assumed:
-            down = ", ".join(f"{component:g}" for component in gravity[:2])
-            notes.append(
-                f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0"
-            )
-    if subject.mechanism is None:
-        notes += _torque_limit_sentences(subject.pair, t, arrays)
-        return SceneForces(scene, columns, gravity=gravity[: subject.dimensions], notes=tuple(notes))
-    loads = tuple(_summarize_joint(joint, i, t, known, tau[:, i]) for i, joint in enumerate(subject.joints))
-    for load in loads:
-        notes += _effort_limit_sentences(load, len(t))
-    if (left_out := loads_note(tree_of(subject.mechanism))) and not dynamics.flag("joint_loads"):
-        notes.append(f"{left_out}; joint_loads = true in [dynamics] counts them")
-    return SceneForces(scene, columns, gravity=gravity, notes=tuple(notes), tau=tau, loads=loads)
+def _load_row(load: JointLoad, units: Units, offset: float) -> tuple[str, ...]:
+    """Return a joint's row of the table of joints in units; an infinite limit is an empty cell."""
+
+    def limit(value: float) -> str:
+        return cell_text(value) if math.isfinite(value) else ""
+
+    load = load.converted(units)
+    position = units.unit(KINDS[load.kind].unit)
+    unit = f"{units.unit(load.unit)}, {position}" if units else load.unit
+    use = "" if math.isnan(load.use) else f"{load.use:.0%}"
+    when = instant_text(load.t_of_largest - offset)
+    efforts = (cell_text(load.rms), *map(cell_text, load.effort), when, limit(load.effort_limit), use)
+    both = zip(load.position, load.position_limits, strict=True)
+    q = (text for value, end in both for text in (cell_text(value), limit(end)))
+    return (load.joint, unit, *efforts, *q, cell_text(load.rate), limit(load.rate_limit))
 
 
-def _rest_friction_sentences(loads: Mapping[str, HingeLoad], known: Known, is_pair: bool) -> Iterator[str]:
-    """Yield a sentence for each joint at whose instants of rest dry friction is not known."""
-    for name, load in loads.items():
-        rates = known.column(1, known.names.index(name))
-        still = int((rates == 0).sum())
-        if still and load.sticking_friction:
-            friction, motor = (
-                ("friction_torque", "motor_torque") if is_pair else (f"friction of {name}", f"tau_{name}")
-            )
-            unit = "N m" if is_pair else "N m or N"
-            yield (
-                f"{friction} is 0 at {still} of {rates.size} instants, where {name}' is 0; friction may hold up to "
-                f"{load.sticking_friction:g} {unit} of {motor} there"
-            )
-
-
-def _torque_limit_sentences(
-    pair: HingePair | PlanarPair | None, t: Float64Array, arrays: Mapping[str, NDArray[Any]]
+def _notes(
+    scene: Any, known: Known, arrays: Mapping[str, NDArray[Any]], loads: list[JointLoad], *, assumed: bool
 ) -> Iterator[str]:
-    """Yield one sentence if the pair has a torque_limit and motor_torque, or hinge_torque if there is no motor,
-    exceeds this limit at any of the instants t; otherwise yield nothing.
-    """
-    limit = getattr(pair, "torque_limit", None)
-    if limit is None:
-        return
-    name = "motor_torque" if "motor_torque" in arrays else "hinge_torque"
-    beyond = np.flatnonzero(np.abs(arrays[name]) > limit)
-    if beyond.size:
-        first = f"first at t = {instant_text(t[beyond[0]])} s ({arrays[name][beyond[0]]:.6g})"
-        yield f"{name} exceeds the torque_limit, {limit:g} N m, at {beyond.size} of {len(t)} instants, {first}"
-
-
-def _converted_load(load: JointLoad, units: Units) -> JointLoad:
-    """Return a load with its numbers in units."""
-    kind = KINDS[load.kind]
-    effort, position, rate, second = (units.factor(si) for si in (kind.effort, kind.unit, f"{kind.unit}/s", "s"))
-    return replace(
-        load,
-        **{name: effort * getattr(load, name) for name in ("rms", "effort_limit")},
-        effort=(effort * load.effort[0], effort * load.effort[1]),
-        **{name: second * getattr(load, name) for name in ("t_of_largest", "t_of_first")},
-        **{name: rate * getattr(load, name) for name in ("rate", "rate_limit")},
-        position=(position * load.position[0], position * load.position[1]),
-        position_limits=(position * load.position_limits[0], position * load.position_limits[1]),
-    )
-
-
-def _load_rows(loads: tuple[JointLoad, ...], t: Float64Array, units: Units) -> list[tuple[str, ...]]:
-    """Return the table of joints in units, headings first; an infinite limit is an empty cell."""
-    offset, name = units.offset_of_instants(t[0], t[-1])
-    at = name or _time_name(units)
-    headings = tuple(f"max |tau| at {at}" if text.endswith("at t") else text for text in _HEADINGS)
-    rows: list[tuple[str, ...]] = [headings]
-    for load in (_converted_load(load, units) for load in loads):
-        use = "" if math.isnan(load.use) else f"{load.use:.0%}"
-        sizes = (
-            cell_text(load.rms),
-            *map(cell_text, load.effort),
-            instant_text(load.t_of_largest - offset),
-            _limit_text(load.effort_limit),
-            use,
-        )
-        both = zip(load.position, load.position_limits, strict=True)
-        q = (text for value, limit in both for text in (cell_text(value), _limit_text(limit)))
-        position = units.unit(KINDS[load.kind].unit)
-        unit = f"{units.unit(load.unit)}, {position}" if units else load.unit
-        rows.append((load.joint, unit, *sizes, *q, cell_text(load.rate), _limit_text(load.rate_limit)))
-    return rows
-
-
-def _time_name(units: Units) -> str:
-    """Return t, with its unit unless that is the second: t [ms]."""
-    unit = units.unit("s")
-    return "t" if unit == "s" else f"t [{unit}]"
-
-
-def _limit_text(value: float) -> str:
-    return cell_text(value) if math.isfinite(value) else ""
-
-
-def _summarize_joint(
-    joint: Joint, joint_index: int, t: Float64Array, known_motion: Known, tau: Float64Array
-) -> JointLoad:
-    """Return the JointLoad of a joint from its effort `tau` (N,) and its motion at the instants t."""
-    finite = np.isfinite(tau)
-    extremes, when = (math.nan, math.nan), math.nan
-    if finite.any():
-        when = float(t[np.where(finite, np.abs(tau), -1.0).argmax()])
-        extremes = float(tau[finite].min()), float(tau[finite].max())
-    least, most = joint.effort_bounds
-    beyond = np.flatnonzero((tau < least) | (tau > most))
-    q, qd = known_motion.column(0, joint_index), np.abs(known_motion.column(1, joint_index))
-    return JointLoad(
-        joint.name,
-        joint.kind,
-        float(np.sqrt(np.mean(tau[finite] ** 2))) if finite.any() else math.nan,
-        extremes,
-        when,
-        joint.effort_limit,
-        int(beyond.size),
-        float(t[beyond[0]]) if beyond.size else math.nan,
-        (float(np.fmin.reduce(q)), float(np.fmax.reduce(q))),
-        joint.position_limits,
-        float(np.fmax.reduce(qd)),
-        joint.rate_limit,
-    )
-
-
-def _effort_limit_sentences(load: JointLoad, instant_count: int) -> Iterator[str]:
-    """Yield one sentence if a JointLoad exceeds the joint's effort limit at some instants, otherwise nothing."""
-    if load.beyond:
-        yield (
-            f"{load.joint} takes up to {load.largest:.4g} {load.unit}, more than its limit of {load.effort_limit:g}, "
-            f"at {load.beyond} of {instant_count} instants, first at t = {instant_text(load.t_of_first)} s"
-        )
+    """Yield sentences on forces that are not finite or not known, on gravity and on limits that are exceeded."""
+    subject, motion, count = scene.subject, scene.motion, scene.samples
+    dynamics = scene.tables.table("dynamics", required=False)
+    units = {joint.name: joint.unit for joint in subject.joints}
+    yield from non_finite_sentences(arrays)
+    if motion.simulated is not None:
+        yield from impact_sentences(motion.simulated.impacts, units)
+    for name, load in motion.loads.items() if motion.simulated is None else ():
+        still = int((known.column(1, known.names.index(name)) == 0).sum())
+        if name in dynamics.values and still and load.sticking_friction:
+            unit = "N m" if units[name] == "rad" else "N"
+            yield (
+                f"friction of {name} is 0 at {still} of {count} instants, where {name}' is 0; it may hold up to "
+                f"{load.sticking_friction:g} {unit} there"
+            )
+    if motion.simulated is None and subject.planar and assumed:
+        down = ", ".join(f"{component:g}" for component in scene.gravity[:2])
+        yield f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0"
+    for own in loads:
+        if own.beyond:
+            yield (
+                f"{own.joint} takes up to {own.largest:.4g} {own.unit}, more than its limit of {own.effort_limit:g}, "
+                f"at {own.beyond} of {count} instants, first at t = {instant_text(own.t_of_first)} s"
+            )
+    left_out = loads_note(tree_of(subject.mechanism)) if subject.mechanism is not None else ""
+    if left_out and not dynamics.flag("joint_loads"):
+        yield f"{left_out}; joint_loads = true in [dynamics] counts them"

@@ -29,7 +29,7 @@ from hingepair.motion.run import stop_overrun
 from hingepair.motion.trajectory import describe_instants
 from hingepair.numeric.arrays import Float64Array, Frozen, one_constant
 from hingepair.scenes import suspicions
-from hingepair.scenes.forces import SceneForces, scene_forces
+from hingepair.scenes.forces import SceneForces
 from hingepair.scenes.motions.known import Known, Rows
 from hingepair.scenes.motions.motion import Motion, limit_sentences
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers
@@ -495,7 +495,7 @@ class Scene:
         arrays = self.subject.forces(known, acting)
         struts = tuple(item for item in self.subject.items.values() if item.of == "strut" and item.quantity != "rate")
         arrays |= self.subject.compute(struts, known, acting, self.backend).arrays
-        return scene_forces(self, known, arrays, fall, assumed=assumed)
+        return SceneForces(self, known, arrays, fall, assumed=assumed)
 
     def energy_balance(self) -> EnergyBalance:
         """Compute the energy balance of a motion that [dynamics] simulates: the work of each load since the first
