@@ -68,7 +68,7 @@ def test_mujoco_moves_the_model_as_the_scene_moves(tmp_path, base):
     model = exported(tmp_path, "mjcf", text, left_out="psi.qd_0")
     scene = hp.load_scene(tmp_path / "scene.toml")
     start = [0.0] * {"fixed": 0, "pinned": 3, "free": 6}[base] + [1.5]
-    found = moved_by_mujoco(model, scene.times(), start)
+    found = moved_by_mujoco(model, scene.t, start)
     assert np.ptp(found) > 0.1
     np.testing.assert_allclose(found, scene.motion.source.psi, rtol=0, atol=1e-8)  # rad, of steps of 1 ms by MuJoCo
 

@@ -76,7 +76,7 @@ def test_the_page_holds_the_motion_and_asks_for_nothing_else(scene):
     page = hp.view(scene)
     content = content_of(page)
     result = scene.evaluate(("R1", "S1", "psid", "omega1", "psi"))
-    rows = np.searchsorted(scene.times(), content["t"])
+    rows = np.searchsorted(scene.t, content["t"])
     S, R = placements_of(content)
     np.testing.assert_array_equal(S, result.state.S1[rows])
     np.testing.assert_allclose(R + content["origin"], result.state.R1[rows], rtol=8 * U)
@@ -238,8 +238,8 @@ def test_a_scene_of_a_mechanism_is_played_with_its_base_and_its_frame(tmp_path):
     np.testing.assert_array_equal(content["t"], scene.t)
     np.testing.assert_array_equal(content["q"], scene.coordinates()[0])
     S, R = placements_of(content)
-    np.testing.assert_array_equal(R + content["origin"], scene.base_motion().R)
-    np.testing.assert_array_equal(S, scene.base_motion().S)
+    np.testing.assert_array_equal(R + content["origin"], scene.known(slice(None), 2).base_motion.R)
+    np.testing.assert_array_equal(S, scene.known(slice(None), 2).base_motion.S)
     (tmp_path / "still.toml").write_text(re.sub(r"(?m)^(x|y|phi_z) = .*\n", "", SCENE))
     assert len(content_of(hp.view(hp.load_scene(tmp_path / "still.toml")))["placements"]) == 1
     (tmp_path / "turned.toml").write_text(SCENE.replace('x = "2*t"\n', ""))
@@ -333,7 +333,7 @@ return seen;
 def test_the_slider_of_time_moves_body_2_to_where_it_is(scene, tmp_path):
     page = hp.view(scene)
     found = asked(page, tmp_path, PLAYED)
-    row = int(np.searchsorted(scene.times(), content_of(page)["t"][700]))
+    row = int(np.searchsorted(scene.t, content_of(page)["t"][700]))
     result = scene.evaluate(("R1", "S1", "R2", "S2", "psi"))
     state, body1 = result.state, hp.BodyMotion(R=result.state.R1[row], S=result.state.S1[row])
     for key, S2, R2 in (

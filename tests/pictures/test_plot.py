@@ -117,7 +117,7 @@ def test_fast_motion_fills_the_band_between_its_extremes(text, tmp_path):
     """Within a pixel of where the samples reach a value the curve does, and it goes through samples alone."""
     scene = moving(tmp_path, 10_001, psi=text)
     axes = hp.plot(scene, ("psi",)).axes[0]
-    (line,), t, psi = axes.get_lines(), scene.times(), scene.evaluate(("psi",)).psi
+    (line,), t, psi = axes.get_lines(), scene.t, scene.evaluate(("psi",)).psi
     at = np.searchsorted(t, line.get_xdata())
     np.testing.assert_array_equal(line.get_ydata(), psi[at])
     assert (np.diff(at) > 0).all()

@@ -145,7 +145,7 @@ def use_scene(text, _rng, folder):
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
     loaded = hp.load_scene(path)
     str(loaded.plan())
-    if loaded.times().size <= 20_000:
+    if loaded.t.size <= 20_000:
         loaded.evaluate()
 
 

@@ -50,7 +50,7 @@ def test_the_gyro_log_gives_the_attitude_beside_it():
     """And the estimate says how far off it is."""
     scene = hp.load_scene(MODELS / "gyro_log.toml")
     truth = np.loadtxt(MODELS / "gyro_log_truth.csv", delimiter=",", skiprows=1)
-    np.testing.assert_array_equal(scene.times(), truth[:, 0])
+    np.testing.assert_array_equal(scene.t, truth[:, 0])
     S = hp.BodyMotion.from_quaternion_xyzw(R=np.zeros(3), quat_xyzw=truth[:, 1:5]).S
     off = np.linalg.norm(hp.rotation_log(np.swapaxes(S, -1, -2) @ scene.motion.source.body1.S), axis=-1).max()
     assert off < 2e-11  # rad; the log has 12 decimals, and a step is 0.01 s

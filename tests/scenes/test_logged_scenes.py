@@ -29,7 +29,7 @@ def test_columns_are_the_coordinates(tmp_path, name):
     scene = scene_of(tmp_path, columns, 'sequence = "ZXZ"\n', name)
     given = [np.stack([columns[c] for c in names], axis=-1) for names in (EULER, RATES, SECOND)]
     same(scene.evaluate(), scene.pair.forward_kinematics(*given, sequence="ZXZ"))
-    assert np.array_equal(scene.times(), columns["t"])
+    assert np.array_equal(scene.t, columns["t"])
     assert (scene.samples, scene.start, scene.stop) == (12, columns["t"][0], columns["t"][-1])
     assert scene.cross_validate().ok
     assert scene.cross_validate(5).samples == 5

@@ -74,7 +74,7 @@ def test_a_long_run_takes_little_memory(tmp_path):
 
 def test_coordinates_are_results(tmp_path):
     scene = hp.load_scene(long_scene(tmp_path, 11))
-    t = scene.times()
+    t = scene.t
     result = scene.evaluate()
     np.testing.assert_allclose(result.psi, 10 * t, rtol=4 * U)
     np.testing.assert_array_equal(result.qd[:, 3:], np.tile([3.0, 1, 5, 10], (11, 1)))

@@ -90,7 +90,7 @@ def test_a_grid_is_every_scene_with_its_numbers():
     assert_array_equal(found["pair.body2.mass"], np.tile([1, 2.5, 4], 3))
     for i, (u1_y, mass) in enumerate(zip(found["pair.u1[1]"], found["pair.body2.mass"], strict=True)):
         scene = scene_with(ARM, ('"0.1*2"', str(u1_y)), ("mass = 2", f"mass = {mass}"))
-        R2, torque, t = scene.evaluate(("R2",)).R2, scene.forces().hinge_torque, scene.times()
+        R2, torque, t = scene.evaluate(("R2",)).R2, scene.forces().hinge_torque, scene.t
         expected = {
             "R2_x_max": R2[:, 0].max(),
             "R2_y_min": R2[:, 1].min(),

@@ -13,6 +13,7 @@ from hingepair.cli.sources import read_source
 from hingepair.errors import ArgumentError, HingePairError
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.plans.pairs import PLANE, SPACE
+from hingepair.scenes.load import SceneFile
 from hingepair.scenes.subject import FURTHER_OUTPUTS
 
 _DERIVED = ("omega1", "R2", "S2", "phi2", "v2", "omega2", "a2", "alpha2")
@@ -66,6 +67,8 @@ def derive_command(
     check_output(out, [source])
     symbols, names = split_names("symbolic", symbolic) or (), split_names("outputs", outputs)
     read = read_source(source, snap=_SNAP)
+    if isinstance(read.named, SceneFile):
+        read.named.refuse_linkage("closed forms are of trees of joints, or of a pair")
     forms, title, usual = _forms(read.subject, frame, symbols)
     names = usual if names is None else names
     if latex:

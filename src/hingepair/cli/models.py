@@ -79,6 +79,7 @@ def _write_model(
     source = read_source(text)
     subject, write = source.subject, to_urdf if kind == "URDF" else to_mjcf
     if isinstance(source.named, SceneFile):
+        source.named.refuse_linkage(f"{kind} files are written of trees of joints alone")
         for sentence in source.named.suspicions:
             print(f"hingepair: note: {printable(sentence)}", file=sys.stderr)
     check_output(out, source.files)

@@ -24,7 +24,6 @@ from hingepair.cli.options import (
 from hingepair.cli.output import check_output, show, table_lines
 from hingepair.cli.sources import read_scene, read_source
 from hingepair.cli.summary import RunSummary
-from hingepair.errors import ArgumentError
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.results import RESULT_FILE_SUFFIXES, result_file
 from hingepair.numeric.arrays import Float64Array
@@ -132,10 +131,7 @@ def forces_command(
     check_output(out, [scene_file], RESULT_FILE_SUFFIXES)
     scene = read_scene(scene_file)
     scene.in_units(units)  # refuses unknown ones before anything is computed
-    try:
-        result = scene.forces(parse_gravity(gravity, scene.dimensions))
-    except ArgumentError as error:
-        raise error.renamed(f"{scene_file}: {error.name}") if error.name.startswith("pair.") else error from None
+    result = scene.forces(parse_gravity(gravity, scene.dimensions))
     if out is not None:
         result.save(out, units=units)
     notes = tuple(dict.fromkeys((*result.notes, *scene.notes(units))))

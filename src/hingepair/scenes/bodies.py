@@ -50,10 +50,10 @@ def _read_shape(table: Table) -> Shape:
     return construct_from_table(table, make, {size: values.pop(kind), **values})
 
 
-def read_body(table: Table, key: str) -> Body:
+def read_body(table: Table, key: str, required: Collection[str] = ()) -> Body:
     """Return the Body (mass properties and shapes) that the table under `key` of a Table describes."""
     body_table = table.table(key)
-    return construct_from_table(body_table, Body, body_table.read(BODY_KEYS))
+    return construct_from_table(body_table, Body, body_table.read(BODY_KEYS, required))
 
 
 def _points_key(size: int) -> Key:
@@ -89,48 +89,41 @@ _BODIES: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
 # ---- pairs
 
 
-def _geometry_keys(size: int) -> dict[str, Key]:
-    """Return the keys of the geometry of a pair in 2 or 3 dimensions."""
-    keys: dict[str, Key] = {"u1": numbers_key(size), "u2": numbers_key(size)}
-    return keys if size == 2 else {**keys, "n": numbers_key(3), "home": Table.rotation, "limits": numbers_key(2)}
-
-
-def _point_keys(size: int) -> dict[str, Key]:
-    return dict.fromkeys(("points1", "points2"), _points_key(size))
-
-
 _HINGE_KEYS: Final[Mapping[str, Key]] = {
-    **_geometry_keys(3),
+    **dict.fromkeys(("u1", "u2", "n"), numbers_key(3)),
+    "home": Table.rotation,
+    "limits": numbers_key(2),
     "torque_limit": Table.number,
     "rate_limit": Table.number,
     "name": Table.text,
     **_BODIES,
 }
 _ROBOT_HINGE_KEYS: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
+_NEEDED: Final = (
+    "a table [pair] with u1, u2 and n, such as u1 = [0.5, 0, 0], u2 = [-0.5, 0, 0], n = [0, 0, 1], or a [mechanism] "
+    "or [[joint]]; then [motion], such as psi = 'sin(t)', and [time] with start, stop and samples"
+)
 
 
 def read_pair(tables: Table) -> HingePair | PlanarPair:
     """Return the pair of the table [pair], which describes it or names a robot's hinge: a PlanarPair if the scene is
     `planar`, otherwise a HingePair. Its name is the stem of the file's name unless the table has one.
     """
-    if is_of_mechanism(tables):
-        tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
-    table = tables.table("pair")
+    if "pair" not in tables.values:
+        tables.refuse("pair", _NEEDED, "nothing")
+    table, planar = tables.table("pair"), tables.flag("planar")
+    points = dict.fromkeys(("points1", "points2"), _points_key(2 if planar else 3))
     name = {"name": _stem(table.file) or None}
-    if tables.flag("planar"):
-        keys = {**_geometry_keys(2), "name": Table.text, **_BODIES, **_point_keys(2)}
+    if planar:
+        keys = {**dict.fromkeys(("u1", "u2"), numbers_key(2)), "name": Table.text, **_BODIES, **points}
         return construct_from_table(table, PlanarPair, name | table.read(keys, ("u1", "u2")))
-    keys = {**_HINGE_KEYS, **_point_keys(3)}
-    table.check_keys((*keys, *_ROBOT_HINGE_KEYS))
-    if not table.values.keys() & _ROBOT_HINGE_KEYS:
-        return construct_from_table(table, HingePair, name | table.read(keys, ("u1", "u2", "n")))
+    if table.values.keys().isdisjoint(_ROBOT_HINGE_KEYS):
+        table.check_keys((*_HINGE_KEYS, *points, *_ROBOT_HINGE_KEYS))
+        read = table.read({**_HINGE_KEYS, **points}, ("u1", "u2", "n"))
+        return construct_from_table(table, HingePair, name | read)
     from hingepair.formats.robots import load_robot_hinge
 
-    known = {**_ROBOT_HINGE_KEYS, **_BODIES, **_point_keys(3)}
-    for key in table.values:
-        if key not in known:
-            table.fail(key, f"no such key together with robot: {', '.join(known)} describe the pair")
-    values = table.read(known, _ROBOT_HINGE_KEYS)
+    values = table.read({**_ROBOT_HINGE_KEYS, **_BODIES, **points}, _ROBOT_HINGE_KEYS)
     pair = construct_from_table(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT_HINGE_KEYS})
     with table.naming():
         return replace(pair, **values)
@@ -173,14 +166,23 @@ def read_mechanism(tables: Table, folder: Path, *, base: str = "fixed") -> Mecha
     table.check_keys(_MECHANISM_KEYS)
     sources = [key for key in ("robot", "urdf") if key in table.values]
     if "joint" in tables.values:
-        for key in (*sources, "locked"):
-            if key in table.values:
-                table.fail(key, "no such key together with [[joint]] tables, which describe the mechanism")
+        for key in (*sources, *({"locked"} & table.values.keys())):
+            table.fail(key, "no such key together with [[joint]] tables, which describe the mechanism")
     elif len(sources) != 1:
         expected = 'a robot of example-robot-data, such as robot = "panda"; or urdf = "file"; or [[joint]] tables'
         table.refuse("robot", expected, "both robot and urdf" if sources else "none of them")
     robot = _assemble_joints(tables, table, base) if "joint" in tables.values else _read_robot(table, folder, base)
-    robot = with_payload(_with_frames(robot, table), table)
+    frames, payload = table.table("frames", required=False), table.table("payload", required=False)
+    for name in frames.values:
+        frame = frames.table(name)
+        values: dict[str, Any] = frame.read(_FRAME_KEYS, ("link",))
+        if tree_of(robot).frame(name) is not None:
+            frames.refuse(name, "a name that no link, joint or frame has", quoted(name))
+        with frame.naming():
+            robot = robot.with_frame(name, values["link"], values.get("R", np.zeros(3)), values.get("S"))
+    for link in payload.values:
+        with payload.naming(link=link):
+            robot = robot.with_payload(link, read_body(payload, link, ("mass",)))
     return _closed(tables, _with_struts(tables, robot), table)
 
 
@@ -209,12 +211,7 @@ def _read_robot(table: Table, folder: Path, base: Any) -> Mechanism:
 def _assemble_joints(tables: Table, table: Table, base: Any) -> Mechanism:
     """Return the Mechanism of the [[joint]] tables in the top-level Table `tables`, which may come in any order."""
     joints: dict[str, Table] = {}
-    described = tables.tables("joint", "tables [[joint]], one for each joint")
-    names = [one.values.get("name") for one in described]
-    for numbered in described:
-        for key in numbered.values:
-            if key in names and key not in _HINGE_KEYS:
-                numbered.refuse(key, "the motion of a joint under [motion]", "a joint in another table")
+    for numbered in tables.tables("joint", "tables [[joint]], one for each joint"):
         numbered.check_keys(("name", "parent", "kind", "pitch", *_HINGE_KEYS))
         name = numbered.text("name")
         if name in joints:
@@ -262,42 +259,11 @@ def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | 
 def _read_joint(name: str, table: Table) -> RobotJoint:
     """Return the joint `name` of a Table [[joint]]."""
     kind: Any = table.choice("kind", tuple(JOINT_CLASSES))
-    keys = {**_HINGE_KEYS, "pitch": Table.number} if KINDS[kind].has_pitch else _HINGE_KEYS
-    needed = ("u1", "u2", "n", *(key for key in keys if key not in _HINGE_KEYS))
+    pitch: dict[str, Key] = {"pitch": Table.number} if KINDS[kind].has_pitch else {}
     values = {key: value for key, value in table.values.items() if key not in {"parent", "kind"}}
-    described = replace(table, values=values).read(keys, needed)
-    made: Any = construct_from_table(table, JOINT_CLASSES[kind], {**described, "name": name})
-    joint: RobotJoint = made
-    return joint
-
-
-def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
-    """Return the robot with the frames of [mechanism.frames]; `table` is the Table [mechanism]."""
-    frames = table.table("frames", required=False)
-    for name in frames.values:
-        frame = frames.table(name)
-        values: dict[str, Any] = frame.read(_FRAME_KEYS, ("link",))
-        if tree_of(robot).frame(name) is not None:
-            frames.refuse(name, "a name that no link, joint or frame has", quoted(name))
-        with frame.naming():
-            robot = robot.with_frame(name, values["link"], values.get("R", np.zeros(3)), values.get("S"))
-    return robot
-
-
-def with_payload(robot: Mechanism, table: Table, names: Collection[str] | None = None) -> Mechanism:
-    """Return the robot with the bodies of [mechanism.payload], or those of `names`, fixed to the links, joints or
-    frames that their keys name; `table` is the Table [mechanism].
-    """
-    payload = table.table("payload", required=False)
-    for link in payload.values if names is None else names:
-        described = payload.table(link)
-        if "link" in described.values:
-            meant = f"[mechanism.payload.{described.text('link')}]"
-            described.fail("link", f"no such key, since the name behind payload is the link's: {meant}")
-        body = construct_from_table(described, Body, described.read(BODY_KEYS, ("mass",)))
-        with payload.naming(link=link):
-            robot = robot.with_payload(link, body)
-    return robot
+    described = replace(table, values=values).read({**_HINGE_KEYS, **pitch}, ("u1", "u2", "n", *pitch))
+    make: Callable[..., RobotJoint] = JOINT_CLASSES[kind]
+    return construct_from_table(table, make, {**described, "name": name})
 
 
 # ---- loops and struts

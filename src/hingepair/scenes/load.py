@@ -168,12 +168,11 @@ class SceneFile:
 
     @property
     def pair(self) -> HingePair | PlanarPair:
-        """The pair that the file describes.
-
-        Raises:
-            SceneError: the scene is one of a robot.
-        """
-        return self.subject.pair if self.subject.pair is not None else read_pair(self.tables)
+        """The pair that the file describes; a SceneError in the scene of a robot."""
+        pair: HingePair | PlanarPair | None = self.subject.pair
+        if pair is None:
+            self.tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
+        return pair
 
     @property
     def mechanism(self) -> Mechanism | None:
@@ -191,6 +190,12 @@ class SceneFile:
         joints = self.subject.joints
         limits = {joint.name: joint.position_limits for joint in joints if joint.unit == "rad"}
         return tuple(dict.fromkeys(file_suspicions(self.tables.values, limits)))
+
+    def refuse_linkage(self, reason: str) -> None:
+        """Raise a SceneError if the scene has loops or struts."""
+        for key in ("loop", "strut"):
+            if key in self.tables.values:
+                self.tables.refuse(f"[[{key}]]", f"no such table, since {reason}", "a linkage")
 
     def scene(self) -> Scene:
         """Return the scene with its motion, as `load_scene`."""

@@ -18,16 +18,15 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, VELOCITY
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad, stop_range
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK, Result
+from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK, Record
 from hingepair.motion.energy_balance import EnergyBalance
 from hingepair.motion.run import stop_overrun
 from hingepair.motion.trajectory import describe_instants
-from hingepair.numeric.arrays import Float64Array, Frozen, one_constant
+from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.scenes import suspicions
 from hingepair.scenes.forces import SceneForces
 from hingepair.scenes.motions.known import Known, Rows
@@ -73,8 +72,7 @@ class JointCoordinates(NamedTuple):
     qdd: NDArray[np.float64] | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SceneResult(Frozen, Result):
+class SceneResult(Record):
     """Results of a scene at its instants; an output that was not computed is None.
 
     Of a pair, every attribute of its state (R2, S2, d, v2, ...) and the coordinates; `result["tip"].R` is the
@@ -87,53 +85,32 @@ class SceneResult(Frozen, Result):
     an axis of frames behind the axis of samples; likewise S, v, omega, a, alpha. q, qd, qdd and tau have shape
     (samples, dof), in the order of `scene.mechanism.names`. force1 and torque1, shape (samples, 3), act on the base
     about its reference point.
+
+    Args:
+        t: instants; shape (samples,) s.
+        scene: the scene that was evaluated.
+        known: the motion at the instants.
+        computed: the outputs.
+        first: index of the first instant; 0 except in blocks.
     """
 
-    #: instants; shape (samples,) s
-    t: NDArray[np.float64]
-    #: the scene that was evaluated
-    scene: Scene
-    #: the motion at the instants
-    known: Known
-    #: the states and forces
-    computed: Computed
-    #: index of the first instant; 0 except in blocks
-    first: int = 0
+    __slots__ = ("computed", "first", "known", "scene")
 
-    @property
-    def described(self) -> str:
-        """The title of the scene."""
-        return self.scene.title
-
-    @property
-    def inputs(self) -> tuple[Path, ...]:
-        """The files of the scene, which `save` refuses to overwrite."""
-        return self.scene.files
+    def __init__(
+        self, t: NDArray[np.float64], scene: Scene, known: Known, computed: Computed, first: int = 0
+    ) -> None:
+        arrays = computed.arrays | known.coordinates()
+        super().__init__(t, arrays, scene.title, scene.files, scene.unit, scene.units)
+        self.scene, self.known, self.computed, self.first = scene, known, computed, first
 
     @property
     def state(self) -> Any:
         """The computed states; None if no output needs them."""
         return self.computed.state
 
-    def unit(self, name: str) -> str:
-        """Return the unit of a recorded array, or of one of its components, by its name."""
-        return self.scene.unit(name)
-
-    def in_units(self, units: UnitsLike) -> Columns:
-        """Return names and numbers of columns in units; None for those of the scene."""
-        return self.scene.in_units(units)
-
     def requested_arrays(self) -> dict[str, NDArray[Any]]:
         """Return the requested outputs by name; shape (samples, ...). Coordinates are named like columns of a log."""
         return self.computed.arrays
-
-    def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the requested outputs and the coordinates by name; shape (samples, ...)."""
-        return self.requested_arrays() | self.known.coordinates()
-
-    def energy_balance(self) -> EnergyBalance:
-        """Compute the energy balance of the whole motion, as `Scene.energy_balance`."""
-        return self.scene.energy_balance()
 
     def __getitem__(self, name: str) -> Any:
         """Return the motion of a frame or of a point by its name, such as `result["tip"].R`, a strut such as
@@ -146,7 +123,7 @@ class SceneResult(Frozen, Result):
         return self.state[name]
 
     def __getattr__(self, name: str) -> Any:
-        if not name.startswith("_") and name not in self.__dataclass_fields__:
+        if not name.startswith("_") and name not in SceneResult.__slots__:
             with contextlib.suppress(KeyError):
                 return self.scene.subject.attribute(name, self.known, self.computed)
         raise missing_attribute_error(self, name)
@@ -229,10 +206,6 @@ class Scene:
         known = self.known(slice(None), self.motion.level)
         return JointCoordinates(*(known.array(order) for order in range(known.level + 1)))
 
-    def base_motion(self) -> BodyMotion | None:
-        """Return the motion of body 1 or of the base at all instants; None if it rests at the origin."""
-        return self.known(slice(None), self.motion.level).base_motion
-
     def known(self, rows: Rows, order: int) -> Known:
         """Return the motion at some of the instants, with derivatives up to `order`."""
         return self.motion.source.part(rows, order)
@@ -287,10 +260,6 @@ class Scene:
     @property
     def t(self) -> Float64Array:
         """All instants, read-only; shape (samples,) s."""
-        return self.motion.t
-
-    def times(self) -> Float64Array:
-        """Return all instants as a read-only array; shape (samples,) s."""
         return self.motion.t
 
     def spread(self, max_instants: int) -> Rows:
@@ -440,7 +409,8 @@ class Scene:
             max_instants: largest number of instants to compare, evenly spread; all instants by default.
         """
         rows = slice(None) if max_instants is None else self.spread(max_instants)
-        return self.subject.compare(self.known(rows, self.motion.level), self._acting(rows))
+        with self.tables.naming():
+            return self.subject.compare(self.known(rows, self.motion.level), self._acting(rows))
 
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
         """Compute the forces that the motion requires at the instants.
@@ -492,7 +462,8 @@ class Scene:
             raise ArgumentError("scene", expected, motion.origin)
         assumed = gravity is None and not self.has_own_gravity
         known, acting = self.known(slice(None), ACCELERATION), self._acting(slice(None), fall)
-        arrays = self.subject.forces(known, acting)
+        with self.tables.naming():
+            arrays = self.subject.forces(known, acting)
         struts = tuple(item for item in self.subject.items.values() if item.of == "strut" and item.quantity != "rate")
         arrays |= self.subject.compute(struts, known, acting, self.backend).arrays
         return SceneForces(self, known, arrays, fall, assumed=assumed)
@@ -523,15 +494,14 @@ class Scene:
         motion, shown = self.motion, self.in_units(units).units
         pieces = [slice(i, i + RESULT_ROWS_PER_BLOCK) for i in range(0, self.samples, RESULT_ROWS_PER_BLOCK)]
         level = min(motion.level, VELOCITY)
-        known = [[part.array(order) for order in range(level + 1)] for part in (self.known(p, level) for p in pieces)]
-        q, *rates = (np.concatenate(own) for own in zip(*known, strict=True))
+        parts = [self.known(piece, level) for piece in pieces]  # all instants at once would take much memory
+        q, *rates = (np.concatenate([part.array(order) for part in parts]) for order in range(level + 1))
         sentences, last = [*self.suspicions()], list[str]()
         for i, joint in enumerate(self.subject.joints):
             stops = stop_range(motion.loads.get(joint.name, HingeLoad()))
             sentences += limit_sentences(joint.name, joint.position_limits, joint.unit, self.t, q[:, i], stops, shown)
-            limit = joint.rate_limit
-            for qd in rates if np.isfinite(limit) else ():
-                unit = f"{joint.unit}/s"
+            limit, unit = joint.rate_limit, f"{joint.unit}/s"
+            for qd in rates:
                 sentences += limit_sentences(f"{joint.name}'", (-limit, limit), unit, self.t, qd[:, i], units=shown)
             last += self._stop_sentences(i, stops, q[:, i])
         if kinks := 0 if motion.functions is None else int(motion.functions.switches(self.t).sum()):
@@ -558,7 +528,7 @@ class Scene:
         """
         rows, motion = self.spread(suspicions.MAX_JUDGED), self.motion
         limits = {joint.name: joint.position_limits for joint in self.subject.joints if joint.unit == "rad"}
-        sentences = suspicions.file_suspicions(self.tables.values, limits)
+        sentences = [*suspicions.file_suspicions(self.tables.values, limits)]
         if motion.functions is not None:
             sentences += suspicions.function_suspicions(motion.functions, np.asarray(motion.t[rows]), limits)
         return tuple(dict.fromkeys(sentences))

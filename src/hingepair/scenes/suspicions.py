@@ -34,35 +34,22 @@ _FUNCTION_KINDS: Final[Mapping[str, str]] = {_ANGLES: "turning", _RATES: "rate"}
 """Quantity of samples of a function, by the quantity of its numbers."""
 
 
-def file_suspicions(values: Mapping[str, Any], limits: Mapping[str, Sequence[float]]) -> list[str]:
-    """Return a sentence for each number of a scene's tables that is probably in another unit. Texts are left out:
-    what is computed is in radians, and functions are judged by their samples.
+def file_suspicions(values: Mapping[str, Any], limits: Mapping[str, Sequence[float]]) -> Iterator[str]:
+    """Yield a sentence for each number of a scene's tables that is probably in another unit, but one alone on
+    lengths, of which a scene in millimetres has many. Texts are left out: what is computed is in radians, and
+    functions are judged by their samples.
 
     Args:
         values: the tables of the file.
         limits: limits of the hinges, by the names of their angles.
     """
-    sentences: list[str] = []
     for name, own in limits.items():
-        sentences += suspicions(_ANGLES, f"limits of {name}", own, radians=DEGREES_IN_SCENES)
-    return [*sentences, *_table_suspicions(values, limits)]
-
-
-def _table_suspicions(values: Mapping[str, Any], hinges: Iterable[str]) -> Iterator[str]:
-    """Yield a sentence for each key with doubtful numbers, but one alone for all lengths."""
-    lengths: dict[str, list[float]] = {}
-    for kind, name, numbers in _judged_numbers("", values, {**_KIND_BY_KEY, **dict.fromkeys(hinges, _ANGLES)}):
+        yield from suspicions(_ANGLES, f"limits of {name}", own, radians=DEGREES_IN_SCENES)
+    said = set()
+    for kind, name, numbers in _judged_numbers("", values, {**_KIND_BY_KEY, **dict.fromkeys(limits, _ANGLES)}):
         doubts = suspicions(kind, name, numbers, radians=DEGREES_IN_SCENES)
-        if doubts and kind == _LENGTHS:  # a scene in millimetres has many, told in one sentence
-            lengths[name] = numbers
-        else:
-            yield from doubts
-    if lengths:
-        worst, *others = sorted(lengths, key=lambda name: -max(map(abs, lengths[name])))
-        more = f" and {len(others) - 2} more" * (len(others) > 2)
-        likewise = f" Likewise {', '.join(others[:2])}{more}." if others else ""
-        for sentence in suspicions(_LENGTHS, worst, lengths[worst]):
-            yield sentence + likewise
+        yield from doubts if kind not in said else ()
+        said |= {_LENGTHS} if doubts and kind == _LENGTHS else set()
 
 
 def _judged_numbers(

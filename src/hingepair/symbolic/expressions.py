@@ -76,7 +76,16 @@ _INSTEAD: Final[Mapping[type[ast.expr], str]] = {  # what is expected in place o
     ast.IfExp: "where(condition, x, y) for a choice",
     ast.Tuple: "one number or expression (decimals follow a point)",
 }
-_LENGTHS: Final = {"mm": "*1e-3", "cm": "*1e-2", "km": "*1e3", "m": ""}  # what is written in place of a unit
+_UNITS: Final = {  # in what numbers are, and what is written in place of a unit
+    "m": ("lengths are in metres", ""),
+    "mm": ("lengths are in metres", "*1e-3"),
+    "cm": ("lengths are in metres", "*1e-2"),
+    "km": ("lengths are in metres", "*1e3"),
+    "kg": ("masses are in kilograms", ""),
+    "s": ("times are in seconds", ""),
+    "N": ("forces are in newtons", ""),
+    "rad": ("angles are in radians", ""),
+}
 _FINITE = "a finite real number"  # what messages expect of a constant
 _MAX_SHOWN = 40  # characters of the text in a message
 _WORD = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"  # a name, other than an operator
@@ -372,8 +381,9 @@ class _Builder:
         if match and match[1] in CALLS:
             call = CALLS[match[1]].replace("(x)", f"({match[2]})")
             return f"; a function is called as {call}"
-        if match and match[1][0].isdigit() and match[2] in _LENGTHS and match[2] not in self.names:
-            return f"; lengths are in metres: {match[1][:_MAX_SHOWN]}{_LENGTHS[match[2]]}"
+        if match and match[1][0].isdigit() and match[2] in _UNITS and match[2] not in self.names:
+            said, scale = _UNITS[match[2]]
+            return f"; {said}: {match[1][:_MAX_SHOWN]}{scale}"
         if match and match[2].startswith("deg"):
             return f"; degrees are written deg({match[1][:_MAX_SHOWN]})"
         if match:

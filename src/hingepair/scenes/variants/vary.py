@@ -191,7 +191,7 @@ class Variants:
         for one in caught:
             if str(one.message) not in reasons:
                 warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
-        return Batch(scene.times(), arrays, ["; ".join(dict.fromkeys(reasons))], [touches_of(scene.motion)])
+        return Batch(scene.t, arrays, ["; ".join(dict.fromkeys(reasons))], [touches_of(scene.motion)])
 
     def _one(self, numbers: Sequence[float]) -> Batch:
         """Return the results of one variant; NaN and the reason if it cannot be computed."""
@@ -238,7 +238,7 @@ class Variants:
             return None
         shape = (len(numbers), scene.samples)
         arrays = {name: own.reshape(*shape, *own.shape[1:]) for name, own in arrays.items()}
-        return Batch(scene.times(), arrays, [""] * len(numbers), [{}] * len(numbers))
+        return Batch(scene.t, arrays, [""] * len(numbers), [{}] * len(numbers))
 
     def _arrays(self, subject: Subject, known: Known, names: tuple[str, ...] | None, backend: str = "auto") -> Arrays:
         """Return the outputs, and forces, of a subject along a known motion."""
@@ -248,7 +248,7 @@ class Variants:
 
     @lock_free_cached_property
     def _known(self) -> Known:
-        return self.scene.known(slice(len(self.scene.times())), self.scene.motion.level)
+        return self.scene.known(slice(len(self.scene.t)), self.scene.motion.level)
 
     def _of_subjects(self, numbers: Float64Array) -> Batch | None:
         """Compute variants along one motion that differ in geometry or masses."""
@@ -258,7 +258,7 @@ class Variants:
             return None
         plain = self._plain.arrays
         whole = {name: np.broadcast_to(own, (len(numbers), *plain[name].shape[1:])) for name, own in arrays.items()}
-        return Batch(self.scene.times(), whole, [""] * len(numbers), [{}] * len(numbers))
+        return Batch(self.scene.t, whole, [""] * len(numbers), [{}] * len(numbers))
 
     def _of_pairs(self, numbers: Float64Array) -> Arrays | None:
         """Return the outputs of pairs that differ in components of u1, u2 and n, and in masses, in which forces are
