@@ -47,27 +47,12 @@ def test_moments_of_no_rigid_body_are_refused_in_turned_axes_too():
         hp.Body(inertia=turned((1, 2, 3.007)))
 
 
-@pytest.mark.parametrize(
-    ("moments", "above"),
-    [((0.0417, 0.0416, 0.0834), "0.12 %"), ((1, 2, 3 + 1e-12), "3.3e-11 %"), ((1, 1, 2.003), "0.15 %")],
-)
-def test_the_rounded_moments_of_a_flat_body_are_taken_and_said(moments, above):
+@pytest.mark.parametrize("moments", [(0.0417, 0.0416, 0.0834), (1, 1, 2.003), (0.1, 0.2, 0.30000000000000004)])
+def test_the_rounded_moments_of_a_flat_body_are_taken(moments):
     given = turned(moments)
-    with pytest.warns(hp.DynamicsWarning, match=rf"^inertia: .* is {above} above the sum .* rounding$"):
-        body = hp.Body(mass=2, inertia=given)
+    body = hp.Body(mass=2, inertia=given)
     assert np.abs(body.inertia - given).max() <= 2 * U * max(moments)
     assert body.assumed == ()
-
-
-@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
-def test_the_word_on_rounded_moments_does_not_depend_on_the_size_of_the_body(unit):
-    hp.Body(mass=2, inertia=np.multiply((1, 2, 3 + 32 * U), unit))
-    with pytest.warns(hp.DynamicsWarning, match="taken for rounding"):
-        hp.Body(mass=2, inertia=np.multiply((1, 2, 3 + 1024 * U), unit))
-
-
-def test_a_flat_body_whose_moments_are_exact_is_taken_without_a_word():
-    assert np.array_equal(hp.Body(mass=2, inertia=(0.1, 0.2, 0.30000000000000004)).inertia.diagonal()[:2], (0.1, 0.2))
 
 
 def test_a_value_is_assumed_where_it_is_not_given_and_not_where_it_equals_the_default():

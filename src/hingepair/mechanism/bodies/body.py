@@ -15,7 +15,6 @@ from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import Frozen, call_text, finite_number, one_constant, read_only, set_frozen
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import check_rotation, skew
-from hingepair.tables.sheets import percent
 
 _ASSUMED_MASS: Final = 1.0  # kg, of a body whose mass is not given
 _ASSUMED_GYRATION = 0.01  # m^2: inertia per mass of a body without shapes whose inertia is not given
@@ -157,8 +156,8 @@ class Body(Frozen):
         centre_of_mass: from the body's reference point, body axes [m]; shape (3,). By default that of the shapes, or
             zero.
         inertia: about the centre of mass, body axes [kg m^2]: a symmetric matrix (3, 3), or the moments about axes
-            parallel to x, y and z, (3,). Principal moments are above zero, and none exceeds the sum of the others; an
-            excess of up to 1e-3 of all three, as of rounded data, is accepted with a `DynamicsWarning`. By default
+            parallel to x, y and z, (3,). Principal moments are above zero, and none exceeds the sum of the others
+            by more than 1e-3 of all three, which rounded data may. By default
             that of the shapes about their own centre of mass, scaled to the mass; without shapes, a radius of
             gyration of 0.1 m, with a `DynamicsWarning` where it matters.
         shapes: Box, Cylinder and Sphere objects of one density, which viewers draw, and from which the inertia and
@@ -307,7 +306,7 @@ def _inertia_matrix(inertia: ArrayLike) -> NDArray[np.float64]:
 
 
 def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an inertia, read-only and exactly symmetric; refuse that of no body, but warn if it may be rounding."""
+    """Return an inertia, read-only and exactly symmetric; refuse that of no body, but for rounding."""
     size = float(np.abs(inertia).max())
     if not np.isfinite(size):
         raise ArgumentError("inertia", "finite numbers (mass times the size of the shapes overflows)", inertia)
@@ -320,17 +319,9 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
     moments = [moment * size for moment in (small, middle, large)]
     if small <= 0:
         raise ArgumentError("inertia", "principal moments above 0", moments)
-    excess, total = large - small - middle, small + middle + large
-    if excess > 1e-3 * total:  # moments of a flat body that are written with three digits are off by as much
+    # Moments of a flat body that are written with three digits are off by as much.
+    if large - small - middle > 1e-3 * (small + middle + large):
         raise ArgumentError("inertia", "no principal moment above the sum of the other two", moments)
-    if excess > 64 * 2.0**-53 * large:  # more than the rounding of a product R I R^T and of its eigenvalues
-        moment_texts = ", ".join(f"{moment:.6g}" for moment in moments)
-        percentage = percent(excess / (small + middle))
-        message = (
-            f"inertia: the largest of the principal moments {moment_texts} is {percentage} above the sum of the "
-        )
-        message += "other two, which no rigid body has; that is taken for rounding"
-        warnings.warn(message, DynamicsWarning, stacklevel=3)  # the line that calls Body
     return read_only(inertia / 2 + inertia.T / 2)
 
 
