@@ -258,9 +258,7 @@ def _compare_pair(pair: HingePair | PlanarPair, given: tuple[Any, ...], sequence
         Comparison.of(name, ours[name], theirs[name], scales[name], u, samples.shape) for name in outputs
     )
     subject = "in the plane" if planar else "attitude given" if by_body1 else f"Euler sequence {sequence}"
-    return CrossValidation(
-        pair.name, samples.shape, int((~samples.finite).sum()), u, compared, subject, options.get("sequence")
-    )
+    return CrossValidation(pair.name, samples.shape, int((~samples.finite).sum()), u, compared, subject)
 
 
 def _body1_by_pinocchio(rows: list[Float64Array], sequence: str) -> Outputs:
@@ -336,7 +334,7 @@ def _compare_robot(
         rows = _robot_rows(_Case(inner, twin, samples, known, tips, fall), ours, u, linkage, robot.names)
     return CrossValidation(
         robot.name, samples.shape, int((~samples.finite).sum()), u, rows,
-        f"{robot.base} base, {len(known)} frames", base=robot.base, frames=len(known), compared_with=compared_with,
+        f"{robot.base} base, {len(known)} frames", compared_with=compared_with,
     )  # fmt: skip
 
 

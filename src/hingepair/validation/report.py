@@ -125,12 +125,6 @@ class CrossValidation(Shown):
     rows: tuple[Comparison, ...]
     #: what was compared, for the title
     subject: str = ""
-    #: Euler sequence of a pair; None if the attitude of body 1 was given as a matrix, in the plane, and of a robot
-    sequence: str | None = None
-    #: "fixed" or "free" of a robot; None of a pair
-    base: str | None = None
-    #: number of compared frames of a robot
-    frames: int = 0
     #: where Pinocchio's model comes from
     compared_with: str = ""
     #: of a simulated motion, its loads and the forces that it requires according to Pinocchio's `rnea`
@@ -194,9 +188,8 @@ class CrossValidation(Shown):
 
     def to_json(self) -> str:
         """Return the report as JSON text; a number that is not finite becomes null."""
-        names = ("name", "ok", "verdict", "samples", "compared", "skipped", "u", "notes")
-        own = ("base", "frames", "compared_with") if self.base else ("sequence",)
-        facts = {name: getattr(self, name) for name in (*names, *own)}
+        names = ("name", "subject", "compared_with", "ok", "verdict", "samples", "compared", "skipped", "u", "notes")
+        facts = {name: getattr(self, name) for name in names}
         for group in ("rows", "forces"):
             facts[group] = [{**asdict(row), "ok": row.ok, "note": row.note} for row in getattr(self, group)]
         return json_text(facts)
