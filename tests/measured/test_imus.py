@@ -172,3 +172,10 @@ def test_records_that_contradict_each_other_are_not_relied_on(name: str) -> None
     found = fitted(list(CONTRADICTIONS[name](*felt(noise=1e-2))))
     assert not found.ok, found
     assert str(found).endswith("NOT RELIABLE")
+
+
+def test_forces_that_no_point_explains_are_told_beside_what_the_sensors_differ_by() -> None:
+    """Not beside the weight that both feel, which would hide a tenth of it."""
+    columns = felt(noise=1e-2)
+    columns[3] = columns[3] + 0.3 * np.sin(3.1 * T)[:, None] * (1, 0, 0)
+    assert "no point is in both bodies" in fitted(columns).findings[0]
