@@ -36,7 +36,9 @@ def short_scene(tmp_path: Path) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", [pytest.param(scene, id=scene.stem) for scene in SCENES])
 def test_every_model_runs_and_passes_its_check(scene: Path) -> None:
-    assert hp.load_scene(scene).title in run_command("run", scene).stdout
+    loaded = hp.load_scene(scene)
+    assert loaded.suspicions() == ()
+    assert loaded.title in run_command("run", scene).stdout
     report = json.loads(run_command("check", scene, "--json").stdout)
     assert report["ok"]
     turned = "phi2" if scene.stem == "reference_2d" else "S2"
