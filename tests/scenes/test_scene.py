@@ -220,9 +220,3 @@ def doubts(tmp_path: Path, text: str) -> tuple[str, ...]:
 def test_other_units_in_a_scene_are_suspected(tmp_path: Path, old: str, new: str, said: str) -> None:
     (sentence,) = doubts(tmp_path, change(old, new))
     assert re.match(said, sentence)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("scene", sorted(MODELS.glob("*.toml")), ids=lambda path: path.stem)
-def test_no_example_is_suspected(scene: Path) -> None:
-    assert hp.load_scene(scene).suspicions() == ()
