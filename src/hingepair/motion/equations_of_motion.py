@@ -23,7 +23,7 @@ from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError
-from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
+from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion, motion_of_rotations
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.robots.computations import RobotComputation
@@ -132,7 +132,6 @@ def _run(call: Call, values: dict[str, Array]) -> Any:
 _G = slice(9, 12)  # Cayley coordinates in the state
 _Q = 12  # index of q in the state of a free or pinned base
 _ZERO = np.zeros(3)  # a vector
-REST = BodyMotion(R=_ZERO, S=np.eye(3))  # a base at rest at the origin
 
 
 class RobotSamples(NamedTuple):
@@ -213,7 +212,7 @@ class RobotMotion:
         self._given_base = base_motion if isinstance(base_motion, GivenMotion) else None
         self.side: Side = (np.zeros(self.dof), np.zeros(self.dof))
         self.held: NDArray[np.bool_] = np.zeros(self.dof, np.bool_)
-        start = REST if isinstance(base_motion, GivenMotion) else base_motion
+        start = AT_REST if isinstance(base_motion, GivenMotion) else base_motion
         R, S, v, omega = (_ZERO if x is None else x for x in (start.R, start.S, start.v, start.omega))
         self._R, self._S = np.asarray(R, np.float64), np.asarray(S, np.float64)
         self.quat = matrix_to_quaternion(self._S)

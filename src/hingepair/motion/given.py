@@ -246,7 +246,6 @@ def _check_rates(
             letters = rate.removesuffix("1"), quantity.removesuffix("1")
             expected = f"a callable whose {letters[0]} is the derivative of its {letters[1]}"
             raise ArgumentError(name, expected, f"another {letters[0]}")
-    for rate, quantity in derived.items():
         if quantity in derived:
             _check_jumps(name, motion, t, quantity, rate)
 

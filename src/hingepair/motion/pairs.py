@@ -27,7 +27,6 @@ BASES: Final = ("free", "pinned", "fixed")  # what may hold body 1, beside a cal
 _NAMES: Final = {
     f"q0['{JOINT_OF_PAIR}']": "psi_0",
     f"qd0['{JOINT_OF_PAIR}']": "psid_0",
-    f"driven['{JOINT_OF_PAIR}']": "hinge",
     f"loads['{JOINT_OF_PAIR}']": "hinge_torque",
     f"wrenches['{JOINT_OF_PAIR}'][0]": "force2",
     f"wrenches['{JOINT_OF_PAIR}'][1]": "torque2",

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
-from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
+from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion, motion_arrays
 from hingepair.mechanism.bodies.hinge_load import HingeTorque, stop_range
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.tree import loads_note
-from hingepair.motion.equations_of_motion import REST, RobotMotion, RobotPrograms
+from hingepair.motion.equations_of_motion import RobotMotion, RobotPrograms
 from hingepair.motion.events import UserEvent
 from hingepair.motion.given import (
     EffortArgument,
@@ -34,7 +34,6 @@ from hingepair.motion.loads import Loads, check_start
 from hingepair.motion.pairs import BaseArgument, in_words_of_pairs, pair_as_robot, words_of_pairs
 from hingepair.motion.run import Impact, joint_impacts, joint_range, read_options
 from hingepair.motion.simulated import (
-    JOINT_OF_PAIR,
     SimulatedMotion,
     SimulatedRobotMotion,
     Simulation,
@@ -55,10 +54,9 @@ def simulate(
     pair: HingePair,
     t: ArrayLike,
     body1: BodyMotion | None,
-    psi_0: float | None = None,
-    psid_0: float | None = None,
+    psi_0: float,
+    psid_0: float,
     *,
-    hinge: str | JointCallable = "free",
     hinge_torque: HingeTorque = 0.0,
     force1: LoadArgument = 0,
     torque1: LoadArgument = 0,
@@ -114,12 +112,8 @@ def simulate(
             use these seconds.
         body1: motion of body 1 at t[0] as a BodyMotion: R and S; v and omega are zero by default. None: at rest at
             the origin, or moved as `base` says, if that is a callable.
-        psi_0: hinge angle at t[0] [rad]; required, except if `hinge` is a callable.
-        psid_0: hinge rate at t[0] [rad/s]; required, except if `hinge` is a callable.
-        hinge: "free" (the default): the loads determine the motion of the hinge. A callable of times (n,) that
-            returns psi, psi' and psi'', each (n,), prescribes the motion of the hinge; psi' and psi'' must be the
-            derivatives of psi, and psi' must not jump. The argument hinge_torque must then be 0, and
-            `loads["hinge_torque"]` of the result is the torque that this motion needs.
+        psi_0: hinge angle at t[0] [rad].
+        psid_0: hinge rate at t[0] [rad/s].
         hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]: a number (0 by default), a
             `HingeLoad` (spring, damper, friction, stops), or a callable of arrays (t, psi, psid), each (n,), that
             returns (n,).
@@ -194,17 +188,7 @@ def simulate(
     """
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
     robot, given = pair_as_robot(pair, base, body1, hinge_torque, forces, gravity)
-    start: tuple[Any, Any] = (0.0, 0.0)
-    if callable(hinge):
-        for name, value in (("psi_0", psi_0), ("psid_0", psid_0)):
-            if value is not None:
-                raise ArgumentError(name, "None for a hinge that moves as given", quoted(value))
-        if callable(hinge_torque) or np.any(hinge_torque != 0):
-            raise ArgumentError("hinge_torque", "0 for a hinge that moves as given", quoted(hinge_torque))
-        given |= {"loads": {}, "driven": {JOINT_OF_PAIR: hinge}}
-    else:
-        check_choice("hinge", hinge, ("free",))
-        start = [finite_number("psi_0", psi_0)], [finite_number("psid_0", psid_0)]
+    start = [finite_number("psi_0", psi_0)], [finite_number("psid_0", psid_0)]
     with in_words_of_pairs(base):
         moved = simulate_robot(
             robot, t, *start, **given, breaks=breaks, until=until, tol=tol, max_steps=max_steps, backend=backend,
@@ -286,7 +270,7 @@ def simulate_robot(
     if isinstance(start, GivenMotion):
         start.check(instants)
     robot.energy(q, qd)  # refuses missing masses, and warns of those that are assumed
-    first_base = REST if isinstance(start, GivenMotion) else start
+    first_base = AT_REST if isinstance(start, GivenMotion) else start
     programs = RobotPrograms(laws, kind, first_base, acting, backend)
     make_motion = functools.partial(RobotMotion, laws, kind, start, q, qd, acting, programs, moves)
     found = Simulation(make_motion, instants, options)
@@ -357,7 +341,7 @@ def base_of(robot: Mechanism, base: str | None, base_motion: Any) -> tuple[str, 
         raise ArgumentError("base_motion", expected, quoted(base_motion))
     if callable(base_motion):
         return kind, given_base("base_motion", base_motion)
-    start = REST if base_motion is None else base_motion
+    start = AT_REST if base_motion is None else base_motion
     if not isinstance(start, BodyMotion) or start.shape != ():
         raise ArgumentError("base_motion", "one BodyMotion, the start of the base", quoted(base_motion))
     motion_arrays("base_motion", start, "S")
