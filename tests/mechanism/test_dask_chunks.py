@@ -16,7 +16,7 @@ import dask.array as da
 COUNT, CHUNK = 10, 4
 BODY = hp.Body(2.0, (0.1, 0.2, 0.3), inertia=(0.2, 0.3, 0.4))
 PAIR = hp.HingePair((0.5, 0, 0.1), (-0.25, 0.1, 0), (1, 2, 0), body1=BODY, body2=BODY)
-FLAT = hp.PlanarPair((0.5, 0.2), (-0.3, 0.1), body1=BODY, body2=BODY)
+FLAT = hp.PlanarPair((0.5, 0.2), (-0.3, 0.1))
 ROBOT = Robot(record_of(random_model(1, 3)))
 FREE = Robot(record_of(random_model(1, 3)), "free")
 RNG = np.random.default_rng(1)
@@ -30,7 +30,7 @@ CALLS = {
     "prepared": (7, PAIR.prepare("velocity"), 2),
     "attitude": (3, lambda x: PAIR.prepare(("S1", "psi"), outputs=("S2",))(hp.rotation_exp((1, 2, 3)), x[:, 0]), 1),
     "mass_matrix": (3, lambda x: PAIR.mass_matrix(STILL, x[:, 0]), 1),
-    "plane": (4, FLAT.inverse_dynamics, 3),
+    "plane": (4, FLAT.forward_kinematics, 3),
     "frames": (3, ROBOT.forward_kinematics, 3),
     "torques": (3, lambda *x: ROBOT.inverse_dynamics(*x, gravity=(1, 0, -9), wrenches=FORCE), 3),
     "accelerations": (3, ROBOT.forward_dynamics, 3),

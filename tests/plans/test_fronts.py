@@ -22,7 +22,6 @@ FORMS = {
     "loads": (("q", "qd", *LOADS), False),
     "two motions": (("S1", *MOTION, "R2", "S2", "v2", "omega2", "a2", "alpha2"), False),
     "four coordinates": (("q", "qd", "qdd"), True),
-    "planar loads": (("q", "qd", *LOADS), True),
 }
 FORCES = ("force1", "hinge_torque", "hinge_force", "bearing_torque", "kinetic", "potential", "linear", "angular")
 POINTS = (Point("eye", 1), Point("tip", 2))
@@ -46,8 +45,8 @@ def outputs_of(form):
     if "S2" in given:
         return list(CONSTRAINTS)
     kinematic = [name for name in (PLANE if planar else SPACE).levels if name not in given]
-    solved = ["qdd" if planar else "psidd"] if "hinge_torque" in given else []
-    forces = [name for name in FORCES if name not in given]
+    solved = ["psidd"] if "hinge_torque" in given else []
+    forces = [name for name in FORCES if name not in given and not planar]
     return [*kinematic, *forces, *solved, "tip", "eye_v", "tip_a"]
 
 

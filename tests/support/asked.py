@@ -36,7 +36,7 @@ HOME = rotations(generator(41), 1)[0]
 BODY1 = hp.Body(2.0, (0.1, -0.2, 0.05), (0.3, 0.4, 0.5))
 BODY2 = hp.Body(1.5, (-0.15, 0.1, 0.2), ((0.2, 0.01, -0.02), (0.01, 0.3, 0.03), (-0.02, 0.03, 0.25)))
 PAIR = hp.HingePair((0.5, 0.2, 0.1), (-0.25, 0.1, 0.3), (1, 2, -0.5), HOME, body1=BODY1, body2=BODY2)
-FLAT = hp.PlanarPair((0.5, 0.2), (-0.25, 0.1), body1=BODY1, body2=BODY2)
+FLAT = hp.PlanarPair((0.5, 0.2), (-0.25, 0.1))
 LOCKED = {"panda_finger_joint1": 0.02}
 TIP = {"ur5": "tool0", "panda": "panda_hand"}
 
@@ -221,12 +221,6 @@ ROWS = {
         )
         for level, name in enumerate(("pose", "velocity", "acceleration"))
     },
-    "planar.inverse_dynamics": Row(
-        "flat", RATES, lambda flat, given, **run: flat.inverse_dynamics(
-            *(given[name] for name in RATES), gravity=GRAVITY[:2], **run
-        ),
-        functools.partial(forces_of, hinge=True), prepared=("inverse_dynamics", *RATES),
-    ),
     "robot.forward_kinematics(q)": of_robot(
         "panda", FK, RATES[:1], lambda tree: motion_of(tree, "R", "S", "d"), prepared=False, frames=TIP["panda"]
     ),
@@ -398,8 +392,8 @@ def prepared(label, backend):
     """What `prepare` gives for a row, which is called with the row's inputs by name."""
     row = ROWS[label]
     kind, *order = row.prepared
-    gravity = GRAVITY[:2] if row.subject == "flat" else GRAVITY
-    call = subject_of(row).prepare(kind, gravity=gravity, backend=backend)
+    gravity = {} if row.subject == "flat" else {"gravity": GRAVITY}
+    call = subject_of(row).prepare(kind, **gravity, backend=backend)
 
     def ask(given):
         arrays = arrays_of(call(*(given[name] for name in order)))

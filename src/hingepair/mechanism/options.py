@@ -15,13 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import nearest
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.plans.arguments import Coordinates
-from hingepair.plans.pairs import SPACE
 
 Out: TypeAlias = Mapping[str, NDArray[Any]] | NDArray[Any] | None
 """Arrays by output name, into which results are written; where there is one output, also one array."""
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link or frame, world axes, at its origin [N, N m]; shape (..., 3) each, or the number 0."""
-DEFAULT_GRAVITY: Final = SPACE.gravity  # (0, 0, -9.81) m/s^2, world axes
+DEFAULT_GRAVITY: Final = (0.0, 0.0, -9.81)  # m/s^2, world axes
 
 
 class Options(TypedDict, total=False):

@@ -23,6 +23,7 @@ from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.options import (
     BASE,
+    DEFAULT_GRAVITY,
     DYNAMICS,
     EULER,
     FORWARD,
@@ -115,48 +116,34 @@ ROBOT_TASKS: Final[Mapping[str, Task]] = {
 """All that can be asked of a robot."""
 SOLVED: Final = ROBOT_TASKS["forward_dynamics"].outputs  # NaN where nothing resists
 
-_MOVED: Final = ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd")  # arguments of inverse dynamics
-_PLACED: Final = ("R1", "S1", "v1", "omega1", "psi", "psid")  # arguments of energy and momentum
-_WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque")  # outputs of hinge_wrench
 STATES: Final[Mapping[PairKind, type[PairState | PlanarState]]] = {SPACE: PairState, PLANE: PlanarState}
 """Classes of the state of a pair."""
-
-
-def _of_pair(kind: PairKind, moved: tuple[str, ...], placed: tuple[str, ...], solved: Task) -> dict[str, Task]:
-    """Return what can be asked of pairs of a kind: `moved` are the arguments of inverse dynamics, `placed` those of
-    energy.
-    """
-    levels = enumerate(MOTION_LEVELS)
-    state = STATES[kind]
-    return {
-        **{level: Task(ROWS[: k + 1], kind.default_outputs(k), state, EULER) for k, level in levels},
-        "inverse_dynamics": Task(moved, FORCES, Forces, GRAVITY),
-        "hinge_wrench": Task(moved, _WRENCH, HingeWrench, GRAVITY),
-        "forward_dynamics": solved,
-        "energy": Task(placed, ("kinetic", "potential"), Energy, GRAVITY),
-        "momentum": Task(placed, ("linear", "angular"), Momentum),
-    }
-
-
+_MOVED: Final = ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd")  # arguments of inverse dynamics
+_PLACED: Final = ("R1", "S1", "v1", "omega1", "psi", "psid")  # arguments of energy and momentum
 _OF_BODY1: Final = ("S1", "omega1", "psi", "psid")
+_WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque")  # outputs of hinge_wrench
+
+
+def _levels(kind: PairKind) -> dict[str, Task]:
+    levels = enumerate(MOTION_LEVELS)
+    return {level: Task(ROWS[: k + 1], kind.default_outputs(k), STATES[kind], EULER) for k, level in levels}
+
+
 PAIR_TASKS: Final[Mapping[PairKind, Mapping[str, Task]]] = {
     SPACE: {
-        **_of_pair(
-            SPACE, _MOVED, _PLACED,
-            Task((*_OF_BODY1, *FORCES), ACCELERATIONS, Accelerations, GRAVITY),
-        ),
+        **_levels(SPACE),
         "from_body1": Task((), (), PairState, ("outputs", *OUT)),
         "jacobian": Task(("S1", "psi"), ("jacobian",)),
         "acceleration_bias": Task(_OF_BODY1, ("acceleration_bias",)),
         "mass_matrix": Task(("S1", "psi"), ("mass_matrix",)),
+        "inverse_dynamics": Task(_MOVED, FORCES, Forces, GRAVITY),
+        "forward_dynamics": Task((*_OF_BODY1, *FORCES), ACCELERATIONS, Accelerations, GRAVITY),
+        "hinge_wrench": Task(_MOVED, _WRENCH, HingeWrench, GRAVITY),
+        "energy": Task(_PLACED, ("kinetic", "potential"), Energy, GRAVITY),
+        "momentum": Task(_PLACED, ("linear", "angular"), Momentum),
     },
-    PLANE: {
-        **_of_pair(
-            PLANE, ROWS, ROWS[:2], Task(("q", "qd", *FORCES), ("qdd",), None, GRAVITY)
-        ),
-        "mass_matrix": Task(("q",), ("mass_matrix",)),
-    },
-}  # fmt: skip
+    PLANE: _levels(PLANE),
+}
 """All that can be asked of pairs in space and in the plane."""
 _METHODS: Final = {  # where a method has not the name of its task
     **dict.fromkeys(MOTION_LEVELS, "forward_kinematics"), "from_body1": "forward_kinematics_from_body1"
@@ -197,8 +184,8 @@ class Subject:
     inputs: Collection[str]  # that a prepared call can take
     _further_words: tuple[str, ...] = ()  # words that `prepare` takes beside the tasks
 
-    def __init__(self, gravity: tuple[float, ...]) -> None:
-        self.cache, self.gravity = Cache(), gravity
+    def __init__(self) -> None:
+        self.cache = Cache()
 
     def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
         """Return the request of a method's call."""
@@ -238,7 +225,6 @@ class Subject:
         prepare: Callable[..., Prepared],
         given: str | Iterable[str],
         outputs: Iterable[str] | None,
-        gravity: ArrayLike,
         execution: Execution,
         **options: Any,
     ) -> Prepared:
@@ -256,10 +242,10 @@ class Subject:
                 expected = f"names with {', '.join(missing)}, which output {output} needs"
                 raise ArgumentError("given", expected, ", ".join(all_names))
         remade = functools.partial(
-            prepare, word or names, outputs=outputs, gravity=gravity, workers=execution.workers,
+            prepare, word or names, outputs=outputs, workers=execution.workers,
             backend=execution.backend, **planned.options,
         )  # fmt: skip
-        vector = read_gravity(gravity, self.gravity)
+        vector = read_gravity(options.get("gravity", DEFAULT_GRAVITY))
         return Prepared(computation, all_names, execution, vector, remade, planned.watch)
 
 
@@ -336,9 +322,11 @@ def _lasts(option: object) -> bool:
     )
 
 
-def read_gravity(gravity: ArrayLike, default: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the argument `gravity` as numbers, as many as the default has."""
-    return default if gravity is default else tuple(one_constant("gravity", gravity, len(default)).tolist())
+def read_gravity(gravity: ArrayLike) -> tuple[float, ...]:
+    """Return the argument `gravity` as numbers."""
+    if gravity is DEFAULT_GRAVITY:
+        return DEFAULT_GRAVITY
+    return tuple(one_constant("gravity", gravity, 3).tolist())
 
 
 def motion_level(given: Mapping[str, Any] | Sequence[str]) -> str:

@@ -225,20 +225,7 @@ _SPATIAL: Final[dict[str, Output]] = {
     "acceleration_bias": Output(("q", "S1", "qd", "omega1"), TreeQuantities.acceleration_bias),
 }
 
-_PLANE: Final = (0, 1, 5, 6)  # places of planar velocities among v1, omega1 and psi'
-
-
-_OF_PLANE: Final[dict[str, Output]] = {
-    "mass_matrix": Output(
-        _SPATIAL["mass_matrix"].inputs,
-        lambda tree: tuple(tree.mass_rows[max(i, j)][min(i, j)] for i in _PLANE for j in _PLANE),
-    ),
-    "phi2": Output(("phi1", "psi"), lambda tree: tree.values["phi1"] + tree.values["psi"]),
-    "qdd": Output(
-        ("a1", "alpha1", "qdd"),
-        lambda tree: (*tree.values["a1"][:2], tree.values["alpha1"][2], tree.values["qdd"][0]),
-    ),
-}
+_PHI2: Final = Output(("phi1", "psi"), lambda tree: tree.values["phi1"] + tree.values["psi"])
 
 
 def _in_plane(output: Output, is_vector: bool) -> Output:
@@ -261,15 +248,10 @@ class PairKind:
     columns: Mapping[str, tuple[str, ...]]  # of q, qd and qdd in files and data frames
     shapes: Mapping[str, ArrayShape]  # of one sample of all that can be given or computed
     levels: Mapping[str, int | None]  # outputs of kinematics: the order from which it is a default output, or None
-    gravity: tuple[float, ...]  # acceleration of free fall unless given [m/s^2]
+    planar: bool
 
     def __reduce__(self) -> str:  # the two kinds are compared by identity
         return "PLANE" if self.planar else "SPACE"
-
-    @property
-    def planar(self) -> bool:
-        """Whether the pair moves in a plane."""
-        return len(self.gravity) == 2
 
     def default_outputs(self, level: int) -> tuple[str, ...]:
         """Return the names of the outputs that are computed if the user names none: those of a level (0 pose, 1
@@ -297,7 +279,7 @@ SPACE: Final = PairKind(
     },
     _sample_shapes(7) | dict.fromkeys(("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"), (3,)) | {"home": (3, 3)},
     {**_levels("R2", "S2", "d", "v2", "omega2", "a2", "alpha2"), **dict.fromkeys(_BODY1)},
-    (0.0, 0.0, -9.81),
+    planar=False,
 )
 """Pairs in space."""
 PLANE: Final = PairKind(
@@ -311,12 +293,9 @@ PLANE: Final = PairKind(
         **_sample_shapes(4),
         **dict.fromkeys(("R1", "v1", "a1", "u1", "u2", "R2", "d", "v2", "a2"), (2,)),
         **dict.fromkeys(("phi2", "omega2", "alpha2", "phi1", "phi1d", "phi1dd"), ()),
-        **dict.fromkeys(("gravity", "force1", "force2", "hinge_force", "linear"), (2,)),
-        **dict.fromkeys(("torque1", "torque2", "hinge_moment", "bearing_torque", "angular"), ()),
-        "mass_matrix": (4, 4),
     },
     _levels("R2", "phi2", "d", "v2", "omega2", "a2", "alpha2"),
-    (0.0, -9.81),  # y points up
+    planar=True,
 )
 """Planar pairs (E11)."""
 
@@ -442,8 +421,8 @@ class PairRequest(NamedTuple):
 
 def _output(request: PairRequest, name: str) -> Output:
     """Return how an output is computed; one that nothing computes has to be given."""
-    if request.planar and name in _OF_PLANE:
-        return _OF_PLANE[name]
+    if request.planar and name == "phi2":
+        return _PHI2
     points = {
         point.name + ending: (letter, place)
         for place, point in enumerate(request.points, 1)

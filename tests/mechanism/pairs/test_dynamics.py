@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.mechanism.pairs.planar_pair import dynamics_in_space, motion_in_space
 from support.near import assert_near
 from support.states import generator, rotations
 from support.states import pair as random_pair
@@ -134,17 +133,6 @@ def test_prepared_loads_on_body2_and_coordinates():
     assert_near(found.a2, body2.a2, 256)
 
 
-def test_what_was_not_given_of_a_planar_pair_is_warned_of_too():
-    pair = hp.PlanarPair((1, 0), (0, 1), body1=hp.Body(), body2=hp.Body(mass=2, shapes=[hp.Sphere(0.5)]))
-    with pytest.warns(hp.DynamicsWarning) as said:
-        pair.mass_matrix((0, 0, 0, 0))
-    assert [str(one.message).split(" is given")[0] for one in said] == [
-        "pair.body1: no mass",
-        "pair.body1: no inertia",
-    ]
-    np.testing.assert_allclose(dynamics_in_space(pair).body2.inertia, 2 * 0.4 * 0.25 * np.eye(3), rtol=4 * U)
-
-
 def test_a_mass_that_nobody_gave_is_said_once():
     shapes = [hp.Sphere(radius=0.1)]
     pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body2=hp.Body(shapes=shapes))
@@ -152,16 +140,3 @@ def test_a_mass_that_nobody_gave_is_said_once():
     with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no mass is given, 1 kg is taken"):
         pair.hinge_wrench(still, 0.0, 0.0, 0.0)
     pair.hinge_wrench(still, 0.0, 0.0, 0.0)
-
-
-def test_the_pin_of_a_planar_pair_bears_what_the_hinge_in_space_does():
-    rng = generator(77)
-    body2 = hp.Body(mass=2, centre_of_mass=(0.1, 0.2, 0), inertia=(1, 2, 3))
-    flat = hp.PlanarPair((1, 0.3), (-0.5, 0.2), body2=body2)
-    q, qd, qdd = rng.normal(size=(3, 5, 4))
-    body1, psi, psid, psidd = motion_in_space(q, qd, qdd)
-    space = flat.to_spatial().hinge_wrench(body1, psi, psid, psidd, gravity=(0, -9.81, 0))
-    found = flat.hinge_wrench(q, qd, qdd)
-    assert_near(found.force, space.force[:, :2], 16)
-    assert_near(found.torque, space.hinge_torque, 16)
-    np.testing.assert_array_equal(found.bearing_torque, 0)

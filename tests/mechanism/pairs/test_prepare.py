@@ -156,14 +156,3 @@ def test_a_prepared_call_can_be_copied_and_pickled():
             assert (other.given, other.outputs) == (fk.given, fk.outputs)
             for name in fk.outputs:
                 np.testing.assert_array_equal(other(*rows)[name], fk(*rows)[name])
-
-
-@pytest.mark.parametrize("task", ["inverse_dynamics", "hinge_wrench", "energy", "momentum"])
-def test_a_word_returns_what_the_method_returns(task):
-    body = hp.Body(2, (0.1, 0.2, 0), inertia=(1, 1, 1))
-    pair = hp.PlanarPair((1, 0), (-1, 0.5), body1=body, body2=body)
-    given = np.arange(12.0).reshape(3, 4)[: 3 if task in ("inverse_dynamics", "hinge_wrench") else 2]
-    prepared, method = pair.prepare(task)(*given), getattr(pair, task)(*given)
-    assert type(prepared) is type(method)
-    for name in method.outputs:
-        assert np.array_equal(getattr(prepared, name, prepared[name]), method[name])

@@ -243,7 +243,7 @@ class HingePair(Frozen, Shown):
         array([0., 4., 0., 0., 0., 3.])
         """
         how = execution_of(backend, workers)
-        return self._constants.prepare(self.prepare, given, outputs, gravity, how, sequence=sequence)
+        return self._constants.prepare(self.prepare, given, outputs, how, gravity=gravity, sequence=sequence)
 
     @with_options("outputs", *OUT)
     def forward_kinematics_from_body1(

@@ -12,21 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import motion_of_rotations
-from hingepair.mechanism.options import GRAVITY, OUT, Options, with_options
+from hingepair.mechanism.options import OUT, Options, with_options
 from hingepair.mechanism.pairs import accuracy
 from hingepair.mechanism.pairs.geometry import Points, checked_record, lifted
 from hingepair.mechanism.pairs.hinge_pair import HingePair, pair_sheet
-from hingepair.mechanism.pairs.requests import PairRequests, loads_that_act, read_rows
+from hingepair.mechanism.pairs.requests import PairRequests, read_rows
 from hingepair.mechanism.requests import MOTION_LEVELS, ROWS, ask, coordinate_rows
-from hingepair.mechanism.states import Energy, Forces, HingeWrench, Momentum, PlanarState
-from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, call_text, constant, set_frozen
+from hingepair.mechanism.states import PlanarState
+from hingepair.numeric.arrays import Frozen, broadcast_shape, call_text, constant, set_frozen
 from hingepair.plans.arguments import Coordinates, Outputs
 from hingepair.plans.pairs import PLANE
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import Sheet, Shown
 
-PLANAR_GRAVITY = PLANE.gravity  # (0, -9.81) m/s^2
+PLANAR_GRAVITY = (0.0, -9.81)  # m/s^2; y points up
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -45,14 +45,12 @@ class PlanarPair(Frozen, Shown):
       numbers or arrays that broadcast, a dict by name, or a table with these columns.
     - outputs: names out of R2, phi2, d, v2, omega2, a2, alpha2, and of points, such as tip, tip_v and tip_a. By
       default, all but those of points for which the coordinates suffice.
-    - gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
 
     Args:
         u1: hinge point from body 1's reference point, body-1 axes [m]; shape (2,) or (..., 2).
         u2: hinge point from body 2's reference point, body-2 axes [m]; shape (2,) or (..., 2).
         name: name of the pair in exports and messages.
-        body1: mass properties and shapes of body 1, a `Body` in space, of which dynamics use the mass, the moment
-            about the z axis through the centre of mass, and its x and y.
+        body1: mass properties and shapes of body 1, a `Body` in space, for `to_spatial` and scenes.
         body2: mass properties and shapes of body 2.
         points1: further points of body 1 by name, from its reference point, body-1 axes [m]; shape (2,) or (..., 2)
             each; as for a `HingePair`.
@@ -85,12 +83,10 @@ class PlanarPair(Frozen, Shown):
         points2: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         record = checked_record(2, name, body1, body2, points1, points2)
-        moving = tuple(None if body is None else _body_in_plane(body) for body in (body1, body2))
         arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
         points = record["points1"], record["points2"]
-        set_frozen(
-            self, **arrays, **record, _constants=PairRequests(record["name"], PLANE, arrays, None, points, moving)
-        )
+        constants = PairRequests(name, PLANE, arrays, None, points, (body1, body2))
+        set_frozen(self, **arrays, **record, _constants=constants)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (
@@ -132,7 +128,6 @@ class PlanarPair(Frozen, Shown):
         given: str | Iterable[str],
         *,
         outputs: Iterable[str] | None = None,
-        gravity: ArrayLike = PLANAR_GRAVITY,
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
@@ -140,10 +135,8 @@ class PlanarPair(Frozen, Shown):
         does. Arguments not listed: see `PlanarPair`.
 
         Args:
-            given: names of the arguments, out of q, qd, qdd and the loads force1, torque1, force2, torque2 and
-                hinge_torque; or a word: "pose", "velocity", "acceleration", or the name of a method of dynamics.
-            outputs: names of the outputs: those of `forward_kinematics`; force1, torque1, hinge_torque, hinge_force,
-                hinge_moment, bearing_torque, mass_matrix, kinetic, potential, linear, angular; with a load, qdd.
+            given: names of the arguments, out of q, qd and qdd; or a word: "pose", "velocity", "acceleration".
+            outputs: names of the outputs of `forward_kinematics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -153,7 +146,7 @@ class PlanarPair(Frozen, Shown):
         >>> (f.jacobian((np.zeros(4),))["R2"]["q"] + 0.0).tolist()
         [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 2.0, 1.0]]
         """
-        return self._constants.prepare(self.prepare, given, outputs, gravity, execution_of(backend, workers))
+        return self._constants.prepare(self.prepare, given, outputs, execution_of(backend, workers))
 
     def error_bounds(
         self, q: Coordinates, qd: Coordinates | None = None, qdd: Coordinates | None = None, outputs: Outputs = None
@@ -172,7 +165,7 @@ class PlanarPair(Frozen, Shown):
     def to_spatial(self) -> HingePair:
         """Return this pair as a HingePair with n = (0, 0, 1), and the same mass properties.
 
-        (x, y, phi, psi) are (x, y, 0, 0, 0, phi, psi) there, and the default gravity of a planar pair is gravity=(0,
+        (x, y, phi, psi) are (x, y, 0, 0, 0, phi, psi) there. It has the dynamics; gravity along -y is gravity=(0,
         -9.81, 0).
 
         >>> import hingepair as hp
@@ -191,113 +184,6 @@ class PlanarPair(Frozen, Shown):
             points1=points1, points2=points2,
         )  # fmt: skip
 
-    @with_options(*OUT)
-    def mass_matrix(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
-        """Compute the mass matrix M in M @ (x'', y'', phi'', psi'') + bias = (force1, torque1, hinge_torque) (T4),
-        symmetric; shape (..., 4, 4) [kg, kg m, kg m^2]. Arguments: see `PlanarPair`.
-
-        >>> import hingepair as hp
-        >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
-        >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).mass_matrix((0, 0, 0, 0)).diagonal().tolist()
-        [4.0, 4.0, 10.0, 3.0]
-        """
-        return ask(self._constants, "mass_matrix", (q,), options)
-
-    @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
-    def inverse_dynamics(
-        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
-    ) -> Forces:
-        """Compute the force and torque on body 1 and the hinge torque that a motion requires beside gravity (T1-T3).
-
-        Arguments: see `PlanarPair`.
-
-        >>> import hingepair as hp
-        >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
-        >>> pair = hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod)
-        >>> forces = pair.inverse_dynamics((0, 0, 0, 0), (0, 0, 0, 0), (0, 0, 0, 0))
-        >>> forces.force1.tolist(), float(forces.hinge_torque)
-        ([0.0, 39.24], 19.62)
-        """
-        return ask(self._constants, "inverse_dynamics", (q, qd, qdd), options)
-
-    @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
-    def hinge_wrench(
-        self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
-    ) -> HingeWrench:
-        """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3); body 1 needs no mass.
-        hinge_torque is the torque, bearing_torque 0.
-
-        Arguments: see `PlanarPair`.
-
-        >>> import hingepair as hp
-        >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(mass=2, inertia=(0.1, 1, 1)))
-        >>> wrench = pair.hinge_wrench((0, 0, 0, 0), (0, 0, 0, 0), (0, 0, 0, 0))
-        >>> wrench.force.tolist(), float(wrench.torque)
-        ([0.0, 19.62], 19.62)
-        """
-        return ask(self._constants, "hinge_wrench", (q, qd, qdd), options)
-
-    @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
-    def forward_dynamics(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        *,
-        force1: ArrayLike = 0,
-        torque1: ArrayLike = 0.0,
-        hinge_torque: ArrayLike = 0.0,
-        force2: ArrayLike = 0,
-        torque2: ArrayLike = 0.0,
-        **options: Unpack[Options],
-    ) -> FloatArray:
-        """Compute the accelerations of the coordinates under gravity and the forces and torques on both bodies (T5,
-        T6). Arguments not listed: see `PlanarPair`.
-
-        Args:
-            force1: force on body 1 at R1, world axes [N]; shape (..., 2).
-            torque1: torque on body 1 about R1 [N m]; shape (...,).
-            hinge_torque: torque of body 1 on body 2 [N m]; shape (...,).
-            force2: force on body 2 at R2, world axes [N]; shape (..., 2).
-            torque2: torque on body 2 about R2 [N m]; shape (...,).
-
-        Returns:
-            qdd = (x'', y'', phi'', psi'') [m/s^2, rad/s^2]; shape (..., 4). NaN, with a DynamicsWarning, where the
-            mass matrix is singular.
-
-        >>> import hingepair as hp
-        >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
-        >>> pair = hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod)
-        >>> pair.forward_dynamics((0, 0, 0, 0.3), (0, 0, 0, 0)).round(9)[1]  # both bodies fall
-        np.float64(-9.81)
-        """
-        loads = loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
-        given = {"q": q, "qd": qd, "hinge_torque": hinge_torque, **loads}
-        return self._constants.ask("forward_dynamics", given, options)
-
-    @with_options(*GRAVITY, gravity=PLANAR_GRAVITY)
-    def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> Energy:
-        """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
-        1 has no mass properties. Arguments: see `PlanarPair`.
-
-        >>> import hingepair as hp
-        >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(mass=2, inertia=(0.1, 1, 1)))
-        >>> pair.energy((0, 1, 0, 0), (1, 0, 0, 0)).potential.round(9).tolist()
-        19.62
-        """
-        return ask(self._constants, "energy", (q, qd), options)
-
-    @with_options(*OUT)
-    def momentum(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> Momentum:
-        """Compute the momentum of the pair: linear, and angular about the world's origin (T8). Arguments: see
-        `PlanarPair`.
-
-        >>> import hingepair as hp
-        >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
-        >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).momentum((0, 1, 0, 0), (1, 0, 0, 0)).linear.tolist()
-        [4.0, 0.0]
-        """
-        return ask(self._constants, "momentum", (q, qd), options)
-
 
 def dynamics_in_space(pair: HingePair | PlanarPair) -> HingePair:
     """Return the HingePair with the dynamics of a pair: a HingePair itself, or what is made once of a PlanarPair.
@@ -314,13 +200,15 @@ def dynamics_in_space(pair: HingePair | PlanarPair) -> HingePair:
         return pair
     constants = pair._constants
     if constants.in_space is None:
-        constants.in_space = pair._in_space(*constants.bodies)
+        constants.in_space = pair._in_space(*map(_body_in_plane, constants.bodies))
     found: HingePair = constants.in_space
     return found
 
 
-def _body_in_plane(body: Body) -> Body:
+def _body_in_plane(body: Body | None) -> Body | None:
     """Return a Body with its centre of mass at z = 0 and three principal moments, all that about z."""
+    if body is None:
+        return None
     x, y, _ = body.centre_of_mass
     level = np.eye(3) * body.inertia[2, 2]
     inertia = (

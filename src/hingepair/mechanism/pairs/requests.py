@@ -14,6 +14,7 @@ from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.geometry import Constants, least_axis
 from hingepair.mechanism.requests import (
     PAIR_TASKS,
@@ -57,7 +58,7 @@ _INPUTS: Final = {  # that a prepared call can take
         *(*ROWS, "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
         *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOADS),
     ),
-    PLANE: (*ROWS, *LOADS),
+    PLANE: ROWS,
 }
 # Outputs for which body 1 needs no mass.
 _OF_BODY2: Final = {"hinge_force", "hinge_moment", "hinge_torque", "bearing_torque", "kinetic", "potential"}
@@ -69,7 +70,7 @@ class PairRequests(Constants, Subject):
 
     def __init__(self, *constants: Any) -> None:
         Constants.__init__(self, *constants)
-        Subject.__init__(self, self.kind.gravity)
+        Subject.__init__(self)
         self.tasks, self.inputs = PAIR_TASKS[self.kind], _INPUTS[self.kind]
         self.in_space: Any = None  # the HingePair with the dynamics of a planar pair
         self._warned: set[str] = set()  # bodies whose assumed masses were told
@@ -172,21 +173,16 @@ class PairRequests(Constants, Subject):
 
     def _watch(self, outputs: tuple[str, ...], solves: bool) -> Watch | None:
         """Return what looks at accelerations that are solved for; None where the mass matrix is regular."""
-        solved = self.tasks["forward_dynamics"].outputs[-1]
-        if not (solves and solved in outputs and self.pivot_limits.any()):
-            return None
-        return functools.partial(self._warn_where_singular, solved)
+        return self._warn_where_singular if solves and "psidd" in outputs and self.pivot_limits.any() else None
 
-    def _warn_where_singular(self, solved: str, result: Any, _: Any) -> None:
+    def _warn_where_singular(self, result: Any, _: Any) -> None:
         """Issue a DynamicsWarning where accelerations are NaN because the mass matrix is singular."""
-        found = result if isinstance(result, np.ndarray) else result[solved]
-        if isinstance(found, np.ndarray | np.generic) and np.isnan(found).any():
-            still: dict[str, Any] = {"phi1": 0.0} if self.kind.planar else {"S1": np.eye(3)}
-            still["psi"] = 0.0
+        psidd = result["psidd"]
+        if isinstance(psidd, np.ndarray | np.generic) and np.isnan(psidd).any():
+            still = {"S1": np.eye(3), "psi": 0.0}
             pivots = self.compute_arrays(("pivots",), still, dict.fromkeys(still, ()))["pivots"]
             limits = self.pivot_limits[..., [0, 1, 1, 1, 2, 2, 2]]
-            bad = np.isnan(np.asarray(found)[..., -1] if self.kind.planar else found)
-            warn_where_singular(self.name, bad, pivots, limits, ("the hinge", *["body 1"] * 6))
+            warn_where_singular(self.name, np.isnan(psidd), pivots, limits, ("the hinge", *["body 1"] * 6))
 
     # ---- requests
 
@@ -199,7 +195,7 @@ class PairRequests(Constants, Subject):
             sequence = self._sequence(given, options.get("sequence", "XYZ"))
         solves = "hinge_torque" in given
         self._check_masses(outputs, solves)
-        gravity = read_gravity(options["gravity"], self.gravity) if "gravity" in options else self.gravity
+        gravity = read_gravity(options.get("gravity", DEFAULT_GRAVITY))
         remade = functools.partial(self.computation, outputs, sequence, task.result, False, solves)
         return Request(remade(), given, INPUT_LABELS, gravity, remade, self._watch(outputs, solves))
 

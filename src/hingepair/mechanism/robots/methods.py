@@ -568,7 +568,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         computation = self._robot.computation(("qdd",), (), links, self._robot.counts_loads(joint_loads))
         result = rolled_out(
             computation, q0, qd0, tau, dt, method=method, steps=steps, every=every, limit=limit,
-            gravity=read_gravity(gravity, DEFAULT_GRAVITY), loads=loads, base_motion=base_motion, out=out,
+            gravity=read_gravity(gravity), loads=loads, base_motion=base_motion, out=out,
             execution=execution_of("auto", workers),
         )  # fmt: skip
         if self._robot.constants.may_be_singular and np.isnan(result.q[..., -1, :]).any():
@@ -887,7 +887,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             known = ("outputs", "frames", "gravity", "wrenches", "joint_loads", "workers", "backend")
             raise ArgumentError(name, f"{choices(known)}{nearest(name, known)} for {given!r}", quoted(value))
         return self._robot.prepare(
-            self.prepare, given, outputs, gravity, execution_of(backend, workers),
+            self.prepare, given, outputs, execution_of(backend, workers), gravity=gravity,
             frames=frames, wrenches=wrenches, joint_loads=joint_loads,
         )  # fmt: skip
 

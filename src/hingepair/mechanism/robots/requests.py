@@ -73,7 +73,7 @@ class RobotRequests(Subject):
     _further_words = ("rollout", "inverse_kinematics")
 
     def __init__(self, tree: Tree, base: str) -> None:
-        super().__init__(DEFAULT_GRAVITY)
+        super().__init__()
         self.tree, self.base = tree, base
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -112,7 +112,7 @@ class RobotRequests(Subject):
             self.warn_of_masses()
         arguments, labels = computation.given(coordinates, options.get("base_motion"), loads)
         return Request(
-            computation, arguments, labels, read_gravity(options.get("gravity", DEFAULT_GRAVITY), DEFAULT_GRAVITY),
+            computation, arguments, labels, read_gravity(options.get("gravity", DEFAULT_GRAVITY)),
             functools.partial(self.computation, *computation.asked), self.watch(computed, plain=True),
             # What the arrays of `out` ask for can be something else the next time.
             lasts=not called and (options.get("outputs") is not None or computed == default),
@@ -141,7 +141,7 @@ class RobotRequests(Subject):
         if computation.needs_masses:
             self.warn_of_masses()
         further = (f"{kind}_{k}" for k in range(len(links)) for kind in ("force", "torque"))
-        remade = {"frames": named or None, "wrenches": links, "joint_loads": loaded}
+        remade = {**options, "frames": named or None, "wrenches": links, "joint_loads": loaded}
         return Planned(computation, remade, self.watch(outputs), tuple(further))
 
     def error_bounds(
@@ -169,7 +169,7 @@ class RobotRequests(Subject):
         # Which constants fold is said by their errors here: one that is 0 may be 1e-17 in the exact robot.
         form = computation.form._replace(known=(None,) * len(computation.form.known))
         program = functools.partial(compute_request, form, request._replace(known=(None,) * len(request.known)))
-        vector = read_gravity(gravity, DEFAULT_GRAVITY)
+        vector = read_gravity(gravity)
         known = {**computation.known, "gravity": vector, "constants": Known(tuple(numbers), tuple(errors))}
         shown = 0 if request.single else len(request.shown_frames)
         parts = {name: shown if name in FRAME_OUTPUTS else 0 for name in request.outputs}
