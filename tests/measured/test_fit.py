@@ -294,15 +294,12 @@ WXYZ, XYZW = (functools.partial(read_in_order, written=order) for order in ("wxy
 MISTAKES = {  # what is said, and what was done to the recording
     "body2.R looks like millimetres": {"R2": lambda R: 1e3 * R},
     "body1.R looks like millimetres": {"R1": lambda R: 1e3 * R},
-    "body2.R looks like centimetres": {"R2": lambda R: 1e2 * R},
     "body2.S looks like quaternions wxyz that were read as xyzw": {"S2": WXYZ},
     "body2.S looks like quaternions xyzw that were read as wxyz": {"S2": XYZW},
     "body1.S and body2.S look like quaternions wxyz": {"S1": WXYZ, "S2": WXYZ},
     "body2.S looks like rotations from world": {"S2": TRANSPOSED},
     "body1.S looks like rotations from world": {"S1": TRANSPOSED},
     "body2 looks as if y were up in its world": {"R2": lambda R: R @ Y_UP.T, "S2": lambda S: Y_UP @ S},
-    "body2.R looks as if y and z were exchanged": {"R2": lambda R: R[:, [0, 2, 1]]},
-    "body1.R looks as if x and y were exchanged": {"R1": lambda R: R[:, [1, 0, 2]]},
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,8 @@ from hingepair.tables.sheets import percent
 
 _RELIABLE_AXIS = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
 _RELIABLE_POINT = 0.1  # likewise of the hinge point, in parts of the levers
-_MAX_PLAY = (
-    0.02  # rms play that is not random, in parts of the levers, or of a circle's radius; above, it is no hinge
-)
+# Rms play that is not random, in parts of the levers, or of a circle's radius: of more it is no hinge, of less none.
+_MAX_PLAY, _LEAST_PLAY = 0.02, 0.005
 _SOME_SAMPLES = 2048  # that tell whether the bodies turn, and what other joint they have
 _FEW = 10  # samples, from which standard deviations hold
 _ROUNDING = 1e-12  # rad, and parts of the size of the places; smaller residuals are rounding
@@ -59,7 +58,7 @@ def check_turning(poses: RelativePoses) -> None:
         return
     p = thin.p
     slide = float(np.sqrt(np.median(((p - np.median(p, axis=1, keepdims=True)) ** 2).sum(axis=0))))
-    beside = f", and it slides by {slide:.2g} m: a sliding joint" if slide > 20 * spread[0] * _rms_distance(p) else ""
+    beside = f", and it slides by {slide:.2g} m: a sliding joint" if slide > 20 * spread[0] * _rms_length(p) else ""
     about = " about any axis" if beside else ", about one axis no more than about others: a fixed pair"
     raise FitError(
         "body1, body2",
@@ -162,7 +161,7 @@ def _judge_hinge(fitted: Fitted) -> list[Finding]:
         )
         findings.append(Finding("plane", 1, 0, text, harmless=True))
     lag = 0 if fitted.is_rounding().all() else fitted.unresolved_lag
-    reach = max(fitted.reach, _rms_distance(fitted.poses.p))
+    reach = max(fitted.reach, _rms_length(fitted.poses.p))
     return (
         findings
         + _certainty_findings(fitted, reach, "bodies turn further, or longer", ", across the axis")
@@ -200,7 +199,6 @@ def _outlier_findings(fitted: Fitted) -> list[Finding]:
 def _judge_circle(fitted: Fitted) -> list[Finding]:
     """Return findings on the hinge of a body and a point: residuals that are not at random, and certainty."""
     findings, radius = _outlier_findings(fitted), fitted.model.radius
-    sizes = np.sqrt(fitted.gap**2 @ fitted.shares) / radius
     words = (
         (
             "leaves the plane of the circle",
@@ -210,16 +208,13 @@ def _judge_circle(fitted: Fitted) -> list[Finding]:
         ("is off the circle", "its distance from the axis changes", "The point's distance from the axis changes"),
     )
     correlations = [fitted.correlation(slice(k, k + 1)) for k in (0, 1)]
-    for correlation, size, (off, why, play) in zip(correlations, sizes, words, strict=True):
-        if correlation <= RANDOM_CORRELATION or size <= 0.25 * _MAX_PLAY:
-            continue
-        rms = f"by {size * radius:.2g} m rms"
-        if size >= _MAX_PLAY:
-            findings.append(Finding("play", size, _MAX_PLAY, f"The point {off} {rms}, and not at random: {why}."))
-        else:
-            share = f"{percent(size)} of the radius, and not at random"
-            text = f"{play} {rms}, {share}: the hinge is that of the mean circle."
-            findings.append(Finding("play", size, 0.25 * _MAX_PLAY, text, harmless=True))
+    for correlation, square, (off, why, play) in zip(correlations, fitted.gap**2 @ fitted.shares, words, strict=True):
+        rms = float(np.sqrt(square))
+        if correlation > RANDOM_CORRELATION and rms > _LEAST_PLAY * radius:
+            text = f"The point {off} by {rms:.2g} m rms, and not at random: {why}."
+            findings.append(
+                _play_finding(rms, rms, radius, text, play, "radius", "the hinge is that of the mean circle")
+            )
     findings += _certainty_findings(fitted, fitted.reach, "point turn further")
     if max(correlations) <= RANDOM_CORRELATION:  # hardly an arc explains all else
         p = fitted.poses.p.T[(fitted.seen.weights > 0) & ~fitted.is_outlier()]
@@ -229,6 +224,16 @@ def _judge_circle(fitted: Fitted) -> list[Finding]:
         text = f"The path of the point is {what} its noise, {widths[2]:.2g} m: let the point turn further."
         findings = exceeded(Finding("arc", widths[2], widths[1] / 3, text)) or findings
     return findings
+
+
+def _play_finding(size: float, rms: float, reach: float, no_hinge: str, play: str, parts: str, mean: str) -> Finding:
+    """Return a finding on a hinge that moves by so much [m]: it is none (`no_hinge`), or has play in parts of
+    `reach` [m].
+    """
+    if size >= _MAX_PLAY * reach:
+        return Finding("play", size, _MAX_PLAY * reach, no_hinge)
+    text = f"{play} by {rms:.2g} m rms, {percent(rms / reach)} of the {parts}, and not at random: {mean}."
+    return Finding("play", size, _LEAST_PLAY * reach, text, harmless=True)
 
 
 def _split_findings(fitted: Fitted) -> list[Finding]:
@@ -275,7 +280,7 @@ def _other_joint_sentence(poses: RelativePoses, tilt: float, tilt_text: str) -> 
             f"that leaves {np.degrees(axes_residual):.2g} deg."
         )
     off = _common_point_distance(thin)
-    if off < 0.1 * _rms_distance(thin.p):
+    if off < 0.1 * _rms_length(thin.p):
         return f"{no_hinge}. A ball joint: one point stays in both bodies to {off:.2g} m rms."
     return f"{no_hinge}, and no point stays in both bodies either."
 
@@ -291,37 +296,30 @@ def _common_point_distance(poses: RelativePoses) -> float:
 
 def _point_findings(fitted: Fitted) -> list[Finding]:
     """Return a finding if the hinge point moves in the bodies."""
-    poses, reach = fitted.poses, max(fitted.reach, _rms_distance(fitted.poses.p))
-    x, y, z = fitted.gap**2 @ fitted.shares
-    across, along = float(x + y) / 2, float(z)
+    poses, reach = fitted.poses, max(fitted.reach, _rms_length(fitted.poses.p))
+    x, y, z = (fitted.gap**2 @ fitted.shares).tolist()
+    across, along = (x + y) / 2, z
     attitude = fitted.model.noise.attitude / 2 * float(fitted.shares @ (poses.p**2).sum(axis=0)) / 3
-    size = float(np.sqrt(2 * across + along))
+    rms = size = float(np.sqrt(x + y + z))
     is_systematic = fitted.correlation(slice(2, None)) > RANDOM_CORRELATION
-    if size < max(1e-9 * poses.size, 0.005 * reach) or not (is_systematic or size > 0.1 * reach):
+    if size < max(1e-9 * poses.size, _LEAST_PLAY * reach) or not (is_systematic or size > 0.1 * reach):
         return []
     if along > 9 * across:
-        rms = np.sqrt(along)
+        rms, play = float(np.sqrt(along)), "Body 2 moves along the axis"
         no_hinge = f"Body 2 slides along the axis, by {rms:.2g} m rms: a sliding hinge, or a screw."
-        play = "Body 2 moves along the axis"
     elif across - along > 4 * (along + attitude):
-        rms = np.sqrt(2 * across)
+        rms, play = float(np.sqrt(x + y)), "The axis moves sideways"
         no_hinge = (
             f"They turn about one direction, but no point stays: it is off by {rms:.2g} m rms across the axis. Two "
             "parallel hinges one after the other, or an axis that wanders."
         )
-        play = "The axis moves sideways"
     elif is_systematic:
-        rms = size
-        no_hinge = f"No hinge point stays in both bodies: it is off by {rms:.2g} m rms, and not at random."
         play = "The hinge point moves"
+        no_hinge = f"No hinge point stays in both bodies: it is off by {size:.2g} m rms, and not at random."
     else:
         text = f"The hinge point is off by {size:.2g} m rms at random: noise that is large relative to the levers."
         return [Finding("play", size, 0.1 * reach, text)]
-    if size >= _MAX_PLAY * reach:
-        return [Finding("play", size, _MAX_PLAY * reach, no_hinge)]
-    share = f"{percent(float(rms) / reach)} of the levers, and not at random"
-    text = f"{play} by {rms:.2g} m rms, {share}: u1 and u2 name its mean place."
-    return [Finding("play", size, 0.005 * reach, text, harmless=True)]
+    return [_play_finding(size, rms, reach, no_hinge, play, "levers", "u1 and u2 name its mean place")]
 
 
 def _angle_scatter(psi: Float64Array, weights: Float64Array) -> float:
@@ -332,37 +330,16 @@ def _angle_scatter(psi: Float64Array, weights: Float64Array) -> float:
     return float(min(np.sqrt(weights @ (off * off)), 1.0)) if mean < 1 else 0.0
 
 
-def _rms_distance(p: Float64Array) -> float:
+def _rms_length(p: Float64Array) -> float:
     """Return the rms length of vectors (3, N)."""
     return float(np.sqrt((p * p).sum() / max(p.shape[1], 1)))
 
 
 # ---- mistakes that hide a hinge
 
-_TRIED = 400  # on which mistakes are tried, at most
-
-
-class BodyPoses(NamedTuple):
-    """Poses of both bodies at all samples, as the user gave them."""
-
-    R1: NDArray[np.floating]  # shape (N, 3)
-    S1: NDArray[np.floating]  # shape (N, 3, 3)
-    R2: NDArray[np.floating]
-    S2: NDArray[np.floating]
-
-    def changed(self, bodies: str, letter: str, change: Callable[..., Any]) -> BodyPoses:
-        """Return the poses with the array R or S (`letter`) of the bodies "1", "2" or "12" changed."""
-        return self._replace(**{f"{letter}{digit}": change(getattr(self, f"{letter}{digit}")) for digit in bodies})
-
-    def misfit(self) -> float:
-        """Return how badly the closed-form hinge fits: the median tilt [rad] plus the median gap in parts of the
-        distance between the bodies.
-        """
-        poses = compute_relative_poses(*self)
-        distance = float(np.sqrt((poses.p**2).sum() / poses.samples))
-        seen = constraints(closed_form_hinge(poses), poses)
-        tilt, gap = (np.sqrt(np.median((part**2).sum(axis=0))) for part in (seen.tilt, seen.gap))
-        return float(tilt + gap / max(distance, 1e-300))
+_TRIED = 400  # samples on which mistakes are tried, at most
+_Y_UP = np.array(((1.0, 0, 0), (0, 0, -1), (0, 1, 0)))
+_Change = Callable[[Any], Any]
 
 
 def _reread(S: Float64Array, scalar_first: bool) -> Float64Array:
@@ -372,46 +349,43 @@ def _reread(S: Float64Array, scalar_first: bool) -> Float64Array:
     return np.asarray(quaternion_to_matrix("quat", written, scalar_first=scalar_first), dtype=np.float64)
 
 
-_Y_UP = np.array(((1.0, 0, 0), (0, 0, -1), (0, 1, 0)))
-# Common mistakes in R and in S, and what takes them back.
-_OF_PLACES: dict[str, Callable[[Float64Array], Float64Array]] = {
-    "looks like millimetres": lambda R: 1e-3 * R,
-    "looks like centimetres": lambda R: 1e-2 * R,
-    "looks as if y and z were exchanged": lambda R: R[:, [0, 2, 1]],
-    "looks as if x and y were exchanged": lambda R: R[:, [1, 0, 2]],
-    "looks as if x and z were exchanged": lambda R: R[:, [2, 1, 0]],
-}
-_OF_ATTITUDES: dict[str, Callable[[Float64Array], Float64Array]] = {
-    "like rotations from world to body, the transposes": lambda S: np.swapaxes(S, -1, -2),
-    "like quaternions wxyz that were read as xyzw": lambda S: _reread(S, True),
-    "like quaternions xyzw that were read as wxyz": lambda S: _reread(S, False),
-}
+def _mistakes() -> Iterator[tuple[str, dict[str, _Change]]]:
+    """Yield common mistakes in recorded poses, in words, and what takes them back, by the names of arrays."""
+    for digit in "21":
+        R, S = f"R{digit}", f"S{digit}"
+        yield f"body{digit}.R looks like millimetres", {R: lambda R: 1e-3 * R}
+        for up, other, turn in (("y", "z", _Y_UP), ("z", "y", _Y_UP.T)):
+            text = f"body{digit} looks as if {up} were up in its world and {other} in that of the other body"
+            yield text, {S: turn.__matmul__, R: turn.T.__rmatmul__}
+    of_attitudes: dict[str, _Change] = {
+        "like rotations from world to body, the transposes": lambda S: np.swapaxes(S, -1, -2),
+        "like quaternions wxyz that were read as xyzw": lambda S: _reread(S, True),
+        "like quaternions xyzw that were read as wxyz": lambda S: _reread(S, False),
+    }
+    for digits, name in (("1", "body1.S looks"), ("2", "body2.S looks"), ("12", "body1.S and body2.S look")):
+        for text, change in of_attitudes.items():
+            yield f"{name} {text}", {f"S{digit}": change for digit in digits}
 
 
-def probable_mistakes(body_poses: BodyPoses) -> list[str]:
+def probable_mistakes(arrays: dict[str, Any]) -> list[str]:
     """Return a sentence on a mistake in recorded poses (units, axes, transposes, quaternions), if a hinge fits far
-    better with the mistake corrected. No pose may be missing.
+    better with the mistake taken back; `arrays` are R1, S1, R2 and S2, of which none may be missing.
     """
-    if len(body_poses.R1) < 2:
+    if len(arrays["R1"]) < 2:
         return []
-    every = slice(None, None, -(-body_poses.R1.shape[0] // _TRIED))
-    poses = BodyPoses(*(array[every].astype(np.float64) for array in body_poses))
-    misfit, corrected = poses.misfit(), [(changed.misfit(), text) for text, changed in _corrected_poses(poses)]
+    every = slice(None, None, -(-len(arrays["R1"]) // _TRIED))
+    poses: dict[str, Any] = {name: array[every].astype(np.float64) for name, array in arrays.items()}
+
+    def misfit(changes: dict[str, _Change]) -> float:
+        """Return the median tilt [rad] of the closed form plus its median gap in parts of the bodies' distance."""
+        changed = compute_relative_poses(**poses | {name: change(poses[name]) for name, change in changes.items()})
+        seen = constraints(closed_form_hinge(changed), changed)
+        tilt, gap = (np.sqrt(np.median((part**2).sum(axis=0))) for part in (seen.tilt, seen.gap))
+        return float(tilt + gap / max(_rms_length(changed.p), 1e-300))
+
+    as_recorded, corrected = misfit({}), [(misfit(changes), text) for text, changes in _mistakes()]
     least = min(each for each, _ in corrected)
     text = next(text for each, text in corrected if each < 1.01 * least + 1e-12)
-    if least > min(0.2 * misfit, 0.1):
+    if least > min(0.2 * as_recorded, 0.1):
         return []
-    return [f"{text}: with that taken back, a hinge fits {misfit / max(least, 1e-12):.2g} times as well."]
-
-
-def _corrected_poses(poses: BodyPoses) -> Iterator[tuple[str, BodyPoses]]:
-    """Yield each common mistake, in words, and the poses with the mistake corrected."""
-    for digit in "21":
-        for text, change in _OF_PLACES.items():
-            yield f"body{digit}.R {text}", poses.changed(digit, "R", change)
-        for up, other, turn in (("y", "z", _Y_UP), ("z", "y", _Y_UP.T)):
-            turned = poses.changed(digit, "S", turn.__matmul__).changed(digit, "R", lambda R, turn=turn: R @ turn.T)
-            yield f"body{digit} looks as if {up} were up in its world and {other} in that of the other body", turned
-    for bodies, name in (("1", "body1.S looks"), ("2", "body2.S looks"), ("12", "body1.S and body2.S look")):
-        for text, change in _OF_ATTITUDES.items():
-            yield f"{name} {text}", poses.changed(bodies, "S", change)
+    return [f"{text}: with that taken back, a hinge fits {as_recorded / max(least, 1e-12):.2g} times as well."]

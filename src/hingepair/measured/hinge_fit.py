@@ -13,7 +13,7 @@ from hingepair.errors import FitError
 from hingepair.measured.clock import ClockedPoses
 from hingepair.measured.findings import Finding, exceeded, is_reliable, notes
 from hingepair.measured.hinge import GAUGES, RULE_OF_HOME, RULE_OF_SIGN
-from hingepair.measured.hinge_findings import BodyPoses, Fitted, check_turning, judged, probable_mistakes
+from hingepair.measured.hinge_findings import Fitted, check_turning, judged, probable_mistakes
 from hingepair.measured.hinge_model import BodyModel, PointModel
 from hingepair.measured.hinge_report import HingeReport
 from hingepair.measured.most_likely import Estimate, most_likely, shows_offset
@@ -286,10 +286,10 @@ def _recording_findings(
     """Return findings on the recordings beside those on the hinge: mistakes, missing samples, units."""
     findings = []
     if not is_reliable(of_hinge) and not samples.is_point:
-        recorded = (samples.R1, samples.S1, samples.R2, samples.S2)
         # With a clock offset, samples are used of which body 2 was not recorded at the same time stamp.
         both = used & samples.known1 & samples.known2
-        findings += notes("mistake", probable_mistakes(BodyPoses(*(array[both] for array in recorded))))
+        poses = {name: getattr(samples, name)[both] for name in ("R1", "S1", "R2", "S2")}
+        findings += notes("mistake", probable_mistakes(poses))
         if loss == "linear" and not any(finding.name == "outliers" for finding in of_hinge):
             findings += notes("outliers", ['Where some samples may be outliers, loss="cauchy" tells.'])
     if not used.all():
