@@ -156,7 +156,7 @@ def test_the_marker_that_moved_is_named(marker: int) -> None:
     places[150:, marker] += np.einsum("nij,j->ni", made.S1[150:], (0.01, -0.012, 0.008))
     found = hp.fit_cluster(places)
     assert not found.ok
-    assert found.findings[0].startswith(f"Marker {marker} moved against the others")
+    assert found.findings[0].startswith(f"Marker {marker}, of 0 to 4, moved against the others")
 
 
 @pytest.mark.slow
@@ -194,7 +194,7 @@ BAD_CLUSTERS = {
     "reference in millimetres": (lambda x: x, 1e3, "is it in metres"),
     "labels unlike the reference": (lambda x: exchanged(x, slice(None)), 1.0, "labels may be exchanged"),
     "labels exchanged in a third": (lambda x: exchanged(x, slice(40, 140)), None, "labels may be exchanged"),
-    "a marker that slides": (sliding, None, "Marker 0 moved|One of the markers moved"),
+    "a marker that slides": (sliding, None, "Marker 0, of 0 to 4, moved|One of the markers moved"),
 }
 
 

@@ -27,6 +27,7 @@ from hingepair.tables.instants import split_at_gaps
 MAX_SHIFT = 0.75  # median time steps by which a sample of body 2 may be moved along its smoothed motion
 _MAX_GAP = 0.05  # s without a sample of body 2 that its smoothed motion bridges
 _TRIAL_SAMPLES = 256  # at most, at each trial offset
+_NOISE_SAMPLES = 4096  # that tell the noise of rates, at most
 _REPEATED = 0.995  # correlation of a motion with itself later, above which it repeats
 _MAX_LAGS = 2**16  # samples of the search for a period
 
@@ -53,9 +54,12 @@ class ClockedPoses:
         arrays, parts = smoothed_arrays(self._t, R2, S2, None, _MAX_GAP, loss)
         self._rates = np.stack([np.nan_to_num(arrays[name]) for name in ("v", "omega", "a", "alpha")])
         self._smooth: NDArray[np.bool_] = np.asarray(np.isfinite(arrays["a"] + arrays["alpha"]).all(axis=1))
-        self._rate_noise = [float(np.nanmedian(parts[letter].deviations(1))) for letter in "RS"]
+        every = -(-self._t.size // _NOISE_SAMPLES)
+        self._rate_noise = [float(np.nanmedian(parts[letter].deviations(1, every))) for letter in "RS"]
         self._step = float(np.median(np.diff(self._t)))
         self._since_middle = self._t - (self._t[0] + self._t[-1]) / 2
+        # Offsets on both sides of 0 that are tried [s].
+        self._span = min(max(0.5, 10 * self._step), 0.25 * float(np.ptp(self._t)))
 
     @staticmethod
     def has_enough_samples(samples: Samples) -> bool:
@@ -152,8 +156,8 @@ class ClockedPoses:
                 f"The motion repeats after {period:.3g} s, and the clock offset may be off by this: record a motion "
                 "that does not repeat, or give both one clock and clock_offset=0."
             )
-            # Clocks that hardly differ are more likely than clocks that differ by a period.
-            small = abs(offset) <= 0.05 * period
+            # Clocks that hardly differ are more likely than clocks that differ by a long period.
+            small = abs(offset) <= 0.05 * period and period > self._span
             found.append(Finding("period", abs(offset), 0.05 * period, text, harmless=small))
         return found
 
@@ -184,8 +188,7 @@ class ClockedPoses:
         """Scan clock offsets on both sides of 0; return the local minimum of the misfit, a negative log-likelihood
         per sample, that descent from 0 reaches, or the global minimum if that is clearly smaller.
         """
-        duration = float(self._t[-1] - self._t[0])
-        span = min(max(0.5, 10 * self._step), 0.25 * duration)  # s
+        span = self._span
         count = int(np.clip(np.ceil(span / max(0.1 * self.time_scale, self._step / 2)), 2, 60))
         offsets = np.linspace(-span, span, 2 * count + 1)
         trials = [self.poses_at(np.array((offset, 0.0)), _TRIAL_SAMPLES) for offset in offsets]

@@ -162,15 +162,13 @@ def _is_outlier(distances: Float64Array, is_seen: Float64Array, size: float) -> 
 def _deviations(
     S: Float64Array, is_seen: Float64Array, cluster: Float64Array, noise: float
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the standard deviations of the poses, of R and of the rotation vector of S, world axes; (N, 3) each.
-
-    In the axes of the body, the covariance of the rotation vector is noise^2 (sum abs(r)^2 - r r^T)^-1 over the seen
-    markers, r from their middle; R is off by that of the middle and by the turn about it.
-    """
+    """Return the standard deviations of R and of the rotation vector of S, world axes; (N, 3) each."""
     count = is_seen.sum(axis=1)[:, None]
     middle = is_seen @ cluster / count
     r = is_seen[..., None] * (cluster - middle[:, None])
     spread = np.einsum("nmi,nmj->nij", r, r)
+    # In body axes, the covariance of the rotation vector is noise^2 (sum abs(r)^2 - r r^T)^-1; R is off by that of the
+    # middle, and by the turn about it.
     inertia = np.trace(spread, axis1=1, axis2=2)[:, None, None] * np.eye(3) - spread
     turn = noise**2 * S @ np.linalg.pinv(inertia, hermitian=True) @ np.swapaxes(S, -1, -2)
     arm = np.asarray(skew(np.einsum("nij,nj->ni", S, middle)))
@@ -267,12 +265,11 @@ def _moved_marker_findings(off: Float64Array, is_seen: Float64Array, size: float
     """Return a finding on the marker that is farthest off its place if what is left of the places, `off` (N, M, 3),
     is not random: a marker that moved against the others.
     """
-    count, markers = off.shape[1], zip(off.swapaxes(0, 1), is_seen.T, strict=True)
-    correlations = [neighbour_correlation(one[seen > 0].T) for one, seen in markers]
-    rms = np.sqrt((off**2).sum(axis=(0, 2)) / np.maximum(is_seen.sum(axis=0), 1.0))
-    worst = int(np.argmax(rms))
-    if max(correlations) <= RANDOM_CORRELATION:
+    markers = zip(off.swapaxes(0, 1), is_seen.T, strict=True)
+    if max(neighbour_correlation(one[seen > 0].T) for one, seen in markers) <= RANDOM_CORRELATION:
         return []
-    which = f"Marker {worst}" if count > _MIN_MARKERS else "One of the markers"
+    rms = np.sqrt((off**2).sum(axis=(0, 2)) / np.maximum(is_seen.sum(axis=0), 1.0))
+    worst, last = int(np.argmax(rms)), off.shape[1] - 1
+    which = f"Marker {worst}, of 0 to {last}," if last >= _MIN_MARKERS else "One of the markers"
     text = f"{which} moved against the others: it is off its place by {1e3 * rms[worst]:.2g} mm rms, not at random."
     return exceeded(Finding("moved", float(rms[worst]), _MAX_PLAY * size, text))

@@ -70,22 +70,24 @@ class SmoothedColumns:
     residuals: Float64Array  # of the samples of all pieces; (M, k)
     variance: float  # of the noise of one sample of one column
 
-    def _over_pieces(self, shape: tuple[int, ...], of: Callable[[int, Float64Array], Float64Array]) -> Float64Array:
-        """Return what a function gives of the number and the instants of each piece, NaN between the pieces."""
+    def _over_pieces(
+        self, shape: tuple[int, ...], every: int, of: Callable[[int, Float64Array], Float64Array]
+    ) -> Float64Array:
+        """Return what a function gives of the number and of every k-th instant of each piece, NaN elsewhere."""
         whole = np.full(shape, np.nan)
         for i, piece in enumerate(self.pieces):
-            span = slice(piece[0], piece[-1] + 1)
+            span = slice(piece[0], piece[-1] + 1, every)
             whole[span] = of(i, self.t[span])
         return whole
 
     def curves(self, order: int) -> Float64Array:
-        """Return the smooth columns, or their first or second derivatives; (N, k)."""
+        """Return the smooth columns, or their first or second derivatives; (N, k), NaN between the pieces."""
         return self._over_pieces(
-            self.columns.shape, lambda i, t: self.spline.evaluate(self.coefficients, i, t, order)
+            self.columns.shape, 1, lambda i, t: self.spline.evaluate(self.coefficients, i, t, order)
         )
 
-    def deviations(self, order: int) -> Float64Array:
-        """Return the standard deviations of a column of `curves`; (N,)."""
+    def deviations(self, order: int, every: int = 1) -> Float64Array:
+        """Return the standard deviations of a column of `curves`, of every k-th sample; (N,), NaN elsewhere."""
 
         def deviation(i: int, t: Float64Array) -> Float64Array:
             # Measured: near ends, derivatives miss by more than the covariance of the coefficients says.
@@ -93,7 +95,7 @@ class SmoothedColumns:
             more = 1 + 0.15 * order * np.exp(-2 * self.model.bandwidth * from_end)
             return np.asarray(more * np.sqrt(self.variance * self.spline.variances(i, t, order)))
 
-        return self._over_pieces(self.t.shape, deviation)
+        return self._over_pieces(self.t.shape, every, deviation)
 
     @property
     def residual_correlation(self) -> float:
