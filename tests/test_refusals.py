@@ -491,6 +491,7 @@ CALLS = {
         ("loss", A, "tukey"), ("gauge", A, "middle"), ("weights", S, [1.0, 2.0]), ("weights", A, -np.ones(50)),
         ("t", S, np.arange(3.0)),
         ("body2", S, hp.BodyMotion(R=THREE, S=EYE)), ("body2", A, 3), ("body1", A, C(body1={"x1": [1.0]})),
+        ("body1, body2", errors.FitError, C(body1=hp.BodyMotion(R=np.full((50, 3), NAN), S=EYE))),
         ("noise2", A, C(noise1=(1e-3, 1e-3)), C(noise1=(1e-3, 1e-3), noise2=1e-3)),
         ("noise1", A, C(noise1=(0, 1), noise2=(0, 1), body2=hp.BodyMotion(R=bodies()[1].R))),
     ]),
@@ -500,6 +501,7 @@ CALLS = {
     ]),
     "resample": (lambda **k: hp.resample(**{"t": T, "values": T, "to": [0.5], **k}), [
         ("values", S, [1.0], POSE), ("gaps", A, 0),
+        ("values", A, np.outer(np.where(T > 0.5, 1.0, -1.0), (0.5, 0.5, 0.5, 0.5))),
     ]),
     "fit_imus": (lambda **k: hp.fit_imus(*[hp.ImuRecording(T, np.ones((11, 3)), np.ones((11, 3)))] * 2, **k), [
         ("gaps", A, 0),

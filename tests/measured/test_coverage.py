@@ -158,9 +158,12 @@ def test_errors_of_a_fit_are_within_its_intervals(name: str, what: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["body", "point"])
-def test_errors_of_a_few_fits_are_within_their_intervals(what: str) -> None:
-    judge_fits("equal", what, 25)
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [("equal", "body"), ("equal", "point"), (MOVING, "body"), ("tag beside a base at rest", "body")],
+)
+def test_errors_of_a_few_fits_are_within_their_intervals(name: str, what: str) -> None:
+    judge_fits(name, what, 25)
 
 
 def judge_fits(name: str, what: str, runs: int) -> None:

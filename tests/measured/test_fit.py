@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import re
 
 import numpy as np
@@ -11,8 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.measured.statistics import LOSSES
-from support.recorded import HOME, N1, U1, U2, recording, truth, turns
-from support.sparse import sparse
+from support.recorded import HOME, N1, recording, truth, turns
 
 U = 2.0**-53
 
@@ -76,46 +74,24 @@ def test_an_angle_of_few_samples_is_as_uncertain_as_the_axis_that_they_tell() ->
     assert np.std(scores) == pytest.approx(1, abs=0.35)
 
 
-def test_errors_that_last_longer_than_the_sums_are_said() -> None:
-    """A drift over a fifth of the recording: no sum over neighbours is long enough for it."""
-    made = recording(2000, 1e-3, 2e-3)
-    drift = np.stack([np.cos(2 * np.pi * 2.5 * np.arange(2000) / 2000 + phase) for phase in (0, 1, 2)], axis=-1)
-    words = "correlated over 16 samples and more"
-    for size, said in ((5e-3, True), (0.0, False)):
-        found = hp.fit(hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2 + size * drift, S=made.S2))
-        assert found.ok
-        assert (words in " ".join(found.findings)) == said
-        assert ("standard deviations are rough" in str(found)) == said
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy", "arctan"])
-def test_thirty_percent_of_outliers_are_survived(loss: str) -> None:
-    made = recording(1000, 1e-3, 2e-3, outliers=0.3)
-    found = hp.fit(*bodies(made), loss=loss)
-    assert np.abs(errors(found)).max() < 1e-3  # of noise of 1 mm and 2 mrad
-    assert found.ok
-    assert "of the samples are outliers; they count little" in " ".join(found.findings)
-    good = found.weights > 0.3
-    sign = np.sign(found.pair.n @ N1)
-    off = found.psi - sign * made.psi
-    assert np.ptp(off[good]) < 0.05
-    assert 0.25 < (found.weights < 0.1).mean() < 0.35
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("loss", sparse(["soft_l1", "huber", "cauchy", "arctan"], 4))
-@pytest.mark.parametrize("kind", ["swapped", "moved"])
-def test_outliers_that_agree_with_each_other_are_survived(kind: str, loss: str) -> None:
-    made = recording(1000, 1e-3, 2e-3)
+@pytest.mark.parametrize("kind", ["random", "swapped", "moved"])
+def test_thirty_percent_of_outliers_are_survived(kind: str, loss: str) -> None:
+    """Those that agree with each other, too."""
+    made = recording(1000, 1e-3, 2e-3, outliers=0.3 if kind == "random" else 0.0)
     off = np.random.default_rng(5).random(1000) < 0.3
     if kind == "swapped":
         made.S2[off] = made.S2[off] @ turns((0, 0, np.pi))
     if kind == "moved":
         made.R2[off] += (0.1, 0.2, -0.3)
     found = hp.fit(*bodies(made), loss=loss)
-    assert np.abs(errors(found)).max() < 1e-3  # of noise of 1 mm and 2 mrad
+    assert np.abs(errors(found)).max() < 1e-3
     assert found.ok
+    assert "of the samples are outliers; they count little" in " ".join(found.findings)
+    assert 0.25 < (found.weights < 0.1).mean() < 0.35
+    assert np.isinf(found.std["psi"][found.weights < 0.1]).all()
+    assert np.ptp((found.psi - np.sign(found.pair.n @ N1) * made.psi)[found.weights > 0.3]) < 0.05
     assert not hp.fit(*bodies(made)).ok
 
 
@@ -156,40 +132,6 @@ def test_missing_samples_are_left_out_and_said() -> None:
     assert (weighted.pair.n == found.pair.n).all()
 
 
-def test_poses_that_are_all_missing_are_refused_without_warnings() -> None:
-    """As of a log whose quaternions are all 0. Warnings are errors in these tests."""
-    made = recording(100)
-    with pytest.raises(hp.FitError, match="at least two samples with both poses, got 0"):
-        hp.fit(hp.BodyMotion(R=made.R1, S=np.full((100, 3, 3), np.nan)), hp.BodyMotion(R=made.R2, S=made.S2))
-
-
-def tracked_tag(fixed: bool, seed: int, radians: float = 0.03) -> tuple[hp.BodyMotion, hp.BodyMotion]:
-    """Body 2 with noise of attitude, body 1 without: at rest, or moving."""
-    made = recording(2000, seed=seed)
-    noise = np.random.default_rng(seed).standard_normal((2, 2000, 3))
-    R1, S1 = (np.zeros((2000, 3)), np.broadcast_to(np.eye(3), (2000, 3, 3))) if fixed else (made.R1, made.S1)
-    S2 = np.swapaxes(made.S1, -1, -2) @ made.S2
-    R2 = R1 + np.einsum("nij,nj->ni", S1, U1 - S2 @ U2) + 3e-3 * noise[0]
-    return hp.BodyMotion(R=R1, S=S1), hp.BodyMotion(R=R2, S=S1 @ S2 @ turns(radians * noise[1]))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fixed", [True, False], ids=["body 1 at rest", "body 1 moving"])
-def test_noise_of_attitudes_belongs_to_the_body_that_has_it(fixed: bool) -> None:
-    """Levers of a body whose attitudes are noisy come out short, so it matters which body that is."""
-    scores = []
-    for seed in range(8):
-        known = {} if fixed else {"noise1": (0, 0), "noise2": (3e-3, 0.03)}
-        found = hp.fit(*tracked_tag(fixed, seed), **known)
-        sign = np.sign(found.pair.n @ N1)
-        u1, u2, *_ = truth(sign)
-        scores.append(
-            np.concatenate(((found.pair.u1 - u1) / found.std["u1"], (found.pair.u2 - u2) / found.std["u2"]))
-        )
-    assert np.abs(np.mean(scores, axis=0)).max() < 4 / np.sqrt(12)
-    assert np.mean(np.square(scores)) < 2
-
-
 T = recording(2000).t
 PSI = recording(2000).psi
 SLOW = np.sin(1.3 * T)
@@ -222,7 +164,7 @@ def test_what_is_no_hinge_is_said_in_a_sentence(name: str, noise: float) -> None
     found = hp.fit(*bodies(made))
     assert not found.ok
     assert words in " ".join(found.findings)
-    assert words in str(found)
+    assert "looks" not in " ".join(found.findings)  # no mistake
 
 
 def test_play_of_the_hinge_point_is_measured_beside_the_levers() -> None:
@@ -263,9 +205,6 @@ def test_the_range_of_psi_is_that_of_good_samples(loss: str) -> None:
     psi = np.sign(found.pair.n @ N1) * made.psi
     psi += np.median(found.psi - psi)  # psi = 0 is a matter of home
     assert found.psi_range == pytest.approx((psi.min(), psi.max()), abs=0.02)
-    low, high = np.degrees(found.psi_range)
-    assert f"psi from {low:.4g} to {high:.4g} deg" in str(found)
-    assert json.loads(found.to_json())["psi"] == list(found.psi_range)
     assert np.ptp(found.psi) > np.ptp(found.psi_range) + 0.1
 
 
@@ -311,14 +250,6 @@ def test_the_mistake_that_hides_a_hinge_is_named(words: str) -> None:
     found = hp.fit(*bodies(made._replace(**changed)))
     assert not found.ok
     assert words in " ".join(found.findings)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", OTHERS)
-def test_no_mistake_is_named_where_there_is_none(name: str) -> None:
-    kind, _ = OTHERS[name]
-    found = hp.fit(*bodies(recording(2000, **{"metres": 1e-3, "radians": 2e-3} | kind)))
-    assert "looks" not in " ".join(found.findings)
 
 
 def test_a_recording_in_the_plane_does_not_tell_the_noise_of_its_angles():

@@ -9,7 +9,7 @@ from hingepair.measured.hinge import Hinge, home_of, result_derivatives, sign_of
 from hingepair.measured.hinge_model import BodyModel, Noise, PointModel
 from hingepair.measured.most_likely import Model, evaluate, most_likely, psi_derivatives
 from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
-from hingepair.measured.statistics import LOSSES, cauchy, loss_weights, median_variance, neighbours_to_sum, sandwich
+from hingepair.measured.statistics import LOSSES, sandwich
 from hingepair.rotations.matrices import rotation_log
 from support.near import U
 from support.recorded import HOME, N1, U1, U2, recording, turns
@@ -157,29 +157,6 @@ def test_losses_are_those_of_scipy(name: str) -> None:
         assert second == pytest.approx(values @ (-1, 16, -30, 16, -1) / (12 * h * h), rel=1e-5, abs=1e-7 / z)
 
 
-def autoregressive(count: int, memory: float, seed: int) -> np.ndarray:
-    """Scores of which the correlation falls by e in so many samples; (2, N)."""
-    from scipy.signal import lfilter
-
-    share = np.exp(-1 / memory)
-    return lfilter([np.sqrt(1 - share * share)], [1, -share], np.random.default_rng(seed).normal(size=(2, count)))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("memory", "together", "unresolved"),
-    [(1e-3, {1}, False), (3.0, {32, 64}, False), (12.0, {128, 256}, False), (400.0, {250}, True)],
-    ids=["white", "3", "12", "400"],
-)
-def test_scores_are_added_up_over_more_than_they_are_correlated(
-    memory: float, together: set[int], unresolved: bool
-) -> None:
-    """Over four times the lag, a power of two, at which less than a tenth is left; over N / 40 at most."""
-    count, lag = neighbours_to_sum(autoregressive(10_000, memory, 1))
-    assert count in together
-    assert (lag > 0) is unresolved
-
-
 def test_the_covariance_of_a_mean_is_that_of_its_noise() -> None:
     noise = 0.3 * np.random.default_rng(1).standard_normal((1, 20_000))
     inverse = np.array([[1 / noise.size]])
@@ -188,13 +165,3 @@ def test_the_covariance_of_a_mean_is_that_of_its_noise() -> None:
     # A sample tells less of itself than of others.
     few = np.array([[1.0, -1.0]])
     assert sandwich(np.array([[0.5]]), few)[0][0, 0] == pytest.approx(1.0)
-
-
-def test_gross_outliers_have_no_weight_and_medians_do_not_see_them() -> None:
-    rng = np.random.default_rng(2)
-    squares = (rng.standard_normal((20_000, 3)) ** 2).sum(axis=1)
-    squares[:2000] = 1e6
-    assert loss_weights(cauchy, np.array([899.0, 901.0]), 3)[0].tolist() == [pytest.approx(7.81 / 906.81), 0.0]
-    assert loss_weights(None, squares, 3)[0].min() == 1.0
-    assert median_variance(squares[2000:], 3) == pytest.approx(1, rel=0.03)
-    assert median_variance(squares, 3) < 1.2
