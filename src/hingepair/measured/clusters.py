@@ -167,8 +167,8 @@ def _deviations(
     middle = is_seen @ cluster / count
     r = is_seen[..., None] * (cluster - middle[:, None])
     spread = np.einsum("nmi,nmj->nij", r, r)
-    # In body axes, the covariance of the rotation vector is noise^2 (sum abs(r)^2 - r r^T)^-1; R is off by that of the
-    # middle, and by the turn about it.
+    # In body axes, the covariance of the rotation vector is noise^2 (sum abs(r)^2 - r r^T)^-1; R is off by that of
+    # the middle, and by the turn about it.
     inertia = np.trace(spread, axis1=1, axis2=2)[:, None, None] * np.eye(3) - spread
     turn = noise**2 * S @ np.linalg.pinv(inertia, hermitian=True) @ np.swapaxes(S, -1, -2)
     arm = np.asarray(skew(np.einsum("nij,nj->ni", S, middle)))
