@@ -57,6 +57,7 @@ def test_each_hinge_is_where_the_whole_robot_has_it(robot):
     assert differences(robot) == ([], HINGES[robot])
 
 
+@pytest.mark.filterwarnings("ignore::hingepair.DynamicsWarning")  # of masses, and of leaders that are not there
 @pytest.mark.proof
 @pytest.mark.filterwarnings("ignore:inertia:hingepair.DynamicsWarning")  # of romeo_laas_small
 def test_every_hinge_of_every_robot():
