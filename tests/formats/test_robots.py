@@ -59,7 +59,6 @@ def test_each_hinge_is_where_the_whole_robot_has_it(robot):
 
 @pytest.mark.filterwarnings("ignore::hingepair.DynamicsWarning")  # of masses, and of leaders that are not there
 @pytest.mark.proof
-@pytest.mark.filterwarnings("ignore:inertia:hingepair.DynamicsWarning")  # of romeo_laas_small
 def test_every_hinge_of_every_robot():
     """All revolute and continuous joints of all robots that Pinocchio loads; those it refuses are listed."""
     count, off, refused = 0, {}, {}
