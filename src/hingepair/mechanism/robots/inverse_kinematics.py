@@ -505,8 +505,8 @@ def _solver(
             own, limits = [on_moved_base(frame) for frame in own], np.concatenate([free, limits])
             held = tuple(column + BASE_JOINTS for column in held)
         found = RobotComputation(constants, ("R", "S"), tuple(own))
-        numbers = found.known["constants"]
-        solver = Solver(found.form, found.request, numbers, tuple(goals), limits, tuple(reaches), counts, held)
+        request, numbers = found.request._replace(free=False), found.known["constants"]  # no velocities of the base
+        solver = Solver(found.form, request, numbers, tuple(goals), limits, tuple(reaches), counts, held)
         if len(solvers) >= _MAX_SOLVERS:
             solvers.clear()
         solvers[key] = solver
