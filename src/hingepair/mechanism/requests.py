@@ -75,7 +75,8 @@ PARTS_OF_LOOPS: Final = ("loop_gaps", "loop_jacobian", "loop_wrenches", "tree_ta
 """Tasks of which messages, `transmission` and `loop_wrenches` are made; a prepared call has none of them."""
 FREE_BASE_OUTPUTS: Final = ("a1", "alpha1")  # of forward dynamics, where forces move the base
 ALL_COORDINATES: Final = ("q_all", "qd_all", "qdd_all")  # of a closed mechanism; each is a task, with those before it
-_J = ("frames", *BASE)
+_J: Final = ("frames", *BASE)
+_OF_POSE: Final = ("mass_matrix", "centre_of_mass", "centre_of_mass_jacobian", "centroidal_momentum_matrix")
 
 ROBOT_TASKS: Final[Mapping[str, Task]] = {
     **{
@@ -97,14 +98,10 @@ ROBOT_TASKS: Final[Mapping[str, Task]] = {
     "forward_dynamics_derivatives": Task(("q", "qd", "tau"), DYNAMICS_MATRICES[3:], MechanismDerivatives, FORWARD),
     **{name: Task(ROWS[:order], ALL_COORDINATES[:order], None, RUN) for order, name in enumerate(ALL_COORDINATES, 1)},
     "struts": Task(("q", "qd"), ("strut_length", "strut_rate", "strut_force"), None, RUN),
-    **{name: Task(("q",), (name,), None, BASE) for name in PARTS_OF_LOOPS[:3]},
+    **{name: Task(("q",), (name,), None, BASE) for name in (*_OF_POSE, *PARTS_OF_LOOPS[:3])},
     "tree_tau": Task(ROWS, ("tree_tau",), None, LOOP),
-    "mass_matrix": Task(("q",), ("mass_matrix",), None, BASE),
     "bias_forces": Task(("q", "qd"), ("bias_forces",), None, WEIGHT),
     "gravity_forces": Task(("q",), ("gravity_forces",), None, WEIGHT),
-    "centre_of_mass": Task(("q",), ("centre_of_mass",), None, BASE),
-    "centre_of_mass_jacobian": Task(("q",), ("centre_of_mass_jacobian",), None, BASE),
-    "centroidal_momentum_matrix": Task(("q",), ("centroidal_momentum_matrix",), None, BASE),
     "centroidal_momentum_matrix_rate": Task(("q", "qd"), ("centroidal_momentum_matrix_rate",), None, BASE),
     "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy, WEIGHT),
     "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Momentum, BASE),

@@ -17,7 +17,7 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.options import DEFAULT_GRAVITY, EULER, GRAVITY, OUT, Options, with_options
 from hingepair.mechanism.pairs import accuracy, residuals
 from hingepair.mechanism.pairs.geometry import Points, checked_record, spatial_arrays
-from hingepair.mechanism.pairs.requests import PairRequests, body1_inputs, loads_that_act
+from hingepair.mechanism.pairs.requests import PairRequests, body1_inputs
 from hingepair.mechanism.pairs.residuals import Residuals
 from hingepair.mechanism.pairs.tolerances import (
     TOLERANCE_DEFAULTS,
@@ -34,7 +34,15 @@ from hingepair.mechanism.states import (
     Momentum,
     PairState,
 )
-from hingepair.numeric.arrays import FloatArray, Frozen, call_text, number_not_below_0, one_constant, set_frozen
+from hingepair.numeric.arrays import (
+    FloatArray,
+    Frozen,
+    call_text,
+    is_zero,
+    number_not_below_0,
+    one_constant,
+    set_frozen,
+)
 from hingepair.plans.arguments import Coordinates, Outputs
 from hingepair.plans.pairs import SPACE
 from hingepair.plans.prepared import Prepared
@@ -410,7 +418,8 @@ class HingePair(Frozen, Shown):
         ([0.0, 0.0, -9.81], 0.0)
         """
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
-        loads = loads_that_act(force1=force1, torque1=torque1, force2=force2, torque2=torque2)
+        loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
+        loads = {name: load for name, load in loads.items() if not is_zero(load)}
         return self._constants.ask_of_body1("forward_dynamics", body1, options, **hinge, **loads)
 
     @with_options(*GRAVITY)

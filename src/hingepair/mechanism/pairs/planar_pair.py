@@ -186,7 +186,7 @@ class PlanarPair(Frozen, Shown):
 
 
 def dynamics_in_space(pair: HingePair | PlanarPair) -> HingePair:
-    """Return the HingePair with the dynamics of a pair: a HingePair itself, or what is made once of a PlanarPair.
+    """Return the HingePair with the dynamics of a pair: a HingePair itself, or one that a PlanarPair is.
 
     Its centres of mass are at z = 0, and the principal moments of a body are all its moment about the z axis. So the
     hinge transmits no torque about axes in the plane, as products of inertia in the pair of `to_spatial` can cause.
@@ -198,17 +198,11 @@ def dynamics_in_space(pair: HingePair | PlanarPair) -> HingePair:
     """
     if isinstance(pair, HingePair):
         return pair
-    constants = pair._constants
-    if constants.in_space is None:
-        constants.in_space = pair._in_space(*map(_body_in_plane, constants.bodies))
-    found: HingePair = constants.in_space
-    return found
+    return pair._in_space(*(None if body is None else _body_in_plane(body) for body in (pair.body1, pair.body2)))
 
 
-def _body_in_plane(body: Body | None) -> Body | None:
+def _body_in_plane(body: Body) -> Body:
     """Return a Body with its centre of mass at z = 0 and three principal moments, all that about z."""
-    if body is None:
-        return None
     x, y, _ = body.centre_of_mass
     level = np.eye(3) * body.inertia[2, 2]
     inertia = (

@@ -31,7 +31,6 @@ from hingepair.mechanism.requests import (
     read_gravity,
     warn_where_singular,
 )
-from hingepair.numeric.arrays import is_zero
 from hingepair.plans.arguments import Arguments, CoordinateNames, read_arguments, requested_outputs
 from hingepair.plans.computation import QUATERNIONS, Computation
 from hingepair.plans.constraints import CONSTRAINTS
@@ -72,7 +71,6 @@ class PairRequests(Constants, Subject):
         Constants.__init__(self, *constants)
         Subject.__init__(self)
         self.tasks, self.inputs = PAIR_TASKS[self.kind], _INPUTS[self.kind]
-        self.in_space: Any = None  # the HingePair with the dynamics of a planar pair
         self._warned: set[str] = set()  # bodies whose assumed masses were told
 
     def ask(self, task: str, given: Mapping[str, Any], options: Any) -> Any:
@@ -247,11 +245,6 @@ def body1_inputs(body1: BodyMotion | None, psi: Any, psid: Any = None, psidd: An
         raise ArgumentError("psi", "hinge angles", None)
     hinge = {name: value for name, value in (("psi", psi), ("psid", psid), ("psidd", psidd)) if value is not None}
     return {**motion_inputs("body1", body1), **hinge}
-
-
-def loads_that_act(**loads: Any) -> dict[str, Any]:
-    """Return the loads that are not the number 0."""
-    return {name: value for name, value in loads.items() if not is_zero(value)}
 
 
 # ---- pairs as arguments
