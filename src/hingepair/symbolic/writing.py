@@ -319,7 +319,7 @@ def _abbreviated(forms: ClosedForms, rows: Sequence[tuple[list[str], Expr]]) -> 
     waves = _wave_symbols(forms.q, exprs)
     exprs = [expr.xreplace(waves) for expr in exprs]
     definitions = [(symbol, wave) for wave, symbol in waves.items()]
-    names = Names((symbol.name for expr in exprs for symbol in expr.free_symbols), latex_name)
+    names = Names((symbol.name for expr in exprs for symbol in expr.free_symbols), _latex_name)
     letters = (name for name in (f"k_{i}" for i in itertools.count(1)) if names.free(name))
     repeated, results = sympy.cse(exprs, symbols=(sympy.Dummy(real=True) for _ in itertools.count()))
     shown: dict[Expr, Expr] = {}
@@ -368,34 +368,19 @@ def _lines(sheet: _Sheet) -> list[str]:
     return lines + [f"{' = '.join(labels)} = {_text(expr)}" for labels, expr in sheet.rows]
 
 
-_JACOBIANS = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # rows of the Jacobian for v and omega
+def _latex_name(name: str) -> str:
+    r"""Return the LaTeX of a symbol's name, as SymPy reads it: `u1_x` becomes u_{1,x}.
 
-
-def latex_name(name: str) -> str:
-    r"""Return the LaTeX of a symbol's name: `u1_x` becomes u_{1,x}.
-
-    >>> latex_name("phi_x"), latex_name("u1_x"), latex_name("swing")
-    ('\\phi_{x}', 'u_{1,x}', '\\mathrm{swing}')
+    >>> _latex_name("phi_x"), _latex_name("u1_x"), _latex_name("Jomega_x4")
+    ('\\phi_{x}', 'u_{1,x}', 'J^{\\omega}_{x4}')
     """
-    if not all(name.split("_")):  # _x, x_, x__y
-        escaped = name.replace("_", "\\_")
-        return f"\\mathrm{{{escaped}}}"
-    letter, _, index = name.partition("_")
-    index = index.replace("_", ",")
-    if letter[-1:].isdigit():
-        letter, index = letter[:-1], ",".join(filter(None, (letter[-1], index)))
-    if letter in _JACOBIANS:
-        letter = _JACOBIANS[letter]
-    elif letter in {"phi", "psi", "omega", "alpha"}:
-        letter = f"\\{letter}"
-    elif len(letter) != 1:
-        letter = f"\\mathrm{{{letter}}}"
-    return f"{letter}_{{{index}}}" if index else letter
+    name = name.replace("Jv_", "J__v_").replace("Jomega_", "J__omega_")
+    return str(sympy.latex(real_symbol(name))).replace(" ", ",")
 
 
 def _rate_name(name: str, order: int) -> str:
     r"""Return the LaTeX of a derivative by its variable: \dot{\phi}_{x} of phi_x."""
-    letter, underscore, index = latex_name(name).partition("_")
+    letter, underscore, index = _latex_name(name).partition("_")
     return f"\\{'d' * order}ot{{{letter}}}{underscore}{index}"
 
 
@@ -404,11 +389,11 @@ def _write_latex(forms: ClosedForms, names: Sequence[str], short: bool | None) -
     exprs = [expr for _, expr in (*sheet.definitions, *sheet.rows)]
     rates = {name: _rate_name(*of) for name, of in forms.rates.items()}
     symbols = set().union(*(expr.free_symbols for expr in exprs), *(s.free_symbols for s, _ in sheet.definitions))
-    spelled = {symbol: rates.get(symbol.name) or latex_name(symbol.name) for symbol in symbols}
+    spelled = {symbol: rates.get(symbol.name) or _latex_name(symbol.name) for symbol in symbols}
     write = LatexPrinter({"symbol_names": spelled, "full_prec": False}).doprint
     lines = [f"{spelled[symbol]} &= {write(meaning)}" for symbol, meaning in sheet.definitions]
     for labels, expr in sheet.rows:
-        lines += _latex_lines(" = ".join(map(latex_name, labels)), [write(term) for term in _terms(expr)])
+        lines += _latex_lines(" = ".join(map(_latex_name, labels)), [write(term) for term in _terms(expr)])
     notes = "".join(f"% {one_line(note)}\n" for note in forms.notes)
     return f"{notes}\\begin{{align*}}  % \\usepackage{{amsmath}}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
 
