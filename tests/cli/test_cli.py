@@ -168,15 +168,6 @@ def test_an_error_that_is_none_of_ours_is_no_failed_check(
 
 
 @pytest.mark.slow
-def test_a_warning_is_a_line() -> None:
-    done = shell(f"hingepair urdf {MODELS / 'hatch.toml'}")
-    lines = done.stderr.splitlines()
-    assert lines
-    assert all(line.startswith(b"hingepair: warning: ") for line in lines)
-    assert done.stdout.startswith(b"<?xml")
-
-
-@pytest.mark.slow
 def test_a_mechanism_runs_as_a_pair_does(tmp_path: Path) -> None:
     scene, out = MODELS / "excavator.toml", tmp_path / "log.csv"
     shown = run_command("run", scene, "--outputs", "R,q,bucket").stdout

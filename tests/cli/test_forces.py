@@ -16,20 +16,6 @@ from support.near import U
 MODELS = Path(__file__).parents[2] / "models"
 
 
-def test_forces_of_a_scene_are_those_of_its_motion():
-    scene = hp.load_scene(MODELS / "landing_gear.toml")
-    found = scene.forces(gravity=(0, 0, 0))
-    state = scene.evaluate(("S2", "R2", "a2", "omega2", "alpha2")).state
-    body2 = scene.pair.body2
-    lever = state.S2 @ body2.centre_of_mass
-    acceleration = state.a2 + np.cross(state.alpha2, lever)
-    acceleration += np.cross(state.omega2, np.cross(state.omega2, lever))
-    np.testing.assert_allclose(found.hinge_force, body2.mass * acceleration, rtol=0, atol=1e-10)
-    units = found.to_dataframe().attrs["units"]
-    assert (units["hinge_torque"], units["bearing_torque"], units["hinge_force"]) == ("N m", "N m", "N")
-    assert (units["force1"], units["torque1"]) == ("N", "N m")
-
-
 def scene_file(folder, text, log=None):
     """A scene of the given tables, beside a log of the given columns."""
     if log is not None:

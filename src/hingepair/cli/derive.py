@@ -45,14 +45,7 @@ def derive_command(
             "the scene; not of a robot.",
         ),
     ] = None,
-    short: Annotated[
-        bool | None,
-        typer.Option(
-            "--short/--full",
-            help="--short abbreviates repeated terms, and a robot's sines; --full writes them out; default: --short "
-            "if lines are long.",
-        ),
-    ] = None,
+    full: Annotated[bool, typer.Option("--full", help="Write repeated terms out in long lines, too.")] = False,
     out: TextFileOption = None,
 ) -> None:
     """Derive closed formulas of a motion, and print or write them.
@@ -70,7 +63,7 @@ def derive_command(
     if isinstance(read.named, SceneFile):
         read.named.refuse_linkage("closed forms are of trees of joints, or of a pair")
     forms, title, usual = _forms(read.subject, frame, symbols)
-    names = usual if names is None else names
+    names, short = usual if names is None else names, False if full else None
     if latex:
         text = forms.to_latex(names, short=short)
     elif python or c:

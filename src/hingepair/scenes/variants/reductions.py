@@ -44,20 +44,24 @@ _QUANTILE: Final = re.compile(r"q(\d{1,2}(?:\.\d+)?|100)")
 _LEVEL: Final = re.compile(r"(t_below|t_above|t_at|t_settled)\(([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\)")
 
 
-def is_reduction(name: object) -> bool:
-    """Return whether an object is the name of a reduction: "max", a quantile such as "q2.5", or the time at a level,
-    such as "t_below(0.1)".
+def reduction_of(name: object) -> Callable[[Float64Array, Float64Array], Any] | None:
+    """Return the reduction of a name: "max", a quantile such as "q2.5", or the time at a level, such as
+    "t_below(0.1)"; None if there is none.
     """
-    return isinstance(name, str) and (
-        name in _REDUCTIONS or any(pattern.fullmatch(name) for pattern in (_QUANTILE, _LEVEL))
-    )
+    if not isinstance(name, str):
+        return None
+    if at_level := _LEVEL.fullmatch(name):
+        return lambda x, t: _time_at_level(at_level[1], float(at_level[2]), x, t)
+    if quantile := _QUANTILE.fullmatch(name):
+        return lambda x, _: np.quantile(x, float(quantile[1]) / 100, axis=1)
+    return _REDUCTIONS.get(name)
 
 
 def check_reductions(name: str, reductions: object) -> tuple[str, ...]:
     """Return names of reductions as a tuple; refuse others, as the argument `name`."""
     names = (reductions,) if isinstance(reductions, str) else tuple(reductions)  # type: ignore[arg-type]
     for one in names:
-        if not is_reduction(one):
+        if reduction_of(one) is None:
             raise ArgumentError(name, f"{choices(REDUCTIONS)}; of quantiles any, such as q2.5", quoted(one))
     return names
 
@@ -65,7 +69,7 @@ def check_reductions(name: str, reductions: object) -> tuple[str, ...]:
 def reduction_ending(column: str) -> str | None:
     """Return the reduction in which the name of a column ends, such as t_min of psi_t_min; None if there is none."""
     places = (place + 1 for place, letter in enumerate(column) if letter == "_")
-    return next((column[place:] for place in places if is_reduction(column[place:])), None)
+    return next((column[place:] for place in places if reduction_of(column[place:])), None)
 
 
 def _time_at_level(kind: str, level: Any, x: Float64Array, t: Float64Array) -> Float64Array:
@@ -97,15 +101,6 @@ def _time_at_level(kind: str, level: Any, x: Float64Array, t: Float64Array) -> F
         missing = np.where(outside.any(axis=1), np.nan, t[0])
     found: Float64Array = np.where(np.isnan(x).any(axis=1), np.nan, np.where(has, time, missing))
     return found
-
-
-def _reduced(reduction: str, x: Float64Array, t: Float64Array) -> Any:
-    """Return a reduction of x (variants, samples, components); (variants, components)."""
-    if at_level := _LEVEL.fullmatch(reduction):
-        return _time_at_level(at_level[1], float(at_level[2]), x, t)
-    if quantile := _QUANTILE.fullmatch(reduction):
-        return np.quantile(x, float(quantile[1]) / 100, axis=1)
-    return _REDUCTIONS[reduction](x, t)
 
 
 def reduced_heading(columns: Columns, component: str, reduction: str) -> str:
@@ -164,7 +159,8 @@ def reduce_arrays(
     arrays = _with_magnitudes({name: columns.converted(name, array) for name, array in arrays.items()})
     names = column_names({name: array[0] for name, array in arrays.items()})
     flat = np.concatenate([np.asarray(a, np.float64).reshape(*a.shape[:2], -1) for a in arrays.values()], axis=2)
-    reduced = {reduction: np.array(_reduced(reduction, flat, t)) for reduction in reductions}
+    functions: dict[str, Any] = {reduction: reduction_of(reduction) for reduction in reductions}
+    reduced = {reduction: np.array(function(flat, t)) for reduction, function in functions.items()}
     for i, own in enumerate(touches):
         for name, points in own.items():
             for k in (k for k, component in enumerate(names) if component == name):
@@ -175,5 +171,5 @@ def reduce_arrays(
                 times, whole = np.concatenate((t, at))[order], np.concatenate((flat[i, :, k], values))[order]
                 for reduction in reductions:
                     if reduction in ("min", "max", "absmax") or reduction.startswith("t_"):
-                        reduced[reduction][i, k] = _reduced(reduction, whole[None, :, None], times)[0, 0]
+                        reduced[reduction][i, k] = functions[reduction](whole[None, :, None], times)[0, 0]
     return {reduced_heading(columns, name, r): reduced[r][:, k] for k, name in enumerate(names) for r in reductions}
