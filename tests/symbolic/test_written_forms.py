@@ -197,11 +197,11 @@ def test_c_computes_what_python_computes(which, tmp_path):
 
 
 def oblique_robot(seed):
-    """Hinges, sliders and screws in series with oblique axes, some parallel to the one before, and a tool."""
+    """Hinges and sliders in series with oblique axes, some parallel to the one before, and a tool."""
     rng = np.random.default_rng(seed)
     pairs = []
     n, home = rng.standard_normal(3), np.eye(3)
-    for k in range(6):
+    for k in range(5):
         if rng.random() < 0.4:
             n = home.T @ n * rng.choice((-1, 1))  # parallel to the joint before
             home = hp.rodrigues(n, rng.choice((0.0, 0.3, np.pi / 2)))  # about its own axis
@@ -211,7 +211,7 @@ def oblique_robot(seed):
         u1, u2 = rng.uniform(-1, 1, (2, 3))
         pairs.append(kind(u1=u1, u2=u2 * (k % 2), n=n, home=home, name=f"joint{k}"))
     turn = hp.rodrigues(rng.standard_normal(3), 0.5)
-    return hp.Mechanism(pairs, name="oblique").with_frame("tool", "joint5", R=rng.uniform(-1, 1, 3), S=turn)
+    return hp.Mechanism(pairs, name="oblique").with_frame("tool", "joint4", R=rng.uniform(-1, 1, 3), S=turn)
 
 
 MIMIC = """<robot name="follower"><link name="a"/><link name="b"/><link name="c"/><link name="d"/><link name="e"/>
