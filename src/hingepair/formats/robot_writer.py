@@ -41,9 +41,9 @@ def robot_to_urdf(
     check_names(tree)
     geared = [joint.name for joint in tree.joints if joint.armature]
     sprung = [joint.name for joint in tree.joints if joint.load.stiffness]
-    for part, joints in (("armatures", geared), ("springs", sprung)):
+    for part, own, joints in (("inertias of rotors", "armatures", geared), ("springs", "springs", sprung)):
         if joints:
-            warn_of_dynamics(f"{tree.name}: URDF has no {part}; not written are the {part} of {', '.join(joints)}")
+            warn_of_dynamics(f"{tree.name}: URDF has no {part}; not written are the {own} of {', '.join(joints)}")
     writer = _UrdfWriter(tree, meshes)
     writer.build(base, pose)
     made_up = [f"limits that URDF demands and that are not given are made up: {'; '.join(writer.made_up)}"]
