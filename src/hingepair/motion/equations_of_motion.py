@@ -250,7 +250,7 @@ class RobotMotion:
     @property
     def asks_callables(self) -> bool:
         """Whether loads or motions are known only at the instants at which users' functions are called."""
-        return bool(self.loads.callable_names or self._driven or self._given_base)
+        return bool(self.loads.has_callables or self._driven or self._given_base)
 
     @property
     def _qd(self) -> slice:

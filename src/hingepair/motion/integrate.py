@@ -127,10 +127,10 @@ def integrate(
         method: "magnus6", a Magnus series of order 6 from omega1 at three times in each step, the only one.
         frame: axes of omega1 and alpha1: "world" (the default) or "body".
         tol: largest allowed error of the attitude and of psi at any instant [rad]. By default, each interval of t is
-            one step, and the error has no limit. With tol, steps are divided until the error is small enough, of a
-            callable into at least about 500 in all. A jump or a kink of a callable costs about sixty further steps,
-            or none if it is at one of the instants t. A pulse of a callable that is shorter than a step may be
-            missed; `error_estimate` may then be too small.
+            one step, and the error has no limit. With tol, steps are divided until the error is small enough; of a
+            callable it is measured by at least 500 steps in all. A jump or a kink of a callable costs about sixty
+            further steps, or none if it is at one of the instants t. A pulse of a callable that is shorter than a
+            step may be missed; `error_estimate` may then be too small.
         alpha1: angular acceleration of body 1 [rad/s^2]. Without alpha1, a2 and alpha2 of the result are None.
         psidd: hinge acceleration psi'' [rad/s^2]. Without psidd, a2 and alpha2 of the result are None.
         outputs: names of the outputs to compute, such as ("R2", "v2"), as for `forward_kinematics`; () for none. By

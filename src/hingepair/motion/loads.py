@@ -120,9 +120,9 @@ class Loads:
         return tuple(load for load in (self.efforts, *self.vectors.values()) if callable(load.value))
 
     @functools.cached_property
-    def callable_names(self) -> tuple[str, ...]:
-        """Names of the loads that are known only at the instants at which they are called."""
-        return (*(load.label for load in self.callables), *self._callable_motors.values())
+    def has_callables(self) -> bool:
+        """Whether loads are known only at the instants at which they are called."""
+        return bool(self.callables or self._callable_motors)
 
     @functools.cached_property
     def _callable_motors(self) -> dict[int, str]:

@@ -243,7 +243,7 @@ def _check_memory(motion: RobotMotion, t: float, last: float, state: Array) -> N
     what it is given: steps are tried in any order and more than once. In between it is called at the last instant
     and beside the state, since an integral of a constant error over time would come back to where it was.
     """
-    if not motion.loads.callable_names:
+    if not motion.loads.has_callables:
         return
     times, states = np.full(2, t), np.stack([state] * 2)
     first = motion.callable_loads(times, states)

@@ -18,7 +18,6 @@ from hingepair.numeric.arrays import Float64Array as Array
 
 _DEGREE: Final = 5  # of the spline through samples, which keeps order 6 of an integral over them
 _NEAR_END: Final = 64  # even samples after which an end changes nothing: effects fade by 0.43 a sample
-R1_PARTS: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}  # parts of the argument R1, and their names in messages
 
 
 class ConstantSignal:
@@ -213,23 +212,18 @@ def read_position(R1: Any, t: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
     `R1` is a point, which is at rest; points at t; a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns
     one of these.
     """
-    name, times = "R1", t
-    if callable(R1):
-        # More instants than a tuple has parts or a point has coordinates.
-        times = np.append(t, [t[-1]] * (len(R1_PARTS) + 1 - len(t)))
-        name, R1 = "R1(t)", call_with_arrays("R1", R1, times.copy())
-    parts = {name: R1}
-    if isinstance(R1, tuple) and 0 < len(R1) <= len(R1_PARTS) and np.ndim(R1[0]) > 0:
-        parts = {f"{name}[{i}]": part for i, part in enumerate(R1)}
+    R1 = call_with_arrays("R1", R1, t.copy()) if callable(R1) else R1
+    parts = {"R1": R1}
+    if isinstance(R1, tuple) and 0 < len(R1) <= 3 and np.ndim(R1[0]) > 0:
+        parts = {f"R1[{i}]": part for i, part in enumerate(R1)}
     found = {}
-    for key, (label, value) in zip(R1_PARTS, parts.items(), strict=False):
+    for key, (label, value) in zip(("R1", "v1", "a1"), parts.items(), strict=False):
         if value is None:
             raise ArgumentError(label, "a point, points, or (R1, v1, a1)", None)
-        points = real_array(label, value)
-        if points.shape not in {(3,), (len(times), 3)}:
-            raise ShapeError(label, f"shape (3,) or {(len(times), 3)}", f"shape {points.shape}")
-        found[key] = points if points.ndim == 1 else points[: len(t)]
-    if name in parts and found["R1"].ndim == 1:  # one point, at rest
+        found[key] = real_array(label, value)
+        if found[key].shape not in {(3,), (len(t), 3)}:
+            raise ShapeError(label, f"shape (3,) or {(len(t), 3)}", f"shape {found[key].shape}")
+    if "R1" in parts and found["R1"].ndim == 1:  # one point, at rest
         found |= {"v1": np.zeros(3), "a1": np.zeros(3)}
     return found
 

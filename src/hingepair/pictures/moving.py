@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.mechanism.bodies.body_motion import BodyMotion
+from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.requests import check_single_pair
@@ -85,13 +85,12 @@ def moving(
     if isinstance(source, Scene):
         subject = source.space if source.mechanism is None else source.mechanism
         return Moving(subject, source.title, source.t, source.motion.source, source)
-    if isinstance(source, SimulatedMotion):
-        pair = source.pair
-        known = Known(PSI, len(source.t), ((source.psi,), (source.psid,), (source.psidd,)), source.body1)
-        return Moving(pair, pair.name, source.t, known, arrays=source.recorded())
     if isinstance(source, Trajectory):
+        psi: tuple[Any, ...] = ((source.psi,),)
         body1 = BodyMotion(R=source.R1, S=source.S1)
-        known = Known(PSI, len(source.t), ((source.psi,),), body1)
+        if isinstance(source, SimulatedMotion):
+            psi, body1 = (*psi, (source.psid,), (source.psidd,)), source.body1
+        known = Known(PSI, len(source.t), psi, body1)
         return Moving(source.pair, source.pair.name, source.t, known, arrays=source.recorded())
     if isinstance(source, HingePair):
         return _swept(source)
@@ -144,10 +143,7 @@ def _joint_rows(robot: Mechanism, name: str, value: ArrayLike) -> Array:
 
 def _base(base_motion: Any, count: int) -> BodyMotion:
     """Return the pose of a base at `count` instants, or at one of a robot without a motion, checked."""
-    if not isinstance(base_motion, BodyMotion):
-        raise ArgumentError("base_motion", "a BodyMotion", quoted(base_motion))
-    if base_motion.S is None:
-        raise ArgumentError("base_motion.S", "a value, as in BodyMotion(..., S=...)", None)
+    motion_arrays("base_motion", base_motion, "S")
     R, S = np.asarray(base_motion.R, np.float64), np.asarray(base_motion.S, np.float64)
     shape = np.broadcast_shapes(R.shape[:-1], S.shape[:-2])
     if shape not in {(), (1,), (count or 1,)}:
