@@ -92,3 +92,9 @@ def test_errors_of_functions(name, backend, dtype, powers):
             far = abs(x[k]) > 1e6 and bounded  # reduced by a multiple of pi/2 to 2^-88
             assert error <= ulps * ulp + (2.0**-88 if far else 0), (x[k], y[k], float(error / ulp))
             assert error <= bounds[k], (x[k], float(error), bounds[k])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sin", "cos", "versine"])
+def test_errors_of_compiled_sines(name):
+    test_errors_of_functions(name, "compiled", np.float64, RANGES["to 1e6"])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -11,10 +9,7 @@ from hingepair.numeric.arrays import load, split_into_blocks
 from hingepair.numeric.blocks import (
     BLOCK,
     components_of,
-    hinge_terms,
     tabulate,
-    versine,
-    versines,
 )
 
 SHAPES = [(), (1,), (7,), (8,), (9,), (3, 5), (5, 3), (1, 20), (2, 3, 4), (4, 1, 9), (0,), (3, 0), (0, 4)]
@@ -68,24 +63,3 @@ def test_a_function_of_components_is_tabulated(shape: tuple[int, ...], dtype: ty
     for name, array in expected.items():
         assert found[name].dtype == dtype
         assert np.array_equal(found[name], array.astype(dtype))
-
-
-ANGLES = np.concatenate(
-    ([0.0, 1e-160, 1e-9, 0.7953988301841436, 0.79, 0.8, math.pi / 2, math.pi], np.linspace(-7, 7, 57))
-)
-
-
-def test_one_minus_a_cosine_keeps_its_digits() -> None:
-    """2 sin^2(psi / 2) to some units in the last place at small angles, and to units of the cosine at all."""
-    exact = 2 * np.sin(ANGLES / 2) ** 2
-    with np.errstate(all="ignore"):
-        s, v, c = hinge_terms(ANGLES)
-        assert np.array_equal(versines(s, c), v)
-        assert np.array_equal(s, np.sin(ANGLES))
-    assert np.array_equal(c, np.cos(ANGLES))
-    small = np.abs(ANGLES) < 0.795
-    assert (np.abs(v - exact)[small] <= 8 * 2.0**-53 * exact[small]).all()
-    assert (np.abs(v - exact) <= 4 * 2.0**-53).all()
-    for angle, expected in zip(ANGLES.tolist(), v.tolist(), strict=True):
-        assert hinge_terms(angle)[1] == pytest.approx(expected, rel=8 * 2.0**-53, abs=0)
-        assert versine(math.sin(angle), math.cos(angle)) == pytest.approx(expected, rel=8 * 2.0**-53, abs=0)

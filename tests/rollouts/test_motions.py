@@ -113,7 +113,7 @@ def test_forms_of_a_call_are_the_same_motions():
     assert ROBOT.rollout(q0, qd0, 0, H, steps=0).q.shape == (5, 1, DOF)
 
 
-def loop_of_states(robot, base, q, qd, tau, method, wrenches=None):
+def loop_of_states(robot, base, q, qd, tau, wrenches=None):
     """A free base beside the coordinates, by forward_dynamics and rotation_exp."""
 
     def rates(S, omega, q, qd, k):
@@ -123,42 +123,24 @@ def loop_of_states(robot, base, q, qd, tau, method, wrenches=None):
         return np.concatenate([found.a1, found.alpha1, found.qdd])
 
     R, S, v, w = base.R, base.S, base.v, base.omega
-    path = []
+    path = [(R, S, v, w, q, qd)]
     for k in range(STEPS):
+        a = rates(S, w, q, qd, k)
+        v, w, qd = v + H * a[:3], w + H * a[3:6], qd + H * a[6:]
+        R, S, q = R + H * v, hp.rotation_exp(H * w) @ S, q + H * qd
         path.append((R, S, v, w, q, qd))
-        if method == "semi_implicit":
-            a = rates(S, w, q, qd, k)
-            v, w, qd = v + H * a[:3], w + H * a[3:6], qd + H * a[6:]
-            R, S, q = R + H * v, hp.rotation_exp(H * w) @ S, q + H * qd
-            continue
-        turn, now, slopes = np.zeros(3), (v, w, q, qd), []
-        for ahead in (0.5, 0.5, 1.0, 0.0):
-            vs, ws, qs, qds = now
-            a = rates(hp.rotation_exp(turn) @ S, ws, qs, qds, k)
-            across = np.cross(turn, ws)
-            slope = (vs, ws - across / 2 + np.cross(turn, across) / 12, a[:3], a[3:6], qds, a[6:])
-            slopes.append(slope)
-            turn = ahead * H * slope[1]
-            now = (
-                v + ahead * H * a[:3], w + ahead * H * a[3:6], q + ahead * H * qds, qd + ahead * H * a[6:],
-            )  # fmt: skip
-        mean = [sum(c * s for c, s in zip((1, 2, 2, 1), part, strict=True)) / 6 for part in zip(*slopes, strict=True)]
-        R, v, w = R + H * mean[0], v + H * mean[2], w + H * mean[3]
-        S, q, qd = hp.rotation_exp(H * mean[1]) @ S, q + H * mean[4], qd + H * mean[5]
-    path.append((R, S, v, w, q, qd))
     return [np.stack(part) for part in zip(*path, strict=True)]
 
 
-@pytest.mark.parametrize("method", ["semi_implicit", pytest.param("rk4", marks=pytest.mark.slow(2))])
-def test_a_free_base_moves_on_the_group(method):
+def test_a_free_base_moves_on_the_group():
     robot = Robot(record_of(MODEL), "free")
     (q0, qd0), tau = samples(2)
     base = base_motion(np.random.default_rng(8), (2,))
     link = tree_of(robot).tips[0]
     push = np.random.default_rng(9).normal(size=(STEPS, 3))
-    found = robot.rollout(q0, qd0, tau, H, method=method, base_motion=base, wrenches={link: (push, 0)})
+    found = robot.rollout(q0, qd0, tau, H, base_motion=base, wrenches={link: (push, 0)})
     one = hp.BodyMotion(**{x: getattr(base, x)[1] for x in ("R", "S", "v", "omega")})
-    expected = loop_of_states(robot, one, q0[1], qd0[1], tau[1], method, {link: push})
+    expected = loop_of_states(robot, one, q0[1], qd0[1], tau[1], {link: push})
     for name, exact in zip(("R1", "S1", "v1", "omega1", "q", "qd"), expected, strict=True):
         close(found[name][1], exact)
     assert found.base_motion.S.shape == (2, STEPS + 1, 3, 3)
@@ -204,25 +186,19 @@ BODY = hp.Body(2.0, centre_of_mass=(0.1, -0.2, 0.3), inertia=(1, 2, 2.5))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("way", ["simulate", "rollout"])
-def test_one_free_rigid_body_falls_and_keeps_its_angular_momentum(way):
+def test_one_free_rigid_body_falls_and_keeps_its_angular_momentum():
     pair = hp.HingePair(
         (0, 0, 0), (0, 0, 0), (0, 0, 1), name="h", body1=BODY, body2=hp.Body(1e-9, inertia=(1e-9,) * 3)
     )
     body = hp.Mechanism([pair], base="free").with_locked({"h": 0.0})
     start = hp.BodyMotion(R=(1, 2, 3), S=np.eye(3), v=(0.5, 0, 1), omega=(1, 2, 0.3))
     assert body.dof == 0
-    if way == "simulate":
-        found = hp.simulate(body, np.linspace(0, 1, 5), [], base_motion=start)
-        t, near, base = found.t, 1e-9, found.base_motion
-        assert found.energy_balance().residual == pytest.approx(0, abs=1e-9)
-    else:
-        found = body.rollout([], [], 0.0, 1e-3, steps=1000, every=250, base_motion=start, method="rk4")
-        t, near, base = found.t, 1e-8, found.base_motion
-        assert found.vjp({"R1": np.ones(3)}, wrt="v1")["v1"].shape == (3,)
+    found = body.rollout([], [], 0.0, 1e-3, steps=1000, every=250, base_motion=start, method="rk4")
+    t, base = found.t, found.base_motion
+    assert found.vjp({"R1": np.ones(3)}, wrt="v1")["v1"].shape == (3,)
     centre = body.centre_of_mass(np.zeros((5, 0)), base_motion=base)
     momentum = body.momentum(np.zeros((5, 0)), np.zeros((5, 0)), base_motion=base)
     expected = centre[0] + np.outer(t, momentum.linear[0] / BODY.mass) - np.outer(t**2 / 2, (0, 0, 9.81))
     np.testing.assert_allclose(centre, expected, rtol=0, atol=1e-6)  # of steps of this length
     spin = momentum.angular - np.cross(centre, momentum.linear)
-    np.testing.assert_allclose(spin, np.broadcast_to(spin[0], spin.shape), rtol=0, atol=near)
+    np.testing.assert_allclose(spin, np.broadcast_to(spin[0], spin.shape), rtol=0, atol=1e-8)
