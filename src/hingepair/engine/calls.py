@@ -24,7 +24,8 @@ from hingepair.engine.layout import Operand
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, empty, output_arrays
 from hingepair.engine.results import Results
-from hingepair.engine.ufunc import MAX_OPERANDS, make_ufunc
+from hingepair.engine.slices import run_slices
+from hingepair.engine.ufunc import MAX_OPERANDS, Code, make_ufunc
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import components
@@ -106,7 +107,7 @@ class Call:
             and all(isinstance(one, Constant) for one in self._bound_constants[False].values())
         )  # fmt: skip
         self._shared = shared and backend == "auto"
-        self._directs: dict[tuple[str, bool], Direct] = {}  # by dtype, and whether others share the kernel
+        self._kernels: dict[tuple[str, bool], tuple[Code, Direct]] = {}  # by dtype, and whether others share it
         self.rows: Rows = self._any_rows
         if backend == "compiled":
             self.compile()
@@ -127,7 +128,7 @@ class Call:
         """
         self._shared = False
         if self.has_kernels:
-            self._direct("d", False)
+            self._kernel("d", False)
 
     def machine_code(self, char: str, shared: bool = False, needed: bool = True) -> Any:
         """Return the kernel for a dtype, its arrays and its constants; unless `needed`, None if LLVM fails.
@@ -150,18 +151,19 @@ class Call:
             expected = "numbers below 3.4e38, since the arguments are float32"
             raise ArgumentError(self._constants_name, expected, self._largest_constant)
 
-    def _direct(self, char: str, shared: bool) -> Direct | None:
-        """Return the direct calls of the kernel for a dtype; None if LLVM fails and the backend is "auto"."""
-        if (char, shared) not in self._directs:
+    def _kernel(self, char: str, shared: bool) -> tuple[Code, Direct] | None:
+        """Return the kernel for a dtype and its direct calls; None if LLVM fails and the backend is "auto"."""
+        if (char, shared) not in self._kernels:
             code = self.machine_code(char, shared, self._backend == "compiled")
             if code is None:
                 return None
             width = max(math.prod(tail) for _, tail in self.loop.outputs) * code.constants.itemsize
             most = max(1, MIN_REUSED_BYTES // width)  # of larger results the memory is used again
-            direct = self._directs[char, shared] = direct_calls(code, char, most, self.result is not None)
+            direct = direct_calls(code, char, most, self.result is not None)
+            self._kernels[char, shared] = code, direct
             if char == "d" and shared == self._shared:
                 self.rows = self._direct_rows(direct)
-        return self._directs[char, shared]
+        return self._kernels[char, shared]
 
     @lock_free_cached_property
     def ufunc(self) -> np.ufunc:
@@ -274,19 +276,23 @@ class Call:
         self._check_constants(dtype.char)
         samples = math.prod(shape)
         few, given = samples < _FEW_SAMPLES, [values[name] for name in self.argument_shapes]
-        if few:
+        kernel = None
+        if few or not any(type(one) is tuple for one in given):
             tails = [*self.argument_shapes.values()]
             given = [_joined(one, tail, dtype) for one, tail in zip(given, tails, strict=True)]
-            direct = self._direct(dtype.char, self._shared) if self.has_kernels and samples else None
-            if direct is not None and out is None and samples < _DIRECT_SAMPLES:
-                made = direct.make(*(_plain(x, shape, tail, dtype) for x, tail in zip(given, tails, strict=True)))
+            kernel = self._kernel(dtype.char, self._shared and few) if self.has_kernels and samples else None
+            if kernel is not None and out is None and samples < _DIRECT_SAMPLES:
+                made = kernel[1].make(*(_plain(x, shape, tail, dtype) for x, tail in zip(given, tails, strict=True)))
                 if made is not None:
                     self._check_limits(made, given, False)
                     return self._result_of(made, shape, True)
         outputs = output_arrays(self.loop.outputs, shape, dtype, out, named, self.result is None)
-        arguments = {name: one for name, one in zip(self.argument_shapes, given, strict=True) if name in self._used}
-        bound = bind(self.loop.inputs, {**arguments, **self._bound_constants[self._shared and few]})
-        self.loop.run_bound(bound, outputs, shape, dtype, Execution(self._backend, workers))
+        if kernel is not None:
+            run_slices(kernel[0], given, [*outputs.values()], shape, workers)
+        else:
+            arguments = {name: x for name, x in zip(self.argument_shapes, given, strict=True) if name in self._used}
+            inputs = {**arguments, **self._bound_constants[self._shared and few]}
+            self.loop.run(inputs, outputs, shape, dtype, Execution(self._backend, workers))
         found = tuple(outputs.values())
         self._check_limits(found, given, out is not None)
         return self._result_of(found, shape, False)

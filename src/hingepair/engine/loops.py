@@ -93,14 +93,9 @@ class Loop:
             dtype: dtype to compute in, float64 or float32.
             execution: backend and number of threads.
         """
-        self.run_bound(bind(self.inputs, values), out, shape, dtype, execution)
-
-    def run_bound(
-        self, bound: Bound, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
-    ) -> None:
-        """Compute as `run` does, from inputs that are bound."""
         if 0 in shape:
             return
+        bound = bind(self.inputs, values)
         program, code, targets = self.program(bound.pattern), None, [out[name] for name, _ in self.outputs]
         tails = [*bound.tails, *(tail for _, tail in self.outputs)]
         if execution.backend != "numpy" and bound.arrays and not any(0 in tail for tail in tails):
