@@ -122,8 +122,8 @@ _WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque
 
 
 def _levels(kind: PairKind) -> dict[str, Task]:
-    levels = enumerate(MOTION_LEVELS)
-    return {level: Task(ROWS[: k + 1], kind.default_outputs(k), STATES[kind], EULER) for k, level in levels}
+    levels, options = enumerate(MOTION_LEVELS), ("outputs", *OUT) if kind.planar else EULER
+    return {level: Task(ROWS[: k + 1], kind.default_outputs(k), STATES[kind], options) for k, level in levels}
 
 
 PAIR_TASKS: Final[Mapping[PairKind, Mapping[str, Task]]] = {

@@ -284,15 +284,11 @@ class RobotRequests(Subject):
 
     def _base_loads(self, force1: ArrayLike, torque1: ArrayLike) -> Loads:
         """Return the loads on a free base that are not the number 0."""
-        loads: dict[str, tuple[Any, str]] = {}
-        if type(force1) is int and type(torque1) is int and force1 == torque1 == 0:  # by default
-            return loads
-        for name, value in (("force1", force1), ("torque1", torque1)):
-            if not is_zero(value):
-                loads[name] = value, name
-                if self.base != "free":
-                    expected = "0: a fixed base is not moved by forces (base='free' is)"
-                    raise ArgumentError(name, expected, quoted(value))
+        given = {"force1": force1, "torque1": torque1}
+        loads = {name: (value, name) for name, value in given.items() if not is_zero(value)}
+        if loads and self.base != "free":
+            name = next(iter(loads))
+            raise ArgumentError(name, "0: a fixed base is not moved by forces (base='free' is)", quoted(given[name]))
         return loads
 
     def check_masses(self) -> None:
