@@ -17,13 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from hingepair.mechanism.pairs.geometry import axis_errors, tree_errors
-from hingepair.mechanism.pairs.requests import COORDINATES, INPUT_LABELS, PairRequests
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.blocks import numbers
-from hingepair.plans.arguments import Outputs, read_arguments, requested_outputs
-from hingepair.plans.bounds import Known, output_bounds
-from hingepair.plans.pairs import PairRequest, tree_parameters
 
 
 class PromisedBound(NamedTuple):
@@ -136,26 +130,3 @@ def norm(vector: ArrayLike) -> Float64Array:
 def largest(vector: ArrayLike) -> Float64Array:
     """Return the largest absolute component of each vector on the last axis of an array; shape (...,)."""
     return np.asarray(np.abs(np.asarray(vector, dtype=np.float64)).max(axis=-1))
-
-
-def error_bounds(
-    pair: PairRequests, given: Mapping[str, Any], level: int, outputs: Outputs, sequence: str | None = None
-) -> dict[str, Float64Array]:
-    """Compute bounds on the rounding errors of outputs of forward kinematics; return arrays (...,) by output name.
-    `given` are the inputs by name, as users give them, `level` (0 to 2) is that of the default outputs.
-
-    Raises:
-        ArgumentError: an output needs an input that is not given.
-    """
-    names = requested_outputs(outputs, None, pair.levels, pair.kind.default_outputs(level))
-    pair.computation(names, sequence).check_given(given, INPUT_LABELS)
-    arguments = read_arguments(given, pair.shapes, COORDINATES[pair.kind], INPUT_LABELS)
-    read = tuple(arguments.values)
-    request = PairRequest(names, read, pair.kind.planar, sequence, pair.points, has_home=pair.has_home)
-    constants = pair.tree.components, tree_errors(pair)
-    known: dict[str, Any] = {"constants": Known(*map(tree_parameters, constants))}
-    if not pair.kind.planar:
-        known |= {"n": Known(numbers(pair.arrays["n"]), axis_errors(pair)), "home": numbers(pair.arrays["home"], 2)}
-    return output_bounds(
-        request.compute, arguments, request.inputs(), known, dict.fromkeys(names, 0), shape=pair.shape
-    )

@@ -15,7 +15,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.options import DEFAULT_GRAVITY, EULER, GRAVITY, OUT, Options, with_options
-from hingepair.mechanism.pairs import accuracy, residuals
+from hingepair.mechanism.pairs import residuals
 from hingepair.mechanism.pairs.geometry import Points, checked_record, spatial_arrays
 from hingepair.mechanism.pairs.requests import PairRequests, body1_inputs
 from hingepair.mechanism.pairs.residuals import Residuals
@@ -46,7 +46,6 @@ from hingepair.numeric.arrays import (
 from hingepair.plans.arguments import Coordinates, Outputs
 from hingepair.plans.pairs import SPACE
 from hingepair.plans.prepared import Prepared
-from hingepair.rotations.sequences import find_sequence
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
 
 if TYPE_CHECKING:
@@ -309,14 +308,11 @@ class HingePair(Frozen, Shown):
         if isinstance(q, BodyMotion):
             if sequence != "XYZ":
                 raise ArgumentError("sequence", "nothing, since there are no Euler angles", quoted(sequence))
-            given = body1_inputs(q, qd, qdd, psidd)
-            level = ("psid" in given) + ("psidd" in given)
-            return accuracy.error_bounds(self._constants, given, level, outputs)
+            return self._constants.error_bounds(body1_inputs(q, qd, qdd, psidd), outputs)
         if psidd is not None:
             raise ArgumentError("psidd", "nothing, since the first argument is no BodyMotion", quoted(psidd))
         given = dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False))
-        find_sequence(sequence)
-        return accuracy.error_bounds(self._constants, given, len(given) - 1, outputs, sequence)
+        return self._constants.error_bounds(given, outputs, sequence)
 
     def with_strut(self, point1: str, point2: str, name: str, **strut: Any) -> Mechanism:
         """Return the robot of this joint alone, on a fixed base, with a strut between two of its points: a spring, a

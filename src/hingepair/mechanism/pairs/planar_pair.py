@@ -13,7 +13,6 @@ from hingepair.engine.backend import execution_of
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import motion_of_rotations
 from hingepair.mechanism.options import OUT, Options, with_options
-from hingepair.mechanism.pairs import accuracy
 from hingepair.mechanism.pairs.geometry import Points, checked_record, lifted
 from hingepair.mechanism.pairs.hinge_pair import HingePair, pair_sheet
 from hingepair.mechanism.pairs.requests import PairRequests, read_rows
@@ -160,7 +159,7 @@ class PlanarPair(Frozen, Shown):
         True
         """
         given = dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False))
-        return accuracy.error_bounds(self._constants, given, len(given) - 1, outputs)
+        return self._constants.error_bounds(given, outputs)
 
     def to_spatial(self) -> HingePair:
         """Return this pair as a HingePair with n = (0, 0, 1), and the same mass properties.

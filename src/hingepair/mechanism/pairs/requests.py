@@ -15,7 +15,7 @@ from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.pairs.geometry import Constants, least_axis
+from hingepair.mechanism.pairs.geometry import Constants, axis_errors, least_axis, tree_errors
 from hingepair.mechanism.requests import (
     PAIR_TASKS,
     PUSHES,
@@ -28,10 +28,14 @@ from hingepair.mechanism.requests import (
     Watch,
     ask,
     coordinate_rows,
+    motion_level,
     read_gravity,
     warn_where_singular,
 )
-from hingepair.plans.arguments import Arguments, CoordinateNames, read_arguments, requested_outputs
+from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.blocks import numbers
+from hingepair.plans.arguments import Arguments, CoordinateNames, Outputs, read_arguments, requested_outputs
+from hingepair.plans.bounds import Known, output_bounds
 from hingepair.plans.computation import QUATERNIONS, Computation
 from hingepair.plans.constraints import CONSTRAINTS
 from hingepair.plans.geometry import GEOMETRY_SHAPES
@@ -222,6 +226,28 @@ class PairRequests(Constants, Subject):
         sequence = self._sequence(names, options.get("sequence", "XYZ"))
         computation = self.computation(outputs, sequence, result or STATES[self.kind], False, solves)
         return Planned(computation, options, self._watch(outputs, solves))
+
+    def error_bounds(
+        self, given: Mapping[str, Any], outputs: Outputs, sequence: str = "XYZ"
+    ) -> dict[str, Float64Array]:
+        """Return bounds on the rounding errors of outputs of forward kinematics, (...), by name, for arguments by
+        input name.
+        """
+        names = requested_outputs(outputs, None, self.levels, self.tasks[motion_level(given)].outputs)
+        of_q = self._sequence(given, sequence)
+        self.computation(names, of_q).check_given(given, INPUT_LABELS)
+        arguments = read_arguments(given, self.shapes, COORDINATES[self.kind], INPUT_LABELS)
+        read, planar = tuple(arguments.values), self.kind.planar
+        request = PairRequest(names, read, planar, of_q, self.points, has_home=self.has_home)
+        constants = self.tree.components, tree_errors(self)
+        known: dict[str, Any] = {"constants": Known(*map(tree_parameters, constants))}
+        if not planar:
+            known |= {
+                "n": Known(numbers(self.arrays["n"]), axis_errors(self)),
+                "home": numbers(self.arrays["home"], 2),
+            }
+        parts = dict.fromkeys(names, 0)
+        return output_bounds(request.compute, arguments, request.inputs(), known, parts, shape=self.shape)
 
 
 # ---- arguments of methods
