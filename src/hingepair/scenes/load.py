@@ -79,7 +79,6 @@ def scene_from_tables(
         constants={key: float(value) for key, value in tables.constants.items() if key not in tables.let},
         files=tuple(file.absolute() for file in _source_files(tables, path)),
         tables=tables,
-        read=_read_again,
     )
     outputs = tables.table("outputs", required=False)
     outputs.check_keys(("names", "units"))
@@ -92,11 +91,6 @@ def scene_from_tables(
     with outputs.naming("names"):
         scene.request(names)
     return replace(scene, outputs=names)
-
-
-def _read_again(tables: Table, path: Path, subject: Subject | None, motion: Motion | None) -> Scene:
-    """Return the scene of tables whose numbers were changed, with what they leave as it was."""
-    return scene_from_tables(with_constants_evaluated(replace(tables, constants={}, let={})), path, subject, motion)
 
 
 def read_subject(tables: Table, folder: Path) -> Subject:
@@ -208,17 +202,7 @@ def with_constants_evaluated(tables: Table) -> Table:
     """
     if {"scene", "vary"} <= tables.values.keys():
         raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
-    if is_of_mechanism(tables):
-        for key in tables.values:
-            if key == "base":
-                tables.fail(key, "x, y, z, phi_x, phi_y, phi_z and sequence in [motion] in its place")
-            if key in _OF_PAIRS and key not in _OF_MECHANISMS:
-                tables.fail(key, "nothing of this name in the scene of a mechanism, by [mechanism] or [[joint]]")
-        tables.check_keys(_OF_MECHANISMS)
-    else:
-        tables.check_keys((*_OF_PAIRS, "mechanism", "joint"))
-    if "constants" in tables.table("motion", required=False).values:
-        tables.table("motion").refuse("constants", "constants in a table [constants]", "a table")
+    tables.check_keys(_OF_MECHANISMS if is_of_mechanism(tables) else (*_OF_PAIRS, "mechanism", "joint"))
     constants = tables.table("constants", required=False)
     values: dict[str, Any] = dict(tables.constants)
     for key, value in constants.values.items():

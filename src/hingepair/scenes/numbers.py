@@ -35,11 +35,8 @@ def number_path(table: Table, values: Mapping[str, Any], key: str) -> NumberPath
         if isinstance(here, dict) and step not in here:
             known = tuple(map(str, here))
             table.refuse("key", f"{choices(known)} at this place{nearest(str(step), known)}", repr(step))
-        if isinstance(here, list) and not isinstance(step, int):
-            table.refuse("key", f"a place in brackets after a list of {len(here)}, such as [0]", repr(step))
-        if isinstance(step, int) and (not isinstance(here, list) or step >= len(here)):
-            size = f"a list of {len(here)}" if isinstance(here, list) else "no list"
-            table.refuse("key", f"a place in a list: there is {size}", repr(step))
+        if isinstance(here, list) and (not isinstance(step, int) or step >= len(here)):
+            table.refuse("key", f"a place in a list of {len(here)}, such as [0]", repr(step))
         if not isinstance(here, dict | list):
             table.refuse("key", "the key of a number of the scene", repr(key))
         here = here[step]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -24,13 +24,12 @@ from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK, Record
 from hingepair.motion.energy_balance import EnergyBalance
-from hingepair.motion.run import stop_overrun
 from hingepair.motion.trajectory import describe_instants
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.scenes import suspicions
 from hingepair.scenes.forces import SceneForces
 from hingepair.scenes.motions.known import Known, Rows
-from hingepair.scenes.motions.motion import Motion, limit_sentences
+from hingepair.scenes.motions.motion import Motion, limit_sentences, stop_sentences
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers
 from hingepair.scenes.subject import Acting, Computed, Request, Subject, order_of
 from hingepair.scenes.tables import Table
@@ -163,8 +162,6 @@ class Scene:
     tables: Table
     #: units of tables, plots and files unless others are asked for
     units: Units = SI
-    #: function that returns the scene of other tables; None of a scene without a file
-    read: Callable[..., Any] | None = None
 
     # ---- what moves
 
@@ -294,14 +291,16 @@ class Scene:
 
     def changed(self, paths: Sequence[NumberPath], numbers: Sequence[Any]) -> Scene:
         """Return the scene with other numbers at these places of the file."""
-        if self.read is None:
+        from hingepair.scenes.load import scene_from_tables, with_constants_evaluated
+
+        if not self.files:
             raise ArgumentError("scene", "a scene that was read from a file", "a simulated motion")
-        tables = replace(self.tables, values=with_numbers(self.tables.values, paths, numbers))
+        values = with_numbers(self.tables.values, paths, numbers)
+        tables = with_constants_evaluated(replace(self.tables, values=values, constants={}, let={}))
         roots = {path[0] for path in paths}
         subject = self.subject if roots <= {"motion", "time", "outputs", "title"} else None
         keeps_motion = self.motion.simulated is None and keep_motion(paths)
-        changed: Scene = self.read(tables, self.path, subject, self.motion if keeps_motion else None)
-        return changed
+        return scene_from_tables(tables, self.path, subject, self.motion if keeps_motion else None)
 
     # ---- results
 
@@ -498,29 +497,21 @@ class Scene:
         q, *rates = (np.concatenate([part.array(order) for part in parts]) for order in range(level + 1))
         sentences, last = [*self.suspicions()], list[str]()
         for i, joint in enumerate(self.subject.joints):
+            own, unit = q[:, i], joint.unit
             stops = stop_range(motion.loads.get(joint.name, HingeLoad()))
-            sentences += limit_sentences(joint.name, joint.position_limits, joint.unit, self.t, q[:, i], stops, shown)
-            limit, unit = joint.rate_limit, f"{joint.unit}/s"
+            (lower, upper), extremes = joint.position_limits, (float(np.fmin.reduce(own)), float(np.fmax.reduce(own)))
+            limits = (-math.inf if stops[0] >= lower else lower, math.inf if stops[1] <= upper else upper)
+            sentences += limit_sentences(joint.name, limits, unit, self.t, own, shown)
+            whole = extremes if motion.simulated is None else motion.simulated.q_range[i].tolist()
+            last += stop_sentences(joint.name, stops, unit, extremes, whole, shown)
             for qd in rates:
-                sentences += limit_sentences(f"{joint.name}'", (-limit, limit), unit, self.t, qd[:, i], units=shown)
-            last += self._stop_sentences(i, stops, q[:, i])
+                most = (-joint.rate_limit, joint.rate_limit)
+                sentences += limit_sentences(f"{joint.name}'", most, f"{unit}/s", self.t, qd[:, i], shown)
         if kinks := 0 if motion.functions is None else int(motion.functions.switches(self.t).sum()):
             where = f"{kinks} interval{'s' * (kinks != 1)}"
             sentences.append(f"kinks or jumps in {where}; derivatives there are those from the right")
         doubts = [motion.doubt] * math.isnan(motion.error_estimate)
         return tuple(dict.fromkeys((*sentences, *last, *motion.notes, *doubts)))
-
-    def _stop_sentences(self, i: int, stops: tuple[float, float], q: Float64Array) -> Iterator[str]:
-        """Yield sentences on how deep a joint presses into soft stops, at the instants and between them."""
-        joint, unit = self.subject.joints[i], self.subject.joints[i].unit
-        shown = float(np.fmin.reduce(q)), float(np.fmax.reduce(q))
-        least, most = shown if self.motion.simulated is None else self.motion.simulated.q_range[i].tolist()
-        if soft := stop_overrun(joint.name, unit, stops, least, most):
-            yield f"{soft}; stop_stiffness hardens them"
-        at_instants, deepest = (max(stops[0] - one, other - stops[1]) for one, other in (shown, (least, most)))
-        if deepest > max(1.05 * at_instants, 1e-9):  # rad or m; less is rounding
-            depths = f"{deepest:.3g} {unit} into a stop between instants, {max(at_instants, 0):.3g} {unit} at them"
-            yield f"{joint.name} presses {depths}: more instants show the peak of its force"
 
     def suspicions(self) -> tuple[str, ...]:
         """Return sentences on numbers of the file, and on functions at up to 101 instants, that are probably in

@@ -220,16 +220,14 @@ class Subject:
         """Raise a SceneError if a joint has the name of an option of the Table [motion] or [dynamics], or a name for
         which a column of a log would have two meanings.
         """
-        columns = {"t"}
+        taken = {"t", *options}
         for name in self.names if self.pair is None else ():
-            own = {name + ending for ending in RATE_SUFFIXES}
-            twice = own & columns | {one for one in own if (item := self.item(one)) and item.of != "joint"}
-            if name in options or twice:
-                what = f"this one is a key of [{table.name}]"
-                if twice:
-                    what = f"a column {min(twice)} of a file has another meaning"
-                table.refuse(name, f"joints of other names: {what}", f"a joint {name!r}")
-            columns |= own
+            for column in (name + ending for ending in RATE_SUFFIXES):
+                item = self.item(column)
+                if column in taken or (item is not None and item.of != "joint"):
+                    expected = f"joints of other names: {column} has another meaning in [{table.name}] or in files"
+                    table.refuse(name, expected, f"a joint {name!r}")
+                taken.add(column)
 
     # ---- what can be asked
 
@@ -445,23 +443,20 @@ class Subject:
 
     def attribute(self, name: str, known: Known, computed: Computed) -> Any:
         """Return a coordinate, a force, an output or an attribute of the state; None of one that was not computed."""
-        own: Mapping[str, Any] = computed.arrays
-        for order in range(known.level + 1):
-            own = {**known.joint_columns(order), **own}
-        if name in own:
-            return own[name]
-        item = self.items.get(name)
-        if name in _COORDINATES:
+        if name in computed.arrays:
+            return computed.arrays[name]
+        item, level = self.items.get(name), known.level
+        if name in _COORDINATES[: level + 1]:
             order = _COORDINATES.index(name)
-            if order > known.level or self.pair is None:
-                return known.array(order) if order <= known.level else None
-            return np.stack([*known.base_columns(order).values(), known.column(order, 0)], axis=-1)
-        if item is not None and item.quantity in _ATTITUDES and self.pair is not None:
-            S = computed.state.arrays().get(_ATTITUDES[name])
-            return None if S is None else np.stack([*quaternion_columns(S).values()], axis=-1)
+            columns = {} if self.pair is None else known.base_columns(order)
+            return np.stack([*columns.values(), *known.array(order).T], axis=-1) if columns else known.array(order)
+        if item is not None and item.of == "joint" and item.order <= level:
+            return known.column(item.order, known.names.index(item.owner))
+        if self.pair is not None and name in _ATTITUDES and _ATTITUDES[name] in computed.state.arrays():
+            return np.stack([*quaternion_columns(computed.state[_ATTITUDES[name]]).values()], axis=-1)
         if hasattr(type(computed.state), name):
             return getattr(computed.state, name)
-        if item is None and not (self.pair is None and name in (*FRAME_OUTPUTS, "tau")):
+        if item is None and not (self.pair is None and name in (*FRAME_OUTPUTS, *_COORDINATES, "tau")):
             raise KeyError(name)
         return computed.tau if name == "tau" else None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
+import functools
 import os
 import re
 import reprlib
@@ -19,7 +19,6 @@ from hingepair.errors import ArgumentError, SceneError, choices, line_with_caret
 from hingepair.mechanism.results import RESULT_FILE_SUFFIXES
 from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.numeric.unit_vectors import finite_axis, unit_axis
-from hingepair.rotations.sequences import find_sequence
 from hingepair.symbolic.expressions import (
     Expression,
     constant_cosine,
@@ -240,20 +239,17 @@ class Table(NamedSource):
         (turn,) = turns
         table.check_keys(("axis", turn))
         written = table.expressions(turn, *((3,) if turn.startswith("rpy") else ()))
-        angles = written if isinstance(written, list) else [written]
-        angles = [in_radians(angle) if turn.endswith("deg") else angle for angle in angles]
-        numbers = [angle.constant for angle in angles if angle.constant is not None]
-        if turn.startswith("rpy"):
-            sequence = find_sequence("xyz")
-            canonical = sequence.angles((numbers[0], numbers[1], numbers[2]))
-            trig = [(constant_sine(angle), constant_cosine(angle)) for angle in canonical]
-            entries = sequence.attitude(tuple(itertools.chain(*trig)))
-        else:
-            sine, cosine = constant_sine(numbers[0]), constant_cosine(numbers[0])
-            versine = sine * sine / (1 + cosine) if cosine > 0 else 1 - cosine
+        angles = [
+            in_radians(x) if turn.endswith("deg") else x
+            for x in (written if isinstance(written, list) else [written])
+        ]
+        axes = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+        if "axis" in value:
             with table.naming("axis"):
                 n = unit_axis("axis", finite_axis("axis", np.array(table.numbers("axis", 3))))
-            entries = eq.hinge_rotation(tuple(n.tolist()), (sine, versine))
+            axes = [tuple(n.tolist())]
+        turns_about = [_turn(axis, angle.constant) for axis, angle in zip(axes, angles, strict=True)]
+        entries = functools.reduce(lambda first, then: eq.compose(then, first), turns_about)
         return [list(entries[:3]), list(entries[3:6]), list(entries[6:])]
 
     def _nested(self, key: str, value: Any) -> Any:
@@ -271,6 +267,13 @@ class Table(NamedSource):
     def _constant_expression(self, key: str, text: str, symbolic_constants: Collection[str] = ()) -> Expression:
         with self.naming(key):
             return parse_constant(key, text, self.constants, symbolic_constants)
+
+
+def _turn(axis: Any, angle: Any) -> Any:
+    """Return the rotation by an exact angle about a unit axis; turns by right angles are exact."""
+    sine, cosine = constant_sine(angle), constant_cosine(angle)
+    versine = sine * sine / (1 + cosine) if cosine > 0 else 1 - cosine
+    return eq.hinge_rotation(axis, (sine, versine))
 
 
 def names_in(table: Table, symbolic_constants: Collection[str] = ()) -> Mapping[str, float | Expression]:

@@ -201,12 +201,6 @@ class Log(NamedSource):
         """Add what a log of a motion in the plane leaves out, as zeros; a note on them starts with `absence`."""
         added = planar_zeros(self.columns, _PLANAR, self._sequence) if self._subject.base_names else []
         self.columns |= dict.fromkeys(added, np.zeros(len(self.columns["t"])))
-        if "psi" in self.columns and {*self.columns} <= {"t", *HINGE_NAMES}:
-            order = max(k for k, name in enumerate(HINGE_NAMES) if name in self.columns)
-            at_rest = [name for names in (POSITION, EULER) for name in names[: order + 1]]
-            zeros = np.zeros(len(self.columns["t"]))
-            self.columns |= {column: zeros for name in at_rest for column in LOG_ARRAYS[name]}
-            self.notes.append("body 1 rests at the origin, since the log has psi alone")
         if added:
             self.notes.append(f"{absence} {', '.join(added)}: they were taken as 0, as of a motion in the plane")
 

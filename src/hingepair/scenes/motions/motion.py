@@ -149,13 +149,7 @@ class Motion:
 
 
 def limit_sentences(
-    shown: str,
-    limits: tuple[float, float],
-    unit: str,
-    t: Float64Array,
-    values: Float64Array,
-    stops: tuple[float, float] = (-math.inf, math.inf),
-    units: Units = SI,
+    shown: str, limits: tuple[float, float], unit: str, t: Float64Array, values: Float64Array, units: Units = SI
 ) -> Iterator[str]:
     """Yield one sentence, in `units`, if a quantity is outside its limits at some instants, otherwise nothing.
 
@@ -165,24 +159,38 @@ def limit_sentences(
         unit: unit of both limits.
         t: the instants [s]; (N,).
         values: the quantity at them; (N,).
-        stops: lower and upper stop, springs into which the quantity presses; infinite without a stop.
         units: units of the numbers in the sentence.
     """
     lower, upper = limits
     rounding = 1e-9 * max(1.0, *(abs(end) for end in limits if math.isfinite(end)), 1.0)
     outside = np.flatnonzero((values < lower - rounding) | (values > upper + rounding))
-    if not outside.size:
-        return
-    least, most = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
-    factor, unit = units.factor(unit), units.unit(unit)
-    when = f"at {outside.size} of {len(t)} instants"
-    if (least >= lower or stops[0] >= lower) and (most <= upper or stops[1] <= upper):
-        depth = factor * max(stops[0] - least, most - stops[1])
-        yield f"{shown} presses into its stops, which are springs, {when}, {depth:.3g} {unit} deep at most"
-    else:
+    if outside.size:
+        factor, unit = units.factor(unit), units.unit(unit)
         yield (
-            f"{shown} leaves its limits, {factor * lower:g} to {factor * upper:g} {unit}, {when}, "
-            f"first at t = {instant_text(t[outside[0]])} s ({factor * values[outside[0]] + 0.0:.6g})"
+            f"{shown} leaves its limits, {factor * lower:g} to {factor * upper:g} {unit}, at {outside.size} of "
+            f"{len(t)} instants, first at t = {instant_text(t[outside[0]])} s "
+            f"({factor * values[outside[0]] + 0.0:.6g})"
+        )
+
+
+def stop_sentences(
+    shown: str,
+    stops: tuple[float, float],
+    unit: str,
+    at_instants: tuple[float, float],
+    whole: tuple[float, float],
+    units: Units = SI,
+) -> Iterator[str]:
+    """Yield one sentence if a coordinate, whose least and greatest values are given at the instants and in the whole
+    motion, presses into soft stops.
+    """
+    factor, unit = units.factor(unit), units.unit(unit)
+    seen, deepest = (max(stops[0] - least, most - stops[1]) for least, most in (at_instants, whole))
+    if deepest > 1e-9:  # rad or m; less is rounding
+        at_them = f", at the instants {factor * max(seen, 0.0):.3g} {unit}: more of them show the peak of its force"
+        yield (
+            f"{shown} presses up to {factor * deepest:.3g} {unit} into its stops, which are springs "
+            f"(stop_stiffness hardens them){at_them * (deepest > 1.05 * seen)}"
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -68,7 +68,9 @@ def _sampled(table: Table, log: Log, subject: Subject, smooths: bool) -> Motion:
     all of them where it is smoothed.
     """
     is_pair = subject.pair is not None
-    attitude = _attitude_names(log, required=is_pair)
+    attitude = _attitude_names(log) if subject.base_names else ()
+    if is_pair and not attitude:
+        log.notes.append("body 1 rests at the origin, since the log has psi alone")
     sequence = table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     if attitude is QUATERNION and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
@@ -142,14 +144,16 @@ def _velocity_frame(table: Table, log: Log) -> str:
     return table.choice("frame", RATE_FRAME_NAMES)
 
 
-def _attitude_names(log: Log, *, required: bool) -> tuple[str, ...]:
-    """Return EULER or QUATERNION, whichever the log has; refuse both and, if `required`, neither."""
-    euler = any(column in log.columns for column in LOG_ARRAYS["phi"])
-    attitude_names, other_names = (EULER, QUATERNION) if euler else (QUATERNION, EULER)
-    if not euler and not any(column in log.columns for column in LOG_ARRAYS["quat_xyzw"]):
-        if not required and not any(column in log.columns for column in LOG_ARRAYS["R1"]):
+def _attitude_names(log: Log) -> tuple[str, ...]:
+    """Return EULER or QUATERNION, whichever the log has, or nothing if it has no columns of body 1 or the base;
+    refuse both, and a position without an attitude.
+    """
+    has = {name: any(column in log.columns for column in LOG_ARRAYS[name]) for name in LOG_ARRAYS}
+    attitude_names, other_names = (EULER, QUATERNION) if has["phi"] else (QUATERNION, EULER)
+    if not has[attitude_names[0]]:
+        if not any(has[name] for name in (*POSITION, *EULER, *QUATERNION)):
             return ()
-        hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in log.columns else ""
+        hint = ", or motion.integrate = true for a log of rates" if has["omega1"] else ""
         log.refuse("phi_x", f"columns phi_x, phi_y, phi_z, or qx, qy, qz, qw{hint}", "neither")
     for column in (column for name in other_names for column in LOG_ARRAYS[name]):
         if column in log.columns:
@@ -230,30 +234,22 @@ def _along_x(samples: Float64Array) -> BodyMotion:
 
 def _missing_sample_sentences(
     t: Float64Array, quantities: Mapping[str, tuple[NDArray[Any], NDArray[Any]]], gaps: float
-) -> list[str]:
-    """Return sentences on samples that are missing or in series that are too short, and on the gaps [s] that cut the
+) -> Iterator[str]:
+    """Yield sentences on samples that are missing or in series that are too short, and on the gaps [s] that cut the
     smoothing; `quantities` are the samples and what smoothing made of them, by name.
     """
-    names_by_sentence: dict[str, list[str]] = {}
     for name, (samples, result) in quantities.items():
         known, filled = (np.isfinite(array.reshape(len(t), -1)).all(axis=1) for array in (samples, result))
-        alone = f"in series of fewer than {MIN_PIECE} between gaps"
-        for rows, what in (
-            (~known & filled, "missing and filled"),
-            (~known & ~filled, "missing and not filled, in gaps that are too long"),
-            (known & ~filled, f"recorded but left out, {alone}"),
-        ):
-            if count := int(rows.sum()):
-                sentence = f"{count} of {len(t)} samples {what}; the first at t = {t[rows][0]:.6g} s"
-                names_by_sentence.setdefault(sentence, []).append(name)
+        if count := int((~known | ~filled).sum()):
+            lost = f"{int((~known).sum())} of {len(t)} samples missing, {int((~known & filled).sum())} of them filled"
+            alone = f"{int((known & ~filled).sum())} in series of fewer than {MIN_PIECE} between gaps left out"
+            yield f"{name}: {lost}, {alone}; the first of these {count} at t = {t[~known | ~filled][0]:.6g} s"
         if cuts := [f"{t[piece[0]]:.6g}" for piece in split_at_gaps(t, known, gaps)[1:]]:
             more = f" and {len(cuts) - 3} times more" * (len(cuts) > 3)
-            sentence = (
-                f"smoothing is cut before t = {', '.join(cuts[:3])} s{more}; rates beside a cut are as inaccurate as "
-                "at the ends. gaps in [motion] is the longest time that is filled [s]"
+            yield (
+                f"{name}: smoothing is cut before t = {', '.join(cuts[:3])} s{more}; rates beside a cut are as "
+                "inaccurate as at the ends. gaps in [motion] is the longest time that is filled [s]"
             )
-            names_by_sentence.setdefault(sentence, []).append(name)
-    return [f"{', '.join(names)}: {sentence}" for sentence, names in names_by_sentence.items()]
 
 
 # ---- integration
