@@ -70,15 +70,6 @@ def test_a_free_scene_moves_as_simulate_says(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_scene_ends_where_until_passes_zero(tmp_path):
-    text = PAIR + '[dynamics]\nbase = "fixed"\npsi.qd_0 = -1\nuntil = "psi - 0.5"\n'
-    scene = scene_of(tmp_path, text)
-    assert scene.samples < 11
-    assert_near(scene.evaluate(["R2"]).psi[-1], 0.5, 64)
-    assert scene.notes()[-1] == f"until ends the motion at t = {scene.stop:.6g} s"
-
-
-@pytest.mark.slow
 def test_a_prescribed_base_carries_the_hinge(tmp_path):
     turn = "\n".join(
         f"{name} = {value}" for name, value in (("x", "'0.1*sin(6*t)'"), ("y", 0), ("z", 0), ("phi_x", 0))

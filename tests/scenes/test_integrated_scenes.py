@@ -12,27 +12,6 @@ import hingepair as hp
 
 MODELS = Path(__file__).parents[2] / "models"
 
-PAIR = """
-[pair]
-u1 = [0.5, 0.2, 0.1]
-u2 = [-0.25, 0.1, 0.3]
-n = [1, 0, 0]
-"""
-LOG = "t,omega1_x,omega1_y,omega1_z,psid\n" + "".join(f"{k / 10},0,0,{1 + k / 10},2\n" for k in range(12))
-LOGGED = PAIR + '[motion]\nfile = "log.csv"\nintegrate = true\nframe = "world"\n'
-
-
-def with_columns(names, cells):
-    head, *rows = LOG.splitlines()
-    return "\n".join([f"{head},{names}", *(f"{row},{cells}" for row in rows)])
-
-
-def scene_of(folder, text, log=None):
-    (folder / "my.toml").write_text(text)
-    if log is not None:
-        (folder / "log.csv").write_text(log)
-    return hp.load_scene(folder / "my.toml")
-
 
 @pytest.mark.slow
 def test_the_gyro_log_is_what_its_script_makes(tmp_path):

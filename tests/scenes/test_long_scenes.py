@@ -89,16 +89,3 @@ def test_coordinates_are_results(tmp_path):
     assert alone.state.outputs == ()
     np.testing.assert_array_equal(alone.psidd, np.zeros(11))
     assert scene.plan(("q",)).outputs == ()
-
-
-@pytest.mark.slow
-def test_coordinates_in_a_file_are_a_log_of_the_motion(tmp_path):
-    """The names of the columns are those that a log has."""
-    scene = hp.load_scene(long_scene(tmp_path, 31, "landing_gear"))
-    part = scene.evaluate(("q", "qd", "qdd"))
-    part.save(tmp_path / "log.csv")
-    pair = scene.path.read_text().split("[motion]", maxsplit=1)[0]
-    (tmp_path / "back.toml").write_text(f'{pair}[motion]\nfile = "log.csv"\nsequence = "ZYX"\n')
-    back, there = hp.load_scene(tmp_path / "back.toml").evaluate(), scene.evaluate()
-    for name in there.state.outputs:
-        np.testing.assert_array_equal(back.state[name], there.state[name])

@@ -262,17 +262,6 @@ def test_limits_that_are_passed_are_told_with_where(tmp_path: Path) -> None:
     assert any(note.startswith("motion.stick: -90 is taken for radians") for note in degrees)
 
 
-def test_what_a_motion_lacks_is_refused_where_it_is_needed(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("t,boom\n0,0\n1,1\n2,1\n")
-    scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\n")
-    assert list(scene.evaluate().requested_arrays()) == ["R_ram", "S_ram", "boom"]
-    with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of R, S, d, quat, q, .*smooth.*got 'v'"):
-        scene.evaluate(("v",))
-    with pytest.raises(hp.ArgumentError, match="scene: expected a motion with accelerations"):
-        scene.forces()
-    assert scene.cross_validate().ok
-
-
 def test_robots_rest_at_zero_or_at_the_closest_limit(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "[mechanism]\nrobot = 'panda'\n[motion]\n" + TIME)
     q = scene.coordinates().q[0]

@@ -28,25 +28,6 @@ stop = 2
 samples = 21
 """
 
-SPATIAL_MOTION_KIND = """
-[pair]
-u1 = [0.5, 0.2, 0]
-u2 = [-0.25, 0.1, 0]
-n = [0, 0, 2]
-[motion]
-x = "3*t"
-y = 0.5
-z = 0
-phi_x = 0
-phi_y = 0
-phi_z = "0.3*t**2"
-psi = "sin(t)"
-[time]
-start = 0
-stop = 2
-samples = 21
-"""
-
 
 def scene_of(tmp_path, text):
     path = tmp_path / "my.toml"
@@ -56,10 +37,13 @@ def scene_of(tmp_path, text):
 
 @pytest.mark.slow
 def test_is_the_scene_in_space(tmp_path):
-    flat, space = (
-        scene_of(tmp_path, PLANAR_MOTION_KIND).evaluate(),
-        scene_of(tmp_path, SPATIAL_MOTION_KIND).evaluate(),
+    in_space = (
+        PLANAR_MOTION_KIND.replace("planar = true", "")
+        .replace("2]", "2, 0]")
+        .replace("0.1]", "0.1, 0]\nn = [0, 0, 2]")
     )
+    in_space = in_space.replace("phi =", "z = 0\nphi_x = 0\nphi_y = 0\nphi_z =")
+    flat, space = (scene_of(tmp_path, text).evaluate() for text in (PLANAR_MOTION_KIND, in_space))
     assert isinstance(flat.state, PlanarState)
     for name in ("R2", "d", "v2", "a2"):
         np.testing.assert_allclose(getattr(flat, name), getattr(space, name)[:, :2], rtol=0, atol=64 * 2.0**-53)
@@ -86,14 +70,6 @@ def test_names_its_own_coordinates_and_outputs(tmp_path):
     np.testing.assert_array_equal(result.phi2, 0.3 * result.t**2 + np.sin(result.t))
     assert repr(scene.pair) == "PlanarPair(u1=[0.5, 0.2], u2=[-0.25, 0.1], name='legs')"
     assert (scene.space.n.tolist(), scene.space.name) == ([0, 0, 1], "legs")
-
-
-def test_checked_against_pinocchio_and_its_constraints(tmp_path):
-    scene = scene_of(tmp_path, PLANAR_MOTION_KIND)
-    report = scene.cross_validate()
-    assert report.ok
-    assert [row.output for row in report.rows] == ["R2", "phi2", "d", "v2", "omega2", "a2", "alpha2"]
-    assert "in the plane" in str(report)
 
 
 def test_what_a_planar_scene_writes_is_a_log(tmp_path):

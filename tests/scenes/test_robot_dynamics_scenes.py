@@ -139,9 +139,3 @@ def test_efforts_are_those_of_motors_in_every_command(tmp_path):
         assert_near(tau, motors, 16, 30)  # N m, of the wrench
     assert_near(found.arrays(("tau_arm",))["tau_arm"], motors[:, 1], 16, 30)
     np.testing.assert_array_equal(found.sampled(5, ("tau",)).tau, found.evaluate(("tau",)).tau[::25])
-
-
-def test_a_simulated_motion_has_the_gravity_of_its_scene(tmp_path):
-    found = hp.load_scene(scene(tmp_path, "[dynamics]\n"))
-    with pytest.raises(hp.ArgumentError, match="gravity: expected None, since the motion is simulated"):
-        found.forces(gravity=(0, 0, 0))

@@ -164,16 +164,6 @@ def test_profiles_stop_at_each_point_and_never_pass_it(profile: str) -> None:
         np.testing.assert_allclose(acceleration[at], 0, atol=512 * U)
 
 
-@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e5], ids=str)
-@pytest.mark.parametrize(
-    ("profile", "kinks"), [("linear", 5), ("trapezoid", 13), ("cubic", 5), ("quintic", 0), ("spline", 0)]
-)
-def test_kinks_are_told_from_rounding_whatever_the_times_are(profile: str, kinks: int, scale: float) -> None:
-    t, value = np.array([0.0, 0.1, 0.5, 1.7, 3.0]), np.array([0.0, 2.0, -2.0, 1.0, 0.5])
-    path = interpolate_way_points(scale * t, value, profile)
-    assert path.switches(scale * np.linspace(-0.503, 3.51, 9_001)).sum() == kinks
-
-
 def test_a_trapezoid_keeps_its_limits(tmp_path: Path) -> None:
     text = change(
         'psi = "pi*t"', "psi = { t = [0, 2], value = [0, 1], profile = 'trapezoid', speed = 0.6, acceleration = 4 }"
@@ -182,13 +172,6 @@ def test_a_trapezoid_keeps_its_limits(tmp_path: Path) -> None:
     _, psid, psidd = scene.coordinates()
     assert abs(psid.max() - 0.6) <= 4 * U  # a third of the time each would need 0.75
     assert psidd.max() == pytest.approx(1.8, abs=256 * U) == -psidd.min()  # of differences of positions in 2 / 3 s
-
-
-def test_limits_that_psi_leaves_are_noted(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, GOOD.replace("[motion]\n", "limits = [-1, 2.5]\n[motion]\n"))
-    (note,) = scene.notes()
-    assert note == "psi leaves its limits, -1 to 2.5 rad, at 13 of 21 instants, first at t = 0.8 s (2.51327)"
-    assert scene_of(tmp_path, GOOD).notes() == ()
 
 
 def doubts(tmp_path: Path, text: str) -> tuple[str, ...]:

@@ -73,20 +73,3 @@ def test_the_ends_of_smoothing_are_extremes_of_poses_but_not_of_rates(tmp_path):
     for name, own in printed.items():
         kept = found[name] if name == "psi" or name.startswith("R2") else found[name][inside]
         assert (own["smallest"], own["largest"]) == (kept.min(), kept.max()), name
-
-
-@pytest.mark.slow
-def test_a_loss_makes_outliers_of_a_log_count_little(tmp_path):
-    path, _ = written(tmp_path)
-    lines = (tmp_path / "log.csv").read_text().splitlines()
-    lines[300] = ",".join((*lines[300].split(",")[:-1], "30.0"))  # psi
-    (tmp_path / "log.csv").write_text("\n".join(lines))
-    off = []
-    for text in (PAIR, PAIR + 'loss = "cauchy"\n'):
-        path.write_text(text)
-        scene = hp.load_scene(path)
-        off.append(np.abs(scene.evaluate(("psi",)).psi - np.sin(2 * scene.t))[290:310].max())
-    assert off[0] > 0.1 > 20 * off[1]
-    path.write_text(PAIR.replace("smooth = true", 'loss = "cauchy"'))
-    with pytest.raises(hp.SceneError, match=r"motion\.loss: expected no such key without smooth = true"):
-        hp.load_scene(path)
