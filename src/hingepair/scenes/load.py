@@ -79,6 +79,7 @@ def scene_from_tables(
         constants={key: float(value) for key, value in tables.constants.items() if key not in tables.let},
         files=tuple(file.absolute() for file in _source_files(tables, path)),
         tables=tables,
+        read=_read_again,
     )
     outputs = tables.table("outputs", required=False)
     outputs.check_keys(("names", "units"))
@@ -91,6 +92,11 @@ def scene_from_tables(
     with outputs.naming("names"):
         scene.request(names)
     return replace(scene, outputs=names)
+
+
+def _read_again(tables: Table, *others: Any) -> Scene:
+    """Return the scene of tables whose numbers were changed, with what they leave as it was."""
+    return scene_from_tables(with_constants_evaluated(replace(tables, constants={}, let={})), *others)
 
 
 def read_subject(tables: Table, folder: Path) -> Subject:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -162,6 +162,8 @@ class Scene:
     tables: Table
     #: units of tables, plots and files unless others are asked for
     units: Units = SI
+    #: function that returns the scene of other tables; None of a scene without a file
+    read: Callable[..., Any] | None = None
 
     # ---- what moves
 
@@ -291,16 +293,14 @@ class Scene:
 
     def changed(self, paths: Sequence[NumberPath], numbers: Sequence[Any]) -> Scene:
         """Return the scene with other numbers at these places of the file."""
-        from hingepair.scenes.load import scene_from_tables, with_constants_evaluated
-
-        if not self.files:
+        if self.read is None:
             raise ArgumentError("scene", "a scene that was read from a file", "a simulated motion")
-        values = with_numbers(self.tables.values, paths, numbers)
-        tables = with_constants_evaluated(replace(self.tables, values=values, constants={}, let={}))
+        tables = replace(self.tables, values=with_numbers(self.tables.values, paths, numbers))
         roots = {path[0] for path in paths}
         subject = self.subject if roots <= {"motion", "time", "outputs", "title"} else None
         keeps_motion = self.motion.simulated is None and keep_motion(paths)
-        return scene_from_tables(tables, self.path, subject, self.motion if keeps_motion else None)
+        changed: Scene = self.read(tables, self.path, subject, self.motion if keeps_motion else None)
+        return changed
 
     # ---- results
 
