@@ -489,7 +489,7 @@ CALLS = {
     # ---- recordings
     "fit": (lambda **k: hp.fit(**dict(zip(("body1", "body2"), bodies(), strict=True)) | k), [
         ("loss", A, "tukey"), ("gauge", A, "middle"), ("weights", S, [1.0, 2.0]), ("weights", A, -np.ones(50)),
-        ("t", S, np.arange(3.0)),
+        ("t", S, np.arange(3.0)), ("clock_offset", A, C(t=np.arange(50.0), clock_offset=0.01)),
         ("body2", S, hp.BodyMotion(R=THREE, S=EYE)), ("body2", A, 3), ("body1", A, C(body1={"x1": [1.0]})),
         ("body1, body2", errors.FitError, C(body1=hp.BodyMotion(R=np.full((50, 3), NAN), S=EYE))),
         ("noise2", A, C(noise1=(1e-3, 1e-3)), C(noise1=(1e-3, 1e-3), noise2=1e-3)),
@@ -498,6 +498,7 @@ CALLS = {
     "smooth": (lambda **k: hp.smooth(**{"t": T, "body": np.sin(T), **k}), [
         ("body", A, spoiled(11, slice(0, 5))), ("bandwidth", A, -1, 1e-9, 1e6),
         ("body", S, T[1:]), ("loss", A, "tukey"),
+        ("body", A, C(t=np.arange(400) / 100, body=(2 * np.arange(400) + 180) % 360 - 180)),
     ]),
     "resample": (lambda **k: hp.resample(**{"t": T, "values": T, "to": [0.5], **k}), [
         ("values", S, [1.0], POSE), ("gaps", A, 0),
@@ -512,7 +513,8 @@ CALLS = {
     "fit_masses": (lambda **k: hp.fit_masses(
         **{"robot": ur5(), **dict.fromkeys(("q", "qd", "qdd", "tau"), np.zeros((8, 6))), **k}
     ), [
-        ("joint_terms", A, ("stiction",), "viscous"), ("robot", A, "panda"),
+        ("joint_terms", A, ("stiction",), "viscous"), ("loss", A, "l2"),
+        ("unknown", A, ["tool"], ["base_link"]), ("robot", A, "panda"),
         ("q", S, np.zeros((2, 8, 6))),
         ("q", errors.FitError, np.zeros((8, 6))), ("qd", S, np.zeros((4, 6))),
     ]),

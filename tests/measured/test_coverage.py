@@ -128,11 +128,9 @@ FEW: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {  # 80 runs each, 40 wi
     "planar, weights": ({"planar": True, "sizes": UNEQUAL}, {"weights": 1 / UNEQUAL**2}),
     "planar, outliers": ({"planar": True, "outliers": 0.1}, {"loss": "cauchy"}),
     "coloured": ({"share": 0.5}, {}),
-    "coloured, planar": ({"share": 0.5, "planar": True}, {}),
     "coloured, outliers": ({"share": 0.5, "outliers": 0.1}, {"loss": "cauchy"}),
     "clocks, weights": ({"late": 0.02, "sizes": UNEQUAL}, {"weights": 1 / UNEQUAL**2}),
     "clocks, gaps": ({"late": 0.02, "gaps": True}, {}),
-    "gaps": ({"gaps": True}, {}),
     "gaps, coloured": ({"gaps": True, "share": 0.5}, {}),
     "split unknown": ({"attitudes": (2e-3, 0.02)}, {}),
     "noise given, outliers": (

@@ -185,21 +185,6 @@ def test_torques_that_masses_do_not_explain_are_reported():
     assert any("is it in radians?" in text for text in degrees.findings)
 
 
-@pytest.mark.slow
-def test_torques_of_the_wrong_sign_are_reported_without_friction_too():
-    q, qd, qdd = motion(5)
-    tau = panda().inverse_dynamics(q, qd, qdd, joint_loads=False).tau + noise(q.shape, 0)
-    fit = hp.fit_masses(panda(), q, qd, qdd, tau)
-    assert fit.ok, fit.findings
-    flipped = hp.fit_masses(panda(), q, qd, qdd, -tau)
-    assert not flipped.ok
-    assert flipped.findings[0].startswith("No rigid bodies have these base parameters")
-    assert flipped.findings[0].endswith("do tau and qdd have the same sign?")
-    rotors = panda().with_inertial_parameters(panda().inertial_parameters, armature=5.0 * np.eye(7)[0])
-    heavy = hp.fit_masses(rotors, q, qd, qdd, tau)
-    assert heavy.findings[0].endswith("and are the rotors as light as `armature` says?")
-
-
 def test_friction_left_out_is_reported_of_samples_in_any_order():
     rng = np.random.default_rng(0)
     low, high = panda().position_limits.T
@@ -227,9 +212,13 @@ def test_masses_are_those_of_rigid_bodies():
         assert not tree_of(fit.robot).notes
         left = fit.robot.inverse_dynamics(q, qd, qdd, joint_loads=True).tau - fit.torques(q, qd, qdd)
         assert np.sqrt(np.mean(left**2)) < 0.05 * NOISE
-    impossible = hp.fit_masses(panda(), q, qd, qdd, -tau)
-    assert "bodies" in {finding.name for finding in impossible.findings}
-    assert not tree_of(impossible.robot).notes
+    rotors = panda().with_inertial_parameters(panda().inertial_parameters, armature=5.0 * np.eye(7)[0])
+    for robot, recorded, words in ((panda(), -tau, "sign?"), (rotors, tau, "as light as `armature` says?")):
+        fit = hp.fit_masses(robot, q, qd, qdd, recorded)
+        assert not fit.ok
+        (finding,) = (one for one in fit.findings if one.name == "bodies")
+        assert finding.endswith(words)
+        assert not tree_of(fit.robot).notes
 
 
 @pytest.mark.slow
@@ -302,21 +291,16 @@ def with_spikes(tau):
     return tau
 
 
-def late(q, qd, qdd, tau):
-    return q[1:], qd[1:], qdd[1:], tau[:-1]
-
-
 SPOILT = {  # of q, qd, qdd and tau
     "noise of positions": lambda *x: (*by_differences(x[0], 1e-4), x[3]),
     "noise of accelerations": lambda *x: (*x[:2], x[2] + np.random.default_rng(4).normal(size=x[2].shape), x[3]),
     "N mm": lambda *x: (*x[:3], 1e3 * x[3]),
-    "late": late,
     "Stribeck": lambda *x: (*x[:3], x[3] + np.sign(x[1]) * 0.6 * np.exp(-((x[1] / 0.3) ** 2))),
     "spikes": lambda *x: (*x[:3], with_spikes(x[3])),
 }
 NAMED = {
     "noise of positions": "noise of the motion", "noise of accelerations": "noise of the motion", "N mm": "unit",
-    "late": "delay", "Stribeck": "dependence", "spikes": "outliers",
+    "Stribeck": "dependence", "spikes": "outliers",
 }  # fmt: skip
 
 
@@ -404,8 +388,6 @@ def test_a_loss_makes_spikes_count_little():
     count = len(true)
     assert fit.ok, fit.findings
     assert (np.abs(fit.values[:count] - true) < 4.5 * fit.std[:count]).all()
-    with pytest.raises(hp.ArgumentError, match="loss"):
-        hp.fit_masses(robot, q, qd, qdd, tau, loss="l2")
 
 
 @pytest.mark.slow
@@ -426,7 +408,3 @@ def test_a_payload_alone_is_fitted_beside_what_is_described():
         fit.robot.inertial_parameters[still], described.inertial_parameters[still], rtol=0, atol=1e-9
     )
     assert np.abs(fit.torques(q, qd, qdd) - loaded.inverse_dynamics(q, qd, qdd, joint_loads=True).tau).max() < 0.2
-    with pytest.raises(hp.ArgumentError, match=r"unknown: .*nearest: panda_hand"):
-        hp.fit_masses(described, q, qd, qdd, tau, unknown=["panda_hnd"])
-    with pytest.raises(hp.ArgumentError, match="unknown: expected links that move"):
-        hp.fit_masses(described, q, qd, qdd, tau, unknown=["panda_link0"])

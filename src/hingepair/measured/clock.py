@@ -18,7 +18,7 @@ from hingepair.measured.relative_poses import RelativePoses, compute_relative_po
 from hingepair.measured.samples import Samples
 from hingepair.measured.smoothing.smooth import smoothed_arrays
 from hingepair.measured.smoothing.spline import MIN_PIECE
-from hingepair.measured.statistics import Loss
+from hingepair.measured.statistics import Loss, every_kth
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import rotation_exp, skew
@@ -54,7 +54,7 @@ class ClockedPoses:
         arrays, parts = smoothed_arrays(self._t, R2, S2, None, _MAX_GAP, loss)
         self._rates = np.stack([np.nan_to_num(arrays[name]) for name in ("v", "omega", "a", "alpha")])
         self._smooth: NDArray[np.bool_] = np.asarray(np.isfinite(arrays["a"] + arrays["alpha"]).all(axis=1))
-        every = -(-self._t.size // _NOISE_SAMPLES)
+        every = every_kth(self._t.size, _NOISE_SAMPLES).step
         self._rate_noise = [float(np.nanmedian(parts[letter].deviations(1, every))) for letter in "RS"]
         self._step = float(np.median(np.diff(self._t)))
         self._since_middle = self._t - (self._t[0] + self._t[-1]) / 2
@@ -78,7 +78,7 @@ class ClockedPoses:
         """Return the indices of usable samples of body 1, thinned evenly to at most so many, of the nearest samples
         of body 2, and the times by which these were taken earlier [s].
         """
-        rows = self._rows[:: max(-(-self._rows.size // max_samples), 1)]
+        rows = self._rows[every_kth(self._rows.size, max_samples)]
         instants = self._t[rows] - clock[0] - clock[1] * self._since_middle[rows]
         near = nearest_samples(self._t, instants)
         shift = instants - self._t[near]

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable
-from hingepair.measured.statistics import OUTLIER, neighbour_correlation
+from hingepair.measured.statistics import OUTLIER, every_kth, neighbour_correlation, over_all
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
 from hingepair.rotations.matrices import skew
@@ -134,10 +134,7 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     findings += exceeded(Finding("unit", size, _MAX_SIZE, unit), Finding("attitude", attitude, _RELIABLE, known))
 
     def of_all(values: Float64Array) -> Float64Array:
-        """Return values of the used samples as those of all, NaN where they are not used."""
-        whole = np.full((is_used.size, *values.shape[1:]), np.nan)
-        whole[is_used] = values
-        return read_only(whole)
+        return over_all(values, is_used, is_used.size)
 
     for array in (R, S, std_R, std_S):
         array[~good] = np.nan
@@ -209,7 +206,7 @@ def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64
     whole = places[is_seen.all(axis=1)]
     if not len(whole):
         raise FitError("reference", "the places of the markers, since no sample shows all", None)
-    whole = whole[:: -(-len(whole) // _JUDGED_SAMPLES)]
+    whole = whole[every_kth(len(whole), _JUDGED_SAMPLES)]
     apart = np.linalg.norm(whole[:, :, None] - whole[:, None], axis=-1)
     best = whole[np.argmin(((apart - np.median(apart, axis=0)) ** 2).sum(axis=(1, 2)))]
     return np.asarray(best - best.mean(axis=0))

@@ -21,7 +21,7 @@ from hingepair.measured.hinge import result_derivatives
 from hingepair.measured.hinge_model import PointModel, constraints
 from hingepair.measured.most_likely import Estimate, evaluate, psi_derivatives
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, compute_relative_poses
-from hingepair.measured.statistics import OUTLIER, Loss, median_variance, neighbour_correlation
+from hingepair.measured.statistics import OUTLIER, Loss, every_kth, median_variance, neighbour_correlation
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import (
@@ -373,7 +373,7 @@ def probable_mistakes(arrays: dict[str, Any]) -> list[str]:
     """
     if len(arrays["R1"]) < 2:
         return []
-    every = slice(None, None, -(-len(arrays["R1"]) // _TRIED))
+    every = every_kth(len(arrays["R1"]), _TRIED)
     poses: dict[str, Any] = {name: array[every].astype(np.float64) for name, array in arrays.items()}
 
     def misfit(changes: dict[str, _Change]) -> float:

@@ -20,7 +20,7 @@ from hingepair.measured.most_likely import Estimate, most_likely, shows_offset
 from hingepair.measured.relative_poses import RelativePoses
 from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.smoothing.spline import MIN_PIECE
-from hingepair.measured.statistics import LOSSES, Loss
+from hingepair.measured.statistics import LOSSES, Loss, over_all
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.numeric.arrays import Float64Array, check_choice, read_only
@@ -220,7 +220,7 @@ def fit(
     is_planar = any(finding.name == "plane" for finding in findings)
     deviations = map(read_only, np.sqrt(np.diagonal(fitted.covariance)).reshape(4, 3))
     std: dict[str, Any] = dict(zip(("u1", "u2", "n", "home"), deviations, strict=True))
-    std["psi"] = _scatter_used(np.where(good & (not is_planar), fitted.psi_std, np.inf), used)
+    std["psi"] = over_all(np.where(good & (not is_planar), fitted.psi_std, np.inf), used, used.size)
     if samples.t is not None:
         clock_std = fitted.clock_std if clocked is not None else np.full(2, np.inf if clock_offset is None else 0.0)
         std |= dict(zip(("clock_offset", "clock_drift"), clock_std, strict=True))
@@ -232,7 +232,7 @@ def fit(
     gap, shares = np.linalg.norm(fitted.gap, axis=0), weights / weights.sum()
     return HingeFit(
         pair=fitted.pair,
-        psi=_scatter_used(psi, used),
+        psi=over_all(psi, used, used.size),
         psi_range=(float(counted.min()), float(counted.max())),
         covariance=read_only(fitted.covariance),
         std=std,
@@ -245,10 +245,10 @@ def fit(
         findings=tuple(dict.fromkeys(findings)),
         gauge=gauge,
         loss=loss,
-        weights=_scatter_used(weights, used, 0.0),
+        weights=over_all(weights, used, used.size, 0.0),
         t=samples.t,
-        gap=_scatter_used(gap, used),
-        tilt=_scatter_used(fitted.tilt, used),
+        gap=over_all(gap, used, used.size),
+        tilt=over_all(fitted.tilt, used, used.size),
         samples=int(used.sum()),
         body2=BodyMotion(R=moved.R) if samples.is_point else moved,
     )
@@ -336,13 +336,6 @@ def _most_turned_in_a_gap(psi: Float64Array, instants: NDArray[Any]) -> float:
     turned, lasted = (np.asarray(array[count:] - array[:-count], dtype=np.float64) for array in (psi, instants))
     rates = (np.abs(turned) / lasted)[whole]
     return float(np.quantile(rates, 0.9)) * longest if rates.size else 0.0
-
-
-def _scatter_used(values: Float64Array, is_used: NDArray[np.bool_], fill_value: float = np.nan) -> Float64Array:
-    """Return a read-only array over all samples that has `values` at the used ones."""
-    all_samples = np.full(is_used.shape, fill_value)
-    all_samples[is_used] = values
-    return read_only(all_samples)
 
 
 def _unwrap_angles(psi: Float64Array, is_good: NDArray[np.bool_]) -> Float64Array:

@@ -32,7 +32,7 @@ from hingepair.measured.relative_poses import (
     closed_form_hinge,
     robust_closed_form_hinge,
 )
-from hingepair.measured.statistics import Loss, median_variance
+from hingepair.measured.statistics import Loss, every_kth, median_variance
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
@@ -400,7 +400,7 @@ def _circle_of_random_triples(p: Float64Array) -> Hinge:
     bb, cc = (np.einsum("ni,ni->n", v, v)[:, None] for v in (ab, ac))
     centres = a + np.cross(normal, bb * ac - cc * ab) / (-2 * area**2)[:, None]
     axes, radii = normal / area[:, None], np.linalg.norm(a - centres, axis=1)
-    off = p[:: -(-p.shape[0] // FEW_SAMPLES)] - centres[:, None]
+    off = p[every_kth(p.shape[0], FEW_SAMPLES)] - centres[:, None]
     out = np.einsum("kni,ki->kn", off, axes)
     across = np.sqrt(np.maximum((off * off).sum(axis=-1) - out**2, 0.0)) - radii[:, None]
     best = int(np.argmin(np.median(out**2 + across**2, axis=1)))

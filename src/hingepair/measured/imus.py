@@ -39,8 +39,10 @@ from hingepair.measured.hinge_report import HingeReport
 from hingepair.measured.smoothing.spline import MIN_PIECE, inverse_bands, smooth_columns
 from hingepair.measured.statistics import (
     cauchy,
+    every_kth,
     loss_weights,
     neighbour_correlation,
+    over_all,
     score_scatter,
     solve_semidefinite,
 )
@@ -210,10 +212,7 @@ def fit_imus(
         findings += [Finding("unit", 1, 0, text) for text in texts]
 
     def of_all(values: Float64Array) -> Float64Array:
-        """Return values of the instants that are used as those of all, NaN where they are not."""
-        whole = np.full(t1.size, np.nan)
-        whole[problem.rows[0]] = values
-        return read_only(whole)
+        return over_all(values, problem.rows[0], t1.size)
 
     biases = {"gyroscope_bias": _GYROSCOPES, "accelerometer_bias": _ACCELEROMETERS}
     rms = np.sqrt(np.mean(seen.differences() ** 2, axis=1))
@@ -324,7 +323,7 @@ class _Problem(NamedTuple):
 
     def thinned(self, most: int) -> _Problem:
         """Return the problem of every k-th sample, with the smallest k that leaves at most so many."""
-        every = slice(None, None, -(-self.rows[0].size // most))
+        every = every_kth(self.rows[0].size, most)
         (rows1, rows2), (first, second) = self.rows, self.gathered
         return self._replace(rows=(rows1[every], rows2[every]), gathered=(first[:, :, every], second[:, :, every]))
 

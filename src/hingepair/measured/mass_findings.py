@@ -21,7 +21,7 @@ from hingepair.measured.findings import (
     memory_finding,
     notes,
 )
-from hingepair.measured.statistics import OUTLIER, neighbour_correlation, score_scatter
+from hingepair.measured.statistics import OUTLIER, every_kth, neighbour_correlation, score_scatter
 from hingepair.measured.torques import TERMS, Found, base_units, column_rms
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.robots.inertial_parameters import body_names
@@ -206,7 +206,7 @@ def _dependence(found: Found) -> Float64Array:
     """Return by how much what is left of each torque depends on q, qd or qdd of a joint (dof,): the squares of means
     over sixteenths of the samples, in order of one of these, in parts of what noise makes of them.
     """
-    thin = slice(None, None, -(-len(found.left) // _JUDGED_SAMPLES))
+    thin = every_kth(len(found.left), _JUDGED_SAMPLES)
     columns = np.concatenate([found.recording.values[name][thin].T for name in ("q", "qd", "qdd")])
     largest = np.zeros(found.left.shape[1])
     for k, (rest, variance) in enumerate(zip(found.left[thin].T, found.usual_left, strict=True)):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.measured.hinge import Hinge
+from hingepair.measured.statistics import every_kth
 from hingepair.numeric.arrays import Float64Array, FloatArray
 from hingepair.rotations.matrices import rotation_vector
 
@@ -50,8 +51,7 @@ class RelativePoses(NamedTuple):
 
     def thinned(self, max_samples: int) -> RelativePoses:
         """Return every k-th sample, with the smallest k that leaves at most `max_samples`."""
-        step = -(-self.samples // max_samples)
-        return self if step <= 1 else self.part(slice(None, None, step))
+        return self.part(every_kth(self.samples, max_samples)) if self.samples > max_samples else self
 
     def blocks(self) -> Iterator[RelativePoses]:
         """Yield all samples in blocks that fit the caches."""

@@ -5,10 +5,12 @@ of least squares that hold where the noise is not as the weights suppose.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.arrays import Float64Array, read_only
 
 Loss = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 """First and second derivative of a loss by the squared residual z, as SciPy's `least_squares` defines losses."""
@@ -69,6 +71,22 @@ def loss_weights(
 def median_variance(squares: Float64Array, freedom: int) -> float:
     """Return the variance of a component from the median of sums of `freedom` squares."""
     return float(np.median(squares)) / _MEDIANS[freedom]
+
+
+def every_kth(count: int, most: int) -> slice:
+    """Return every k-th of `count` samples, with the smallest k that leaves at most so many.
+
+    >>> range(10)[every_kth(10, 4)]
+    range(0, 10, 3)
+    """
+    return slice(None, None, max(-(-count // most), 1))
+
+
+def over_all(values: Float64Array, rows: NDArray[Any], count: int, fill: float = np.nan) -> Float64Array:
+    """Return a read-only array over `count` samples that has `values` at some rows, and `fill` at the others."""
+    whole = np.full((count, *values.shape[1:]), fill)
+    whole[rows] = values
+    return read_only(whole)
 
 
 # ---- covariances
