@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hingepair.cli.options import GravityOption, JsonOption, SourceArgument, TextFileOption, parse_gravity
+from hingepair.cli.options import JsonOption, SourceArgument, TextFileOption
 from hingepair.cli.output import check_output, write_text
 from hingepair.cli.sources import read_source
 from hingepair.errors import printable
@@ -22,59 +22,40 @@ from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.scenes.load import SceneFile
 from hingepair.scenes.motions.dynamics import PRESCRIBED, default_gravity
 
-MeshesOption = Annotated[
-    bool, typer.Option("--meshes/--no-meshes", help="Whether the meshes of a whole robot are written.")
+BaseOption = Annotated[
+    str | None,
+    typer.Option(
+        help="free; fixed: body 1 is fixed in the world; floating, of URDF: by a floating joint to a link `world`. "
+        "Default: that of [dynamics], otherwise free, of MJCF only if body 1 has a mass."
+    ),
 ]
 _SIMULATION = ("tol", "breaks", "max_steps", "until")  # keys of [dynamics] that are of no model
 
 
 def urdf_command(
-    source: SourceArgument,
-    out: TextFileOption = None,
-    base: Annotated[
-        str | None,
-        typer.Option(
-            help="free: the program that loads the file must add a root joint; floating: body 1 is connected to a "
-            "link `world` by a floating joint; fixed: by a fixed joint. Default: that of [dynamics], otherwise free."
-        ),
-    ] = None,
-    meshes: MeshesOption = True,
-    as_json: JsonOption = False,
+    source: SourceArgument, out: TextFileOption = None, base: BaseOption = None, as_json: JsonOption = False
 ) -> None:
     """Write a pair, or the mechanism of a scene, as a URDF file.
 
     A scene needs no motion. Of a scene with [dynamics] the base, damping, friction and stops are written as well; a
     comment and a warning list the keys that URDF cannot express.
     """
-    _write_model("URDF", source, out, base, meshes, as_json)
+    _write_model("URDF", source, out, base, as_json)
 
 
 def mjcf_command(
-    source: SourceArgument,
-    out: TextFileOption = None,
-    base: Annotated[
-        str | None,
-        typer.Option(
-            help="free: body 1 has a free joint; fixed: it has none. Default: that of [dynamics], otherwise free if "
-            "body 1 has a mass."
-        ),
-    ] = None,
-    gravity: GravityOption = None,
-    meshes: MeshesOption = True,
-    as_json: JsonOption = False,
+    source: SourceArgument, out: TextFileOption = None, base: BaseOption = None, as_json: JsonOption = False
 ) -> None:
     """Write a pair, or the mechanism of a scene, as a MuJoCo model (MJCF).
 
     A scene needs no motion. Of a scene with [dynamics] the base, the pose of body 1 at the start, gravity, spring,
     damping, friction and stops are written; a comment and a warning list the keys that MJCF cannot express. Gravity
-    is 9.81 m/s^2 along -z, of a planar pair along -y, unless it is given.
+    is 9.81 m/s^2 along -z, of a planar pair along -y, unless [dynamics] gives it.
     """
-    _write_model("MJCF", source, out, base, meshes, as_json, gravity)
+    _write_model("MJCF", source, out, base, as_json)
 
 
-def _write_model(
-    kind: str, text: str, out: Path | None, base: str | None, meshes: bool, as_json: bool, gravity: str | None = None
-) -> None:
+def _write_model(kind: str, text: str, out: Path | None, base: str | None, as_json: bool) -> None:
     """Write what SCENE names as URDF or MJCF."""
     source = read_source(text)
     subject, write = source.subject, to_urdf if kind == "URDF" else to_mjcf
@@ -85,13 +66,10 @@ def _write_model(
     check_output(out, source.files)
     chosen: dict[str, Any] = {} if base is None else {"base": base}
     if isinstance(subject, Mechanism):
-        if gravity is not None:
-            chosen["gravity"] = parse_gravity(gravity)
-        return write_text(write(subject, meshes=meshes, **chosen), out, source.files, as_json)
+        return write_text(write(subject, **chosen), out, source.files, as_json)
     pair, setup = subject.pair, subject.dynamics
     if kind == "MJCF":
-        of_scene = default_gravity(subject.subject) if setup is None else setup.gravity
-        chosen["gravity"] = (*(parse_gravity(gravity, len(pair.u1)) or of_scene), 0.0)[:3]
+        chosen["gravity"] = default_gravity(subject.subject) if setup is None else setup.gravity
         chosen.setdefault("base", "fixed" if pair.body1 is None else "free")
     space = pair if isinstance(pair, HingePair) else pair.to_spatial()
     if setup is None:
