@@ -23,7 +23,7 @@ from hingepair.errors import ArgumentError, line_with_caret, nearest
 MAX_CHARACTERS: Final = 10_000
 """Largest number of characters of a text."""
 MAX_DEPTH: Final = 200
-"""Largest number of nested operations, calls and parentheses, and of terms of a sum or factors of a product."""
+"""Largest number of terms of a sum or factors of a product; a call, a power or a condition counts as four."""
 MAX_NODES: Final = 3_000
 """Largest number of numbers, names and operations, those of constants included."""
 MAX_EXPONENT: Final = 1_000
@@ -245,9 +245,10 @@ class _Builder:
                 x = self.build(node.operand, depth + 1)
                 return self._negative(node, x) if isinstance(node.op, ast.USub) else x
             case ast.BinOp(op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() | ast.Pow()):
-                return self._binary(node, self.build(node.left, depth + 1), self.build(node.right, depth + 1))
+                depth += 4 if isinstance(node.op, ast.Pow) else 1
+                return self._binary(node, self.build(node.left, depth), self.build(node.right, depth))
             case ast.Call():
-                return self._call(node, depth + 1)
+                return self._call(node, depth + 4)
         self._refuse(node, _INSTEAD.get(type(node), "numbers, names, calls and + - * / **"))
 
     def _number(self, node: ast.Constant) -> Expression:
@@ -370,7 +371,7 @@ class _Builder:
         if self.nodes > MAX_NODES:
             self._refuse(node, f"at most {MAX_NODES} numbers, names and operations, with constants written out")
         if depth > MAX_DEPTH:
-            self._refuse(node, f"at most {MAX_DEPTH} terms, or levels of parentheses")
+            self._refuse(node, f"at most {MAX_DEPTH} terms, or {MAX_DEPTH // 4} levels of calls and powers")
 
     def _source_of(self, node: ast.expr) -> str:
         return self.text[node.col_offset : node.end_col_offset]

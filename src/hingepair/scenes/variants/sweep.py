@@ -217,14 +217,10 @@ def _open_parts(out: Path, identity: str) -> Path:
     """Return the folder of the finished chunks of a table; refuse that of another sweep or program."""
     parts = out.with_name(f"{out.name}.parts")
     known = parts / "sweep.json"
-    try:
-        parts.mkdir(exist_ok=True)
-        if any(parts.iterdir()) and not (known.exists() and known.read_bytes() == identity.encode()):
-            expected = "a name of its own for each sweep (or remove this folder, which is of another one)"
-            raise ArgumentError("out", expected, quoted(str(parts)))
-    except OSError as error:
-        got = f"{str(parts)!r} ({error.strerror or error})"
-        raise ArgumentError("out", "a place that can be written", got) from None
+    parts.mkdir(exist_ok=True)
+    if any(parts.iterdir()) and not (known.exists() and known.read_bytes() == identity.encode()):
+        expected = "a name of its own for each sweep (or remove this folder, which is of another one)"
+        raise ArgumentError("out", expected, quoted(str(parts)))
     with whole_file(known) as file:
         file.write(identity.encode())
     return parts

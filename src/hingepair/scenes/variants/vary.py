@@ -158,6 +158,7 @@ class Variants:
         entry = Table("values", "", {}, {})
         self.scene, self.keys = scene, tuple(keys)
         self.outputs = None if outputs is None else tuple(outputs)
+        self._warned: dict[Any, Any] = {}  # warnings of its scenes, each of which is given once
         self.paths = [number_path(entry, scene.tables.values, key) for key in keys]
         if self.outputs is not None:
             scene.request(self.outputs)
@@ -190,7 +191,7 @@ class Variants:
         reasons = [str(one.message) for one in caught if re.search("are NaN|beyond its stroke", str(one.message))]
         for one in caught:
             if str(one.message) not in reasons:
-                warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+                warnings.warn_explicit(one.message, one.category, one.filename, one.lineno, registry=self._warned)
         return Batch(scene.t, arrays, ["; ".join(dict.fromkeys(reasons))], [touches_of(scene.motion)])
 
     def _one(self, numbers: Sequence[float]) -> Batch:
