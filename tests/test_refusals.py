@@ -463,7 +463,8 @@ CALLS = {
         ("name", A, C(pair=hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), name="\x1b"))),
     ]),
     "to_mjcf": (lambda pair=PAIR, **k: hp.to_mjcf(pair, **k), [
-        ("pair", A, 7), ("pair", S, MANY), ("base", A, "floating"), ("hinge_torque", A, 3.0), ("body1", A, (0, 0, 0)),
+        ("pair", A, 7), ("pair", S, MANY), ("base", A, "floating"), ("hinge_torque", A, 3.0),
+        ("body1", A, (0, 0, 0), POINT, hp.BodyMotion(R=TWO, S=EYE)),
         ("gravity", S, (0, 1)), ("hinge_torque", A, C(pair=arm(), hinge_torque=FINE)),
     ]),
     "to_pinocchio": (hp.to_pinocchio, [("pair", A, Q7, FLAT), ("pair", S, MANY)]),

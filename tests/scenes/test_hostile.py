@@ -201,7 +201,7 @@ def main():
 
 TESTS = Path(__file__).parents[1]
 FEW = {"expression": 60, "scene": 12, "urdf": 150}
-MANY = {"expression": 300, "scene": 60, "urdf": 1_000}
+MANY = {"expression": 200, "scene": 40, "urdf": 600}
 
 
 @pytest.mark.slow
