@@ -7,6 +7,7 @@ exact in whatever order a library adds: a target has the same starts in any batc
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -23,32 +24,17 @@ _FAR: Final = 2.0**100  # square of a distance that is never the least
 _ATTITUDES: Final = 90  # integers from 0 to an entry 1 of a rotation
 
 
+@dataclass
 class Starts:
-    """Random coordinates within limits, in shares of `PER_SHARE`, and the poses that they lead to.
+    """Random coordinates within limits, in shares of `PER_SHARE`, and the poses that they lead to."""
 
-    Args:
-        measure: call of `steps.measure_loop`.
-        goals: what the frames are to reach.
-        reaches: for each goal, the stretched length of the chain that carries its frame [m].
-        low: least random coordinates.
-        high: greatest ones.
-        seed: seed of the random numbers.
-    """
-
-    def __init__(
-        self,
-        measure: Call,
-        goals: tuple[Goal, ...],
-        reaches: tuple[float, ...],
-        low: Float64Array,
-        high: Float64Array,
-        seed: int,
-    ) -> None:
-        self._measure, self._goals, self._reaches = measure, goals, reaches
-        self._low, self._high, self._seed = low, high, seed
-        # The sum of products of a target with a pose stays below 2^24, up to which float32 holds integers.
-        self._fine = min(1.0, (10 / max(1, sum(goal.is_length for goal in goals))) ** 0.5)
-        self._shares: dict[int, tuple[Float64Array, NDArray[np.float32]]] = {}
+    measure: Call  # of `steps.measure_loop`
+    goals: tuple[Goal, ...]  # what the frames are to reach
+    reaches: tuple[float, ...]  # for each goal, the stretched length of the chain that carries its frame [m]
+    low: Float64Array  # least random coordinates
+    high: Float64Array  # greatest ones
+    seed: int  # of the random numbers
+    _shares: dict[int, tuple[Float64Array, NDArray[np.float32]]] = field(default_factory=dict)
 
     def nearest(self, targets: Float64Array, share: int, among: int) -> Float64Array:
         """Return the coordinates whose poses are nearest to N targets, out of the first `among` of one share."""
@@ -66,9 +52,9 @@ class Starts:
         """Return coordinates as columns, and the matrix that gives squared distances from rows (-2 target, 1)."""
         share = self._shares.get(k)
         if share is None:
-            drawn = np.random.default_rng((self._seed, k)).uniform(self._low, self._high, (PER_SHARE, len(self._low)))
-            drawn = np.clip(drawn, self._low, self._high)
-            pose = self._measure.rows(drawn, np.zeros(self._measure.argument_shapes["target"]))["pose"]
+            drawn = np.random.default_rng((self.seed, k)).uniform(self.low, self.high, (PER_SHARE, len(self.low)))
+            drawn = np.clip(drawn, self.low, self.high)
+            pose = self.measure.rows(drawn, np.zeros(self.measure.argument_shapes["target"]))["pose"]
             closed = np.isfinite(pose).all(axis=1)  # loops cannot be closed at all coordinates
             poses = self._integers(np.where(closed[:, None], pose, 0.0))
             squares = np.where(closed, np.square(poses).sum(axis=1), _FAR).astype(np.float32)
@@ -77,8 +63,10 @@ class Starts:
 
     def _integers(self, poses: Any) -> NDArray[np.float32]:
         """Return targets or poses rounded to integers in float32, whose products are exact."""
+        # The sum of products of a target with a pose stays below 2^24, up to which float32 holds integers.
+        fine = min(1.0, (10 / max(1, sum(goal.is_length for goal in self.goals))) ** 0.5)
         integers = np.empty(poses.shape, np.float32)
-        for goal, part, reach in zip(self._goals, target_slices(self._goals), self._reaches, strict=True):
+        for goal, part, reach in zip(self.goals, target_slices(self.goals), self.reaches, strict=True):
             steps = _PLACES if goal.is_length else _ATTITUDES
-            integers[:, part] = np.rint(goal.comparable(poses[:, part], reach) * (steps * self._fine))
+            integers[:, part] = np.rint(goal.comparable(poses[:, part], reach) * (steps * fine))
         return integers
