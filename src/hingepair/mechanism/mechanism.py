@@ -37,19 +37,6 @@ from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import Sheet, align_columns, cell_text
 from hingepair.urdf import records
 
-_JOINT_HEADINGS = (  # of the printed table; columns for some robots follow
-    "joint",
-    "kind",
-    "carried by",
-    "axis (joint axes)",
-    "least",
-    "greatest",
-    "rate",
-    "effort",
-    "mass [kg]",
-    "follows",
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Mechanism(MechanismMethods):
@@ -637,22 +624,24 @@ class Mechanism(MechanismMethods):
 
     def _sheet(self) -> Sheet:
         """Return the printed table of the moving joints; armature and loads have columns if a joint has them."""
-        joints = self._tree.joints
-        extra: dict[str, list[float]] = {"armature": [joint.armature for joint in joints]}
-        extra |= {name: [getattr(joint.load, name) for joint in joints] for name in LOAD_FIELDS}
-        extra = {name: values for name, values in extra.items() if any(values)}
-        rows: list[tuple[str, ...]] = [(*_JOINT_HEADINGS, *extra)]
-        for joint, *values in zip(joints, *extra.values(), strict=True):
-            rule = joint.mimic
-            follows = "" if rule is None else str(records.MimicRecord(joints[rule.leader - 1].name, *rule[1:]))
-            carrier = "base" if joint.parent == 0 else joints[joint.parent - 1].name
-            limits = (*joint.position_limits, joint.rate_limit, joint.effort_limit)
-            shown = ["" if np.isinf(limit) else cell_text(limit) for limit in limits]
+        joints, columns = self._tree.joints, dict[str, list[str]]()
+        names = ["base", *(joint.name for joint in joints)]  # of what carries a joint
+        columns["joint"], columns["kind"] = names[1:], [joint.kind for joint in joints]
+        columns["carried by"] = [names[joint.parent] for joint in joints]
+        columns["axis (joint axes)"] = [" ".join(f"{x:g}" for x in joint.n.round(3) + 0.0) for joint in joints]
+        limits = ((*one.position_limits, one.rate_limit, one.effort_limit) for one in joints)
+        shown = [["" if np.isinf(limit) else cell_text(limit) for limit in row] for row in limits]
+        for row, joint in zip(shown, joints, strict=True):
             if joint.effort_range is not None:
-                shown[-1] = " to ".join(map(cell_text, joint.effort_range))
-            axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in joint.n.tolist())
-            cells = map(cell_text, values)
-            rows.append((joint.name, joint.kind, carrier, axis, *shown, cell_text(joint.body.mass), follows, *cells))
+                row[-1] = " to ".join(map(cell_text, joint.effort_range))
+        columns |= {name: [row[k] for row in shown] for k, name in enumerate(("least", "greatest", "rate", "effort"))}
+        columns["mass [kg]"] = [cell_text(joint.body.mass) for joint in joints]
+        rules = (joint.mimic and records.MimicRecord(names[joint.mimic.leader], *joint.mimic[1:]) for joint in joints)
+        columns["follows"] = ["" if rule is None else str(rule) for rule in rules]
+        extra = {"armature": [joint.armature for joint in joints]}
+        extra |= {name: [getattr(joint.load, name) for joint in joints] for name in LOAD_FIELDS}
+        columns |= {name: [*map(cell_text, values)] for name, values in extra.items() if any(values)}
+        rows = [tuple(columns), *zip(*columns.values(), strict=True)]
         title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
         note = loads_note(self._tree)
         masses = (*(self._tree.base_notes if self.base == "free" else ()), *self._tree.notes)
