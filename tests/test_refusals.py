@@ -105,7 +105,7 @@ CONSTRUCTORS = {
     hp.Sphere: each("radius", NO_SIZE),
     hp.BodyMotion: [
         *(row for name in ("R", "v", "a", "alpha") for row in each(name, NO_MOTION)), *each("S", NO_ROTATION),
-        ("R", S, (1, 0)), ("a", S, THREE), ("R", D, None), ("R", A, pd.DataFrame(TWO, columns=["a", "b", "c"])),
+        ("R", S, (1, 0)), ("a", S, THREE), ("R", D, None), ("R", D, pd.DataFrame(TWO, columns=["a", "b", "c"])),
     ],
     hp.BodyMotion.from_quaternion_xyzw: [("quat_xyzw", S, (0, 0, 0)), ("quat_xyzw", R, (0, 0, 0, 0))],
     hp.BodyMotion.from_quaternion_wxyz: [("quat_wxyz", D, "q"), ("quat_wxyz", R, (0, 0, 0, 0))],

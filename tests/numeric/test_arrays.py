@@ -88,20 +88,6 @@ def test_positions_are_not_taken_for_rates(columns):
         PAIR.forward_kinematics(np.zeros((5, 7)), table)
 
 
-def test_vectors_of_a_table():
-    rows = generator(62).normal(size=(4, 4))
-    body = hp.BodyMotion(R=Table(["R1_z", "R1_x", "R1_y"], rows[:, [2, 0, 1]]), S=EYE)
-    assert np.array_equal(body.R, rows[:, :3])
-    quat = Table(["qw", "qx", "qy", "qz"], rows[:, [3, 0, 1, 2]])
-    one = hp.BodyMotion.from_quaternion_xyzw(R=(0, 0, 0), quat_xyzw=quat)
-    other = hp.BodyMotion.from_quaternion_xyzw(R=(0, 0, 0), quat_xyzw=rows)
-    assert np.array_equal(one.S, other.S)
-    with pytest.raises(hp.ArgumentError, match="R: expected the columns x, y, z"):
-        hp.BodyMotion(R=Table(["a", "b", "c"], rows[:, :3]), S=EYE)
-    with pytest.raises(hp.ArgumentError, match="psi: expected an array"):
-        PAIR.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=EYE), Table(["psi"], rows[:, :1]))
-
-
 @pytest.mark.parametrize("count", range(5, 10))
 @pytest.mark.parametrize("kind", [tuple, list])
 def test_a_nested_tuple_of_states_is_rows_or_refused(count, kind):

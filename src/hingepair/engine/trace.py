@@ -18,9 +18,6 @@ from hingepair.errors import ArgumentError
 
 Operand: TypeAlias = "TracedValue | float"
 
-FUNCTIONS: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
-"""Names of the operations of a trace that are not plain arithmetic."""
-
 MAX_OPERATIONS: Final = 1_000_000
 """Most operations that are recorded: LLVM compiles them in about a minute, with more than a gigabyte."""
 
@@ -33,7 +30,7 @@ class TracedValue:
 
     def __init__(self, trace: Trace, operation: str, operands: tuple[Operand, ...], varies: bool) -> None:
         self.trace = trace
-        self.operation = operation  # "input", "+", "-", "*", "/", "negative", or one of FUNCTIONS
+        self.operation = operation  # "input", "+", "-", "*", "/", "negative", "<", or the name of a function
         self.operands = operands  # values and numbers
         self.varies = varies  # from sample to sample
 

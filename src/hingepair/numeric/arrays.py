@@ -78,14 +78,7 @@ def is_square_list(value: object, count: int) -> bool:
 
 
 def vectors(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[Any]:
-    """Return a value as an array whose last axes have a given shape, such as 3, 3. Of a data frame, the columns are
-    taken whose names end in x, y, z (of a quaternion also w).
-    """
-    if type(value) not in _PLAIN_TYPES and is_table(value) and len(sample_shape) == 1:
-        letters = name.removeprefix("quat_") if sample_shape == (4,) else "xyz"[: sample_shape[0]]
-        endings = {column[-1:]: column for column in map(str, value.columns)}
-        columns = columns_by_name(name, value, [tuple(endings.get(letter, letter) for letter in letters)])
-        value = np.stack([*columns.values()], axis=-1)
+    """Return a value as an array whose last axes have a given shape, such as 3, 3."""
     array = real_array(name, value)
     if array.ndim < len(sample_shape) or array.shape[array.ndim - len(sample_shape) :] != sample_shape:
         transposed = len(sample_shape) == 1 and array.ndim == 2 and array.shape[0] == sample_shape[0]

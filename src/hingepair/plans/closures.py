@@ -169,17 +169,13 @@ class Chains:
             for number, parent in zip(chain.joints, chain.parents, strict=True)
         ]
 
-    def _joint_values(self, chain: Chain, by_column: Mapping[int, Scalar]) -> list[Scalar]:
-        """Return q of each joint of a chain from the tree's coordinates."""
-        ratios = [self._ratios[number - 1] for number in chain.joints]
-        columns = (self._joint_columns[number - 1] for number in chain.joints)
-        return [by_column[column] * ratio + offset for column, (ratio, offset) in zip(columns, ratios, strict=True)]
-
     def _poses(
         self, chain: Chain, values: Mapping[int, Scalar]
     ) -> tuple[list[eq.Pose], list[tuple[eq.Pose, eq.Pose]]]:
         """Return the poses of the bodies of a chain, and of the two frames of each loop."""
-        links, q = self._links_of(chain), self._joint_values(chain, values)
+        links = self._links_of(chain)
+        moved = ((self._joint_columns[number - 1], *self._ratios[number - 1]) for number in chain.joints)
+        q = [values[column] * ratio + offset for column, ratio, offset in moved]
         angles = [link.axis.turn(value) if link.axis.turns else None for link, value in zip(links, q, strict=True)]
         turns = [None if angle is None else (sine(angle), cosine(angle)) for angle in angles]
         poses = eq.poses(links, eq.joint_placements(links, turns, q), _IDENTITY)

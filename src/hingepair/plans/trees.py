@@ -590,7 +590,9 @@ class TreeQuantities:
         """Solution of forward dynamics as three tuples: a1 and alpha1 of a free base in world axes, which are
         meaningless for any other base, and q''. All are NaN if M is singular.
         """
-        found = self._solve_by_mass_matrix() if self.form.follows else self._solve_by_articulated_bodies()
+        a, *rest = self._solve_by_mass_matrix() if self.form.follows else self._solve_by_articulated_bodies()
+        groups = (add(a, self.values["gravity"]), *rest)
+        found = tuple(tuple(part + self.singular_doubt for part in group) for group in groups)
         return self._as_solution(*found) if self.request.free else (*found[:2], *self._as_solution(found[2]))
 
     def _as_solution(self, *found: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
@@ -622,7 +624,7 @@ class TreeQuantities:
         return factor_symmetric(self.mass_entries)
 
     def _solve_by_articulated_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Return (a1, alpha1, q'') by articulated bodies (T5); NaN where M is singular."""
+        """Return (a1, alpha1, q'') by articulated bodies (T5), a1 less gravity."""
         steps, _ = self.articulated
         friction = self._friction_of_joint if self.loads else None
         loads = [
@@ -640,7 +642,7 @@ class TreeQuantities:
             accelerations, _ = solve_symmetric(self.articulated_base, on_base)
             a, alpha = accelerations[:3], accelerations[3:]
         qdd = eq.joint_accelerations(self.links, self.placements, steps, left, alpha, a)
-        return self._nan_where_singular(rotate(self.values["S1"], a), rotate(self.values["S1"], alpha), tuple(qdd))
+        return rotate(self.values["S1"], a), rotate(self.values["S1"], alpha), tuple(qdd)
 
     @lock_free_cached_property
     def pivots(self) -> tuple[Scalar, ...]:
@@ -668,14 +670,6 @@ class TreeQuantities:
         ratios = [pivot / growth for pivot, growth in zip(pivots, growths, strict=True)][-6:]
         return tuple(ratios[::-1] if self.form.follows else ratios)
 
-    def _nan_where_singular(
-        self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]
-    ) -> tuple[tuple[Scalar, ...], ...]:
-        """Return (a + gravity, alpha, q''); NaN where a pivot of M is not larger than its rounding error."""
-        doubt = self.singular_doubt
-        groups = (add(a, self.values["gravity"]), alpha, qdd)
-        return tuple(tuple(part + doubt for part in group) for group in groups)
-
     @lock_free_cached_property
     def singular_doubt(self) -> Scalar:
         """NaN where a pivot of the mass matrix is not larger than its rounding error, else 0."""
@@ -693,7 +687,7 @@ class TreeQuantities:
         return doubt
 
     def _solve_by_mass_matrix(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Return (a1, alpha1, q'') by factoring M; NaN where it is singular.
+        """Return (a1, alpha1, q'') by factoring M, a1 less gravity.
 
         M is eliminated from the tips inward, where entries between branches are zero.
         """
@@ -707,7 +701,7 @@ class TreeQuantities:
             loads = [*subtract(values["force1"], f), *subtract(values["torque1"], t), *loads]
         accelerations = solve_symmetric(self.mass_entries, tuple(loads[::-1]))[0][::-1]
         a, alpha = (accelerations[:3], accelerations[3:6]) if shift else (ZERO_VECTOR, ZERO_VECTOR)
-        return self._nan_where_singular(a, alpha, accelerations[shift:])
+        return a, alpha, accelerations[shift:]
 
     def _with_friction(self, loads: Sequence[Scalar]) -> list[Scalar]:
         """Return the loads of all coordinates with dry friction, which takes the other coordinates as at rest."""

@@ -11,7 +11,7 @@ import os
 import platform
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from hingepair.engine.backend import compiler_lock
 from hingepair.engine.llvm import images, object_cache
@@ -62,13 +62,6 @@ _FAILURES = (RuntimeError, OSError, ValueError)  # of LLVM, of the system and of
 _C_FUNCTIONS = ("sin", "cos", "atan2", "hypot", "fma", "fmaf", "malloc", "free")  # that compiled code calls
 
 
-class _Code(Protocol):
-    """Machine code in this process."""
-
-    def address(self, symbol: str) -> int:
-        """Return the address of a function."""
-
-
 class _JitCode:
     """Machine code that llvmlite has loaded, for systems whose objects `images` does not link."""
 
@@ -97,7 +90,7 @@ _unused_engines: list[Any] = []
 
 def _compile_module(
     name: str, ir: Callable[[], str], form: str = "", shared: Mapping[str, int] | None = None
-) -> tuple[str, _Code]:
+) -> tuple[str, images.Image | _JitCode]:
     """Return the key of an LLVM module, and its loaded machine code, compiled or from the disk; see `Kernel`.
     `shared` are the addresses of functions that it calls, beside those of the C library.
     """
@@ -164,7 +157,7 @@ def _c_library() -> Any:
 
 
 @functools.cache
-def _shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[_Code, dict[str, int]]:  # noqa: ARG001
+def _shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[images.Image | _JitCode, dict[str, int]]:  # noqa: ARG001
     """Return the functions that kernels share, and their addresses by symbol, loaded once for each processor."""
     sources = object_cache.SOURCE_DIGEST
     form = f"shared functions {float_type} {sources}" if sources else ""
