@@ -39,7 +39,7 @@ def test_a_point_runs_along_a_circle_about_the_hinge(gauge: str) -> None:
     sign = np.sign(found.pair.n @ N1)
     assert np.ptp(found.psi - sign * made.psi) < 8192 * U
     assert np.isnan(found.rms_angle)
-    assert [axes.get_ylabel() for axes in found.plot().axes] == ["psi [deg]", "gap [mm]"]
+    assert [axes.get_title() for axes in hp.plot(found).axes] == ["psi", "gap"]
 
 
 def test_outliers_and_missing_samples_of_a_point() -> None:

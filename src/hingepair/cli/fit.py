@@ -20,6 +20,7 @@ from hingepair.measured.imus import fit_imus
 from hingepair.measured.statistics import LOSSES
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.results import RESULT_FILE_SUFFIXES, Record
+from hingepair.pictures.plot import plot
 from hingepair.rotations.matrices import rotation_vector
 from hingepair.scenes.motions.known import quaternion_columns
 from hingepair.tables.units import Units
@@ -136,7 +137,7 @@ def _write(
     if path.suffix.lower() in RESULT_FILE_SUFFIXES:
         fitted.record().save(path, inputs, units)
     elif path.suffix.lower() in PICTURE_SUFFIXES:
-        save_figure(fitted.plot(units), path, inputs)
+        save_figure(plot(fitted, units=units), path, inputs)
     elif isinstance(fitted, HingeFit) and body1 is not None:
         t, log = np.asarray(fitted.t), path.with_suffix(".csv")
         places, attitudes = np.broadcast_to(body1.R, (t.size, 3)), np.broadcast_to(body1.S, (t.size, 3, 3))

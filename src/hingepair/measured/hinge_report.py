@@ -1,9 +1,9 @@
-"""What fits of a hinge report alike, from poses and from inertial sensors: text, JSON, tables and figures."""
+"""What fits of a hinge report alike, from poses and from inertial sensors: text, JSON and tables."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,14 +12,9 @@ from hingepair.measured.findings import Finding, is_reliable
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.results import OverInstants, Record
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.optional import new_figure
 from hingepair.rotations.matrices import rotation_vector
-from hingepair.tables.instants import break_at_gaps
 from hingepair.tables.sheets import Sheet, Shown, cell_text, json_text
-from hingepair.tables.units import Columns, Units
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from hingepair.tables.units import Units
 
 
 class HingeReport(OverInstants, Shown):
@@ -58,32 +53,6 @@ class HingeReport(OverInstants, Shown):
 
         arrays = {"psi": self.psi, "psi_std": np.asarray(self.std["psi"])} | self._columns()
         return Record(t, arrays, "what is left of each sample", unit=unit)
-
-    def plot(self, units: str | None = None) -> Figure:
-        """Return a Matplotlib figure with psi and what is left over time, or over the index of the sample. A band
-        reaches from two standard deviations below psi to two above it. No line crosses a gap in time.
-
-        Args:
-            units: units in place of deg and mm, such as "rad, um".
-
-        Raises:
-            MissingDependencyError: Matplotlib is not installed.
-        """
-        figure, shown = new_figure(8, 6), Columns(fine_units(units))
-        columns = {"psi": self.psi} | {name: part for name, part in self._columns().items() if name != "weight"}
-        instants = np.arange(float(self.psi.size)) if self.t is None else shown.converted("t", self.t)
-        places = figure.subplots(len(columns), sharex=True)
-        known = np.where(np.isfinite(self.std["psi"]), self.std["psi"], np.nan)
-        band = shown.converted("psi", self.psi + np.outer((-2, 2), known))
-        x, ends = break_at_gaps(instants, band.T)
-        places[0].fill_between(x, *ends.T, alpha=0.3, linewidth=0)
-        for axes, (name, values) in zip(places, columns.items(), strict=True):
-            axes.plot(*break_at_gaps(instants, shown.converted(name, values)), linewidth=0.8)
-            axes.set_ylabel(shown.heading(name))
-            axes.grid(alpha=0.3)
-        axes.set_xlabel("sample" if self.t is None else shown.heading("t"))
-        figure.suptitle(self._left(fine_units(units)))
-        return figure
 
     def __str__(self) -> str:
         return self.text()

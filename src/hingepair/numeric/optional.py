@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from hingepair.errors import MissingDependencyError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _EXTRAS: Final = {  # of a package, the extra of hingepair that installs it
     "casadi": "casadi", "dask": "dask", "distributed": "dask", "jax": "jax",
@@ -32,9 +29,3 @@ def require(module: str, caller: str) -> Any:
         package = module.partition(".")[0]
         expected = f"the package {package}: pip install 'hingepair[{_EXTRAS[package]}]'"
         raise MissingDependencyError(caller, expected, str(error)) from None
-
-
-def new_figure(width: float, height: float, caller: str = "plot") -> Figure:
-    """Return an empty figure of Matplotlib; its size is in inches."""
-    figure: Figure = require("matplotlib.figure", caller).Figure(figsize=(width, height), layout="constrained")
-    return figure

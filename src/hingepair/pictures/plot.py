@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from hingepair.equations.quantities import ACCELERATION, unit_of
 from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.requests import constants_of
+from hingepair.mechanism.results import OverInstants, Record
 from hingepair.numeric.arrays import check_choice
 from hingepair.pictures.curves import (
     COLOURS,
@@ -62,7 +62,7 @@ _OF_JOINTS: Final = {"q": "position", "qd": "rate", "tau": "torque or force"}  #
 
 
 def plot(
-    source: Shown | SmoothedMotion | SmoothedAngle,
+    source: Shown | OverInstants,
     outputs: Iterable[str] | None = None,
     units: str | None = None,
     *,
@@ -73,23 +73,23 @@ def plot(
     tau: ArrayLike | None = None,
 ) -> Figure:
     """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair, a robot with coordinates,
-    or the result of `smooth`). For the motion of a pair, the figure shows position, attitude, velocities and
-    accelerations of body 2 and the hinge angle psi over time, the torque and the force of the hinge if body 2 has
+    or the result of `smooth` or of a fit). For the motion of a pair, the figure shows position, attitude, velocities
+    and accelerations of body 2 and the hinge angle psi over time, the torque and the force of the hinge if body 2 has
     masses, and the paths of R1, R2, the hinge point and the points of the bodies. For a robot or a scene of one, it
     shows position, rate and torque of each joint that moves, the limits that these come near, and the paths of the
-    frames of the scene, or else of the last links. For the result of `smooth`, it shows each smoothed quantity and
+    frames of the scene, or else of the last links. For the result of `smooth` or a fit, it shows each quantity and
     its derivatives over time, with a band from two standard deviations below the curve to two above it. No extreme
     value is lost: for more than 4,000 samples, the curves go through the smallest and the largest value of each of
     2,000 intervals. No file is written.
 
     Args:
         source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; a robot, with q; or the
-            result of `smooth`.
+            result of `smooth`, `fit` or `fit_imus`.
             For a pair, the hinge angle moves from its lower to its upper limit and back, or through a whole turn if
             the pair has no limits. For a PlanarPair, give `pair.to_spatial()`.
         outputs: names of the outputs to draw over time instead of the whole figure. For a scene, these are outputs of
             its method `evaluate` and, of a pair with masses, hinge_torque, bearing_torque, hinge_force, force1 and
-            torque1; for a trajectory or the result of `smooth`, outputs that it holds; for a pair, R1,
+            torque1; for a trajectory or the result of `smooth` or a fit, outputs that it holds; for a pair, R1,
             S1, R2, S2, psi and its points. Attitudes are drawn as XYZ Euler angles.
         units: units in place of SI units, such as "deg, mm"; by default those of the scene.
         q: coordinates of a robot at T instants [rad or m]; shape (T, dof), in the order of `robot.names`, or a table
@@ -118,8 +118,8 @@ def plot(
         outputs = (outputs,) if isinstance(outputs, str) else tuple(outputs)
         if not outputs:
             raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none")
-    if isinstance(source, SmoothedMotion | SmoothedAngle):
-        return _plot_smoothed(source, outputs, units)
+    if isinstance(source, OverInstants):
+        return _plot_record(source.record(), outputs, units)
     if isinstance(source, Mechanism) and (outputs is not None or q is None):
         name, expected = ("q", "coordinates of the robot, as in hp.plot(robot, q=q)")
         if outputs is not None:
@@ -283,31 +283,29 @@ def _shortened(name: str) -> str:
     return plain(name if len(name) <= 22 else f"{name[:10]}…{name[-11:]}")
 
 
-def _plot_smoothed(
-    source: SmoothedMotion | SmoothedAngle, outputs: tuple[str, ...] | None, units: str | None
-) -> Figure:
-    """Return the figure of the result of `smooth`: its quantities over time, with bands of two standard deviations
-    (none of the attitude, which is drawn as Euler angles XYZ).
+def _plot_record(record: Record, outputs: tuple[str, ...] | None, units: str | None) -> Figure:
+    """Return the figure of a record: its quantities over time, with bands of two standard deviations of those that
+    have them (none of the attitude, which is drawn as Euler angles XYZ).
     """
-    is_angle = isinstance(source, SmoothedAngle)
-    known = ("psi", "psid", "psidd") if is_angle else ("R", "v", "a", "S", "omega", "alpha")
+    arrays = record.recorded()
+    known = tuple(name for name in arrays if not name.endswith("_std") and name != "weight")
     for name in outputs or ():
         check_choice("outputs", name, known)
     collector = CurveCollector()
-    collector.add_piece(source.t, source.t.size, {name: getattr(source, name) for name in outputs or known})
-    columns = Columns(Units.of(units), lambda name: "rad" if name == "S" else unit_of(name))
+    collector.add_piece(record.t, record.t.size, {name: arrays[name] for name in outputs or known})
+    columns = Columns(Units.of(units), lambda name: "rad" if name == "S" else record.unit(name))
     curves = collector.curves(columns)
     panels = [Panel((name,), name, columns.unit(name)) for name in curves]
-    title = "smoothed: curves, and bands of two standard deviations"
-    figure = draw_figure(title, _side_by_side(panels), curves, columns)
+    title = f"{record.described}, with bands of two standard deviations"
+    t_label = "" if record.unit("t") == "s" else "sample"
+    figure = draw_figure(title, _side_by_side(panels), curves, columns, t_label=t_label)
     for axes, (name, curve) in zip(figure.axes, curves.items(), strict=True):
-        if name == "S":
+        if name == "S" or f"{name}_std" not in arrays:
             continue
-        std = columns.converted(name, np.asarray(source.std[name]).reshape(source.t.size, -1))
-        values, instants = curve.values.reshape(curve.t.size, -1), columns.converted("t", source.t)
+        std, values = columns.converted(name, arrays[f"{name}_std"]), curve.values.reshape(curve.t.size, -1)
         colours = XYZ_COLOURS if values.shape[1] > 1 else ("#222222",)
         t = curve.t - (curve.t - axes.get_lines()[0].get_xdata())[0]
-        for column, deviations, colour in zip(values.T, std.T, colours, strict=False):
-            half = 2 * np.interp(curve.t, instants, deviations)
+        half = 2 * np.interp(curve.t, columns.converted("t", record.t), np.where(np.isfinite(std), std, np.nan))
+        for column, colour in zip(values.T, colours, strict=False):
             axes.fill_between(t, column - half, column + half, color=colour, alpha=0.25, lw=0)
     return figure
