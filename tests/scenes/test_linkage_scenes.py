@@ -134,7 +134,7 @@ def test_a_four_bar_moves_as_the_library_says(tmp_path):
         (
             "[dynamics]",
             "[motion]\ncoupler = 1\n[dynamics]",
-            r"motion\.coupler: expected one of crank, .* got .* loops move",
+            r"motion\.coupler: expected one of crank, .* got .* moved by loops",
         ),
     ],
 )

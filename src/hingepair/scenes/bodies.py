@@ -12,6 +12,7 @@ import numpy as np
 
 from hingepair.errors import URDFError, choices, nearest, printable, quoted
 from hingepair.mechanism.bodies.body import Body, Box, Cylinder, Shape, Sphere
+from hingepair.mechanism.building.pairs import depth_first_order
 from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
 from hingepair.mechanism.linkages import Loop
 from hingepair.mechanism.mechanism import Mechanism, tree_of
@@ -219,41 +220,23 @@ def _assemble_joints(tables: Table, table: Table, base: Any) -> Mechanism:
         joints[name] = replace(numbered, name=f"joint.{name}")
     if not joints:
         tables.fail("joint", "tables [[joint]], one for each joint")
-    parents = {name: _parent_joint(joint, joints) for name, joint in joints.items()}
-    order = _depth_first_names(joints, parents)
-    pairs = [_read_joint(name, joints[name]) for name in order]
-    parent_indices = [0 if parents[name] is None else 1 + order.index(str(parents[name])) for name in order]
+    names = [*joints]
+    parents = [_parent_number(joint, names) for joint in joints.values()]
     title = table.text("name", _stem(table.file) or "mechanism")
-    with NamedSource(tables.file, "").naming(pairs="joint", parents="joint"):
-        return Mechanism(pairs, parent_indices, base, title)
+    with NamedSource(tables.file, "").naming(pairs="joint", parents="parent of [[joint]]"):
+        order = depth_first_order(names, parents)
+        pairs = [_read_joint(names[k], joints[names[k]]) for k in order]
+        parents = [1 + order.index(parents[k] - 1) if parents[k] else 0 for k in order]
+        return Mechanism(pairs, parents, base, title)
 
 
-def _parent_joint(table: Table, joints: Mapping[str, Table]) -> str | None:
-    """Return the name of the parent that a [[joint]] table names; None if it names none."""
-    if "parent" not in table.values:
-        return None
-    name = table.text("parent")
-    if name not in joints:
-        wanted = f"a joint whose body carries this one, {choices(tuple(joints))}, or no such key (the base does)"
-        table.refuse("parent", wanted + nearest(name, joints), quoted(name))
-    return name
-
-
-def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | None]) -> list[str]:
-    """Return the names of the joints in depth-first order, siblings by name; refuse circles."""
-    children: dict[str | None, list[str]] = {}
-    for name in sorted(joints, reverse=True):
-        children.setdefault(parents[name], []).append(name)
-    order: dict[str, None] = {}
-    waiting = [*children.get(None, ())]
-    while waiting:
-        joint = waiting.pop()
-        order[joint] = None
-        waiting += children.get(joint, ())
-    for name, table in joints.items():
-        if name not in order:
-            table.refuse("parent", "joints that lead to the base, one without a parent", f"a circle through {name!r}")
-    return [*order]
+def _parent_number(table: Table, names: list[str]) -> int:
+    """Return the number of the parent that a [[joint]] table names, from 1 on; 0 if it names none."""
+    name = table.text("parent") if "parent" in table.values else None
+    if name is not None and name not in names:
+        wanted = f"a joint whose body carries this one, {choices(names)}, or no such key (the base does)"
+        table.refuse("parent", wanted + nearest(name, names), quoted(name))
+    return 0 if name is None else 1 + names.index(name)
 
 
 def _read_joint(name: str, table: Table) -> RobotJoint:

@@ -201,20 +201,10 @@ class Subject:
         known = (*self.names, *options)
         for key in table.values:
             if key not in known:
-                table.refuse(key, choices(known) + nearest(key, known), self._what_rests(key) or "an unknown key")
-
-    def _what_rests(self, key: str) -> str:
-        """Return what a name is that is no joint with a coordinate of its own; empty if it is nothing."""
-        if self.mechanism is None:
-            return ""
-        tree = tree_of(self.mechanism)
-        joint = next((joint for joint in tree.joints if joint.name == key), None)
-        if joint is not None and joint.mimic is not None:
-            leader = tree.joints[joint.mimic.leader - 1].name
-            return f"a joint that moves by itself: it follows {leader!r}, which may be moved"
-        if joint is not None and tree.closure is not None:
-            return "a joint that loops move (coordinates in [mechanism])"
-        return "a link, or a joint that is fixed or locked" if key in tree.frame_names else ""
+                got = "an unknown key"
+                if self.mechanism is not None and key in tree_of(self.mechanism).frame_names:
+                    got = "a link, or a joint that is locked, fixed, follows another or is moved by loops"
+                table.refuse(key, choices(known) + nearest(key, known), got)
 
     def check_joint_names(self, table: Table, options: Collection[str]) -> None:
         """Raise a SceneError if a joint has the name of an option of the Table [motion] or [dynamics], or a name for

@@ -190,7 +190,7 @@ class Table(NamedSource):
         """Return the number or the constant expression under a key as a finite float. If the key is absent, return
         the default, or raise a SceneError if there is none.
         """
-        return default if key not in self.values and default is not None else self._number(key, self.values.get(key))
+        return default if key not in self.values and default is not None else self._read(key, self.values.get(key))
 
     def numbers(self, key: str, *shape: int) -> list[Any]:
         """Return the finite numbers, or constant expressions, under a key as nested lists of floats. The further
@@ -201,7 +201,7 @@ class Table(NamedSource):
             more = isinstance(value, list) and len(value) > shape[0]
             hint = " (decimals follow a point)" * (more and _has_shape(value, (len(value), *shape[1:])))
             self.fail(key, f"{' lists of '.join(map(str, shape))} finite numbers{hint}")
-        numbers: list[Any] = self._nested(key, value)
+        numbers: list[Any] = self._read(key, value)
         return numbers
 
     def expressions(self, key: str, *shape: int, symbolic_constants: Collection[str] = ()) -> Any:
@@ -209,18 +209,8 @@ class Table(NamedSource):
         if further arguments give a shape, such as 3, 3. The key must be present. The constants named in
         `symbolic_constants` stay symbols.
         """
-
-        def read(value: Any) -> Any:
-            if isinstance(value, list):
-                return [read(part) for part in value]
-            return (
-                self._constant_expression(key, value, symbolic_constants)
-                if isinstance(value, str)
-                else exact_number(self._number(key, value))
-            )
-
         _ = self.numbers(key, *shape) if shape else self.number(key)  # refuses other shapes
-        return read(self.values[key])
+        return self._read(key, self.values[key], exact_number, symbolic_constants)
 
     def rotation(self, key: str) -> list[list[float]]:
         """Return the rotation matrix under a key as three lists of three floats; turns by right angles are exact. The
@@ -252,21 +242,20 @@ class Table(NamedSource):
         entries = functools.reduce(lambda first, then: eq.compose(then, first), turns_about)
         return [list(entries[:3]), list(entries[3:6]), list(entries[6:])]
 
-    def _nested(self, key: str, value: Any) -> Any:
-        return [self._nested(key, part) for part in value] if isinstance(value, list) else self._number(key, value)
-
-    def _number(self, key: str, value: Any) -> float:
-        """Return `value`, a number or a string that is an expression in the scene's constants, as a finite float."""
+    def _read(self, key: str, value: Any, convert: Any = float, symbolic_constants: Collection[str] = ()) -> Any:
+        """Return nested lists of finite numbers, by `convert`, and of constant expressions, as floats unless numbers
+        become something else.
+        """
+        if isinstance(value, list):
+            return [self._read(key, part, convert, symbolic_constants) for part in value]
         if isinstance(value, str):
-            return float(self._constant_expression(key, value))
+            with self.naming(key):
+                expression = parse_constant(key, value, self.constants, symbolic_constants)
+            return float(expression) if convert is float else expression
         try:
-            return finite_number(key, value)
+            return convert(finite_number(key, value))
         except ArgumentError:
             self.fail(key, "a finite number")
-
-    def _constant_expression(self, key: str, text: str, symbolic_constants: Collection[str] = ()) -> Expression:
-        with self.naming(key):
-            return parse_constant(key, text, self.constants, symbolic_constants)
 
 
 def _turn(axis: Any, angle: Any) -> Any:

@@ -123,7 +123,7 @@ def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[J
     checked = _checked_pairs(pairs)
     parent_numbers = _checked_parents(checked, parents)
     names = [pair.name for pair in checked]
-    order = _depth_first_order(names, parent_numbers)
+    order = depth_first_order(names, parent_numbers)
     if order != list(range(len(checked))):
         numbers = {old: new for new, old in enumerate(order, 1)}
         sorted_parents = [numbers.get(parent_numbers[old] - 1, 0) for old in order]
@@ -193,7 +193,7 @@ def _checked_parents(pairs: Sequence[RobotJoint], parents: Sequence[int] | None)
     return [int(parent) for parent in numbers]
 
 
-def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
+def depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
     """Return the indices of the pairs in depth-first order, siblings by name; refuse pairs in a circle."""
     carried: dict[int, list[int]] = {}
     for place, parent in enumerate(parent_numbers):

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -317,7 +316,9 @@ def read_simulated_motion(tables: Table, subject: Subject, dynamics: Dynamics) -
         named |= {f"wrenches[{link!r}][{i}]": f"{place}.{_WRENCH[i]}" for i in (0, 1)}
     robot = subject.robot.with_base("free" if held in ("free", "pinned") else "fixed")
     try:
-        with table.naming(**named), _silent_warnings():
+        with table.naming(**named), warnings.catch_warnings():
+            for said in (".* (leaves its|passes the) ", ".* is taken for ", ".* is it in seconds"):  # as notes do
+                warnings.filterwarnings("ignore", said, DynamicsWarning)
             found = _simulate(
                 robot, t, dynamics.q0, dynamics.qd0, loads=loads, gravity=dynamics.gravity, base=held, driven=driven,
                 base_motion=base_motion if moves_base else dynamics.start, wrenches=dynamics.wrenches or None,
@@ -400,12 +401,3 @@ def _base_in_plane(found: SimulatedRobotMotion, phi_0: float) -> EulerBase:
     phi += 2 * np.pi * np.round((phi_0 - phi[0]) / (2 * np.pi))
     rows = ((R, phi), (v, rate), (a, alpha[:, 2]))
     return EulerBase(tuple((*vectors.T[:2], own) for vectors, own in rows), None)
-
-
-@contextlib.contextmanager
-def _silent_warnings() -> Iterator[None]:
-    """Silence in a block the warnings of simulations that the notes of a scene repeat."""
-    with warnings.catch_warnings():
-        for said in (".* (leaves its|passes the) ", ".* is taken for ", ".* is it in seconds"):
-            warnings.filterwarnings("ignore", said, DynamicsWarning)
-        yield
