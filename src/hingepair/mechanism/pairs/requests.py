@@ -63,6 +63,9 @@ _INPUTS: Final = {  # that a prepared call can take
     ),
     PLANE: ROWS,
 }
+_LETTERS: Final = {  # of the arrays of body 1 that tasks take
+    task: tuple(name[:-1] for name in row.given if name in INPUT_LABELS) for task, row in PAIR_TASKS[SPACE].items()
+}
 # Outputs for which body 1 needs no mass.
 _OF_BODY2: Final = {"hinge_force", "hinge_moment", "hinge_torque", "bearing_torque", "kinetic", "potential"}
 _HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"
@@ -83,8 +86,7 @@ class PairRequests(Constants, Subject):
 
     def ask_of_body1(self, task: str, body1: BodyMotion | None, options: Any, **hinge: Any) -> Any:
         """Compute what a method returns, from the arrays of body 1 that its task takes, and values of the hinge."""
-        letters = (name[:-1] for name in self.tasks[task].given if name in INPUT_LABELS)
-        return self.ask(task, {**motion_inputs("body1", body1, letters), **hinge}, options)
+        return self.ask(task, {**motion_inputs("body1", body1, _LETTERS[task]), **hinge}, options)
 
     def computation(
         self,
