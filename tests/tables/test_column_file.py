@@ -45,13 +45,15 @@ def test_empty_cells_and_nan_are_missing_numbers(tmp_path: Path) -> None:
 
 def test_instants_keep_all_their_digits(tmp_path: Path) -> None:
     stamps = [1_700_000_000_123_456_789, 1_700_000_000_128_456_790]
-    path = write(tmp_path / "log.csv", "a,t\n" + "".join(f"0.5,{stamp}\n" for stamp in stamps))
+    path = write(tmp_path / "log.csv", "a,t\n" + "".join(f"0.5,{stamp}\n\n,\n" for stamp in stamps))
     assert read(path, "t", exact="t")["t"].tolist() == stamps
 
 
 def test_the_decimal_mark_is_that_of_all_rows(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", "t;a\n0;0\n0,1;0,2\n0,2;1e-1\n")
     assert read(path)["a"].tolist() == [0.0, 0.2, 0.1]
+    assert read(write(path, "t;a\n\n0,5;2\n;\n"))["a"].tolist() == [2.0]
+    assert read(write(path, "t;a\n"))["a"].tolist() == []
     with pytest.raises(hp.ArgumentError, match="expected one decimal mark in all rows, got points and commas"):
         read(write(path, "t;a\n0;0.5\n1;1,250\n"))
 

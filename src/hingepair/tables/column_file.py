@@ -103,21 +103,21 @@ def _csv_table(path: Path) -> ColumnTable:
             index_col=False,
             keep_default_na=False,
             na_values=["", "nan", "NaN"],
+            skiprows=blank,
             skip_blank_lines=False,
             skipinitialspace=True,
             low_memory=False,
             encoding_errors="replace",
             **({"float_precision": "round_trip"} if before else {}),
         )
-    if len(frame) != rows:
+    lines = np.delete(np.arange(rows) + form.skipped + 1, blank)
+    if len(frame) != len(lines):
         raise ValueError("a row of several lines")
-    frame = frame.drop(index=blank)
     arrays = {name: frame[k].to_numpy() for k, name in enumerate(form.headings)}
     if form.delimiter != ",":
         _check_marks(arrays)
     doubled = {name for name in form.headings if form.headings.count(name) > 1}
     mark = "." if form.delimiter == "," else ","
-    lines = frame.index.to_numpy() + form.skipped + 1
     return ColumnTable(str(path), arrays, lines=lines, mark=mark, doubled=doubled)
 
 
@@ -190,7 +190,7 @@ def _counted_rows(stream: IO[str], form: _CsvForm) -> tuple[int, list[int]]:
 def _check_marks(arrays: Columns) -> None:
     """Refuse numbers with decimal commas, which pandas left as text, beside numbers with decimal points."""
     texts = [[str(cell) for cell in cells] for cells in arrays.values() if cells.dtype == object]
-    with_commas = [cells for cells in texts if _is_number(cells[0]) and any("," in cell for cell in cells)]
+    with_commas = [cells for cells in texts if cells and _is_number(cells[0]) and any("," in cell for cell in cells)]
     points = any("." in cell for cells in with_commas for cell in cells)
     numbers = [array for array in arrays.values() if array.dtype.kind == "f"]
     points |= any(not np.isnan(array).any() or (array % 1 > 0).any() for array in numbers)
