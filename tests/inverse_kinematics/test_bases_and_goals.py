@@ -132,6 +132,11 @@ def test_a_displacement_is_a_coordinate_to_be_had():
     s = robot.inverse_kinematics((0.3, 0, 7.4), frame="turn", coordinates={"lift": 7.0})
     assert s.ok
     assert s.q[0] == 7.0
+    path = robot.inverse_kinematics_path(
+        np.linspace((0.3, 0, 7.4), (0.5, 0, 7.2), 9), frame="turn", coordinates={"lift": 7.0}
+    )
+    assert path.ok.all()
+    assert (path.q[:, 0] == 7.0).all()
 
 
 # ---------------------------------------------------------------- one target at a time
@@ -156,7 +161,7 @@ def test_one_target_is_reached_from_coordinates_near_it():
         assert (s.q <= high).all()
     assert solve(target.R[0], q0=q[1]).angle_error is None
     far = solve((3.0, 0, 0), q0=q[0])
-    assert (bool(far.ok), bool(np.isfinite(far.q).all())) == (False, True)
+    assert (bool(far.ok), bool(np.isfinite(far.q).all()), int(far.starts)) == (False, True, 16)
     nothing = solve((np.nan, 0, 0), q0=q[0])
     assert (bool(nothing.ok), bool(np.isnan(nothing.q).all())) == (False, True)
 
