@@ -42,6 +42,7 @@ def robot_loads(
     wrenches: Mapping[str, tuple[Any, Any]] | None,
     on_base: Mapping[str, Any],
     gravity: ArrayLike,
+    wrench_names: tuple[str, str] | None = None,
 ) -> Loads:
     """Return the checked loads on a robot.
 
@@ -52,6 +53,7 @@ def robot_loads(
         wrenches: (force, torque) by link, each a constant or a callable of (t, now); None: none.
         on_base: force1 and torque1.
         gravity: acceleration of free fall [m/s^2].
+        wrench_names: names in results of the force and the torque on a link; by default with the link's name.
 
     Raises:
         ArgumentError: a load cannot be used; the error names it.
@@ -60,8 +62,8 @@ def robot_loads(
     wrenches = with_strut_loads(robot, wrenches)
     on_links, links = read_wrenches(wrenches, tree_of(robot))
     named = {name: (load, name) for name, load in on_base.items()}
-    wrench_names = {link: (f"force_{link}", f"torque_{link}") for link in links}
-    named |= zip((name for both in wrench_names.values() for name in both), on_links.values(), strict=True)
+    names = {link: wrench_names or (f"force_{link}", f"torque_{link}") for link in links}
+    named |= zip((name for both in names.values() for name in both), on_links.values(), strict=True)
     vectors = {name: GivenLoad(label, load) for name, (load, label) in named.items()}
     if isinstance(tau, float | int):
         tau = np.full(robot.dof, finite_number("tau", tau))
@@ -69,7 +71,7 @@ def robot_loads(
     if (further := efforts_of_followers(robot, loads or {})) is not None:
         alone = efforts
         efforts = GivenLoad("tau", lambda t, now: alone.at(t, now) + further(now), robot.dof)
-    return Loads(fall, efforts, loads_by_joint(robot, loads), vectors, wrench_names)
+    return Loads(fall, efforts, loads_by_joint(robot, loads), vectors, names)
 
 
 def loads_by_joint(robot: Mechanism, loads: Any) -> dict[str, HingeLoad]:

@@ -16,12 +16,13 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.requests import check_pair, constants_of
 from hingepair.motion.given import LoadArgument
-from hingepair.motion.simulated import JOINT_OF_PAIR
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import is_zero
 
 BaseArgument: TypeAlias = str | Callable[[Array], BodyMotion]
 """What holds body 1, as users give it: the name of a base, or a callable of t that returns the motion of body 1."""
+JOINT_OF_PAIR: Final = "psi"
+"""Name of the joint, and of body 2, in the robot that stands for a pair."""
 BASES: Final = ("free", "pinned", "fixed")  # what may hold body 1, beside a callable
 # Names in messages about robots, and those of the same values of a pair.
 _NAMES: Final = {

@@ -33,11 +33,7 @@ from hingepair.motion.linkages import beyond_strokes
 from hingepair.motion.loads import Loads, check_start
 from hingepair.motion.pairs import BaseArgument, in_words_of_pairs, pair_as_robot, words_of_pairs
 from hingepair.motion.run import Impact, joint_impacts, joint_range, read_options
-from hingepair.motion.simulated import (
-    SimulatedMotion,
-    SimulatedRobotMotion,
-    Simulation,
-)
+from hingepair.motion.simulated import ON_BODY2, SimulatedMotion, SimulatedRobotMotion, Simulation
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, is_zero, one_constant, read_only
 from hingepair.plans.arguments import Coordinates, Outputs
@@ -192,7 +188,7 @@ def simulate(
     with in_words_of_pairs(base):
         moved = simulate_robot(
             robot, t, *start, **given, breaks=breaks, until=until, tol=tol, max_steps=max_steps, backend=backend,
-            words=words_of_pairs,
+            of_pair=True,
         )  # fmt: skip
     psi, psid, psidd = (read_only(rows[:, 0]) for rows in (moved.q, moved.qd, moved.qdd))
     return SimulatedMotion(
@@ -238,10 +234,10 @@ def simulate_robot(
     tol: float = 1e-10,
     max_steps: int = 30_000,
     backend: str = "auto",
-    words: Callable[[str], str] = str,
+    of_pair: bool = False,
 ) -> SimulatedRobotMotion:
-    """Simulate the motion of a robot; `hp.simulate` says what the arguments are. `words` turns warnings into those of
-    a pair.
+    """Simulate the motion of a robot; `hp.simulate` says what the arguments are. `of_pair`: loads and warnings have
+    the names that they have for pairs.
     """
     if not isinstance(robot, Mechanism):
         raise ArgumentError("robot", "a Mechanism", quoted(robot))
@@ -257,7 +253,7 @@ def simulate_robot(
     options = read_options(tol, breaks, until, max_steps)
     on_base = {"force1": force1, "torque1": torque1}
     laws = beyond_strokes(robot)
-    acting = robot_loads(laws, tau, loads, wrenches, on_base, gravity)
+    acting = robot_loads(laws, tau, loads, wrenches, on_base, gravity, ON_BODY2 if of_pair else None)
     for name, load in on_base.items():
         if robot.base != "free" and acting.vectors[name].acts:
             raise ArgumentError(name, f"0: a base that is {kind} is not moved by forces", quoted(load))
@@ -284,7 +280,7 @@ def simulate_robot(
     if found.run.ended_by not in ("", "until"):
         passed.append(f"the motion ends at t = {samples.t[-1]:.6g} s: {found.run.ended_by}")
     for sentence in filter(None, (*in_degrees.values(), *passed)):
-        warn_of_dynamics(words(sentence))
+        warn_of_dynamics(words_of_pairs(sentence) if of_pair else sentence)
     return SimulatedRobotMotion(
         robot=robot,
         t=read_only(samples.t),

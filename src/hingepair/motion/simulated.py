@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -186,10 +186,8 @@ class SimulatedRobotMotion(Frozen, Result):
         return f"SimulatedRobotMotion({self.robot.name!r}, {len(self.t)} instants, {span}, steps={self.steps}{ended})"
 
 
-JOINT_OF_PAIR: Final = "psi"
-"""Name of the joint, and of body 2, in the robot that stands for a pair."""
-_ON_BODY2: Final = {f"force_{JOINT_OF_PAIR}": "force2", f"torque_{JOINT_OF_PAIR}": "torque2"}
-_ON_BODIES: Final = {**{name: name for name in ON_BASE}, **_ON_BODY2}
+ON_BODY2: Final = ("force2", "torque2")
+"""Names of the force and the torque on body 2 of a pair in results."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -223,7 +221,7 @@ class SimulatedMotion(Trajectory):
         any, (N,).
         """
         loads, nothing = self.robot_motion.loads, read_only(np.zeros((len(self.psi), 3)))
-        bodies = {name: loads.get(key, nothing) for key, name in _ON_BODIES.items()}
+        bodies = {name: loads.get(name, nothing) for name in (*ON_BASE, *ON_BODY2)}
         parts = {f"{name}_torque": loads[name][:, 0] for name in TORQUE_PARTS if name in loads}
         return {**bodies, "hinge_torque": loads["tau"][:, 0], **parts}
 
@@ -260,12 +258,7 @@ class SimulatedMotion(Trajectory):
         >>> wheel.energy_balance().work["friction"].round(6).tolist()
         [0.0, -0.21875, -0.375, -0.46875, -0.5, -0.5, -0.5, -0.5, -0.5]
         """
-        return self._balance
-
-    @functools.cached_property
-    def _balance(self) -> EnergyBalance:
-        balance = self.robot_motion.energy_balance()
-        return replace(balance, work={_ON_BODY2.get(name, name): work for name, work in balance.work.items()})
+        return self.robot_motion.energy_balance()
 
     def momentum(self) -> Momentum:
         """Compute the linear and angular momentum, (N, 3) each.
