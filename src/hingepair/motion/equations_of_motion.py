@@ -31,7 +31,7 @@ from hingepair.mechanism.robots.constants import robot_constants
 from hingepair.motion.collocation import StepPolynomial
 from hingepair.motion.given import GivenMotion
 from hingepair.motion.linkages import marks_of, strut_powers_of
-from hingepair.motion.loads import Loads, MotionAtInstants, Side
+from hingepair.motion.loads import ON_BASE, Loads, MotionAtInstants, Side
 from hingepair.motion.magnus import quaternion_product
 from hingepair.motion.trajectory import quaternions_to_matrices
 from hingepair.numeric.arrays import Float64Array as Array
@@ -74,10 +74,11 @@ class RobotPrograms:
             without_loads = request._replace(outputs=matrices, loaded=())
             self._terms = self._call(request_loop(form, without_loads), ("q", "qd", *base_inputs))
             rates = request_loop(form, request)
-        acting = ("force1", "torque1") if loads.acts_on_bodies else ()
         of_links = (f"{kind}_{k}" for k in range(len(frames)) for kind in ("force", "torque"))
-        given = ("state", "S0", "tau", *acting) if self.has_momenta else ("q", "qd", "tau", *base_inputs)
-        self._rates, self._links = self._call(rates, (*given, *of_links)), len(frames)
+        self._on_bodies, self._links = (*ON_BASE, *of_links), len(frames)
+        acting = self._on_bodies if loads.acts_on_bodies else ()
+        given = ("state", "S0") if self.has_momenta else ("q", "qd", *base_inputs)
+        self._rates = self._call(rates, (*given, "tau", *acting))
 
     def motion(self, states: Array, S0: Array) -> Any:
         """Return R1, S1, v1 and omega1 of a free or pinned base, by name."""
@@ -92,18 +93,15 @@ class RobotPrograms:
         shape = (len(M), self._links, 6, M.shape[-1])
         return found, found["jacobian"].reshape(shape) if self._links else np.zeros(shape)
 
-    def rates(self, inputs: dict[str, Array], on_bodies: tuple[Array, Array] | None) -> Array:
+    def rates(self, inputs: dict[str, Array], on_bodies: Array | None) -> Array:
         """Return the derivative of the state of a free or pinned base, otherwise q''.
 
         Args:
             inputs: state, S0 and tau; otherwise q, qd, tau, S1, omega1, a1 and alpha1.
-            on_bodies: force1 and torque1, shape (n, 6), and loads on links, shape (n, links, 6); None: no loads.
+            on_bodies: force1, torque1, and force and torque on each link, (n, 2 + 2 links, 3); None: no loads.
         """
         if on_bodies is not None:
-            base, wrenches = on_bodies
-            inputs |= {"force1": base[:, :3], "torque1": base[:, 3:]}
-            for k in range(self._links):
-                inputs |= {f"force_{k}": wrenches[:, k, :3], f"torque_{k}": wrenches[:, k, 3:]}
+            inputs |= {name: on_bodies[:, k] for k, name in enumerate(self._on_bodies)}
         found: Array = _run(self._rates, inputs)
         return found
 
@@ -223,29 +221,25 @@ class RobotMotion:
         self._known[self._of_joints][[*self._driven]] = True
         self.length = _length(robot)
         units = np.array([1.0 if joint.unit == "rad" else self.length for joint in tree_of(robot).coordinates])
-        if not self.has_momenta:
-            self.q = slice(0, self.dof)
-            self.state = np.hstack([q0, qd0])
-            self.sizes = np.hstack([units, units])
-            self.rate_mask: NDArray[np.bool_] = np.repeat([False, True], self.dof)
-            self._check_masses()
-            return
-        self.q = slice(_Q, _Q + self.dof)
-        rest = np.hstack([np.zeros(12), q0, np.zeros(self.dof)])[None]
-        found, _ = programs.terms(state=rest, S0=self._S[None])
-        M, centre = found["mass_matrix"][0], found["centre"][0]
-        mass = M[0, 0]
-        velocities = np.hstack([np.zeros(3) if base == "pinned" else v, omega, qd0])
-        P, L = M[:3] @ velocities, M[3:6] @ velocities
-        if base == "free":
-            point, L = R + centre, L - np.cross(centre, P)
-        else:
-            point, P = self._R, np.zeros(3)
-        self.state = np.hstack([point, P, L, np.zeros(3), q0, qd0])
-        inertia = float(np.trace(M[3:6, 3:6])) + mass * self.length**2
-        self.sizes = np.hstack([np.repeat([self.length, mass * self.length, inertia, 1.0], 3), units, units])
-        self.rate_mask = np.repeat([False, True, False, True], [3, 6, 3 + self.dof, self.dof])
-        self._check_masses()
+        self.q = slice(_Q * self.has_momenta, _Q * self.has_momenta + self.dof)
+        self.state, self.sizes = np.hstack([q0, qd0]), np.hstack([units, units])
+        self.rate_mask: NDArray[np.bool_] = np.repeat([False, True], self.dof)
+        if self.has_momenta:
+            rest = np.hstack([np.zeros(12), q0, np.zeros(self.dof)])[None]
+            found, _ = programs.terms(state=rest, S0=self._S[None])
+            M, centre = found["mass_matrix"][0], found["centre"][0]
+            mass, velocities = M[0, 0], np.hstack([np.zeros(3) if base == "pinned" else v, omega, qd0])
+            point, P, L = self._R, M[:3] @ velocities, M[3:6] @ velocities
+            if base == "free":
+                point, L = R + centre, L - np.cross(centre, P)
+            else:
+                P = np.zeros(3)
+            inertia = float(np.trace(M[3:6, 3:6])) + mass * self.length**2
+            own = np.repeat([self.length, mass * self.length, inertia, 1.0], 3)
+            self.state, self.sizes = np.hstack([point, P, L, np.zeros(3), self.state]), np.hstack([own, self.sizes])
+            self.rate_mask = np.hstack([np.repeat([False, True, False], [3, 6, 3]), self.rate_mask])
+        if not self._known.all() and (doubt := self.mass_doubt(0.0, self.state, 1e-14)):
+            raise ArgumentError("robot", "masses that resist every motion", doubt)
 
     @property
     def asks_callables(self) -> bool:
@@ -255,13 +249,6 @@ class RobotMotion:
     @property
     def _qd(self) -> slice:
         return slice(self.q.stop, self.q.stop + self.dof)
-
-    def _check_masses(self) -> None:
-        """Refuse a robot some motion of which no mass resists at the start."""
-        if self._known.all():
-            return
-        if doubt := self.mass_doubt(0.0, self.state, 1e-14):
-            raise ArgumentError("robot", "masses that resist every motion", doubt)
 
     def mass_doubt(self, t: float, state: Array, least: float) -> str:
         """Return what nothing resists in a state, where the smallest eigenvalue of the scaled mass matrix is below
@@ -459,10 +446,13 @@ class RobotMotion:
         driven; (n, velocities) each. `side`, `held`, (n, dof), and S0 are those of the present step by default.
         """
         terms = self._terms(t, states, S0)
-        base, wrenches = self.loads.on_bodies(t, terms.now)
+        on_bodies = self.loads.on_bodies(t, terms.now)
         efforts = self.loads.efforts_at(t, terms.now, self.side if side is None else side)
-        loads = np.concatenate([base, efforts], axis=1) if self.has_momenta else efforts
-        if wrenches.size:
+        loads = efforts
+        if self.has_momenta:
+            loads = np.concatenate([on_bodies[:, :2].reshape(len(t), 6), efforts], axis=1)
+        if terms.jacobians.size:
+            wrenches = on_bodies[:, 2:].reshape(len(t), -1, 6)
             loads = loads + np.einsum("nlij,nli->nj", terms.jacobians, wrenches)
         known = np.broadcast_to(self._known, loads.shape).copy()
         known[:, self._of_joints] |= self.held if held is None else held

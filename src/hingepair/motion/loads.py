@@ -145,12 +145,9 @@ class Loads:
             efforts[:, k] += broadcast_load(label, value, t.shape)
         return efforts
 
-    def on_bodies(self, t: Array, motion: MotionAtInstants) -> tuple[Array, Array]:
-        """Return force1 and torque1 as (n, 6), and the wrenches on links as (n, links, 6)."""
-        values = self._vectors_at(t, motion)
-        base = np.concatenate([values[name] for name in ON_BASE], axis=1)
-        parts = [values[name] for names in self.wrenches.values() for name in names]
-        return base, np.stack(parts, axis=1).reshape(len(t), -1, 6) if parts else np.zeros((len(t), 0, 6))
+    def on_bodies(self, t: Array, motion: MotionAtInstants) -> Array:
+        """Return force1, torque1, and the force and the torque on each link, (n, 2 + 2 links, 3)."""
+        return np.stack([*self._vectors_at(t, motion).values()], axis=1)
 
     def callables_at(self, t: Array, motion: MotionAtInstants, side: Side) -> dict[str, Array]:
         """Return the loads that are callables, by their names in messages."""
