@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape, Constant, NamedShapes, bind, bind_constant
 from hingepair.engine.direct import Direct, direct_calls
-from hingepair.engine.layout import Operand
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, empty, output_arrays
 from hingepair.engine.results import Results
 from hingepair.engine.slices import run_slices
-from hingepair.engine.ufunc import MAX_OPERANDS, Code, make_ufunc
+from hingepair.engine.ufunc import MAX_OPERANDS, Code, Operand, make_ufunc
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import components

@@ -20,9 +20,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from hingepair.engine.layout import Layout, begin_table, store_row
 from hingepair.engine.llvm.builder import NUMBER_BYTES, FunctionBuilder
-from hingepair.engine.ufunc import TYPE_NUMBERS, Code, numpy_function
+from hingepair.engine.ufunc import TYPE_NUMBERS, Code, Layout, begin_table, numpy_function, store_row
 from hingepair.numeric.arrays import MAX_AXES
 
 if TYPE_CHECKING:

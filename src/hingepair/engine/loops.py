@@ -23,7 +23,6 @@ from hingepair.engine.backend import Execution, compiler_lock
 from hingepair.engine.binding import ArrayShape, Bound, InputPattern, NamedShapes, bind
 from hingepair.engine.direct import direct_ir
 from hingepair.engine.interpreter import Interpreter, interpreter
-from hingepair.engine.layout import FLOAT_TYPES, Layout, Operand
 from hingepair.engine.llvm import object_cache
 from hingepair.engine.llvm.ir import kernel_ir
 from hingepair.engine.llvm.scan import scan_ir
@@ -32,7 +31,7 @@ from hingepair.engine.slices import run_slices
 from hingepair.engine.threads import run_in_threads
 from hingepair.engine.trace import Operand as TracedOperand
 from hingepair.engine.trace import Trace, TracedValue, needed_values
-from hingepair.engine.ufunc import Code
+from hingepair.engine.ufunc import FLOAT_TYPES, Code, Layout, Operand
 from hingepair.errors import CompilationError, ShapeError
 from hingepair.numeric.arrays import Block, split_into_blocks
 from hingepair.numeric.blocks import components, fill_blocks

@@ -1,4 +1,5 @@
-"""Kernels as generalised ufuncs of NumPy, which then reads the arrays: broadcasting, strides, dtypes, `out`.
+"""The arrays of a kernel, and kernels as generalised ufuncs of NumPy, which then reads the arrays: broadcasting,
+strides, dtypes, `out`.
 
 NumPy's C interface makes a ufunc of the address of an inner loop. The loop, a function of machine code, gets
 addresses and strides of arrays, and fills the kernel's table with them.
@@ -17,7 +18,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.layout import FLOAT_TYPES, Layout, begin_table, store_row
 from hingepair.engine.llvm.builder import NUMBER_BYTES, FunctionBuilder
 from hingepair.engine.llvm.ir import ROW_WORDS
 from hingepair.engine.llvm.native import Kernel
@@ -30,10 +30,68 @@ _LOOP = "(ptr %args, ptr %dims, ptr %steps, ptr %data)"  # parameters of NumPy's
 _CREATE_UFUNC = 31  # entry of NumPy's table of functions, frozen in its ABI: PyUFunc_FromFuncAndDataAndSignature
 
 
+# ---- the arrays of a kernel
+#
+# The table that tells a kernel where its arrays are has a row for the constants, if there are any, and one for each
+# array: its address, and the bytes between samples and between components.
+
+FLOAT_TYPES: Final = {"d": "double", "f": "float"}  # LLVM's name of a type, by the character of the dtype
+
+
+class Operand(NamedTuple):
+    """An array that a kernel reads or writes."""
+
+    sample_shape: tuple[int, ...]  # of one sample: the core dimensions
+    used: bool = True  # whether the kernel has a row for it; others broadcast, but nothing reads them
+
+
+class Layout(NamedTuple):
+    """The arrays of a kernel, in order."""
+
+    inputs: tuple[Operand, ...]
+    outputs: tuple[Operand, ...]
+    constants: bool  # whether the kernel takes constants, before all others
+
+    @property
+    def operands(self) -> tuple[Operand, ...]:
+        """Inputs, then outputs."""
+        return (*self.inputs, *self.outputs)
+
+    @property
+    def signature(self) -> str:
+        """Signature of the ufunc; sizes are fixed, so that NumPy refuses arrays that are shorter.
+
+        >>> Layout((Operand((7,)), Operand(())), (Operand((3, 3)),), False).signature
+        '(7),()->(3,3)'
+        """
+        groups = ([f"({','.join(map(str, one.sample_shape))})" for one in g] for g in (self.inputs, self.outputs))
+        return "->".join(map(",".join, groups))
+
+    @property
+    def rows(self) -> dict[int, int]:
+        """Rows of the kernel's table, by the place of an operand that the kernel reads or writes."""
+        used = (k for k, one in enumerate(self.operands) if one.used)
+        return {k: row for row, k in enumerate(used, int(self.constants))}
+
+
+def begin_table(f: FunctionBuilder, layout: Layout, constants: str, number_bytes: int) -> str:
+    """Return the address of the kernel's table, in which the row of the constants is filled."""
+    table = f.buffer(8 * ROW_WORDS * (len(layout.rows) + layout.constants))
+    if layout.constants:
+        store_row(f, table, 0, f.put(f"ptrtoint ptr {constants} to i64"), "0", str(number_bytes))
+    return table
+
+
+def store_row(f: FunctionBuilder, table: str, row: int, *values: str) -> None:
+    """Store the integers of a row of the kernel's table."""
+    for k, value in enumerate(values):
+        f.store_word(value, table, 8 * (ROW_WORDS * row + k))
+
+
 class Code(NamedTuple):
     """A kernel, its arrays and its constants."""
 
-    kernel: Any  # a `Kernel`; None if LLVM cannot compile it, where the backend may do without
+    kernel: Kernel
     layout: Layout
     constants: NDArray[Any]
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from hingepair.engine import jax_torch
 from hingepair.engine.backend import Execution
-from hingepair.engine.c_source import c_source
 from hingepair.engine.calls import Call
+from hingepair.engine.exports import c_source
 from hingepair.engine.results import Results, writable_arrays
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, quoted
@@ -127,7 +127,7 @@ class Prepared:
             ArgumentError: the geometry of the pair has samples.
             MissingDependencyError: CasADi is not installed.
         """
-        from hingepair.engine.casadi_function import casadi_function
+        from hingepair.engine.exports import casadi_function
 
         call = self._single_program("casadi")
         return casadi_function(name, *call.program_with_numbers(), tuple(call.argument_shapes.items()))

@@ -1,4 +1,4 @@
-"""A program as a function in C, for one state: what knows neither Python nor this package can call it."""
+"""Programs for one state in other languages: as a function in C, and as a function of CasADi."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from hingepair.engine.interpreter import FUNCTIONS, interpreter
 from hingepair.engine.loops import Program
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.blocks import VERSINE_SWITCH
+from hingepair.numeric.optional import require
 
 _EXPRESSIONS: Final = {
     **{sign: f"{{}} {sign} {{}}" for sign in "+-*/<"},
@@ -107,3 +108,47 @@ def _identifier(name: str) -> str:
 def _shape(tail: tuple[int, ...]) -> str:
     """Return the length of an array, and how a matrix lies in it."""
     return f"[{math.prod(tail)}]" + (f", {' x '.join(map(str, tail))} by rows" if len(tail) > 1 else "")
+
+
+# ---- CasADi
+
+
+def casadi_function(name: str, program: Program, numbers: Sequence[float], arguments: NamedShapes) -> Any:
+    """Return a `casadi.Function` whose parameters are the arguments and whose results are the outputs of a program.
+    Vectors are columns; of what has more than two axes, the first are joined to rows.
+
+    Args:
+        name: name of the function.
+        program: the program; its arrays are the arguments that it needs, in their order.
+        numbers: its constants.
+        arguments: names of the arguments, and the shape of one sample of each.
+    """
+    casadi = require("casadi", "f.casadi")
+
+    def versine(sine: Any, cosine: Any) -> Any:
+        return casadi.if_else(cosine > VERSINE_SWITCH, sine * sine / (1 + cosine), 1 - cosine)
+
+    functions = {
+        **FUNCTIONS, "versine": versine, "arctan2": casadi.atan2, "where": casadi.if_else,
+        **{one: getattr(casadi, one) for one in ("sin", "cos", "sqrt", "hypot")},
+    }  # fmt: skip
+    symbols = {one: casadi.SX.sym(one, *_sizes(tail)) for one, tail in arguments}
+    traced, outputs = program.traced, program.loop.outputs
+    needed = [one for one, _ in arguments if one in dict(program.loop.inputs)]
+    values = [casadi.SX(x) for x in numbers]
+    for one in needed:
+        values += casadi.vertsplit(casadi.vec(symbols[one].T))  # row by row
+    inputs = [*traced.constants, *(part for group in traced.arrays for part in group)]
+    parts = iter(interpreter(inputs, traced.results, functions).run(*values))
+    results = []
+    for _, tail in outputs:
+        rows, columns = _sizes(tail)
+        flat = casadi.vertcat(*(next(parts) for _ in range(rows * columns)))
+        results.append(casadi.reshape(flat, columns, rows).T)
+    names = [f"{one}_out" if one in symbols else one for one, _ in outputs]
+    return casadi.Function(name, [*symbols.values()], results, [*symbols], names)
+
+
+def _sizes(tail: tuple[int, ...]) -> tuple[int, int]:
+    """Return the rows and columns of an array in CasADi."""
+    return (math.prod(tail[:-1]), tail[-1]) if len(tail) > 1 else (math.prod(tail), 1)
