@@ -19,26 +19,8 @@ from hingepair.engine.trace import square_root, where_less
 F8, F4 = np.dtype(np.float64), np.dtype(np.float32)
 GUARD = 7.0
 LEAST_BYTES = {"streamed": 0, "plain": 2**62}
-FAST_WIDTHS = {
-    1,
-    3,
-    8,
-    MAX_NARROW,
-    MAX_NARROW + 1,
-    24,
-    67,
-    MAX_STREAMED + 1,
-}
-WIDTHS = sorted(
-    {
-        *range(1, 41, 3),
-        *FAST_WIDTHS,
-        64,
-        300,
-        MAX_STREAMED,
-        600,
-    }
-)
+FAST_WIDTHS = {1, 3, 8, MAX_NARROW, MAX_NARROW + 1, 24, 67, MAX_STREAMED + 1}
+WIDTHS = sorted({*range(1, 41, 3), *FAST_WIDTHS, 64, 300, MAX_STREAMED, 600})
 SHIFTS = (0, 8, 16, 32, 56)
 
 

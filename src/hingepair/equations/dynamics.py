@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from hingepair.equations.derivatives import Entries
 from hingepair.equations.spatial import Matrix, Scalar, Vector, add, compose, cross, dot, scale, subtract
@@ -21,7 +21,7 @@ def factor_symmetric(A: Entries) -> tuple[list[list[Scalar]], Entries]:
         for j in range(size):
             for k in range(j):
                 row[j] = row[j] - row[k] * lower[j][k]
-        scaled = [row[j] / pivots[j] for j in range(size)]
+        scaled = [row[j] * (1.0 / pivots[j]) for j in range(size)]
         pivot = row[size]
         for j in range(size):
             pivot = pivot - row[j] * scaled[j]
@@ -35,21 +35,17 @@ def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
     `factor_symmetric`.
     """
     lower, pivots = factor_symmetric(A)
-    return solve_factored(lower, lambda k, part: part / pivots[k], b), pivots
+    return solve_factored(lower, pivots, b), pivots
 
 
-def solve_factored(
-    lower: Sequence[Sequence[Scalar]], divide: Callable[[int, Scalar], Scalar], b: Sequence[Scalar]
-) -> Entries:
-    """Return x of L D L^T x = b. `lower` are the entries of L, as of `factor_symmetric`; `divide(k, part)` divides by
-    the k-th pivot of D.
-    """
+def solve_factored(lower: Sequence[Sequence[Scalar]], pivots: Sequence[Scalar], b: Sequence[Scalar]) -> Entries:
+    """Return x of L D L^T x = b from what `factor_symmetric` returns."""
     size = len(b)
     x = list(b)
     for i in range(size):
         for j in range(i):
             x[i] = x[i] - lower[i][j] * x[j]
-    x = [divide(k, part) for k, part in enumerate(x)]
+    x = [part * (1.0 / pivot) for part, pivot in zip(x, pivots, strict=True)]
     for i in reversed(range(size)):
         for j in range(i + 1, size):
             x[i] = x[i] - lower[j][i] * x[j]

@@ -613,8 +613,7 @@ class TreeQuantities:
             return [*map(operator.sub, _chain_vectors(self.values[one] for one in loads), moved.flat(loads))]
 
         def solve(b: Sequence[Scalar]) -> tuple[Scalar, ...]:
-            lower, pivots = self.factored
-            return solve_factored(lower, lambda k, part: part * (1.0 / pivots[k]), b[::-1])[::-1]
+            return solve_factored(*self.factored, b[::-1])[::-1]
 
         return split(Solution(_chain_vectors(found), lack, solve, self.singular_doubt).unknowns)
 
