@@ -193,7 +193,6 @@ def test_friction_left_out_is_reported_of_samples_in_any_order():
     tau = exact + noise(q.shape, 0)
     fit = hp.fit_masses(panda(), q, qd, qdd, tau, joint_terms=())
     assert fit.ok, fit.findings
-    assert "Neighbouring samples are of unrelated positions" in " ".join(fit.findings)
     for extra in (0.6 * qd + 0.4 * np.sign(qd), 5 * np.sin(2 * q), 0.3 * qdd):
         lacking = hp.fit_masses(panda(), q, qd, qdd, tau + extra, joint_terms=())
         assert not lacking.ok

@@ -66,12 +66,6 @@ class ClockedPoses:
         """Return whether body 2 has enough samples in a row to be smoothed."""
         return bool(split_at_gaps(np.asarray(samples.t), samples.known2, _MAX_GAP, MIN_PIECE))
 
-    def used_at(self, clock: Float64Array) -> NDArray[np.bool_]:
-        """Return which samples of body 1 are known and have one of body 2 near enough in time; (N,)."""
-        used = np.zeros(self._t.size, dtype=bool)
-        used[self._matched(clock, self._t.size)[0]] = True
-        return used
-
     def _matched(
         self, clock: Float64Array, max_samples: int
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:

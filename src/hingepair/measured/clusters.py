@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, is_reliable
+from hingepair.measured.findings import RANDOM_CORRELATION, Finding, Judged, exceeded
 from hingepair.measured.statistics import OUTLIER, every_kth, neighbour_correlation, over_all
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
@@ -31,7 +31,7 @@ _ROUNDING = 1e-9  # of the size of the cluster; smaller distances from the place
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ClusterFit:
+class ClusterFit(Judged):
     """The result of `fit_cluster`: the motion of a body that carries a rigid cluster of markers.
 
     Attributes:
@@ -58,11 +58,6 @@ class ClusterFit:
     rms: Float64Array
     noise: float
     findings: tuple[Finding, ...]
-
-    @property
-    def ok(self) -> bool:
-        """Whether no finding says that a number may be wrong by more than its standard deviations."""
-        return is_reliable(self.findings)
 
 
 def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> ClusterFit:

@@ -86,3 +86,15 @@ def few_samples_finding(count: int, least: int) -> Finding:
     """Return a finding that standard deviations are rough, exceeded if there are fewer samples than `least`."""
     text = f"Of {count} samples, the standard deviations are no more than a hint."
     return Finding("samples", least - count, 0, text)
+
+
+class Judged:
+    """Base of the results of fits, which have findings."""
+
+    __slots__ = ()
+    findings: tuple[Finding, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether no finding says that a number may be wrong by more than its standard deviations."""
+        return is_reliable(self.findings)

@@ -209,7 +209,8 @@ def fit(
     if not samples.is_point:
         check_turning(poses)
     clocked, estimate, poses = _estimated(samples, poses, LOSSES[loss], clock_offset)
-    used = used if clocked is None else clocked.used_at(estimate.clock)
+    moved = body2 if clocked is None else clocked.body2(estimate.clock)
+    used = used if clocked is None else np.isfinite(moved.R).all(axis=1)
     fitted = Fitted(estimate, poses, LOSSES[loss], gauge, samples.share is not None)
     findings = judged(fitted)
     good = ~fitted.is_outlier() & (fitted.seen.weights >= _INLIER)
@@ -227,7 +228,6 @@ def fit(
     if clocked is not None:
         findings += clocked.findings(estimate.clock, fitted.clock_std)
     counted = psi[good] if good.any() else psi
-    moved = body2 if clocked is None else clocked.body2(estimate.clock)
     weights = fitted.seen.weights * samples.weights[used]
     gap, shares = np.linalg.norm(fitted.gap, axis=0), weights / weights.sum()
     return HingeFit(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hingepair.equations.quantities import unit_of
-from hingepair.measured.findings import Finding, is_reliable
+from hingepair.measured.findings import Judged
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.results import OverInstants, Record
 from hingepair.numeric.arrays import Float64Array
@@ -17,7 +17,7 @@ from hingepair.tables.sheets import Sheet, Shown, cell_text, json_text
 from hingepair.tables.units import Units
 
 
-class HingeReport(OverInstants, Shown):
+class HingeReport(Judged, OverInstants, Shown):
     """Base of the results of `fit` and `fit_imus`, whose attributes it names."""
 
     __slots__ = ()
@@ -26,7 +26,6 @@ class HingeReport(OverInstants, Shown):
     std: Mapping[str, Float64Array | np.float64]
     clock_offset: float | None
     clock_drift: float | None
-    findings: tuple[Finding, ...]
     t: Float64Array | None
     _title: Callable[[], str]  # first line of the report
     _left: Callable[[Units], str]  # what is left of the samples
@@ -34,11 +33,6 @@ class HingeReport(OverInstants, Shown):
     _columns: Callable[[], dict[str, Float64Array]]  # arrays over instants beside psi
     _numbers: Callable[[], dict[str, Any]]  # further ones of the JSON report
     samples: int
-
-    @property
-    def ok(self) -> bool:
-        """Whether no finding says that a number may be wrong by more than its standard deviations."""
-        return is_reliable(self.findings)
 
     def _range(self) -> tuple[float, float]:
         """Return the smallest and the largest angle [rad]."""

@@ -19,7 +19,6 @@ from hingepair.measured.findings import (
     exceeded,
     few_samples_finding,
     memory_finding,
-    notes,
 )
 from hingepair.measured.statistics import OUTLIER, every_kth, neighbour_correlation, score_scatter
 from hingepair.measured.torques import TERMS, Found, base_units, column_rms
@@ -68,11 +67,6 @@ def judged(found: Found, robot: Mechanism, grown: float, is_robust: bool) -> lis
         findings += [*_model_findings(found, robot), *_motion_noise_finding(found)]
     elif found.inexact.any():
         findings += exceeded(few_samples_finding(len(found.left), _FEW))
-        text = (
-            "Neighbouring samples are of unrelated positions, so that their order does not tell noise from what the "
-            "parameters lack: compare `noise` with that of the sensors."
-        )
-        findings += notes("order", [text])
     return sorted(findings, key=lambda finding: finding.is_note)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, FitError, ShapeError, nearest, quoted
 from hingepair.measured.consistency import rigid_parameters
-from hingepair.measured.findings import Finding, is_reliable, notes
+from hingepair.measured.findings import Finding, Judged, notes
 from hingepair.measured.mass_findings import judged
 from hingepair.measured.statistics import LOSSES
 from hingepair.measured.torques import (
@@ -34,7 +34,7 @@ from hingepair.tables.suspicions import suspicions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MassFit(Frozen, Shown):
+class MassFit(Judged, Frozen, Shown):
     """The result of `fit_masses`: base parameters of a robot, and what its joints do by themselves.
 
     Attributes:
@@ -74,11 +74,6 @@ class MassFit(Frozen, Shown):
     joint_terms: tuple[str, ...]
     gravity: tuple[float, ...] = field(repr=False)
     unknown: tuple[str, ...] = ()
-
-    @property
-    def ok(self) -> bool:
-        """Whether no finding says that a number may be wrong by more than its standard deviations."""
-        return is_reliable(self.findings)
 
     def torques(self, q: Coordinates, qd: Coordinates, qdd: Coordinates) -> Float64Array:
         """Return the torques of any motion by the fitted parameters, joint terms included; shape (..., dof). The

@@ -136,17 +136,15 @@ def interpolated(
     inside, which, before = (array[~is_sample] for array in (inside, which, before))
     counts = np.minimum(4, sizes[which])
     first = np.clip(before - 1, starts[which], stops[which] - counts)
-    between = _interpolated_rotations if rotations else _interpolated_columns
     for count in np.unique(counts):
         rows, first_nodes = inside[counts == count], first[counts == count]
         near = known_indices[first_nodes[:, None] + np.arange(count)]
-        result[rows] = between(t[near] - new_instants[rows, None], values[near])
+        nodes = t[near] - new_instants[rows, None]
+        if rotations:
+            result[rows] = _interpolated_rotations(nodes, values[near])
+        else:
+            result[rows] = np.einsum("ni,ni...->n...", lagrange_weights(nodes)[0], values[near])
     return result
-
-
-def _interpolated_columns(nodes: Float64Array, neighbours: Float64Array) -> Float64Array:
-    """Return the polynomials through values (N, k, ...) at nodes (N, k), at 0."""
-    return np.asarray(np.einsum("ni,ni...->n...", lagrange_weights(nodes)[0], neighbours))
 
 
 def _interpolated_rotations(nodes: Float64Array, neighbours: Float64Array) -> Float64Array:
