@@ -190,7 +190,10 @@ class Table(NamedSource):
         """Return the number or the constant expression under a key as a finite float. If the key is absent, return
         the default, or raise a SceneError if there is none.
         """
-        return default if key not in self.values and default is not None else self._read(key, self.values.get(key))
+        value = self.values.get(key, default)
+        if not isinstance(value, str | int | float):
+            self.fail(key, "a finite number")
+        return float(self._read(key, value))
 
     def numbers(self, key: str, *shape: int) -> list[Any]:
         """Return the finite numbers, or constant expressions, under a key as nested lists of floats. The further
