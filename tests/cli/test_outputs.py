@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-import hingepair as hp
 from hingepair.mechanism.results import Record
 from support.commands import refusal, run_command
 from support.recorded import recording
@@ -83,7 +82,7 @@ def test_what_fails_after_the_check_names_its_option_and_what_is_written(tmp_pat
     file = Record(made.t, {"R1": made.R1, "S1": made.S1, "R2": made.R2, "S2": made.S2}).save(tmp_path / "a.npz")
     out, plot = tmp_path / "psi.csv", tmp_path / "there" / "fit.png"
     plot.parent.mkdir()
-    monkeypatch.setattr(hp.HingeFit, "plot", lambda *_: plot.parent.rmdir())
+    monkeypatch.setattr("hingepair.cli.fit.plot", lambda *_, **__: plot.parent.rmdir())
     printed = run_command("fit", file, "--out", out, "--out", plot, code=2)
     assert printed.stderr.startswith("hingepair: --out: expected a file that can be written")
     assert printed.stdout.endswith(f"\nwritten: {out}\n")
