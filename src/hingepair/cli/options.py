@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -111,13 +109,9 @@ def parse_columns(options: Sequence[str] | None) -> dict[str, dict[str, str]]:
     return columns
 
 
-def parse_gravity(text: str | None, dimensions: int = 3) -> tuple[float, ...] | None:
-    """Return the finite numbers, as many as dimensions, in the value of --gravity; None for None."""
-    if text is None:
-        return None
-    with contextlib.suppress(ValueError):
-        vector = tuple(map(float, text.split(",")))
-        if len(vector) == dimensions and all(map(math.isfinite, vector)):
-            return vector
-    expected = "three finite numbers X,Y,Z" if dimensions == 3 else "two finite numbers X,Y for a planar pair"
-    raise ArgumentError("gravity", expected, repr(text))
+def parse_gravity(text: str | None) -> tuple[float, ...] | None:
+    """Return the numbers in the value of --gravity; None for None."""
+    try:
+        return None if text is None else tuple(map(float, text.split(",")))
+    except ValueError:
+        raise ArgumentError("gravity", "numbers X,Y,Z, of a planar pair X,Y", quoted(text)) from None

@@ -131,7 +131,7 @@ def forces_command(
     check_output(out, [scene_file], RESULT_FILE_SUFFIXES)
     scene = read_scene(scene_file)
     scene.in_units(units)  # refuses unknown ones before anything is computed
-    result = scene.forces(parse_gravity(gravity, scene.dimensions))
+    result = scene.forces(parse_gravity(gravity))
     if out is not None:
         result.save(out, units=units)
     notes = tuple(dict.fromkeys((*result.notes, *scene.notes(units))))

@@ -106,10 +106,8 @@ def vary(
 
 def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:
     """Return an array (variants, samples, ...) with NaN behind its end, up to `count` samples."""
-    missing = count - array.shape[1]
-    if not missing:
-        return array
-    return np.concatenate((array, np.full((len(array), missing, *array.shape[2:]), np.nan)), axis=1)
+    widths = [(0, 0), (0, count - array.shape[1]), *[(0, 0)] * (array.ndim - 2)]
+    return np.pad(array, widths, constant_values=np.nan) if count > array.shape[1] else array
 
 
 @dataclass(frozen=True, slots=True)
