@@ -117,12 +117,6 @@ def test_a_point_is_fitted_reported_and_moved_in_a_scene(tmp_path):
     assert np.sqrt(np.nanmean((result.R2 - recording(600).R2)[50:-50] ** 2)) < 3e-3
 
 
-def test_a_file_that_is_missing_is_named(tmp_path):
-    there, missing = saved(tmp_path / "poses.npz", recording(300)), tmp_path / "nothing.csv"
-    for files in ((missing,), (there, missing)):
-        assert str(refused(*files)).startswith(f"{missing}: expected a .csv file that can be read, got no such file")
-
-
 @pytest.mark.parametrize("existing", ["door.toml", "door.csv"])
 def test_a_scene_that_exists_is_kept_and_nothing_is_written(tmp_path, existing):
     file, out = saved(tmp_path / "poses.npz", recording(300)), tmp_path / "psi.csv"

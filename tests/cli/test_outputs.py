@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,7 +11,6 @@ import pytest
 from hingepair.mechanism.results import Record
 from support.commands import refusal, run_command
 from support.recorded import recording
-from support.work import HANG
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -86,24 +83,3 @@ def test_what_fails_after_the_check_names_its_option_and_what_is_written(tmp_pat
     printed = run_command("fit", file, "--out", out, "--out", plot, code=2)
     assert printed.stderr.startswith("hingepair: --out: expected a file that can be written")
     assert printed.stdout.endswith(f"\nwritten: {out}\n")
-
-
-INTERRUPTED = """
-import os, signal, sys
-import hingepair.__main__ as program
-signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell runs in the background
-
-class Interrupt:
-    def find_spec(self, name, *_):
-        if name == "hingepair.cli.main":
-            os.kill(os.getpid(), signal.SIGINT)
-
-sys.meta_path.insert(0, Interrupt())
-program.main()
-"""
-
-
-@pytest.mark.slow
-def test_ctrl_c_ends_the_program_silently_while_it_imports():
-    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, timeout=HANG, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
