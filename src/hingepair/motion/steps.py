@@ -30,7 +30,8 @@ from hingepair.numeric.bounded import UNIT_ROUNDOFF
 MAX_STEPS: Final = 2_000_000  # up to which steps are divided; more errors remain in the error estimate
 _LONGEST = 1 / 16  # of the whole motion: longest step whose error is measured
 _FEATURE = 1 / 509  # of the whole motion: a callable may hide what is shorter
-_NOISE = 2.5  # standard deviations of rounding that a measured error without truncation may have
+_NOISE = 10  # standard deviations of rounding below which the other quadrature tells nothing
+_UNUSUAL = 100  # times the median of errors: those beside jumps are larger
 # Nodes of a second quadrature of a step; not 0 and 1, since a callable may jump at instants.
 _CHECKS = (1e-4, 0.1727, 0.5, 0.8273, 1 - 1e-4)
 _CHECK_WEIGHTS = np.linalg.solve(np.vander(_CHECKS, increasing=True).T, 1 / np.arange(1, len(_CHECKS) + 1))
@@ -54,11 +55,10 @@ def measure_errors(integral: Integral, steps: Steps, values: Array) -> StepError
     fine = steps.divided(np.full(steps.step_count, parts))
     changes = integral.changes(fine)
     noise, jumps = _rounding_and_jumps(rate, fine, parts)
-    jumps = np.where(jumps <= 4 * _NOISE * noise, 0.0, jumps)
+    jumps = np.where(jumps <= _NOISE * noise, 0.0, jumps)
     sizes = jumps + integral.distances(integral.changes(steps), integral.of_groups(changes, parts))
     rounding = own + float(noise.sum() if isinstance(rate, ConstantSignal) else np.linalg.norm(noise))
     apart = float(integral.distances(values, fine.at_instants(integral.accumulated(changes))).max())
-    apart = 0.0 if apart <= _NOISE * rounding else apart
     return StepErrors(sizes, apart + float(np.linalg.norm(jumps)), rounding)
 
 
@@ -89,7 +89,7 @@ def estimate_error(integral: Integral, steps: Steps, values: Array) -> float:
     if not steps.step_count:
         return integral.rounding(values)
     errors = measure_errors(integral, steps.no_longer_than(_LONGEST), values)
-    estimate = errors.largest + errors.rounding
+    estimate = math.hypot(errors.largest, errors.rounding)
     if not isinstance(integral.rate, SampledSignal):
         return estimate
     if len(integral.rate.t) < 4:
@@ -114,23 +114,23 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
     inexact = [integral for integral in integrals if not isinstance(integral.rate, ConstantSignal)]
     if tol is None or len(t) < 2 or not inexact:
         return Steps(t)
-    steps, last_total, last_count = Steps(t).no_longer_than(_LONGEST), np.inf, len(t)
+    steps, last_usual, last_count = Steps(t).no_longer_than(_LONGEST), np.inf, len(t)
     for _ in range(64):
         values = [steps.at_instants(one.accumulated(one.changes(steps))) for one in inexact]
         measured = [measure_errors(one, steps, own) for one, own in zip(inexact, values, strict=True)]
         largest, rounding = (max(errors) for errors in zip(*(one[1:] for one in measured), strict=True))
         goal, count = max(tol - rounding, 0.5 * tol), steps.step_count
         sizes = np.minimum(np.max([errors.sizes for errors in measured], axis=0), 1e30)  # also of infinite ones
-        total = float(sizes.sum())
+        total, usual = float(sizes.sum()), float(sizes[sizes <= _UNUSUAL * np.median(sizes)].sum())
         # A sum of errors that hardly falls with three times as many steps is noise of the rate, not truncation.
-        if largest <= 0.9 * goal or (count > 3 * last_count and last_total / 4 < total < 1e-3):
+        if largest <= 0.85 * goal or (count > 3 * last_count and last_usual / 4 < usual < 1e-3):
             break
         # Errors that go to and fro cancel; larger ones cannot be added up as vectors.
         cancelled = max(1.0, total / largest) if total < 1 else 1.0
-        counts = _part_counts(steps, sizes, 0.8 * float(goal) * cancelled)
+        counts = _part_counts(steps, sizes, 0.75 * float(goal) * cancelled)
         if counts.max() == 1 or counts.sum() > MAX_STEPS:
             break
-        steps, last_total, last_count = steps.divided(counts), total, count
+        steps, last_usual, last_count = steps.divided(counts), usual, count
     return steps
 
 
@@ -139,6 +139,6 @@ def _part_counts(steps: Steps, sizes: Array, goal: float) -> NDArray[np.int64]:
     beside jumps, whose errors do not fall by the method's order, four at most.
     """
     shortest = 16 * np.spacing(np.maximum(np.abs(steps.t[:-1]), np.abs(steps.t[1:])))
-    most = np.where(steps.h <= shortest, 1, np.where(sizes > 100 * np.median(sizes), 4, 16))
+    most = np.where(steps.h <= shortest, 1, np.where(sizes > _UNUSUAL * np.median(sizes), 4, 16))
     wanted = np.ceil((sizes * steps.step_count / goal) ** (1 / ORDER))
     return np.asarray(np.clip(wanted, 1, most), np.int64)
