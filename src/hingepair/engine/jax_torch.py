@@ -15,8 +15,9 @@ import functools
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -36,7 +37,8 @@ Chain: TypeAlias = tuple[tuple[str, tuple[int, ...]], ...]
 """Kinds of derivatives, one of the other, with the numbers of the arguments by which each is taken."""
 
 
-class Differentiable(NamedTuple):
+@dataclass(frozen=True, eq=False)  # no tuple, which PyTorch would take apart
+class Differentiable:
     """A function of arrays with leading axes of samples, and its derivatives."""
 
     arguments: Shapes  # shape of one sample of each argument
