@@ -62,7 +62,10 @@ ResultsOption = Annotated[Path | None, out_option(f"Write all instants to FILE (
 TextFileOption = Annotated[Path | None, out_option("Write to FILE instead of standard output.")]
 
 # Parameters of commands whose values become arguments of the library, by the argument's name in errors.
-_PARAMETERS = {"path": "out", "sources": "files", "points": "tolerance", "path_or_text": "source", "robot": "source"}
+_PARAMETERS = {
+    **{"path": "out", "sources": "files", "points": "tolerance", "path_or_text": "source", "robot": "source"},
+    "values: key": "vary",
+}
 
 
 class Command(typer.core.TyperCommand):
