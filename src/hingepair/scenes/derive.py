@@ -110,7 +110,7 @@ def derive(
 
 
 def derive_any_motion(file: SceneFile, symbolic: Iterable[str] = ()) -> ClosedForms:
-    """Return the PairForms of the pair in a scene file with coordinates that are unspecified functions of t, those of
+    """Return closed forms of the pair in a scene file with coordinates that are unspecified functions of t, those of
     a fixed body 1 apart.
 
     Args:
