@@ -332,20 +332,22 @@ class Subject:
         """
         of_state = tuple(item for item in request if item.of == "state")
         moved, state = known.part(slice(None), order_of(of_state)), cast("Any", None)
+        found: dict[str, Any] = {}  # arrays of the state, of a mechanism by frame
         names = tuple(dict.fromkeys(_ATTITUDES.get(item.quantity, item.quantity) for item in of_state))
         if self.pair is not None:
             state = self._pair_state(moved, names, backend)
+            found[""] = state.arrays()
         elif of_state:
             outputs = tuple(name for name in FRAME_OUTPUTS if name in names)
             frames = tuple(dict.fromkeys(item.owner for item in of_state))
             options: Any = {"outputs": outputs, "base_motion": moved.base_motion, "backend": backend}
             state = self.robot.forward_kinematics(*moved.arguments(), frames=frames, **options)
+            found = {frame: state[frame].arrays() for frame in frames}
         needed = {item.quantity for item in request if item.of == "force"}
         forces = self.forces(known, acting, needed, backend) if needed else {}
         has_struts = any(item.of == "strut" for item in request)
         struts = self.robot.struts(*known.arguments()[:2], backend=backend) if has_struts else {}
         arrays: Arrays = {}
-        of_pair = {} if self.pair is None else state.arrays()
         for item in request:
             name, of, quantity, owner, order, _ = item
             if of == "force":
@@ -356,12 +358,10 @@ class Subject:
                 arrays |= known.base_columns(order) if of == "coordinates" else {}
                 arrays[owner + RATE_SUFFIXES[order]] = known.column(order, known.names.index(owner))
             elif quantity in _ATTITUDES:
-                S = of_pair.get(_ATTITUDES[quantity]) if self.pair is not None else state[owner].S
-                arrays |= (
-                    quaternion_columns(S, f"{name}_") if self.pair is None else quaternion_columns(S, "q", name[-1])
-                )
+                ends = (f"{name}_",) if owner else ("q", name[-1])
+                arrays |= quaternion_columns(found[owner][_ATTITUDES[quantity]], *ends)
             else:
-                arrays[name] = of_pair[name] if self.pair is not None else np.asarray(getattr(state[owner], quantity))
+                arrays[name] = np.asarray(found[owner][quantity])
         # The v1_x of the qd of a pair is left out where there is v1.
         whole = arrays.keys() & {"v1", "omega1", "a1", "alpha1"} if self.pair is not None else ()
         arrays = {name: own for name, own in arrays.items() if name.rpartition("_")[0] not in whole}
