@@ -133,3 +133,24 @@ def test_euler_angles_stay_continuous_through_lock():
     t = instants(10.0, 0.01)
     phi = unwrap_euler_angles(hp.matrix_to_euler(attitudes(REFERENCE, t).S1))
     np.testing.assert_allclose(phi, np.stack([3 * t, t, 5 * t], -1), rtol=0, atol=1e-7)
+
+
+def test_planar_pair_is_two_integrals():
+    """phi_1 = int omega, phi_2 = int (omega + psi'), and the rest as PlanarPair has it (E11)."""
+    pair = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
+    t = instants(3.0, 0.01)
+    rates = {"alpha1": lambda t: -np.sin(t), "psidd": np.cos}
+    motion = hp.integrate(pair, t, np.cos, np.sin, R1=(1.0, 2.0), phi_0=0.5, psi_0=-1.0, **rates)
+    np.testing.assert_allclose(motion.phi, 0.5 + np.sin(t), rtol=0, atol=3 * U)
+    np.testing.assert_allclose(motion.psi, -np.cos(t), rtol=0, atol=3 * U)
+    assert motion.error_estimate <= 4 * U
+    q, qd, qdd = (
+        (1.0, 2.0, motion.phi, motion.psi),
+        (0.0, 0.0, np.cos(t), np.sin(t)),
+        (0.0, 0.0, -np.sin(t), np.cos(t)),
+    )
+    expected = pair.forward_kinematics(q, qd, qdd)
+    assert motion.state.outputs == expected.outputs
+    for name in expected.outputs:
+        np.testing.assert_allclose(getattr(motion, name), getattr(expected, name), rtol=0, atol=8 * U)
+    np.testing.assert_allclose(motion.S1, hp.rotation_exp(motion.phi[:, None] * [0, 0, 1]), rtol=0, atol=4 * U)

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import Execution, execution_of, execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.pairs.requests import PairRequests, check_pair, constants_of
 from hingepair.mechanism.requests import STATES
 from hingepair.motion.magnus import AngleIntegral, AttitudeIntegral, Integral
@@ -20,6 +21,7 @@ from hingepair.motion.signals import SampledSignal, interpolate, read_position, 
 from hingepair.motion.steps import estimate_error, select_steps
 from hingepair.motion.trajectory import (
     Deferred,
+    PlanarTrajectory,
     Trajectory,
     quaternions_to_matrices,
     rotate_to_world,
@@ -59,8 +61,8 @@ class Solution(Deferred):
                 first = int(np.argmin(finite))
                 got = f"overflow between the instants {first - 1} and {first}"
                 raise ArgumentError(one.name, "a rate that turns by a finite angle in each step", got)
-        #: unit quaternions of body 1, without a jump of sign; and hinge angles [rad]
-        self.quats, self.psi = map(self._steps.at_instants, self._values)
+        #: unit quaternions of body 1, without a jump of sign, or its angles in the plane; and hinge angles [rad]
+        self.attitudes, self.psi = map(self._steps.at_instants, self._values)
         #: number of steps
         self.steps = self._steps.step_count
 
@@ -80,19 +82,24 @@ RATE_FRAME_NAMES: Final = ("world", "body")  # axes in which omega1 and alpha1 m
 
 RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
 
-_RATES: Final = {"omega1", "alpha1", "psid", "psidd"}  # arguments
+# Arguments that give rates, by input of a pair's program.
+_RATES: Final = {
+    **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
+    **{"psid": "psid", "psidd": "psidd"},
+}
 # Forms of the argument R1 that give an input of a plan, for messages.
 _R1_FORMS: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 
 
 def integrate(
-    pair: HingePair,
+    pair: HingePair | PlanarPair,
     t: ArrayLike,
     omega1: RateArgument,
     psid: RateArgument,
     *,
     R1: Any = None,
     S1_0: ArrayLike | None = None,
+    phi_0: float | None = None,
     psi_0: float = 0.0,
     method: str = "magnus6",
     frame: str = "world",
@@ -114,7 +121,8 @@ def integrate(
       since 1970 as floats are rounded to 2.4e-7 s: give datetime64 or integer nanoseconds.)
 
     Args:
-        pair: a HingePair; `to_spatial()` makes one of a PlanarPair.
+        pair: a HingePair; or a PlanarPair, whose omega1 and alpha1 are numbers like psid, and whose R1, v1 and a1
+            have two components.
         t: instants, increasing; shape (N,): seconds (floats), datetime64, or nanoseconds since 1970 (integers).
         omega1: angular velocity of body 1 [rad/s].
         psid: hinge rate psi' [rad/s].
@@ -123,6 +131,7 @@ def integrate(
             a tuple (R1, v1) or (R1, v1, a1) of arrays, or a callable that returns one. If R1 is not constant and v1
             (or a1) is not given, v2 (or a2) of the result is None.
         S1_0: attitude of body 1 at t[0], body to world; shape (3, 3); the identity by default.
+        phi_0: in place of S1_0, the angle of body 1 of a PlanarPair at t[0] [rad]; 0 by default.
         psi_0: hinge angle at t[0] [rad]; 0 by default.
         method: "magnus6", a Magnus series of order 6 from omega1 at three times in each step, the only one.
         frame: axes of omega1 and alpha1: "world" (the default) or "body".
@@ -140,6 +149,7 @@ def integrate(
     Returns:
         A `Trajectory`: the instants `.t`, the attitude of body 1 (`.S1`, `.quat_wxyz`), `.psi`, the outputs, such as
         `.R2`, and estimates of the largest error at any instant, `.error_estimate` and `.psi_error_estimate` [rad].
+        Of a PlanarPair, a `PlanarTrajectory`, with the angle `.phi` of body 1.
 
     Raises:
         ArgumentError: an argument cannot be used, a rate is not finite, or tol is not reached. A
@@ -157,56 +167,80 @@ def integrate(
     >>> round(float(motion.psi[-1]), 9)
     1.0
     """
-    check_pair(pair)
+    planar = isinstance(pair, PlanarPair)
+    if not planar:
+        check_pair(pair)
     check_choice("method", method, METHODS)
     check_choice("frame", frame, RATE_FRAME_NAMES)
+    start = _start(planar, S1_0, phi_0)
     if tol is not None and not finite_number("tol", tol) > 0:
         raise ArgumentError("tol", "a positive number", tol)
     instants = instants_of("t", t)
     execution = execution_of_steps(backend, len(instants))
-    start = np.eye(3) if S1_0 is None else one_constant("S1_0", S1_0, 3, 3)
-    check_rotation("S1_0", start)
     rates = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
     signals = {
-        name: read_signal(name, value, instants, () if name in {"psid", "psidd"} else (3,))
+        name: read_signal(name, value, instants, () if planar or name in {"psid", "psidd"} else (3,))
         for name, value in rates.items()
         if value is not None or name in {"omega1", "psid"}
     }
-    points = read_position(np.zeros(3) if R1 is None else R1, instants)
-    names = _checked_outputs(constants_of(pair), outputs, signals.keys() | points.keys())
+    size = 2 if planar else 3
+    points = read_position(np.zeros(size) if R1 is None else R1, instants, size)
+    constants = constants_of(pair)
+    names = _checked_outputs(constants, outputs, signals.keys() | points.keys())
     sampled = [one for name in ("omega1", "psid") if isinstance(one := signals[name], SampledSignal)]
     interpolate(sampled)
-    quat, angle = matrix_to_quaternion(start), finite_number("psi_0", psi_0)
-    turning = AttitudeIntegral("omega1", signals["omega1"], execution, quat, frame == "body")
-    solution = Solution((turning, AngleIntegral("psid", signals["psid"], execution, angle)), instants, tol)
+    turning: Integral = AngleIntegral("omega1", signals["omega1"], execution, start)
+    if not planar:
+        turning = AttitudeIntegral("omega1", signals["omega1"], execution, start, frame == "body")
+    angle = AngleIntegral("psid", signals["psid"], execution, finite_number("psi_0", psi_0))
+    solution = Solution((turning, angle), instants, tol)
     if tol is not None and not (left := float(np.maximum(solution.error, solution.psi_error))) <= tol:
         each = f"omega1 leaves {solution.error:.2g}, psid leaves {solution.psi_error:.2g}"
         raise ArgumentError("tol", f"at least the error that is left, {left:.2g} rad ({each})", tol)
     inputs = {**points, "psi": solution.psi}
-    if names:
-        inputs["S1"] = quaternions_to_matrices(solution.quats)
-    for name in _needed_inputs(constants_of(pair), names) & _RATES:
-        inputs[name] = signals[name].values_at(instants)
+    if planar:
+        inputs["phi1"] = solution.attitudes
+    elif names:
+        inputs["S1"] = quaternions_to_matrices(solution.attitudes)
+    for name in _needed_inputs(constants, names) & _RATES.keys():
+        inputs[name] = signals[_RATES[name]].values_at(instants)
         if frame == "body" and name in {"omega1", "alpha1"}:
             inputs[name] = rotate_to_world(inputs["S1"], inputs[name])
-    trajectory = Trajectory(
-        t=read_only(instants),
-        psi=read_only(solution.psi),
-        quat_wxyz=read_only(solution.quats),
-        R1=read_only(np.broadcast_to(points["R1"], (len(instants), 3))),
-        state=_state(constants_of(pair), names, inputs, execution_of(backend, 1)),
-        pair=pair,
-        method=method,
-        steps=solution.steps,
-        _solution=solution,
-    )
+    fields: dict[str, Any] = {
+        "t": read_only(instants),
+        "psi": read_only(solution.psi),
+        "R1": read_only(np.broadcast_to(points["R1"], (len(instants), size))),
+        "state": _state(constants, names, inputs, execution_of(backend, 1)),
+        "pair": pair,
+        "method": method,
+        "steps": solution.steps,
+        "_solution": solution,
+    }
+    if planar:
+        phi = solution.attitudes
+        quats = np.stack((np.cos(phi / 2), 0 * phi, 0 * phi, np.sin(phi / 2)), axis=-1)
+        trajectory: Trajectory = PlanarTrajectory(**fields, phi=read_only(phi), quat_wxyz=read_only(quats))
+    else:
+        trajectory = Trajectory(**fields, quat_wxyz=read_only(solution.attitudes))
     if sampled:
         warn_of_measurements(suspicions("instants", "t", instants))
     return trajectory
 
 
+def _start(planar: bool, S1_0: Any, phi_0: Any) -> Any:
+    """Return the attitude of body 1 at the first instant: its angle in the plane, or a unit quaternion."""
+    other, unused = ("S1_0", S1_0) if planar else ("phi_0", phi_0)
+    if unused is not None:
+        raise ArgumentError(other, f"None for a {'PlanarPair' if planar else 'HingePair'}", quoted(unused))
+    if planar:
+        return finite_number("phi_0", 0.0 if phi_0 is None else phi_0)
+    S = np.eye(3) if S1_0 is None else one_constant("S1_0", S1_0, 3, 3)
+    check_rotation("S1_0", S)
+    return matrix_to_quaternion(S)
+
+
 def _state(pair: PairRequests, outputs: tuple[str, ...], inputs: Mapping[str, Any], execution: Execution) -> Any:
-    """Return the outputs at all instants as a `PairState`."""
+    """Return the outputs at all instants as a `PairState` or `PlanarState`."""
     result, shape = STATES[pair.kind], inputs["psi"].shape
     if not outputs:
         return result({}, shape)
@@ -217,15 +251,16 @@ def _state(pair: PairRequests, outputs: tuple[str, ...], inputs: Mapping[str, An
 
 def _needed_inputs(pair: PairRequests, outputs: tuple[str, ...]) -> set[str]:
     """Return the names of the inputs that outputs need, the constants of the pair apart."""
-    computation = pair.computation(outputs)
-    return {name for one in outputs for name in computation.missing_inputs(one, ())} | {"S1", "psi"}
+    computation, attitude = pair.computation(outputs), "phi1" if pair.kind.planar else "S1"
+    return {name for one in outputs for name in computation.missing_inputs(one, ())} | {attitude, "psi"}
 
 
 def _checked_outputs(pair: PairRequests, outputs: Outputs, arguments: Set[str]) -> tuple[str, ...]:
     """Return the names of the outputs, all of body 2 for which the `arguments` suffice if `outputs` is None; refuse
     those that need more.
     """
-    available = {"S1", "psi"} | arguments
+    available = {"S1", "phi1", "psi"} | arguments
+    available |= {name for name, argument in _RATES.items() if argument in arguments}
     if outputs is None:
         default = pair.kind.default_outputs(ACCELERATION)
         return tuple(name for name in default if _needed_inputs(pair, (name,)) <= available)
@@ -234,5 +269,5 @@ def _checked_outputs(pair: PairRequests, outputs: Outputs, arguments: Set[str]) 
         for missing in sorted(_needed_inputs(pair, (name,)) - available):
             expected = f"{_R1_FORMS.get(missing, 'a value')}, since output {name} needs it"
             got = f"no {missing}" if missing in _R1_FORMS else None
-            raise ArgumentError("R1" if missing in _R1_FORMS else missing, expected, got)
+            raise ArgumentError(_RATES.get(missing, "R1"), expected, got)
     return names

@@ -207,8 +207,8 @@ def read_signal(name: str, value: Any, t: Array, value_shape: tuple[int, ...]) -
     return SampledSignal(t, array) if sampled else ConstantSignal(array)
 
 
-def read_position(R1: Any, t: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    """Return the arrays R1 and, as far as they are known, v1 and a1, each of shape (3,) or (N, 3).
+def read_position(R1: Any, t: NDArray[np.float64], size: int = 3) -> dict[str, NDArray[Any]]:
+    """Return the arrays R1 and, as far as they are known, v1 and a1, each of shape (size,) or (N, size).
     `R1` is a point, which is at rest; points at t; a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns
     one of these.
     """
@@ -221,10 +221,10 @@ def read_position(R1: Any, t: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
         if value is None:
             raise ArgumentError(label, "a point, points, or (R1, v1, a1)", None)
         found[key] = real_array(label, value)
-        if found[key].shape not in {(3,), (len(t), 3)}:
-            raise ShapeError(label, f"shape (3,) or {(len(t), 3)}", f"shape {found[key].shape}")
+        if found[key].shape not in {(size,), (len(t), size)}:
+            raise ShapeError(label, f"shape {(size,)} or {(len(t), size)}", f"shape {found[key].shape}")
     if "R1" in parts and found["R1"].ndim == 1:  # one point, at rest
-        found |= {"v1": np.zeros(3), "a1": np.zeros(3)}
+        found |= {"v1": np.zeros(size), "a1": np.zeros(size)}
     return found
 
 

@@ -15,8 +15,9 @@ from hingepair.engine.results import missing_attribute_error
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.results import Result
-from hingepair.mechanism.states import PairState
+from hingepair.mechanism.states import PairState, PlanarState
 from hingepair.numeric.arrays import Frozen, read_only
 from hingepair.numeric.blocks import components_of, tabulate_one
 from hingepair.plans.pairs import unit_among
@@ -137,6 +138,24 @@ class Trajectory(Frozen, Result):
         if S1 is not None:
             return S1
         return read_only(quaternions_to_matrices(self.quat_wxyz))
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class PlanarTrajectory(Trajectory):
+    """The motion of a planar pair over time, as `integrate` returns it (E11, E12): a `Trajectory` whose R1 and
+    outputs, such as R2 and phi2, are those of the `PlanarState`, with two components.
+
+    Attributes:
+        phi: angle of body 1 [rad], with its turns; shape (N,).
+    """
+
+    phi: NDArray[np.float64]
+    state: PlanarState  # type: ignore[assignment]
+    pair: PlanarPair  # type: ignore[assignment]
+
+    def recorded(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays by name, the instants on the first axis: the outputs that were computed, R1, phi, psi."""
+        return {**self.state.arrays(), "R1": self.R1, "phi": self.phi, "psi": self.psi}
 
 
 def describe_instants(t: NDArray[np.float64]) -> str:
