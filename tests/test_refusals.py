@@ -17,6 +17,7 @@ import pytest
 import hingepair as hp
 from hingepair import errors
 from support.asked import COUNT, ROWS, inputs_of, subject_of
+from support.linkages import AT, bar, four_bar, open_four_bar
 from support.recorded import recording
 
 A, S, D, X, R = errors.ArgumentError, errors.ShapeError, errors.DtypeError, errors.AxisError, errors.RotationError
@@ -538,3 +539,92 @@ ARM = """<robot name="r"><link name="base"/><link name="upper"/><link name="hand
 def test_calls(call, argument, error, value):
     changed = value if isinstance(value, C) else {argument: value}
     refused(lambda: CALLS[call][0](**changed), argument, error)
+
+
+# ---- linkages, struts and the goals of inverse kinematics
+
+LID = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), name="lid", body2=LIGHT)
+HATCH = hp.Mechanism([LID]).with_frame("a", "base", R=(0.3, 0, -0.2)).with_frame("b", "lid", R=(0.5, 0, 0))
+SPRUNG = HATCH.with_strut("a", "b", "strut", force=lambda length, _: length[:2])
+OPEN, FOUR_BAR = open_four_bar(), four_bar()
+TWICE = hp.Mechanism(
+    [
+        bar("crank1", (0, 0, 0), 0.3), bar("coupler1", (0.3, 0, 0), 0.9), bar("crank2", (0, 0, 0), 0.3),
+        bar("coupler2", (0.3, 0, 0), 0.9), bar("rocker1", (1, 0, 0), 0.7), bar("rocker2", (1, 0, 0), 0.7),
+    ],
+    parents=[0, 1, 0, 3, 0, 0],
+)  # fmt: skip
+for k in "12":
+    TWICE = TWICE.with_frame(f"a{k}", f"coupler{k}", R=(0.9, 0, 0)).with_frame(f"b{k}", f"rocker{k}", R=(0.7, 0, 0))
+LOOPS = [hp.Loop(f"a{k}", f"b{k}") for k in "12"]
+LEGS = hp.Mechanism(
+    [hp.HingePair((0, k, 0), (0, 0, 0), (1, 0, 0), name=name, limits=(-1, 1), body1=LIGHT if k == 1 else None,
+                  body2=LIGHT) for k, name in ((1, "left"), (-1, "right"))],
+    [0, 0], base="free",
+)  # fmt: skip
+GOAL, FEET = {"left": (0, 0, 0)}, ("left", "right")
+
+
+def strut(frame1="a", frame2="b", name="strut", **k):
+    return HATCH.with_strut(frame1, frame2, name, **k)
+
+
+def closed(*loops, robot=OPEN, coordinates="crank", at=AT):
+    return robot.closed(*loops or [hp.Loop("a", "b")], coordinates=coordinates, at=at)
+
+
+def goal(**k):
+    return LEGS.inverse_kinematics(GOAL, **k)
+
+
+def prepared_goal(frames=FEET, **k):
+    return LEGS.prepare("inverse_kinematics", frames=frames, **k)
+
+
+LINKED = {
+    "struts": [
+        ("robot", A, lambda: SPRUNG.prepare("forward_dynamics"), lambda: hp.to_urdf(strut()),
+         lambda: SPRUNG.inverse_dynamics_derivatives([0.1], [0], [0]),
+         lambda: SPRUNG.rollout([[0.1]], [[0]], np.zeros((1, 3, 1)), 0.1)),
+        ("force of strut 'strut'", A, lambda: SPRUNG.struts(np.linspace(-1, 0, 9)[:, None])),
+        ("limits", A, lambda: strut(limits=(0.4, 0.3))), ("name", A, lambda: strut(name="lid")),
+        ("frame2", A, lambda: strut("b", "lid"), lambda: strut(frame2="c")),
+        ("free_length", A, lambda: strut(stiffness=9)),
+        ("force", A, lambda: strut(force=([0.2, 0.1], [1, 2])), lambda: strut(force="300")),
+        ("F2", A, lambda: hp.GasSpring(300, 200, 0.2)), ("stroke", A, lambda: hp.GasSpring(300, 400, 0)),
+    ],
+    "loops": [
+        ("coordinates", A, lambda: closed(coordinates=()), lambda: closed(coordinates=("crank", "rocker")),
+         lambda: closed(coordinates="crnk"),
+         lambda: closed(*LOOPS, robot=TWICE, coordinates=("crank1", "rocker1"),
+                        at={n + k: AT[n] for n in AT for k in "12"})),
+        ("guess", A, lambda: FOUR_BAR.follow([[0.3]], guess={"crnk": 1})),
+        ("loads['rocker']", A, lambda: hp.simulate(
+            FOUR_BAR, [0, 1], [0.3], loads={"rocker": hp.HingeLoad(friction=1.0)}
+        )),
+        ("at", A, lambda: closed(robot=open_four_bar(0.1, 0.1, 0.1), at=None)),
+        ("loop a-coupler", A, lambda: OPEN.closed(hp.Loop("a", "coupler"))), ("loops", A, lambda: OPEN.closed("a")),
+        ("axis", A, lambda: hp.Loop("a", "b", kind="hinge")),
+        ("length", A, lambda: hp.Loop("a", "b", kind="distance", length=-1)),
+        ("robot", A, lambda: closed(robot=FOUR_BAR), lambda: hp.to_urdf(FOUR_BAR),
+         lambda: hp.to_pinocchio(FOUR_BAR), lambda: FOUR_BAR.error_bounds([0.3]),
+         lambda: FOUR_BAR.with_locked({"crank": 0.3}), lambda: FOUR_BAR.joint_wrenches([0.3], [0], [0]),
+         lambda: OPEN.loop_wrenches(*np.zeros((3, 3))), lambda: FOUR_BAR.prepare("joint_wrenches")),
+        ("given", A, lambda: FOUR_BAR.prepare("loop_wrenches"), lambda: FOUR_BAR.prepare("tree_tau")),
+    ],
+    "goals": [
+        ("base", A, lambda: LEGS.with_base("fixed").inverse_kinematics(GOAL, base="solve")),
+        ("q0", A, lambda: goal(held="left"), lambda: prepared_goal("left")((0, 0, 0), q0=np.full(2, NAN))),
+        ("held", A, lambda: goal(held="arm", q0=np.zeros(2))),
+        ("relative_to", A, lambda: goal(relative_to={"right": "left"})),
+        ("coordinates", A, lambda: goal(coordinates={"arm": 1})),
+        ("coordinates['left']", A, lambda: goal(coordinates={"left": 2})),
+        ("frame", A, lambda: prepared_goal(frame="left")), ("outputs", A, lambda: prepared_goal(outputs=("q",))),
+        ("R", S, lambda: prepared_goal()((0, 0, 0))),
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("_", "argument", "error", "call"), table(LINKED))
+def test_linked_calls(_, argument, error, call):
+    refused(call, argument, error)

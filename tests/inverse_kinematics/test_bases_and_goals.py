@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.errors import ArgumentError, ShapeError
 from hingepair.mechanism.building.changes import tree_with_base_joints
 from hingepair.mechanism.mechanism import tree_of
 from support.near import POSE, U
@@ -188,24 +187,3 @@ def test_one_target_of_several_frames_with_a_base(base):
     assert s.ok
     assert s.position_error.shape == (2,)
     np.testing.assert_allclose(there.R, targets, rtol=0, atol=2 * POSE)
-
-
-@pytest.mark.parametrize(
-    ("call", "argument"),
-    [
-        (lambda: walker("fixed").inverse_kinematics({"left": (0, 0, 0)}, base="solve"), "base"),
-        (lambda: ROBOT.inverse_kinematics({"left": (0, 0, 0)}, held="left_a"), "q0"),
-        (lambda: ROBOT.inverse_kinematics({"left": (0, 0, 0)}, held="arm", q0=HOME), "held"),
-        (lambda: ROBOT.inverse_kinematics({"left": (0, 0, 0)}, relative_to={"right": "left"}), "relative_to"),
-        (lambda: ROBOT.inverse_kinematics({"left": (0, 0, 0)}, coordinates={"arm": 1}), "coordinates"),
-        (lambda: ROBOT.inverse_kinematics({"left": (0, 0, 0)}, coordinates={"left_a": 2}), "coordinates['left_a']"),
-        (lambda: ROBOT.prepare("inverse_kinematics", frames=FEET, frame="left"), "frame"),
-        (lambda: ROBOT.prepare("inverse_kinematics", frames=FEET, outputs=("q",)), "outputs"),
-        (lambda: ROBOT.prepare("inverse_kinematics", frames=FEET)((0, 0, 0)), "R"),
-        (lambda: ROBOT.prepare("inverse_kinematics", frames="left")((0, 0, 0), q0=np.full(6, np.nan)), "q0"),
-    ],
-)
-def test_what_cannot_be_used_is_named(call, argument):
-    with pytest.raises((ArgumentError, ShapeError)) as raised:
-        call()
-    assert raised.value.name == argument

@@ -13,7 +13,7 @@ from hingepair.mechanism.robots import constants
 from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.urdf.rigid import MassProperties
 from support import states
-from support.exact_robot import ExactRobot
+from support.exact import Exact
 from support.trees import Robot
 from support.truths import largest_errors
 
@@ -49,19 +49,18 @@ def random_robot(rng, count, base, heavy=False):
 
 def check_robot(robot, coordinates, backend):
     """Motion of both links, and forces."""
-    count = len(coordinates[0])
-    still, turn = np.zeros((count, 3)), np.stack([np.eye(3)] * count)
-    truth = ExactRobot(tree_of(robot), *coordinates, base=[still, turn, still, still, still, still], gravity=GRAVITY)
+    given = dict(zip(("q", "qd", "qdd"), coordinates, strict=True))
+    truth = Exact(tree_of(robot), None, robot.base == "free", given, GRAVITY)
     state = robot.forward_kinematics(*coordinates, frames=LINKS, backend=backend)
     bounds = robot.error_bounds(*coordinates, frames=LINKS)
     for k, link in enumerate(LINKS):
-        exact = truth.motion(tree_of(robot).links[link])
+        exact = truth.motion_of(tree_of(robot).links[link])
         for name, bound in bounds.items():
             off = largest_errors(getattr(state, name)[:, k], exact[name], 2 if name == "S" else 1)
             assert (off <= bound[:, k] + 1e-50).all(), (link, name, off, bound[:, k])
     forces = robot.inverse_dynamics(*coordinates, gravity=GRAVITY, backend=backend)
     bounds = robot.error_bounds(*coordinates, outputs=FORCES, gravity=GRAVITY)
-    for name, exact in zip(FORCES, truth.forces(base_counts=robot.base == "free"), strict=True):
+    for name, exact in zip(FORCES, truth.forces, strict=True):
         off = largest_errors(getattr(forces, name), exact, 1)
         assert (off <= bounds[name] + 1e-50).all(), (name, off, bounds[name])
 

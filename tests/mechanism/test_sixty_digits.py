@@ -14,7 +14,7 @@ from hingepair.bench.truth import DIGITS
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.validation.scales import Scales
 from support import states
-from support.exact_robot import LETTERS, ExactRobot
+from support.exact import LETTERS, Exact
 from support.trees import Robot, random_model, record_of
 from support.truths import largest_errors
 
@@ -64,8 +64,12 @@ def case(name, base, sizes, count=2):
     given = dict(zip(LETTERS, states.body1(rng, count), strict=True))
     given["S"] = np.stack([np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0)), float)] * count)  # a rotation to the last bit
     motion = hp.BodyMotion(**given)
-    parts = [getattr(motion, letter) for letter in LETTERS]
-    return robot, coordinates, motion, ExactRobot(tree_of(robot), *coordinates, base=parts, gravity=GRAVITY)
+    return robot, coordinates, motion, exact(robot, *coordinates, motion)
+
+
+def exact(robot, q, qd, qdd, motion, gravity=GRAVITY):
+    given = {"q": q, "qd": qd, "qdd": qdd} | {letter: getattr(motion, letter) for letter in LETTERS}
+    return Exact(tree_of(robot), None, robot.base == "free", given, gravity)
 
 
 def check(name, got, truth, axes, bound, scale):
@@ -96,10 +100,10 @@ def test_motion_is_within_its_bounds(arm, sizes, backend):
     scales = scales_of(robot, coordinates, motion)
     for k, link in enumerate(LINKS[arm]):
         frame = tree_of(robot).links[link]
-        exact, scale = truth.motion(frame), scales.motion(frame)
+        wanted, scale = truth.motion_of(frame), scales.motion(frame)
         for name in (*LETTERS, "d"):
             got, own = getattr(state, name)[:, k], scale.get(name, scale["R"])
-            check(name, got, exact[name], 2 if name == "S" else 1, bounds[name][:, k], own)
+            check(name, got, wanted[name], 2 if name == "S" else 1, bounds[name][:, k], own)
 
 
 @functools.cache
@@ -121,8 +125,8 @@ def test_forces_are_within_their_bounds(arm, sizes, base, backend):
     names = ("force1", "torque1", "tau")
     bounds = force_bounds(arm, base, sizes)
     scales = {name: x.max(axis=1) for name, x in scales_of(robot, coordinates, motion).forces().items()}
-    for name, exact in zip(names, truth.forces(base_counts=base == "free"), strict=True):
-        check(name, getattr(found, name), exact, 1, bounds[name], scales[name])
+    for name, wanted in zip(names, truth.forces, strict=True):
+        check(name, getattr(found, name), wanted, 1, bounds[name], scales[name])
 
 
 @pytest.mark.slow
@@ -137,14 +141,10 @@ def test_forces_of_followers_are_within_their_bounds():
     twin = hp.to_pinocchio(robot)
     assert not twin.offsets.any()
     free = replace(tree_of(robot), joints=tuple(replace(joint, mimic=None) for joint in tree_of(robot).joints))
-    still = np.zeros((count, 3))
-    parts = [still, np.stack([np.eye(3)] * count), still, still, still, still]
+    each = dict(zip(("q", "qd", "qdd"), coordinates @ twin.ratios.T, strict=True))
     with mpmath.workdps(DIGITS):
-        _, _, each = ExactRobot(free, *(part @ twin.ratios.T for part in coordinates), base=parts).forces(
-            base_counts=False
-        )
-        exact = each @ twin.ratios
-    off = largest_errors(robot.inverse_dynamics(*coordinates).tau, exact, 1)
+        wanted = Exact(free, None, False, each).forces[2] @ twin.ratios
+    off = largest_errors(robot.inverse_dynamics(*coordinates).tau, wanted, 1)
     assert (off <= robot.error_bounds(*coordinates, outputs=("tau",))["tau"]).all()
 
 
@@ -152,12 +152,9 @@ def test_the_reference_conserves_what_it_must():
     """The oracle itself: force1 is the weight and the rate of momentum, whatever the joints do."""
     robot, coordinates, motion, truth = case("panda", "free", HARD["ordinary"])
     with mpmath.workdps(DIGITS):
-        force1, _, tau = truth.forces(base_counts=True)
-        still = ExactRobot(
-            tree_of(robot), *coordinates, base=[getattr(motion, k) for k in LETTERS], gravity=(0, 0, 0)
-        )
+        force1, _, tau = truth.forces
         mass = sum([tree_of(robot).base.mass, *(joint.body.mass for joint in tree_of(robot).joints)])
-        weight = force1 - still.forces(base_counts=True)[0]
+        weight = force1 - exact(robot, *coordinates, motion, (0, 0, 0)).forces[0]
         assert np.abs(weight + mass * np.array(GRAVITY)).max() < 512 * U
         assert tau.shape == (2, 7)
 
@@ -177,11 +174,10 @@ def test_accelerations_leave_no_more_than_the_bounds_of_forces(arm, sizes, base)
     moved = {letter: getattr(motion, letter) for letter in LETTERS} | (
         {"a": moves.a1, "alpha": moves.alpha1} if free else {}
     )
-    exact = ExactRobot(
-        tree_of(robot), q, qd, moves.qdd, base=[moved[letter] for letter in LETTERS], gravity=GRAVITY
-    ).forces(base_counts=free)
+    base_motion = hp.BodyMotion(**moved)
+    forces = exact(robot, q, qd, moves.qdd, base_motion).forces
     names = (*loads, "tau")
-    bounds = robot.error_bounds(q, qd, moves.qdd, outputs=names, base_motion=hp.BodyMotion(**moved), gravity=GRAVITY)
-    for name, needed, acts in zip(names, exact[-len(names) :], (*loads.values(), tau), strict=True):
+    bounds = robot.error_bounds(q, qd, moves.qdd, outputs=names, base_motion=base_motion, gravity=GRAVITY)
+    for name, needed, acts in zip(names, forces[-len(names) :], (*loads.values(), tau), strict=True):
         off = largest_errors(acts, needed, 1)
         assert (off <= bounds[name]).all(), (name, off, bounds[name])

@@ -188,32 +188,3 @@ def test_a_pair_has_struts_between_its_points() -> None:
     assert cylinder.all_coordinates([float(arm(-0.6)[0])])[0] == pytest.approx(-0.6, abs=64 * U)
     with pytest.raises(hp.ArgumentError, match="nearest: eye"):
         lid.with_strut("foot", "eyes", name="strut")
-
-
-FUNCTION = HATCH.with_strut("a", "b", "strut", force=springy)
-REFUSED = {
-    "prepared": (lambda: FUNCTION.prepare("forward_dynamics"), "robot"),
-    "derivatives": (lambda: FUNCTION.inverse_dynamics_derivatives([0.1], [0], [0]), "robot"),
-    "rollout": (lambda: FUNCTION.rollout([[0.1]], [[0]], np.zeros((1, 3, 1)), 0.1), "robot"),
-    "shape": (
-        lambda: HATCH.with_strut("a", "b", "strut", force=lambda x, _: x[:2]).struts(Q), "force of strut 'strut'"
-    ),
-    "limits": (lambda: HATCH.with_strut("a", "b", "strut", limits=(0.4, 0.3)), "limits"),
-    "one body": (lambda: HATCH.with_strut("b", "lid", "strut"), "frame2"),
-    "name": (lambda: HATCH.with_strut("a", "b", "lid"), "name"),
-    "frame": (lambda: HATCH.with_strut("a", "c", "strut"), "frame2"),
-    "length": (lambda: HATCH.with_strut("a", "b", "strut", stiffness=9), "free_length"),
-    "table": (lambda: HATCH.with_strut("a", "b", "strut", force=([0.2, 0.1], [1, 2])), "force"),
-    "text": (lambda: HATCH.with_strut("a", "b", "strut", force="300"), "force"),
-    "gas": (lambda: hp.GasSpring(300, 200, 0.2), "F2"),
-    "stroke": (lambda: hp.GasSpring(300, 400, 0), "stroke"),
-    "urdf": (lambda: hp.to_urdf(HATCH.with_strut("a", "b", "strut")), "robot"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_strut_is_refused(case: str) -> None:
-    call, name = REFUSED[case]
-    with pytest.raises(hp.ArgumentError) as caught:
-        call()
-    assert caught.value.name == name

@@ -17,8 +17,7 @@ import pinocchio as pin
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, exactly, from_euler
 from hingepair.formats.robots import robot_urdf
-from support.exact import Exact, tree_of_model, tree_of_pair
-from support.exact_robot import LETTERS
+from support.exact import LETTERS, Exact, tree_of_model, tree_of_pair
 from support.states import generator, rotations
 from support.truths import BOUNDS
 
@@ -122,12 +121,10 @@ def body2_of(tree, level):
 def hinge_wrench(tree):
     """What body 2 needs beside its weight, at the hinge point."""
     with mpmath.workdps(DIGITS):
-        own = tree.robot._required(1)
-        point, axis = tree.robot._points[1], tree.robot._axes[1]
-        torque = own.torque + np.cross(own.centre - point, own.force)
+        (force, torque), axis = tree.wrenches[1], tree.axis(1)
         along = (torque * axis).sum(axis=-1)
         return {
-            "hinge_force": own.force, "hinge_moment": torque, "hinge_torque": along,
+            "hinge_force": force, "hinge_moment": torque, "hinge_torque": along,
             "bearing_torque": torque - along[:, None] * axis,
         }  # fmt: skip
 

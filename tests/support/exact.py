@@ -1,6 +1,8 @@
 """A tree of joints in 60 digits: everything that can be asked of it, from the poses and momenta of its bodies alone.
 
-The trees are plain records made here, from the numbers of a pair or from Pinocchio's reading of a URDF file.
+Every pose is a product of Taylor polynomials in t, as of pairs in `hingepair.bench.truth`; forces are sums over
+bodies of the rates of their momenta. The trees are records of the library, or plain ones made here, from the numbers
+of a pair or from Pinocchio's reading of a URDF file.
 """
 
 from __future__ import annotations
@@ -12,9 +14,18 @@ import mpmath
 import numpy as np
 import pinocchio as pin
 
-from hingepair.bench.truth import DIGITS, exactly, nearest_rotation
-from support.exact_robot import LETTERS, ExactRobot, exact_slopes
+from hingepair.bench.truth import (
+    DIGITS,
+    Series,
+    angular_motion,
+    exactly,
+    given_motion,
+    nearest_rotation,
+    rotation,
+    unit,
+)
 
+LETTERS = ("R", "S", "v", "omega", "a", "alpha")  # of a frame's motion
 NOTHING = SimpleNamespace(mass=0.0, centre_of_mass=np.zeros(3), inertia=np.zeros((3, 3)))
 
 
@@ -65,11 +76,26 @@ def tree_of_model(model, link):
     return tree_record(joints, masses(model.inertias[0])), place
 
 
+def followers(tree):
+    """Of each joint, the column of its coordinate, and its ratio and offset to that."""
+    columns = {joint.name: i for i, joint in enumerate(tree.coordinates)}
+    own = [(joint, joint.mimic) for joint in tree.joints]
+    leaders = [joint if mimic is None else tree.joints[mimic.leader - 1] for joint, mimic in own]
+    ratios = [1.0 if mimic is None else mimic.multiplier for _, mimic in own]
+    offsets = [0.0 if mimic is None else mimic.offset for _, mimic in own]
+    return [columns[joint.name] for joint in leaders], exactly(ratios), exactly(offsets)
+
+
+def twice_the_odd_part(matrices):
+    """Of (N, 3, 3), the vectors (N, 3) of M - M^T."""
+    return np.stack([matrices[:, i, j] - matrices[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=-1)
+
+
 class Exact:
     """A tree at N states.
 
     Args:
-        tree: the record.
+        tree: the record; its matrices stand for the rotations next to them.
         frame: the frame that is asked for.
         free: whether forces move the base, so that its rates and its mass count.
         given: q, qd, qdd (N, dof) and R, S, v, omega, a, alpha of the base; what is absent is zero, or the identity.
@@ -78,30 +104,86 @@ class Exact:
 
     def __init__(self, tree, frame, free, given, gravity=(0, 0, -9.81)):
         self.tree, self.frame, self.free, self.gravity = tree, frame, free, gravity
-        self.count, self.dof = len(given["q"]), np.shape(given["q"])[1]
+        self.count, self.dof = np.shape(given["q"])
         self.zero = np.zeros((self.count, 3))
         still = dict.fromkeys(LETTERS, self.zero) | {"S": np.broadcast_to(np.eye(3), (self.count, 3, 3))}
         still |= dict.fromkeys(("qd", "qdd"), np.zeros((self.count, self.dof)))
         self.given = still | {name: value for name, value in given.items() if name in (*still, "q")}
-        self.robot = ExactRobot(
-            tree, *(self.given[name] for name in ("q", "qd", "qdd")),
-            base=[self.given[letter] for letter in LETTERS], gravity=gravity,
-        )  # fmt: skip
+        self.columns, self.ratios, offsets = followers(tree)
+        with mpmath.workdps(DIGITS):
+            q, qd, qdd = (exactly(self.given[name])[:, self.columns] * self.ratios for name in ("q", "qd", "qdd"))
+            self.poses = [given_motion([self.given[letter] for letter in LETTERS])]
+            for k, joint in enumerate(tree.joints):
+                origin, turn = self.poses[joint.parent]
+                motion = q[:, k] + offsets[k], qd[:, k], qdd[:, k] / 2
+                point, turn = origin + turn @ exactly(joint.u)[:, None], turn @ nearest_rotation(exactly(joint.S))
+                axis = unit(joint.n)
+                turns, shifts = map(mpmath.mpf, joint.axis)
+                point = point + turn @ Series(*(shifts * part[:, None, None] * axis[:, None] for part in motion))
+                self.poses.append((point, turn @ rotation(axis, tuple(turns * part for part in motion))))
 
     def at(self, gravity=None, **given):
         """The same tree with other values of what is named."""
         gravity = self.gravity if gravity is None else gravity
         return Exact(self.tree, self.frame, self.free, self.given | given, gravity)
 
+    def motion_of(self, frame):
+        """R, S, v, omega, a, alpha and d of a frame of the tree."""
+        with mpmath.workdps(DIGITS):
+            origin, turn = self.poses[frame.body]
+            d = turn @ exactly(frame.R)[:, None] + (origin - self.poses[0][0])
+            place = d + self.poses[0][0]
+            omega, alpha = angular_motion(turn)
+            R, v, a = place.c0[..., 0], place.c1[..., 0], 2 * place.c2[..., 0]
+            values = (R, turn.c0 @ nearest_rotation(exactly(frame.S)), v, omega, a, alpha)
+            return dict(zip(LETTERS, values, strict=True)) | {"d": d.c0[..., 0]}
+
     @functools.cached_property
     def motion(self):
         """R, S, v, omega, a, alpha and d of the frame."""
-        return self.robot.motion(self.frame)
+        return self.motion_of(self.frame)
+
+    def masses(self, body):
+        """Mass, centre of mass and inertia of a body, and the second moments of its mass."""
+        own = self.tree.joints[body - 1].body if body else self.tree.base
+        mass, centre, inertia = (exactly(part) for part in (own.mass, own.centre_of_mass, own.inertia))
+        return mass[()], centre, exactly(np.eye(3)) * (np.trace(inertia) / 2) - inertia
+
+    def required(self, body):
+        """The force that a body's motion requires beside gravity, the torque about its centre, and that centre."""
+        (origin, turn), (mass, centre, spread) = self.poses[body], self.masses(body)
+        place = origin + turn @ centre[:, None]
+        rate = turn.c0 @ spread @ np.swapaxes(2 * turn.c2, -1, -2)
+        return mass * (2 * place.c2[..., 0] - exactly(self.gravity)), twice_the_odd_part(rate), place.c0[..., 0]
+
+    @functools.cached_property
+    def wrenches(self):
+        """(force, torque) about its joint's point, or the base's, of each body and all that it carries."""
+        carried = [[k] if k or self.free else [] for k in range(len(self.poses))]
+        for k, joint in reversed([*enumerate(self.tree.joints, 1)]):
+            carried[joint.parent] += carried[k]
+        with mpmath.workdps(DIGITS):
+            own, found = [self.required(k) for k in range(len(self.poses))], []
+            for (origin, _), bodies in zip(self.poses, carried, strict=True):
+                each = [own[body] for body in bodies]
+                force = sum((f for f, *_ in each), start=exactly(self.zero))
+                turning = (t + np.cross(x - origin.c0[..., 0], f) for f, t, x in each)
+                found.append((force, sum(turning, start=exactly(self.zero))))
+            return found
 
     @functools.cached_property
     def forces(self):
         """(force1, torque1, tau)."""
-        return self.robot.forces(base_counts=self.free)
+        with mpmath.workdps(DIGITS):
+            tau = exactly(np.zeros((self.count, self.dof)))
+            for k, joint in enumerate(self.tree.joints):
+                force, torque = self.wrenches[k + 1]
+                acting = joint.axis.turns * torque + joint.axis.shifts * force
+                tau[:, self.columns[k]] += self.ratios[k] * (acting * self.axis(k + 1)).sum(axis=-1)
+            return *self.wrenches[0], tau
+
+    def axis(self, body):
+        return (self.poses[body][1] @ unit(self.tree.joints[body - 1].n)[:, None]).c0[..., 0]
 
     @property
     def efforts(self):
@@ -155,16 +237,12 @@ class Exact:
         with mpmath.workdps(DIGITS):
             mass = kinetic = mpmath.mpf(0)
             weighed = linear = angular = exactly(self.zero)
-            for body, (origin, turn) in enumerate(self.robot.poses):
+            for body, (origin, turn) in enumerate(self.poses):
                 if not body and not self.free:
                     continue
-                own = self.tree.joints[body - 1].body if body else self.tree.base
-                m, c, inertia = (exactly(part) for part in (own.mass, own.centre_of_mass, own.inertia))
-                m = m[()]
+                m, c, spread = self.masses(body)
                 centre = origin + turn @ c[:, None]
-                spread = exactly(np.eye(3)) * (np.trace(inertia) / 2) - inertia  # second moments
-                push = turn.c0 @ spread @ np.swapaxes(turn.c1, -1, -2)
-                spin = np.stack([push[:, i, j] - push[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=-1)
+                spin = twice_the_odd_part(turn.c0 @ spread @ np.swapaxes(turn.c1, -1, -2))
                 turning = turn.c1 @ spread @ np.swapaxes(turn.c1, -1, -2)
                 place, rate = centre.c0[..., 0], centre.c1[..., 0]
                 mass, weighed, linear = mass + m, weighed + m * place, linear + m * rate
@@ -186,8 +264,14 @@ class Exact:
         return {"linear": self.sums[3], "angular": self.sums[4]}
 
     def slopes(self, value, by):
-        """The derivatives of `value(tree)`, (N, m), by one of q, qd, qdd."""
-        return exact_slopes(lambda x: value(self.at(**{by: x})), (self.given[by],), 0)
+        """The derivatives of `value(tree)`, (N, m), by one of q, qd, qdd.
+
+        Central differences of steps of 10^-20 are right to some 35 digits.
+        """
+        with mpmath.workdps(DIGITS):
+            step = exactly(np.eye(self.dof)) * mpmath.mpf(10) ** -20
+            ends = [[value(self.at(**{by: exactly(self.given[by]) + side})) for side in (h, -h)] for h in step]
+            return np.stack([(after - before) / (2 * step[0, 0]) for after, before in ends], axis=-1)
 
     def torque_slopes(self):
         return {f"tau_{by}": self.slopes(lambda at: at.forces[2], by) for by in ("q", "qd", "qdd")}
@@ -199,3 +283,36 @@ class Exact:
             moved = self.at(qdd=self.accelerations(tau))
             found = {f"qdd_{by}": -inverse @ moved.slopes(lambda at: at.forces[2], by) for by in ("q", "qd")}
             return found | {"qdd_tau": inverse}
+
+
+def attitude_of_rotvec(rotvec):
+    """The rotations (N, 3, 3) of rotation vectors (N, 3)."""
+    with mpmath.workdps(DIGITS + 320):
+        vector = exactly(rotvec)
+        angle = np.frompyfunc(mpmath.sqrt, 1, 1)((vector * vector).sum(axis=-1))
+        axis = vector / np.where(angle == 0, mpmath.mpf(1), angle)[..., None]
+        zero = 0 * angle
+        return rotation(axis, (angle, zero, zero)).c0
+
+
+def attitude_of_quaternion(quat_xyzw):
+    """The rotations (N, 3, 3) of quaternions (N, 4) of any length: q e q* for each e of Hamilton's i, j, k."""
+    with mpmath.workdps(DIGITS):
+        x, y, z, w = np.moveaxis(unit(quat_xyzw), -1, 0)
+        columns = []
+        for e in np.eye(3, dtype=int):
+            left = _hamilton((w, x, y, z), (0, *e.tolist()))
+            columns.append(np.stack(_hamilton(left, (w, -x, -y, -z))[1:], axis=-1))
+        return np.stack(columns, axis=-1)
+
+
+def _hamilton(p, q):
+    """The product p q of quaternions (w, x, y, z)."""
+    a, b, c, d = p
+    e, f, g, h = q
+    return (
+        a * e - b * f - c * g - d * h,
+        a * f + b * e + c * h - d * g,
+        a * g - b * h + c * e + d * f,
+        a * h + b * g - c * f + d * e,
+    )

@@ -9,7 +9,7 @@ import mpmath
 import numpy as np
 
 from hingepair.bench.truth import DIGITS
-from support.exact_robot import attitude_of_quaternion
+from support.exact import attitude_of_quaternion
 
 U = 2.0**-53
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from support.exact_robot import attitude_of_quaternion
+from support.exact import attitude_of_quaternion
 
 PSI, PHI_Y = 6, 4
 

@@ -9,7 +9,7 @@ import hingepair as hp
 from hingepair.bench import truth as reference
 from hingepair.bench.truth import OUTPUTS
 from support import states, truths
-from support.exact_robot import attitude_of_quaternion, attitude_of_rotvec
+from support.exact import attitude_of_quaternion, attitude_of_rotvec
 from support.hinged import pair_of
 from support.sparse import sparse
 from support.truths import require
