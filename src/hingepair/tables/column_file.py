@@ -28,7 +28,7 @@ MAX_FILE_ROWS: Final = 10_000_000  # of a file or a table in memory; more are re
 MAX_FILE_BYTES: Final = 2_000_000_000
 _MAX_HEADING: Final = 100_000  # characters of a line above the numbers, bytes of an array's heading in a .npz
 _MAX_PREAMBLE: Final = 100  # lines above the names
-_COMMENT: Final = re.compile(r"\s*(#|//|%)")  # beginning of a line above the names
+_COMMENT: Final = re.compile(r"^\s*(#|//|%)")  # beginning of a line above the names
 
 Columns: TypeAlias = dict[str, NDArray[Any]]
 
