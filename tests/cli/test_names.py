@@ -14,7 +14,8 @@ from support.commands import run_command
 
 NAMES = (
     *(("shoulder, left", "a;b"), ("a", "S"), ("R", "omega"), ("q", "time"), ("allow_pickle", "xyz")),
-    *(("R_tip", "tip"), ("a#", 'say "hi"'), ("$x^", "</script>"), ("{x} %s", "c\\d"), ("a/b", "\N{SNOWMAN}")),
+    *(("R_tip", "tip"), ("R_tip_x", "tip"), ("a#", 'say "hi"'), ("$x^", "</script>"), ("{x} %s", "c\\d")),
+    ("a/b", "\N{SNOWMAN}"),
 )
 ARM = """
 [[joint]]

@@ -213,8 +213,8 @@ class Subject:
         taken = {"t", *options}
         for name in self.names if self.pair is None else ():
             for column in (name + ending for ending in RATE_SUFFIXES):
-                item = self.item(column)
-                if column in taken or (item is not None and item.of != "joint"):
+                arrays = [self.items.get(array) for array in (column, column.rpartition("_")[0])]
+                if column in taken or any(item is not None and item.of != "joint" for item in arrays):
                     expected = f"joints of other names: {column} has another meaning in [{table.name}] or in files"
                     table.refuse(name, expected, f"a joint {name!r}")
                 taken.add(column)
@@ -224,8 +224,11 @@ class Subject:
     @lock_free_cached_property
     def items(self) -> dict[str, Item]:
         """All that can be asked, by the name of the array."""
-        found = self._items_of_mechanism() if self.pair is None else self._items_of_pair()
-        return {item.name: item for item in found}
+        found: dict[str, Item] = {}
+        for item in self._items_of_mechanism() if self.pair is None else self._items_of_pair():
+            if item.of != "joint" or item.name not in found:  # a joint may have the name of another array
+                found[item.name] = item
+        return found
 
     def _items_of_pair(self) -> Iterator[Item]:
         quantities = {name: QUANTITIES[name] for name in self.kind.levels}
@@ -267,8 +270,10 @@ class Subject:
         for item in items:
             if item.of != "state" or item.owner in self.frames:
                 found.setdefault(item.quantity, []).append(item)
+        quantities = {item.quantity for item in items}
         for item in items:
-            if item.of == "strut" or (item.of == "state" and item.quantity in _FRAME_DEFAULTS):
+            is_default = item.of == "strut" or (item.of == "state" and item.quantity in _FRAME_DEFAULTS)
+            if is_default and item.owner not in quantities:  # a link may be called q
                 found.setdefault(item.owner, []).append(item)
         return found
 
@@ -433,13 +438,13 @@ class Subject:
 
     def attribute(self, name: str, known: Known, computed: Computed) -> Any:
         """Return a coordinate, a force, an output or an attribute of the state; None of one that was not computed."""
-        if name in computed.arrays:
-            return computed.arrays[name]
         item, level = self.items.get(name), known.level
-        if name in _COORDINATES[: level + 1]:
+        if name in _COORDINATES[: level + 1]:  # of all joints, also where one is called q
             order = _COORDINATES.index(name)
             columns = {} if self.pair is None else known.base_columns(order)
             return np.stack([*columns.values(), *known.array(order).T], axis=-1) if columns else known.array(order)
+        if name in computed.arrays:
+            return computed.arrays[name]
         if item is not None and item.of == "joint" and item.order <= level:
             return known.column(item.order, known.names.index(item.owner))
         if self.pair is not None and name in _ATTITUDES and _ATTITUDES[name] in computed.state.arrays():
