@@ -48,6 +48,16 @@ def test_promised_accuracy(spin, h, bound):
     assert spin.error(t, attitudes(spin, t).S1) <= bound
 
 
+def test_samples_whose_instants_are_milliseconds_are_warned_of():
+    """A slow motion that is sampled each second is not; the same with its instants in milliseconds is."""
+    t, still = np.arange(50.0), np.zeros(50)
+    for omega, psid in ((np.tile((0, 0, 0.01), (50, 1)), still), (np.zeros((50, 3)), still + 0.01)):
+        hp.integrate(PAIR, t, omega, psid)
+        with pytest.warns(hp.MeasurementWarning, match="^t steps by 1e[+]03 s: is it in seconds"):
+            hp.integrate(PAIR, 1e3 * t, omega, psid)
+    hp.integrate(PAIR, 1e3 * t, (0, 0, 0.01), 0.01)
+
+
 def test_body_axes_are_world_axes_turned():
     """S' = [omega]x S and S' = S [S^T omega]x are one motion, of the same accuracy."""
     t = instants(0.9, 0.01)

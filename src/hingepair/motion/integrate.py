@@ -222,9 +222,16 @@ def integrate(
         trajectory: Trajectory = PlanarTrajectory(**fields, phi=read_only(phi), quat_wxyz=read_only(quats))
     else:
         trajectory = Trajectory(**fields, quat_wxyz=read_only(solution.attitudes))
-    if sampled:
+    if sampled and _median_turn(trajectory) >= 1.0:  # [rad]; a slow motion may be sampled each second
         warn_of_measurements(suspicions("instants", "t", instants))
     return trajectory
+
+
+def _median_turn(trajectory: Trajectory) -> float:
+    """Return by how far body 1 and the hinge turn from one of the first instants to the next [rad]."""
+    quats, psi = trajectory.quat_wxyz[:4096], trajectory.psi[:4096]
+    turned = 2 * np.arccos(np.minimum(np.abs((quats[1:] * quats[:-1]).sum(axis=1)), 1.0)) + np.abs(np.diff(psi))
+    return float(np.median(turned)) if turned.size else 0.0
 
 
 def _start(planar: bool, S1_0: Any, phi_0: Any) -> Any:
