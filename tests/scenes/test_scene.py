@@ -185,6 +185,7 @@ def doubts(tmp_path: Path, text: str) -> tuple[str, ...]:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
+        ("stop = 2", "stop = 2000", "t steps by 100 s: is it in seconds"),
         ('psi = "pi*t"', "psi = -90", "motion.psi: -90 is taken for radians, 14.3 turns; degrees .* by .deg"),
         ('psi = "pi*t"', 'psi = "90"', "motion.psi: 90 is taken for radians"),
         ('psi = "pi*t"', 'psi = "90*t/2"', "motion.psi turns by 90 rad, 14.3 turns: is it in radians"),

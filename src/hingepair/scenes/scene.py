@@ -521,7 +521,8 @@ class Scene:
         limits = {joint.name: joint.position_limits for joint in self.subject.joints if joint.unit == "rad"}
         sentences = [*suspicions.file_suspicions(self.tables.values, limits)]
         if motion.functions is not None:
-            sentences += suspicions.function_suspicions(motion.functions, np.asarray(motion.t[rows]), limits)
+            step = (self.stop - self.start) / max(self.samples - 1, 1)
+            sentences += suspicions.function_suspicions(motion.functions, np.asarray(motion.t[rows]), step, limits)
         return tuple(dict.fromkeys(sentences))
 
     # ---- how a scene is shown

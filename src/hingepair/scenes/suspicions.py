@@ -76,12 +76,19 @@ def _judged_numbers(
             yield kinds[key], name, numbers
 
 
-def function_suspicions(functions: FunctionsOfTime, t: Float64Array, hinges: Iterable[str]) -> Iterator[str]:
-    """Yield a sentence for each expression in t whose samples at the instants t are probably in another unit. The
-    functions of the named hinges are angles.
+def function_suspicions(
+    functions: FunctionsOfTime, t: Float64Array, step: float, hinges: Iterable[str]
+) -> Iterator[str]:
+    """Yield a sentence for each expression in t whose samples at the instants t are probably in another unit, and one
+    on the `step` [s] of [time] if an angle usually turns by a radian or more in it. The functions of the named hinges
+    are angles.
     """
     kinds = {**_KIND_BY_KEY, **dict.fromkeys(hinges, _ANGLES)}
-    for name, values in functions.rows(t, 0)[0].items():
+    samples, rates = functions.rows(t, 1)
+    turned = [step * np.median(np.abs(rate)) for name, rate in rates.items() if kinds.get(name) == _ANGLES]
+    if max(turned, default=0.0) >= 1.0:
+        yield from suspicions("instants", "t", step * np.arange(len(t)))
+    for name, values in samples.items():
         kind = kinds.get(name, "")
         if kind in _FUNCTION_KINDS and isinstance(functions.table.values.get(name), str):
             kind = kind if np.ptp(values) == 0 else _FUNCTION_KINDS[kind]
