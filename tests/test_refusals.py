@@ -326,7 +326,7 @@ CALLS = {
         ("frame", A, "hinge"), ("tol", A, 0.0, "fine"), ("psi_0", A, NAN), ("S1_0", R, 2 * EYE),
         ("S1_0", S, np.ones((2, 3))),
         ("R1", S, np.zeros((10, 3))), ("R1", A, lambda _: None), ("pair", A, None), ("outputs", A, ("R3",)),
-        ("pair", A, FLAT),
+        ("omega1", S, C(pair=FLAT)),
         ("alpha1", A, C(outputs=("a2",))), ("backend", A, "cuda"),
     ]),
     "simulate": (lambda pair=PAIR, t=T, **k: hp.simulate(
