@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any, Final, TypeAlias
 
 from hingepair.errors import choices, nearest
-from hingepair.scenes.tables import Table
+from hingepair.scenes.tables import FORMER_KEYS, Table
 
 NumberPath: TypeAlias = tuple[str | int, ...]
 """Keys and indices that lead to a number of a scene file: ("pair", "u1", 0) of "pair.u1[0]"."""
@@ -31,10 +31,11 @@ def number_path(table: Table, values: Mapping[str, Any], key: str) -> NumberPath
         path.append(match[1])
         path += [int(place) for place in re.findall(r"\d+", match[2])]
     here: Any = values
-    for step in path:
+    for depth, step in enumerate(path):
         if isinstance(here, dict) and step not in here:
             known = tuple(map(str, here))
-            table.refuse("key", f"{choices(known)} at this place{nearest(str(step), known)}", repr(step))
+            now = FORMER_KEYS.get(".".join(map(str, path[:depth])), {}).get(step)
+            table.refuse("key", now or f"{choices(known)} at this place{nearest(str(step), known)}", repr(step))
         if isinstance(here, list) and (not isinstance(step, int) or step >= len(here)):
             table.refuse("key", f"a place in a list of {len(here)}, such as [0]", repr(step))
         if not isinstance(here, dict | list):

@@ -204,7 +204,7 @@ class Subject:
                 got = "an unknown key"
                 if self.mechanism is not None and key in tree_of(self.mechanism).frame_names:
                     got = "a link, or a joint that is locked, fixed, follows another or is moved by loops"
-                table.refuse(key, choices(known) + nearest(key, known), got)
+                table.refuse_key(key, known, got)
 
     def check_joint_names(self, table: Table, options: Collection[str]) -> None:
         """Raise a SceneError if a joint has the name of an option of the Table [motion] or [dynamics], or a name for

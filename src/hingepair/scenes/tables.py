@@ -46,6 +46,32 @@ _EXPRESSION = re.compile(r"(?=.*(?:[A-Za-z]|\d\s*[-+*/]))[\w.+*/() \t-]+")
 
 _DECIMAL_COMMA = re.compile(r"=\s*[-+]?\d+,\d+\s*(#.*)?$")  # mass = 80,5
 
+# What stands in the place of keys that scenes had before, by the name of their table.
+FORMER_KEYS: Final[Mapping[str, Mapping[str, str]]] = {
+    "": {"base": "x, y, z, phi_x, phi_y, phi_z and sequence in [motion]"},
+    "mechanism": {key: f"{key} in [dynamics]" for key in ("base", "gravity", "joint_loads")},
+    "motion": {
+        "differentiate": "smooth = true",
+        "unwrap": "no such key: angles of logs are unwrapped where they are wrapped",
+        **dict.fromkeys(("omega1", "psi_dot"), "a log of rates, file = ..., with integrate = true"),
+        "ignore": "a table [motion.columns], which may be empty: columns that it does not name are left out",
+    },
+    "dynamics": {
+        "psi_0": "q_0 in [dynamics.psi]",
+        "psid_0": "qd_0 in [dynamics.psi]",
+        "hinge_torque": "tau in [dynamics.psi]",
+        "force2": "force in [dynamics.wrenches.body2]",
+        "torque2": "torque in [dynamics.wrenches.body2]",
+        **{
+            key: f"{key} in the table of the joint, of a pair [dynamics.psi]"
+            for key in (
+                *("stiffness", "rest", "damping", "friction", "friction_rate"),
+                *("stops", "stop_stiffness", "stop_damping", "stop_restitution"),
+            )
+        },
+    },
+}
+
 _shown = reprlib.Repr()
 _shown.maxstring = _shown.maxother = 80
 _shown.maxlist = 9
@@ -107,12 +133,17 @@ class Table(NamedSource):
         return {key: read(self, key) for key, read in reader_by_key.items() if key in self.values or key in required}
 
     def check_keys(self, known_keys: Collection[str]) -> None:
-        """Raise a SceneError if the table has a key outside `known_keys`. The message suggests the nearest
-        known key.
-        """
+        """Raise a SceneError if the table has a key outside `known_keys`."""
         for key in self.values:
             if key not in known_keys:
-                self.refuse(key, choices(tuple(known_keys)) + nearest(key, known_keys), "an unknown key")
+                self.refuse_key(key, known_keys)
+
+    def refuse_key(self, key: str, known_keys: Collection[str], got: str = "an unknown key") -> NoReturn:
+        """Raise a SceneError on a key that is none of the `known_keys`, with its present place or the nearest one."""
+        now = FORMER_KEYS.get(self.name, {}).get(key)
+        if now is not None:
+            self.refuse(key, now, "a former key")
+        self.refuse(key, choices(tuple(known_keys)) + nearest(key, known_keys), got)
 
     def fail(self, key: str, expected: str) -> NoReturn:
         """Raise a SceneError on the value of a key, or on its absence, with a phrase on what was expected."""
