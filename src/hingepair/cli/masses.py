@@ -10,7 +10,6 @@ import typer
 
 from hingepair.cli.options import (
     ColumnOption,
-    GravityOption,
     JsonOption,
     out_option,
     parse_columns,
@@ -39,7 +38,9 @@ def masses_command(
         str,
         typer.Option(metavar="NAMES", help=f"What acts in each joint beside masses: {', '.join(JOINT_TERMS)}."),
     ] = "viscous,coulomb",
-    gravity: GravityOption = None,
+    gravity: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="Acceleration of gravity in world axes [m/s^2].")
+    ] = None,
     out: Annotated[Path | None, out_option("Write the robot with the fitted masses and friction (.urdf).")] = None,
     column: ColumnOption = None,
     as_json: JsonOption = False,
