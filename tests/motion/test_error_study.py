@@ -196,3 +196,22 @@ def test_no_estimate_is_far_below_the_error(kinds, least, tolerances, block):
     assert np.percentile(ratios, 10) >= 0.65
     assert np.median(ratios) <= 1.5
     assert np.percentile(ratios, 80) <= 10
+
+
+@pytest.mark.parametrize("stop", [100, 1000])
+def test_steps_are_not_many_more_than_a_tolerance_needs(stop):
+    """Errors that go to and fro cancel, so that their sizes are no measure; beside the fewest that any goal gives."""
+
+    def omega(t):
+        return np.stack([np.sin(3 * t), 2 * np.cos(2 * t) + 0.5, 1 + np.sin(5 * t)], axis=-1)
+
+    t, tol = np.linspace(0, stop, 11), 1e-8
+    fine = hp.integrate(PAIR, np.linspace(0, stop, 400 * stop + 1), omega, 0.0, outputs=())
+    S, fewest, steps = fine.S1[:: 40 * stop], np.inf, {}
+    for goal in (1.0, 1.3, 1.7, 2.5, 4.0):
+        motion = hp.integrate(PAIR, t, omega, 0.0, tol=goal * tol, outputs=())
+        true = np.linalg.norm(hp.rotation_log(np.swapaxes(S, -1, -2) @ motion.S1), axis=-1).max()
+        assert true <= 1.05 * motion.error_estimate <= 1.05 * min(goal * tol, 1.2 * true)
+        steps[goal] = motion.steps
+        fewest = min(fewest, motion.steps if true <= tol else np.inf)
+    assert steps[1.0] <= min(1.25 * fewest, 40 * stop)  # equal steps: 37 a second

@@ -137,6 +137,26 @@ def test_bounces_come_to_rest_at_every_tolerance(span):
         assert moved.psi_error_estimate < 10 * TIGHT
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("restitution", [1.0, 0.6])
+def test_impacts_of_a_free_pair_keep_momenta_and_elastic_ones_energy(restitution):
+    rng = generator(52)
+    pair, (v, omega) = heavy(rng), rng.normal(size=(2, 3))
+    start = hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0], v=v, omega=omega)
+    load, t = hp.HingeLoad(stops=(0, 0.5), stop_restitution=restitution), np.linspace(0, 2, 41)
+    found = hp.simulate(pair, t, start, 0.3, 3.0, gravity=WEIGHTLESS, tol=1e-11, hinge_torque=load)
+    assert 0 <= found.psi.min() < 0.1
+    assert 0.4 < found.psi.max() <= 0.5
+    momentum, energy = found.momentum(), found.energy().kinetic
+    size = np.abs(found.body1.R).max() * np.abs(momentum.linear).max() + np.abs(momentum.angular).max()
+    assert np.ptp(momentum.angular, axis=0).max() <= size * 2.0**-49
+    if restitution == 1:
+        np.testing.assert_allclose(energy, energy[0], rtol=TOL)
+    else:
+        assert np.diff(energy).max() < 10 * TOL * energy[0]
+        assert (np.diff(energy) < -1e-3 * energy[0]).sum() >= 3
+
+
 def test_a_rigid_stop_lets_go_what_is_pulled_away():
     load = hp.HingeLoad(stops=(-1, 1), stop_restitution=0.0, motor=lambda t, *_: np.cos(t))
     found = turned(wheel(), np.linspace(0, 3, 31), 1.0, 0.0, load, tol=TIGHT)

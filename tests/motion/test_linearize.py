@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
+from scipy.linalg import eigh, expm
 
 import hingepair as hp
 from support.near import TIGHT, TOL
+from support.states import generator, rotations
 
 SLOPES = 1e-9  # of loads that are differentiated by steps of 1e-4, with formulas of order 4
 
@@ -105,3 +106,19 @@ def test_two_wheels_that_a_spring_joins_swing_against_each_other():
     small = hp.linearize(pair, STILL, 0.3, hinge_torque=load, gravity=WEIGHTLESS)
     np.testing.assert_allclose(small.natural_frequencies, [np.sqrt(7 * (1 / 0.4 + 1 / 1.5))], rtol=SLOPES)
     assert len(small.names) == 14
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("base", ["free", "pinned", "fixed"])
+def test_small_changes_grow_as_those_of_a_simulated_motion(base):
+    rng, h, nudge = generator(91), 1e-3, 1e-4
+    bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), rng.uniform(0.6, 1, 3)) for _ in range(2)]
+    pair = hp.HingePair(*rng.normal(size=(3, 3)), home=rotations(rng, 1)[0], body1=bodies[0], body2=bodies[1])
+    start = hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0])
+    given = {"hinge_torque": hp.HingeLoad(stiffness=3, damping=0.4), "base": base}
+    small = hp.linearize(pair, start, 0.3, **given)
+    low, high = (
+        hp.simulate(pair, [0, h], start, 0.3 + way * nudge, 0.0, tol=1e-14, **given).psid[-1] for way in (-1, 1)
+    )
+    grown = expm(h * small.A)[small.names.index("psid"), small.names.index("psi")]
+    assert (high - low) / (2 * nudge) == pytest.approx(grown, rel=1e-4)  # of differences over steps of 1e-4 rad
