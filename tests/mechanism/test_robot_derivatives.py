@@ -210,6 +210,31 @@ def test_torques_are_linear_in_masses_and_follow_lengths_as_pinocchio_says(base)
             )
 
 
+@pytest.mark.slow(8)
+def test_forces_are_linear_in_masses_and_accelerations_take_back_what_constants_add():
+    """M times the change of the accelerations, and that of the forces at these accelerations, make 0."""
+    robot, rng = Robot(record_of(random_model(4, 3)), "free"), np.random.default_rng(5)
+    q, qd, tau = rng.uniform(-1, 1, (3, robot.dof))
+    names = ("masses", "first_moments", "inertias", "lengths")
+    forward = robot.prepare("forward_dynamics")
+    inverse = robot.prepare(("q", "qd", "qdd", "a1", "alpha1"), outputs=("force1", "torque1", "tau"))
+    found, moved = forward(q, qd, tau), forward.jacobian((q, qd, tau), names)
+    given = (q, qd, found.qdd, found.a1, found.alpha1)
+    forces, added, M = inverse(*given), inverse.jacobian(given, names), robot.mass_matrix(q)
+    parts = dict(zip(names, np.split(robot.inertial_parameters.reshape(-1, 10), (1, 4), axis=1), strict=False))
+    for output in forces.outputs:
+        size = np.abs(M).max() * np.abs(np.concatenate(given)).max()
+        whole = sum(added[output][name].reshape(-1, part.size) @ part.ravel() for name, part in parts.items())
+        np.testing.assert_allclose(whole, forces[output], rtol=0, atol=64 * EPS * size)
+    for name in names:
+        change, lacking = (
+            np.concatenate([by[output][name].reshape(len(by[output][name]), -1) for output in outputs])
+            for by, outputs in ((moved, ("a1", "alpha1", "qdd")), (added, forces.outputs))
+        )
+        near = 64 * EPS * np.linalg.cond(M) * np.abs(lacking).max()
+        np.testing.assert_allclose(M @ change, -lacking, rtol=0, atol=near)
+
+
 def torque_derivatives_by_pinocchio(model, base, force1, torque1, q, qd, qdd):
     """Derivatives of (force1, torque1, tau) by rotations of the base and q, and by omega1 and qd; world axes.
 

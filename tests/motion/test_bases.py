@@ -57,6 +57,7 @@ def test_a_pin_holds_its_point_and_gives_no_torque():
     found = hp.simulate(pair, np.linspace(0, 1, 11), start, 0.4, 1.0, **given)
     forces = pair.inverse_dynamics(found.body1, found.psi, found.psid, found.psidd)
     np.testing.assert_array_equal(found.R1, np.broadcast_to((1.0, 2.0, 3.0), (11, 3)))
+    np.testing.assert_allclose(found.body1.a, 0, rtol=0, atol=TIGHT)
     np.testing.assert_allclose(forces.torque1, np.broadcast_to((0.1, 0, 0.2), (11, 3)), rtol=0, atol=TIGHT)
     np.testing.assert_allclose(forces.hinge_torque, 0, rtol=0, atol=TIGHT)
 
