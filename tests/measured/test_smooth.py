@@ -296,3 +296,13 @@ def test_the_inverse_of_bands_is_that_of_the_matrix() -> None:
         if order == 0:
             np.testing.assert_allclose(np.diagonal(smoother[:, 90:]), variances, rtol=1e-9)  # by an inverse
         assert (variances > 0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [1e-3, 1e-2])
+def test_errors_of_derivatives_far_from_ends_are_what_is_told(size: float) -> None:
+    t = np.arange(2000) / 200
+    truth, made = motion(t), [hp.smooth(t, noisy(motion(t), size, 2 * size, seed)) for seed in (1, 2, 3)]
+    for letter in ("v", "omega", "a", "alpha"):
+        errors = [(getattr(one, letter) - getattr(truth, f"{letter}1"))[100:-100] / one.noise[letter] for one in made]
+        assert 0.6 < rms(np.array(errors)) < 1.2, letter  # told is a little too much where the motion is slow

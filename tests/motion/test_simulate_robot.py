@@ -318,3 +318,19 @@ def test_what_a_file_describes_is_handed_on_as_it_is():
     assert {"stop", "damper", "friction"} <= {*found.loads}
     with pytest.warns(hp.DynamicsWarning, match=r"left out are damping and dry friction of 1 joint; loads="):
         hp.simulate(robot, [0.0, 0.1], [0.0])
+
+
+@pytest.mark.slow
+def test_a_robot_without_joints_falls_and_keeps_its_angular_momentum():
+    hinge = hp.HingePair(
+        (0, 0, 0), (0, 0, 0), (0, 0, 1), name="h", body1=ROD, body2=hp.Body(1e-9, inertia=(1e-9,) * 3)
+    )
+    body, none = hp.Mechanism([hinge], base="free").with_locked({"h": 0.0}), np.zeros((5, 0))
+    start = hp.BodyMotion(R=(1, 2, 3), S=np.eye(3), v=(0.5, 0, 1), omega=(1, 2, 0.3))
+    found = hp.simulate(body, np.linspace(0, 1, 5), [], base_motion=start)
+    momentum = body.momentum(none, none, base_motion=found.base_motion)
+    centre, t = body.centre_of_mass(none, base_motion=found.base_motion), found.t[:, None]
+    fallen = centre[0] + t * momentum.linear[0] / body.mass - t**2 / 2 * (0, 0, G)
+    np.testing.assert_allclose(centre, fallen, rtol=0, atol=TOL)
+    spin = momentum.angular - np.cross(centre, momentum.linear)
+    np.testing.assert_allclose(spin, np.broadcast_to(spin[0], spin.shape), rtol=0, atol=TOL)
