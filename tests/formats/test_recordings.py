@@ -57,15 +57,7 @@ def test_columns_are_read_by_name_and_quaternions_may_flip(tmp_path: Path) -> No
 
 
 def test_what_the_library_saved_is_read(tmp_path: Path) -> None:
-    arrays = {
-        "R1": MADE.R1,
-        "S1": MADE.S1,
-        "R2": MADE.R2,
-        "S2": MADE.S2,
-        "psi": MADE.psi,
-        "x": MADE.psi,
-        "y": MADE.psi,
-    }
+    arrays = {name: getattr(MADE, name) for name in ("R1", "S1", "R2", "S2", "psi")} | {"x": MADE.psi, "y": MADE.psi}
     from hingepair.mechanism.results import Record
 
     for name in ("a.npz", "a.csv"):
@@ -175,8 +167,6 @@ def test_columns_of_another_program_have_names_and_units(tmp_path: Path) -> None
         hp.read_recording(german, columns=columns | {"x1": "Osten"})
     with pytest.raises(hp.ArgumentError, match=r"x1: expected x1 once, from columns or from a column of this name"):
         hp.read_recording(german.assign(x1=0.0), columns=columns)
-    with pytest.raises(hp.ArgumentError, match=r"columns\.x1: expected one of .* \(nearest: Ost\), got 'Osten'"):
-        hp.read_recording(german.assign(x1=0.0), columns=columns | {"x1": "Osten"})
     with pytest.raises(hp.ArgumentError, match=r"columns\.x1\.unit: expected one of m, mm"):
         hp.read_recording(german, columns=columns | {"x1": {"name": "Ost", "unit": "deg"}})
 

@@ -11,7 +11,7 @@ from hingepair.mechanism.mechanism import tree_of
 from support.exact import Exact
 from support.trees import Robot, random_model, record_of, urdf_model
 
-EPS = 2.0**-53
+EPS, MARK = 2.0**-53, pytest.mark
 
 
 def hard_states(rng, dof):
@@ -61,9 +61,11 @@ def models():
     return robot_names()
 
 
-@pytest.mark.proof
+SLOW = ("solo12", "panda")  # branches, and a follower
+
+
 @pytest.mark.filterwarnings("ignore::hingepair.DynamicsWarning")
-@pytest.mark.parametrize("name", models())
+@pytest.mark.parametrize("name", [pytest.param(x, marks=MARK.slow if x in SLOW else MARK.proof) for x in models()])
 def test_derivatives_of_every_robot_are_those_of_pinocchio(name):
     try:
         model = urdf_model(name)

@@ -73,8 +73,6 @@ def test_panda_is_not_snapped_unless_asked():
     plain, snapped = tree_of_file("ur5_robot"), tree_of_file("ur5_robot", snap=1e-6)
     entries = [np.isin(joint.S, (-1.0, 0.0, 1.0)).all() for tree in (plain, snapped) for joint in tree.joints]
     assert (all(entries[:6]), all(entries[6:])) == (False, True)
-    with pytest.raises(ArgumentError, match="snap: expected a number not below 0, got -1"):
-        tree_of_file("panda", snap=-1)
 
 
 # ---------------------------------------------------------------- fixed, locked and mimic joints
@@ -377,8 +375,6 @@ def test_a_payload_adds_its_mass_where_it_is():
     assert note.startswith("payload of panda_hand: no mass is given")
     on_base = add_body(tree, "panda_link0", body)
     assert on_base.base.mass == tree.base.mass + 3
-    with pytest.raises(ArgumentError, match="body: expected a Body, got 3"):
-        add_body(tree, "panda_hand", 3)
 
 
 # ---------------------------------------------------------------- what users hold

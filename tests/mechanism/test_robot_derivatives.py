@@ -17,7 +17,6 @@ from support.trees import (
     pinocchio_state,
     random_model,
     record_of,
-    urdf_model,
     weightless,
     with_mimics,
 )
@@ -106,38 +105,6 @@ def test_numbers_that_fold_are_differentiated_all_the_same(ur5, torques, states)
             found = call.jacobian(given)["tau"]
             for name, array in expected.items():
                 np.testing.assert_allclose(found[name], array, atol=256 * EPS * abs(array).max())
-
-
-ROBOTS = {
-    "panda": lambda: urdf_model("panda"),
-    "dog": lambda: urdf_model("solo12"),
-    "random": lambda: random_model(1),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["random", "dog", pytest.param("panda", marks=pytest.mark.proof)])
-def test_derivatives_of_dynamics_are_those_of_pinocchio(name):
-    model = ROBOTS[name]()
-    robot, data = Robot(record_of(model)), model.createData()
-    q, qd, qdd = np.random.default_rng(4).uniform(-1.5, 1.5, (3, 3, robot.dof))
-    tau = robot.inverse_dynamics(q, qd, qdd).tau
-    inverse = robot.inverse_dynamics_derivatives(q, qd, qdd)
-    forward = robot.forward_dynamics_derivatives(q, qd, tau)
-    for k in range(3):
-        pin.computeRNEADerivatives(model, data, q[k], qd[k], qdd[k])
-        for found, theirs in ((inverse.tau_q, data.dtau_dq), (inverse.tau_qd, data.dtau_dv)):
-            np.testing.assert_allclose(found[k], theirs, rtol=0, atol=256 * EPS * abs(theirs).max())
-    M = robot.mass_matrix(q)
-    condition = np.linalg.cond(M).max()
-    np.testing.assert_allclose(inverse.tau_qdd, M, rtol=0, atol=256 * EPS * abs(M).max())
-    # what a change of q and qd adds to the torques at the given qdd, the accelerations take away
-    for ours, torques in ((forward.qdd_q, inverse.tau_q), (forward.qdd_qd, inverse.tau_qd)):
-        scale = abs(M).max() * abs(ours).max()
-        np.testing.assert_allclose(M @ ours, -torques, rtol=0, atol=256 * EPS * condition * scale)
-    np.testing.assert_allclose(
-        M @ forward.qdd_tau, np.broadcast_to(np.eye(robot.dof), M.shape), atol=64 * EPS * condition
-    )
 
 
 @pytest.mark.slow

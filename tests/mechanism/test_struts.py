@@ -186,5 +186,3 @@ def test_a_pair_has_struts_between_its_points() -> None:
     assert (found.gravity_forces(Q) == wanted.gravity_forces(Q)).all()
     cylinder = lid.with_strut("foot", "eye", name="cylinder").closed(coordinates=("cylinder",), at={"lid": -0.6})
     assert cylinder.all_coordinates([float(arm(-0.6)[0])])[0] == pytest.approx(-0.6, abs=64 * U)
-    with pytest.raises(hp.ArgumentError, match="nearest: eye"):
-        lid.with_strut("foot", "eyes", name="strut")

@@ -120,6 +120,7 @@ falls | + ram.q_0 = 8\nram.stops = [-1, 1]\nram.stop_restitution = 0 | dynamics.
 log | 'log.csv' -> 'no.csv' | motion.file
 log | + loss = 'cauchy' | motion.loss
 log | + psi_0 = 1 | motion.psi_0
+log | + [outputs]\nnames = ["omega1"] | outputs.names
 log | + frame = 'body' | motion.frame
 log | + columns.t = 'Zei' | motion.columns.t
 log | + columns.psy = 'psi' | columns.psy

@@ -139,8 +139,6 @@ def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: P
     assert ("kinks" in " ".join(scene.notes())) == (kinks > 0)
     assert scene.cross_validate(50).ok
     assert "psi(t)" in str(hp.derive(scene).S2)
-    with pytest.raises(hp.SceneError, match=r"motion\.psi\.speed: expected .*[0-9], which"):
-        scene_of(tmp_path, text.replace(" profile", " speed = 1.5, profile"))
 
 
 def through_points(t: list[float], value: list[float], profile: str) -> tuple[np.ndarray, ...]:

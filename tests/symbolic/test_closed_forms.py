@@ -46,8 +46,6 @@ def test_constants_of_a_scene_stay_letters():
     forms = hp.derive(found, ("cadence",))
     assert cadence in forms.v1.free_symbols
     assert forms.v1.subs(cadence, sympy.Rational(9, 10)) == hp.derive(found).v1
-    with pytest.raises(hp.ArgumentError, match="symbolic: expected names out of u1, u2, n, cadence, got 'speed'"):
-        hp.derive(found, ("speed",))
 
 
 @pytest.mark.parametrize("name", ["numpy", "u1_x", "R2_x", "long"])

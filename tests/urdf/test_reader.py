@@ -130,6 +130,7 @@ def test_shapes_are_read_as_they_are_written_and_those_that_cannot_be_read_harm_
         ('<child link="camera"/>', '<child link="hand"/>', "joint 'weld'"),
         ('<parent link="upper"/> <child', '<parent link="tool"/> <child', "joint 'elbow'"),
         ("robot", "model", "URDF"),
+        (ARM, "<mujoco/>", "URDF"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named(old, new, argument):
@@ -137,13 +138,6 @@ def test_what_is_wrong_is_named(old, new, argument):
     with pytest.raises(URDFError) as raised:
         read_urdf(ARM.replace(old, new))
     assert raised.value.name.startswith(argument)
-
-
-def test_a_misspelt_parent_gets_the_nearest_name_and_mjcf_the_reader_that_takes_it():
-    with pytest.raises(URDFError, match="nearest: base"):
-        read_urdf(ARM.replace('<parent link="base"/>', '<parent link="bse"/>'))
-    with pytest.raises(URDFError, match="from_mjcf"):
-        read_urdf("<mujoco/>")
 
 
 def test_a_robot_of_one_link_is_a_tree_and_one_of_none_is_not():

@@ -89,8 +89,6 @@ def test_a_motion_without_resistance_is_nan_and_said():
     with pytest.warns(hp.DynamicsWarning, match="no mass resists the hinge here"):
         found = prepared(np.eye(3), np.zeros(3), 0.1, 0.2, np.zeros(3), np.zeros(3), 0.0)
     assert np.isnan(found.psidd)
-    with pytest.raises(hp.ArgumentError, match=r"pair\.body2: expected masses that resist"):
-        hp.simulate(NEEDLE, [0, 1], turned, 0.0, 0.0)
     light = hp.Body(mass=1e-30, inertia=(1e-30, 1e-30, 1e-30))
     pair = hp.HingePair(
         (1, 0, 0), (0, 1, 0), (0, 0, 1), name="light", body1=light, body2=hp.Body(1, inertia=(1, 1, 1))
