@@ -12,6 +12,7 @@ import pytest
 import hingepair as hp
 from support.commands import run_command
 from support.near import U
+from support.scenes import moved, toml
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -27,31 +28,9 @@ def scene_file(folder, text, log=None):
     return path
 
 
-PENDULUM = """
-[pair]
-u1 = [0, 0, 0]
-u2 = [-0.5, 0, 0]
-n = [0, 1, 0]
-torque_limit = 20
-rate_limit = 3
-[pair.body2]
-mass = 4
-inertia = [0.02, 0.3, 0.3]
-"""
-MOVED = """
-[motion]
-x = 0
-y = 0
-z = 0
-phi_x = 0
-phi_y = 0
-phi_z = 0
-psi = "{}"
-[time]
-start = 0
-stop = 1
-samples = 101
-"""
+PENDULUM = toml("pair", u1=[0, 0, 0], u2=[-0.5, 0, 0], n=[0, 1, 0], torque_limit=20, rate_limit=3)
+PENDULUM += toml("pair.body2", mass=4, inertia=[0.02, 0.3, 0.3])
+MOVED = moved(0, 1, 101, psi="{}")
 
 
 def told(*arguments):

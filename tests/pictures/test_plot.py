@@ -11,6 +11,7 @@ import hingepair as hp
 from support.commands import refusal, run_command
 from support.drawn import drawn_texts
 from support.near import U
+from support.scenes import moved, toml
 from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -95,11 +96,8 @@ def test_angles_go_on_after_a_gap(tmp_path):
 
 def moving(folder, samples, **motion):
     """A scene of expressions from 0 to 10 s."""
-    coordinates = dict.fromkeys(("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi"), "0") | motion
-    lines = "".join(f'{name} = "{text}"\n' for name, text in coordinates.items())
-    head = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\n"
-    time = f"[time]\nstart = 0\nstop = 10\nsamples = {samples}\n"
-    (folder / "scene.toml").write_text(f"{head}[motion]\n{lines}{time}")
+    pair = toml("pair", u1=[1, 0, 0], u2=[0, 1, 0], n=[0, 0, 1])
+    (folder / "scene.toml").write_text(pair + moved(0, 10, samples, **{"psi": 0} | motion))
     return hp.load_scene(folder / "scene.toml")
 
 

@@ -10,6 +10,7 @@ import pytest
 
 import hingepair as hp
 from support.sampled import BODY, EULER, RATES, SECOND, logged, moving, scene_of, some
+from support.scenes import moved, toml
 from support.states import generator
 
 U = 2.0**-53
@@ -87,25 +88,10 @@ def test_a_number_that_is_lost_stays_lost_in_its_sample(tmp_path):
 # ---------------------------------------------------------------- rates
 
 
-ARM = """
-[pair]
-u1 = [0.3, 0, -0.02]
-u2 = [-0.12, 0, 0.01]
-n = [0, 1, 0]
-[motion]
-x = "0.3*sin(t)"
-y = "0.2*cos(0.7*t)"
-z = "1 + 0.1*sin(1.3*t)"
-phi_x = "0.5*sin(t)"
-phi_y = "0.3*sin(1.3*t) - 0.4"
-phi_z = "0.2*cos(t)"
-psi = "0.8 + 0.6*sin(1.7*t)"
-sequence = "ZYX"
-[time]
-start = 0
-stop = 4
-samples = 201
-"""
+ARM = toml("pair", u1=[0.3, 0, -0.02], u2=[-0.12, 0, 0.01], n=[0, 1, 0]) + moved(
+    0, 4, 201, x="0.3*sin(t)", y="0.2*cos(0.7*t)", z="1 + 0.1*sin(1.3*t)", phi_x="0.5*sin(t)",
+    phi_y="0.3*sin(1.3*t) - 0.4", phi_z="0.2*cos(t)", psi="0.8 + 0.6*sin(1.7*t)", sequence="ZYX",
+)  # fmt: skip
 POSE = dict.fromkeys(("R2", "S2", "d"), 16 * U)
 MIDDLE = dict.fromkeys(POSE, 1e-9) | {"v2": 1e-7, "omega2": 1e-7, "a2": 1e-5, "alpha2": 1e-5}
 ENDS = dict.fromkeys(POSE, 1e-8) | {"v2": 1e-5, "omega2": 1e-5, "a2": 1e-3, "alpha2": 1e-3}

@@ -10,33 +10,17 @@ import pytest
 
 import hingepair as hp
 from support.near import U
+from support.scenes import moved, toml
 
 mpl.use("Agg")
 
-HATCH = """
-title = "A hatch opens"
-[pair]
-u1 = [0.4, 0, 1.2]
-u2 = [-0.6, 0, 0]
-n = [0, -1, 0]
-[pair.points1]
-catch = [1.6, 0, 1.2]
-[pair.points2]
-handle = [0.55, 0.1, 0.05]
-edge = ["1.2/2", 0.25, 0]
-[motion]
-x = 0
-y = 0
-z = 0
-phi_x = 0
-phi_y = 0
-phi_z = "0.1*t"
-psi = "t"
-[time]
-start = 0
-stop = 1
-samples = 11
-"""
+HATCH = (
+    'title = "A hatch opens"\n'
+    + toml("pair", u1=[0.4, 0, 1.2], u2=[-0.6, 0, 0], n=[0, -1, 0])
+    + toml("pair.points1", catch=[1.6, 0, 1.2])
+    + toml("pair.points2", handle=[0.55, 0.1, 0.05], edge=["1.2/2", 0.25, 0])
+    + moved(0, 1, 11, phi_z="0.1*t", psi="t")
+)
 HANDLE = np.array((0.55, 0.1, 0.05))
 
 

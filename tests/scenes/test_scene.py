@@ -11,30 +11,16 @@ import pytest
 import hingepair as hp
 from hingepair.scenes.motions.waypoints import PROFILES, interpolate_way_points
 from hingepair.scenes.scene import Scene
+from support.scenes import moved, toml
 
 U = 2.0**-53
 MODELS = Path(__file__).parents[2] / "models"
 
-GOOD = """
-[pair]
-u1 = [0.5, 0.2, 0.1]
-u2 = [-0.25, 0.1, 0.3]
-n = [1, 0, 0]
-[motion]
-x = "3*t"
-y = 0.5
-z = "w*t**2"
-phi_x = "0.1*t"
-phi_y = "0.2*sin(t)"
-phi_z = 0
-psi = "pi*t"
-[constants]
-w = 2
-[time]
-start = 0
-stop = 2
-samples = 21
-"""
+GOOD = (
+    toml("pair", u1=[0.5, 0.2, 0.1], u2=[-0.25, 0.1, 0.3], n=[1, 0, 0])
+    + moved(0, 2, 21, x="3*t", y=0.5, z="w*t**2", phi_x="0.1*t", phi_y="0.2*sin(t)", psi="pi*t")
+    + toml("constants", w=2)
+)
 
 
 def scene_of(tmp_path: Path, text: str | bytes) -> Scene:

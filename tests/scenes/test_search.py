@@ -10,51 +10,22 @@ from scipy.special import lambertw
 
 import hingepair as hp
 from hingepair.scenes.variants.reductions import reduce_arrays
+from support.scenes import moved, time, toml
 
 ROOT = 1e-12  # of a root that the search finds, relative: a few of its own tolerance, 1e-13
 FLAT = 1e-6  # of a largest value's place, where the square of an error counts
 AIM = 1e-8  # of an aim beside a condition, with slopes by differences
-ARM = """
-title = "An arm that is raised"
-[pair]
-u1 = [0, 0, 0]
-u2 = [-2, 0, 0]
-n = [0, -1, 0]
-[motion]
-x = 0
-y = 0
-z = "c"
-phi_x = 0
-phi_y = 0
-phi_z = 0
-psi = "a*t**2"
-[constants]
-a = 0.25
-c = 1.0
-[time]
-start = 0
-stop = 2
-samples = 201
-"""
-DOOR = """
-[pair]
-u1 = [0, 0, 1]
-u2 = [-0.45, 0, 0]
-n = [0, 0, 1]
-[pair.body2]
-mass = 1
-inertia = [1, 1, 1]
-[dynamics]
-base = "fixed"
-psi.q_0 = 1
-psi.qd_0 = 0
-psi.stiffness = 1
-psi.damping = 3
-[time]
-start = 0
-stop = 20
-samples = 2001
-"""
+ARM = (
+    toml("pair", u1=[0, 0, 0], u2=[-2, 0, 0], n=[0, -1, 0])
+    + toml("constants", a=0.25, c=1.0)
+    + moved(0, 2, 201, z="c", psi="a*t**2")
+)
+DOOR = (
+    toml("pair", u1=[0, 0, 1], u2=[-0.45, 0, 0], n=[0, 0, 1])
+    + toml("pair.body2", mass=1, inertia=[1, 1, 1])
+    + toml("dynamics", {"psi.q_0": 1, "psi.qd_0": 0, "psi.stiffness": 1, "psi.damping": 3}, base="fixed")
+    + time(0, 20, 2001)
+)
 
 
 @pytest.fixture
@@ -188,37 +159,19 @@ def test_a_swing_without_end_never_settles():
     assert found[2] == 0
 
 
-FOUR_BAR = """
-[[joint]]
-name = "crank"
-u1 = [0, 0, 0]
-u2 = [0, 0, 0]
-n = [0, 0, 1]
-[[joint]]
-name = "coupler"
-parent = "crank"
-u1 = [0.2, 0, 0]
-u2 = [0, 0, 0]
-n = [0, 0, 1]
-[[joint]]
-name = "rocker"
-u1 = [0.6, 0, 0]
-u2 = [0, 0, 0]
-n = [0, 0, 1]
-[mechanism]
-coordinates = ["crank"]
-at = { crank = 0.3, coupler = 0.8, rocker = 1.9 }
-frames = { a = { link = "coupler", R = [0.5, 0, 0] }, b = { link = "rocker", R = [0.4, 0, 0] } }
-[[loop]]
-frame1 = "a"
-frame2 = "b"
-[motion]
-crank = "2*pi*t"
-[time]
-start = 0
-stop = 1
-samples = 21
-"""
+BARS = (("crank", "base", 0), ("coupler", "crank", 0.2), ("rocker", "base", 0.6))
+FOUR_BAR = "".join(
+    toml("[joint]", name=name, parent=parent, u1=[x, 0, 0], u2=[0, 0, 0], n=[0, 0, 1]) for name, parent, x in BARS
+)
+FOUR_BAR += (
+    toml("mechanism.at", crank=0.3, coupler=0.8, rocker=1.9)
+    + toml("mechanism.frames.a", link="coupler", R=[0.5, 0, 0])
+    + toml("mechanism.frames.b", link="rocker", R=[0.4, 0, 0])
+    + toml("mechanism", coordinates=["crank"])
+    + toml("[loop]", frame1="a", frame2="b")
+    + toml("motion", crank="2*pi*t")
+    + time(0, 1, 21)
+)
 
 
 @pytest.mark.slow

@@ -16,31 +16,17 @@ from hingepair.scenes.variants import sweep as sweeps
 from hingepair.scenes.variants.sweep import load_sweep, run_sweep
 from support.commands import refusal, run_command
 from support.near import U
+from support.scenes import moved, toml
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 
-ARM = """
-[pair]
-u1 = [0.5, "0.1*2", 0.1]
-u2 = [-0.25, 0.1, 0.3]
-n = [1, 2, 0]
-body1 = { mass = 5, inertia = [1, 1, 1] }
-body2 = { mass = 2, inertia = [0.1, 0.2, 0.2], centre_of_mass = [0, 0, 0.1] }
-[motion]
-x = 0
-y = "0.1*t"
-z = 0
-phi_x = "sin(speed*t)"
-phi_y = 0
-phi_z = "0.2*t"
-psi = "t"
-[constants]
-speed = 1.5
-[time]
-start = 0
-stop = 3
-samples = 31
-"""
+ARM = (
+    toml("pair", u1=[0.5, "0.1*2", 0.1], u2=[-0.25, 0.1, 0.3], n=[1, 2, 0])
+    + toml("pair.body1", mass=5, inertia=[1, 1, 1])
+    + toml("pair.body2", mass=2, inertia=[0.1, 0.2, 0.2], centre_of_mass=[0, 0, 0.1])
+    + toml("constants", speed=1.5)
+    + moved(0, 3, 31, y="0.1*t", phi_x="sin(speed*t)", phi_z="0.2*t", psi="t")
+)
 GRID = """
 scene = "arm.toml"
 outputs = ["R2", "hinge_torque"]

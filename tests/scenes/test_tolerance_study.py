@@ -12,35 +12,19 @@ import hingepair as hp
 from hingepair.scenes.variants.tolerance import study_tolerances
 from support.commands import refusal, run_command
 from support.near import U
+from support.scenes import moved, toml
 
 MODELS = Path(__file__).parents[2] / "models"
 SAMPLES = 5_000
-SCENE = """
-[pair]
-u1 = [0.5, 0.2, 0.1]
-u2 = [-0.25, 0.1, 0.3]
-n = [1, 2, 0]
-POINTS
-[motion]
-x = 0
-y = 0
-z = 0
-phi_x = "sin(t)"
-phi_y = 0
-phi_z = 0
-psi = "t"
-[time]
-start = 0
-stop = 3
-samples = 31
-"""
+PAIR = toml("pair", u1=[0.5, 0.2, 0.1], u2=[-0.25, 0.1, 0.3], n=[1, 2, 0])
+MOTION = moved(0, 3, 31, phi_x="sin(t)", psi="t")
 POINTS = "[pair.points1]\nlatch = [1, 0, 0]\nmark = [0, 1, 0]\n[pair.points2]\nhandle = [0, 0, 2]\n"
 
 
 @pytest.fixture
 def scene_path(tmp_path: Path) -> Path:
     path = tmp_path / "arm.toml"
-    path.write_text(SCENE.replace("POINTS", "") + "[tolerances]\nu1_std = [0.001, 0, 0]\naxis_std = 'pi/1800'\n")
+    path.write_text(PAIR + MOTION + "[tolerances]\nu1_std = [0.001, 0, 0]\naxis_std = 'pi/1800'\n")
     return path
 
 
@@ -108,7 +92,7 @@ def test_limits_of_the_scene_are_those_of_drawings(scene_path):
 
 def test_points_are_components_too(scene_path):
     limits = "[tolerances]\nu1 = '+-3 mm'\n[tolerances.points]\nhandle = ['+-3 mm', '0', '0']\n"
-    scene_path.write_text(SCENE.replace("POINTS", POINTS) + limits)
+    scene_path.write_text(PAIR + POINTS + MOTION + limits)
     study = study_tolerances(hp.load_scene(scene_path))
     assert [*study.std][6:] == ["handle_x", "handle_y", "handle_z"]
     check_sums(study)

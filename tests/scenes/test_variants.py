@@ -10,48 +10,25 @@ import pytest
 import hingepair as hp
 from hingepair.scenes.variants.vary import Variants
 from support.near import assert_near
+from support.scenes import moved, time, toml
 
 MODELS = Path(__file__).parents[2] / "models"
-ROD = """
-[pair]
-u1 = [0, 0, 0]
-u2 = [-0.5, 0, 0]
-n = [0, 1, 0]
-body2 = { mass = 1, inertia = [0.1, 0.1, 0.1] }
-[dynamics]
-base = "fixed"
-psi.q_0 = 1
-psi.damping = 0.1
-psi.stops = [-0.2, 3]
-psi.stop_restitution = 0.5
-[time]
-start = 0
-stop = 2
-samples = 21
-"""
-SWUNG = """
-[pair]
-u1 = [0.5, 0.2, 0.1]
-u2 = [-0.25, 0.1, 0.3]
-n = [1, 2, 0]
-[constants]
-speed = 1.5
-twice = "2*speed"
-[let]
-swing = "sin(speed*t)"
-[motion]
-x = "twice*t"
-y = 0
-z = 0
-phi_x = "swing"
-phi_y = "swing**2"
-phi_z = 0
-psi = "t"
-[time]
-start = 0
-stop = 3
-samples = 31
-"""
+ROD = (
+    toml("pair", u1=[0, 0, 0], u2=[-0.5, 0, 0], n=[0, 1, 0])
+    + toml("pair.body2", mass=1, inertia=[0.1, 0.1, 0.1])
+    + toml(
+        "dynamics",
+        {"psi.q_0": 1, "psi.damping": 0.1, "psi.stops": [-0.2, 3], "psi.stop_restitution": 0.5},
+        base="fixed",
+    )
+    + time(0, 2, 21)
+)
+SWUNG = (
+    toml("pair", u1=[0.5, 0.2, 0.1], u2=[-0.25, 0.1, 0.3], n=[1, 2, 0])
+    + toml("constants", speed=1.5, twice="2*speed")
+    + toml("let", swing="sin(speed*t)")
+    + moved(0, 3, 31, x="twice*t", phi_x="swing", phi_y="swing**2", psi="t")
+)
 PAYLOADS = {"mass": [0.5, 2], "centre_of_mass[1]": [0, 0.1], "inertia[2]": [0.01, 0.02]}
 TOGETHER = {
     "geometry": ("landing_gear", {"pair.u1[0]": [0.3, 0.4], "pair.n[2]": [0.1, 0.2]}, ["R2", "hinge_torque"]),

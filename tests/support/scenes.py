@@ -1,0 +1,22 @@
+"""Texts of scenes, table by table."""
+
+from __future__ import annotations
+
+import json
+
+STILL = dict.fromkeys(("x", "y", "z", "phi_x", "phi_y", "phi_z"), 0)
+
+
+def toml(table, more=None, **values):
+    """A table; `more` holds values whose keys are no names of Python."""
+    lines = [f"{key} = {json.dumps(value)}" for key, value in (values | (more or {})).items()]
+    return "\n".join([f"[{table}]", *lines, ""])
+
+
+def time(start, stop, samples):
+    return toml("time", start=start, stop=stop, samples=samples)
+
+
+def moved(*instants, **motion):
+    """The motion of a pair, whose coordinates are 0 unless given, and (start, stop, samples)."""
+    return toml("motion", STILL | motion) + time(*instants)
