@@ -51,15 +51,8 @@ def test_instants_without_finite_forces_are_counted_and_left_out_of_the_ranges(t
     assert row["t_of_largest_size"] == np.linspace(0, 1, 101)[np.nanargmax(np.abs(torque))]
 
 
-LOADS = """
-[dynamics]
-psi.stiffness = 2
-psi.rest = 0.1
-psi.damping = 0.3
-psi.friction = 0.2
-psi.stops = [-0.5, 0.3]
-psi.stop_damping = 1
-"""
+SPRING = {"psi.stiffness": 2, "psi.rest": 0.1, "psi.damping": 0.3, "psi.friction": 0.2}
+LOADS = toml("dynamics", SPRING | {"psi.stops": [-0.5, 0.3], "psi.stop_damping": 1})
 DRIVEN = LOADS + 'psi.tau = "21*cos(3*t)"\nbase = "fixed"\n[time]\nstart = 0\nstop = 1\nsamples = 101\n'
 GIVEN = MOVED.format("0.4*sin(3*t)**2") + LOADS + "gravity = [0, 0, -3]\n"
 

@@ -15,6 +15,7 @@ import pytest
 import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
 from support.drawn import content_of
+from support.scenes import time, toml
 from support.work import HANG
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -195,23 +196,13 @@ def test_the_base_of_a_robot_stands_or_moves_as_it_is_told():
     assert still["origin"] == [1, 2, 3]
 
 
-SCENE = """
-title = "A crane on a cart"
-[mechanism]
-urdf = "crane.urdf"
-[mechanism.frames.hook]
-link = "tip"
-R = [0.5, 0, 0]
-[motion]
-turn = "sin(t)"
-x = "2*t"
-y = "1"
-phi_z = "t"
-[time]
-start = 0
-stop = 2
-samples = 21
-"""
+SCENE = (
+    'title = "A crane on a cart"\n'
+    + toml("mechanism", urdf="crane.urdf")
+    + toml("mechanism.frames.hook", link="tip", R=[0.5, 0, 0])
+    + toml("motion", turn="sin(t)", x="2*t", y="1", phi_z="t")
+    + time(0, 2, 21)
+)
 
 
 @pytest.mark.slow

@@ -11,21 +11,15 @@ import pytest
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
 from support.near import U, assert_near
+from support.scenes import time, toml
 
 MODELS = Path(__file__).parents[2] / "models"
-PAIR = """
-[pair]
-u1 = [0.4, 0, 0]
-u2 = [-0.25, 0.1, 0.05]
-n = [0, 1, 0.3]
-limits = [-0.3, 0.3]
-body1 = { mass = 0.6, inertia = [0.02, 0.03, 0.04], centre_of_mass = [0.1, 0, 0] }
-body2 = { mass = 1.1, inertia = [0.002, 0.02, 0.02] }
-[time]
-start = 0
-stop = 0.5
-samples = 11
-"""
+PAIR = (
+    toml("pair", u1=[0.4, 0, 0], u2=[-0.25, 0.1, 0.05], n=[0, 1, 0.3], limits=[-0.3, 0.3])
+    + toml("pair.body1", mass=0.6, inertia=[0.02, 0.03, 0.04], centre_of_mass=[0.1, 0, 0])
+    + toml("pair.body2", mass=1.1, inertia=[0.002, 0.02, 0.02])
+    + time(0, 0.5, 11)
+)
 FREE = """
 [dynamics]
 R1_0 = [0, 0, 1.5]
@@ -94,7 +88,7 @@ def test_a_double_pendulum_in_the_plane(tmp_path):
     text = PAIR.replace("[0.4, 0, 0]", "[0.4, 0]").replace("[-0.25, 0.1, 0.05]", "[0, 0]")
     text = text.replace("n = [0, 1, 0.3]\nlimits = [-0.3, 0.3]\n", "")
     scene = scene_of(
-        tmp_path, "planar = true" + text + "[dynamics]\nbase = 'pinned'\nphi_0 = 0.3\ntorque1 = '0.1*t'\n"
+        tmp_path, "planar = true\n" + text + "[dynamics]\nbase = 'pinned'\nphi_0 = 0.3\ntorque1 = '0.1*t'\n"
     )
     np.testing.assert_array_equal(scene.motion.simulated.base_motion.R, 0)
     forces = scene.forces()

@@ -10,15 +10,9 @@ import pytest
 
 import hingepair as hp
 from support.near import assert_near
+from support.scenes import logged
 
-SCENE = """
-[pair]
-u1 = [-1.5, 0, 0]
-u2 = [4, 0, 0]
-n = [0, 0, 1]
-[motion]
-file = "log.csv"
-"""
+SCENE = logged([-1.5, 0, 0], [4, 0, 0], [0, 0, 1])
 COLUMNS = """
 [motion.columns]
 t = "Zeit"

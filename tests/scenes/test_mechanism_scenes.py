@@ -11,50 +11,22 @@ import pytest
 import hingepair as hp
 from hingepair.scenes.scene import Scene
 from support.near import assert_near
+from support.scenes import time, toml
 
 U = 2.0**-53
 
-JOINTS = """
-[[joint]]
-name = "stick"
-parent = "boom"
-u1 = [2, 0, 0]
-u2 = [-0.5, 0, 0]
-n = [0, -1, 0]
-limits = [-2, -0.2]
-torque_limit = 900
-body2 = { mass = 40, inertia = [1, 9, 9] }
-
-[[joint]]
-name = "boom"
-u1 = [0.1, 0, 1]
-u2 = [-0.5, 0, 0.1]
-n = [0, -1, 0]
-rate_limit = 0.5
-body2 = { mass = 90, centre_of_mass = [0.2, 0, 0], inertia = [2, 30, 30] }
-
-[[joint]]
-name = "ram"
-kind = "slider"
-parent = "stick"
-u1 = [0.5, 0, 0]
-u2 = [0, 0, 0]
-n = [1, 0, 0]
-body2 = { mass = 5, inertia = [0.1, 0.1, 0.1] }
-"""
-MOTION = """
-[motion]
-boom = "w*t"
-ram = { t = [0, 1], value = [0, 0.2], profile = "quintic" }
-[constants]
-w = 0.3
-"""
-TIME = """
-[time]
-start = 0
-stop = 2
-samples = 41
-"""
+JOINTS = (
+    toml("[joint]", name="stick", parent="boom", u1=[2, 0, 0], u2=[-0.5, 0, 0], n=[0, -1, 0], limits=[-2, -0.2])
+    + "torque_limit = 900\n"
+    + toml("joint.body2", mass=40, inertia=[1, 9, 9])
+    + toml("[joint]", name="boom", u1=[0.1, 0, 1], u2=[-0.5, 0, 0.1], n=[0, -1, 0], rate_limit=0.5)
+    + toml("joint.body2", mass=90, centre_of_mass=[0.2, 0, 0], inertia=[2, 30, 30])
+    + toml("[joint]", name="ram", kind="slider", parent="stick", u1=[0.5, 0, 0], u2=[0, 0, 0], n=[1, 0, 0])
+    + toml("joint.body2", mass=5, inertia=[0.1, 0.1, 0.1])
+)
+MOTION = toml("motion", boom="w*t") + "ram = { t = [0, 1], value = [0, 0.2], profile = 'quintic' }\n"
+MOTION += toml("constants", w=0.3)
+TIME = time(0, 2, 41)
 GOOD = JOINTS + MOTION + TIME
 
 

@@ -10,23 +10,14 @@ import pytest
 import hingepair as hp
 from hingepair.mechanism.states import PlanarState
 from support.near import assert_near
+from support.scenes import time, toml
 
-PLANAR_MOTION_KIND = """
-planar = true
-[pair]
-u1 = [0.5, 0.2]
-u2 = [-0.25, 0.1]
-name = "legs"
-[motion]
-x = "3*t"
-y = 0.5
-phi = "0.3*t**2"
-psi = "sin(t)"
-[time]
-start = 0
-stop = 2
-samples = 21
-"""
+PLANAR_MOTION_KIND = (
+    "planar = true\n"
+    + toml("pair", u1=[0.5, 0.2], u2=[-0.25, 0.1], name="legs")
+    + toml("motion", x="3*t", y=0.5, phi="0.3*t**2", psi="sin(t)")
+    + time(0, 2, 21)
+)
 
 
 def scene_of(tmp_path, text):

@@ -9,37 +9,17 @@ import pytest
 
 import hingepair as hp
 from support.near import assert_near
+from support.scenes import time, toml
 
 MODEL = Path("models/falling_rods.toml")
-JOINTS = """
-[[joint]]
-name = "lift"
-kind = "slider"
-u1 = [0, 0, 0]
-u2 = [0, 0, 0]
-n = [0, 0, 1]
-limits = [-1, 1]
-{body1}
-[joint.body2]
-mass = 2
-inertia = [0.1, 0.1, 0.1]
-[[joint]]
-name = "arm"
-parent = "lift"
-u1 = [0.2, 0, 0]
-u2 = [0, 0, 0]
-n = [0, 1, 0]
-[joint.body2]
-mass = 1
-centre_of_mass = [0.4, 0, 0]
-inertia = [0.01, 0.05, 0.05]
-"""
-TIME = """
-[time]
-start = 0
-stop = 1
-samples = 101
-"""
+JOINTS = (
+    toml("[joint]", name="lift", kind="slider", u1=[0, 0, 0], u2=[0, 0, 0], n=[0, 0, 1], limits=[-1, 1])
+    + "{body1}\n"
+    + toml("joint.body2", mass=2, inertia=[0.1, 0.1, 0.1])
+    + toml("[joint]", name="arm", parent="lift", u1=[0.2, 0, 0], u2=[0, 0, 0], n=[0, 1, 0])
+    + toml("joint.body2", mass=1, centre_of_mass=[0.4, 0, 0], inertia=[0.01, 0.05, 0.05])
+)
+TIME = time(0, 1, 101)
 TOL = 1e-10  # J, or N m: the tolerance of simulations, relative, of energies and torques about 1
 BODY1 = "[joint.body1]\nmass = 3\ninertia = [0.3, 0.3, 0.3]"
 
@@ -89,18 +69,11 @@ def test_all_bases_are_compared_with_pinocchio(tmp_path, base):
     assert np.abs(found.energy_balance().residual).max() < TOL
 
 
-LOADED = """
-[dynamics]
-base = "pinned"
-force1 = [0, 1, 0]
-torque1 = ["0.3*t", 0, 0.1]
-until = "armd + 2.5"
-[dynamics.wrenches.arm]
-force = [0, "2*sin(3*t)", 1]
-torque = [0.1, 0, "t"]
-[motion]
-lift = "0.1*sin(4*t)"
-"""
+LOADED = (
+    toml("dynamics", base="pinned", force1=[0, 1, 0], torque1=["0.3*t", 0, 0.1], until="armd + 2.5")
+    + toml("dynamics.wrenches.arm", force=[0, "2*sin(3*t)", 1], torque=[0.1, 0, "t"])
+    + toml("motion", lift="0.1*sin(4*t)")
+)
 
 
 @pytest.mark.slow

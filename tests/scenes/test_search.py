@@ -159,9 +159,9 @@ def test_a_swing_without_end_never_settles():
     assert found[2] == 0
 
 
-BARS = (("crank", "base", 0), ("coupler", "crank", 0.2), ("rocker", "base", 0.6))
+BARS = {"crank": (0, {}), "coupler": (0.2, {"parent": "crank"}), "rocker": (0.6, {})}
 FOUR_BAR = "".join(
-    toml("[joint]", name=name, parent=parent, u1=[x, 0, 0], u2=[0, 0, 0], n=[0, 0, 1]) for name, parent, x in BARS
+    toml("[joint]", more, name=name, u1=[x, 0, 0], u2=[0, 0, 0], n=[0, 0, 1]) for name, (x, more) in BARS.items()
 )
 FOUR_BAR += (
     toml("mechanism.at", crank=0.3, coupler=0.8, rocker=1.9)

@@ -10,17 +10,9 @@ import pytest
 import hingepair as hp
 from hingepair.mechanism.results import Record
 from support.commands import run_command
+from support.scenes import logged
 
-PAIR = """
-[pair]
-u1 = [0.3, 0.1, 0]
-u2 = [-0.2, 0, 0.1]
-n = [0, 0, 1]
-
-[motion]
-file = "log.csv"
-smooth = true
-"""
+PAIR = logged([0.3, 0.1, 0], [-0.2, 0, 0.1], [0, 0, 1], smooth=True)
 
 
 def written(folder, text=PAIR, quaternions=True, **more):

@@ -9,16 +9,10 @@ import pytest
 
 import hingepair as hp
 from support.near import U
+from support.scenes import logged
 
 MODELS = Path(__file__).parents[2] / "models"
-PAIR = """
-[pair]
-u1 = [-1.2, 0, 0]
-u2 = [7.5, 0, 0]
-n = [0, 0, 1]
-[motion]
-file = "{}"
-"""
+PAIR = logged([-1.2, 0, 0], [7.5, 0, 0], [0, 0, 1], "{}")
 OUTPUTS = ("R2", "v2", "a2", "alpha2")
 
 

@@ -6,16 +6,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import hingepair as hp
+from support import scenes
 from support.states import coordinates, generator
 
-SCENE = """
-[pair]
-u1 = [0.5, 0.2, 0.1]
-u2 = [-0.25, 0.1, 0.3]
-n = [1, 2, 0]
-[motion]
-file = "{file}"
-"""
+SCENE = scenes.logged([0.5, 0.2, 0.1], [-0.25, 0.1, 0.3], [1, 2, 0], "{file}")
 EULER = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
 RATES = ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid")
 SECOND = ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd")

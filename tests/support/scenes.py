@@ -20,3 +20,8 @@ def time(start, stop, samples):
 def moved(*instants, **motion):
     """The motion of a pair, whose coordinates are 0 unless given, and (start, stop, samples)."""
     return toml("motion", STILL | motion) + time(*instants)
+
+
+def logged(u1, u2, n, file="log.csv", **more):
+    """A pair whose motion is in a file."""
+    return toml("pair", u1=u1, u2=u2, n=n) + toml("motion", file=file, **more)

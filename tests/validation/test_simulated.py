@@ -13,37 +13,26 @@ import hingepair as hp
 from hingepair.scenes.subject import Subject
 from hingepair.validation.cross_validate import compare_rates
 from hingepair.validation.report import MAX_LOAD_RATIO
+from support.scenes import time, toml
 
-SPACE = """
-[pair]
-u1 = [0.4, 0, 0.1]
-u2 = [-0.25, 0.1, 0.05]
-n = [0, 1, 0.3]
-body1 = { mass = 0.6, centre_of_mass = [0.1, 0, 0], inertia = [0.002, 0.03, 0.031] }
-body2 = { mass = 1.1, centre_of_mass = [0, 0.05, 0.02], inertia = [0.004, 0.02, 0.021] }
-[dynamics]
-psi.q_0 = 0.2
-psi.qd_0 = -3
-psi.damping = 0.02
-psi.stiffness = 0.3
-psi.tau = "0.1*sin(5*t)"
-wrenches.body2.force = [0, "0.2*sin(3*t)", 0.1]
-wrenches.body2.torque = [0.01, 0, "0.02*t"]
-"""
-PLANE = """
-planar = true
-[pair]
-u1 = [1, 0]
-u2 = [-0.3, 0]
-body1 = { mass = 1.3, centre_of_mass = [0.5, 0, 0], inertia = [0.1, 0.1, 0.12] }
-body2 = { mass = 0.7, centre_of_mass = [0.4, 0, 0], inertia = [0.05, 0.08, 0.09] }
-[dynamics]
-psi.q_0 = 0.5
-psi.damping = 0.02
-wrenches.body2.force = [0.1, "0.2*t"]
-wrenches.body2.torque = 0.03
-"""
-TIME = "[time]\nstart = 0\nstop = 1\nsamples = 101\n"
+SPACE = (
+    toml("pair", u1=[0.4, 0, 0.1], u2=[-0.25, 0.1, 0.05], n=[0, 1, 0.3])
+    + toml("pair.body1", mass=0.6, centre_of_mass=[0.1, 0, 0], inertia=[0.002, 0.03, 0.031])
+    + toml("pair.body2", mass=1.1, centre_of_mass=[0, 0.05, 0.02], inertia=[0.004, 0.02, 0.021])
+    + toml("dynamics.wrenches.body2", force=[0, "0.2*sin(3*t)", 0.1], torque=[0.01, 0, "0.02*t"])
+    + toml("dynamics.psi", q_0=0.2, qd_0=-3, damping=0.02, stiffness=0.3, tau="0.1*sin(5*t)")
+    + "[dynamics]\n"
+)
+PLANE = (
+    "planar = true\n"
+    + toml("pair", u1=[1, 0], u2=[-0.3, 0])
+    + toml("pair.body1", mass=1.3, centre_of_mass=[0.5, 0, 0], inertia=[0.1, 0.1, 0.12])
+    + toml("pair.body2", mass=0.7, centre_of_mass=[0.4, 0, 0], inertia=[0.05, 0.08, 0.09])
+    + toml("dynamics.wrenches.body2", force=[0.1, "0.2*t"], torque=0.03)
+    + toml("dynamics.psi", q_0=0.5, damping=0.02)
+    + "[dynamics]\n"
+)
+TIME = time(0, 1, 101)
 SIMULATION_BASE_NAMES = {
     "free": 'base = "free"\n',
     "pinned": 'base = "pinned"\n',
