@@ -110,7 +110,9 @@ def test_a_search_stays_within_the_stroke(tmp_path):
     far = scene.with_values({"mechanism.frames.eye.R[0]": 0.45})
     with pytest.warns(hp.DynamicsWarning, match=r"0.6724 m is beyond its stroke, .* at 6 of 11 samples"):
         assert np.isnan(far.forces().tau).sum() == 6
-    assert not hp.search(far, {"strut[0].gas.F1": (100, 200)}, minimize="tau_lid_absmax").ok
+    lost = hp.search(far, {"strut[0].gas.F1": (100, 200)}, minimize="tau_lid_absmax")
+    assert not lost.ok
+    assert any("beyond its stroke" in note for note in lost.notes)
 
 
 @pytest.mark.slow
