@@ -17,8 +17,9 @@ import pytest
 import hingepair as hp
 from hingepair import errors
 from support.asked import COUNT, ROWS, inputs_of, subject_of
+from support.exported import ARM
 from support.linkages import AT, bar, four_bar, open_four_bar
-from support.recorded import recording
+from support.recorded import bodies, recording
 
 A, S, D, X, R = errors.ArgumentError, errors.ShapeError, errors.DtypeError, errors.AxisError, errors.RotationError
 NAN, INF = math.nan, math.inf
@@ -217,6 +218,7 @@ NAMED = hp.HingePair((0.5, 0, 0), (0, 0, 0), (0, 0, 1), name="a")
 STILL = hp.BodyMotion(S=EYE, **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3)))
 POSE, POINT = hp.BodyMotion(R=np.zeros(3), S=EYE), hp.BodyMotion(R=np.zeros(3))
 T = np.linspace(0, 1, 11)
+SCREW = hp.Screw((0, 0, 0), (0, 0, 0), (0, 0, 1), pitch=0.1, name="jack", body2=LIGHT)
 NEEDLE = hp.Body(mass=1, inertia=(1, 1, 1e-30))
 
 
@@ -233,11 +235,6 @@ def arm():
 
 def many_arms():
     return arm().with_payload("j1", mass=np.ones((3, 1)))
-
-
-def bodies(count=50):
-    made = recording(count)
-    return hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2, S=made.S2)
 
 
 def spoiled(shape, index):
@@ -467,6 +464,7 @@ CALLS = {
         ("pair", A, 7), ("pair", S, MANY), ("base", A, "floating"), ("hinge_torque", A, 3.0),
         ("body1", A, (0, 0, 0), POINT, hp.BodyMotion(R=TWO, S=EYE)),
         ("gravity", S, (0, 1)), ("hinge_torque", A, C(pair=arm(), hinge_torque=FINE)),
+        ("robot", A, C(pair=hp.Mechanism([SCREW]))),
     ]),
     "to_pinocchio": (hp.to_pinocchio, [("pair", A, Q7, FLAT), ("pair", S, MANY)]),
     "cross_validate": (lambda pair=PAIR, **k: hp.cross_validate(pair, Q7, **k), [
@@ -489,13 +487,13 @@ CALLS = {
         ("base_motion.S", A, C(q=THREE[:, :2], base_motion=POINT)),
     ]),
     # ---- recordings
-    "fit": (lambda **k: hp.fit(**dict(zip(("body1", "body2"), bodies(), strict=True)) | k), [
+    "fit": (lambda **k: hp.fit(**dict(zip(("body1", "body2"), bodies(recording(50)), strict=True)) | k), [
         ("loss", A, "tukey"), ("gauge", A, "middle"), ("weights", S, [1.0, 2.0]), ("weights", A, -np.ones(50)),
         ("t", S, np.arange(3.0)), ("clock_offset", A, C(t=np.arange(50.0), clock_offset=0.01)),
         ("body2", S, hp.BodyMotion(R=THREE, S=EYE)), ("body2", A, 3), ("body1", A, C(body1={"x1": [1.0]})),
         ("body1, body2", errors.FitError, C(body1=hp.BodyMotion(R=np.full((50, 3), NAN), S=EYE))),
         ("noise2", A, C(noise1=(1e-3, 1e-3)), C(noise1=(1e-3, 1e-3), noise2=1e-3)),
-        ("noise1", A, C(noise1=(0, 1), noise2=(0, 1), body2=hp.BodyMotion(R=bodies()[1].R))),
+        ("noise1", A, C(noise1=(0, 1), noise2=(0, 1), body2=hp.BodyMotion(R=bodies(recording(50))[1].R))),
     ]),
     "smooth": (lambda **k: hp.smooth(**{"t": T, "body": np.sin(T), **k}), [
         ("body", A, spoiled(11, slice(0, 5))), ("bandwidth", A, -1, 1e-9, 1e6),
@@ -526,12 +524,6 @@ CALLS = {
         ("covariance", A, np.zeros((12, 12)), np.diag([1.0] * 11 + [-1.0])), ("u1_std", A, C(u1="+-1 mm", u1_std=1)),
     ]),
 }  # fmt: skip
-
-ARM = """<robot name="r"><link name="base"/><link name="upper"/><link name="hand"/><link name="tip"/>
-<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0 1"/>
-  <axis xyz="0 1 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-<joint name="elbow" type="continuous"><parent link="upper"/><child link="hand"/><axis xyz="1 0 0"/></joint>
-<joint name="weld" type="fixed"><parent link="hand"/><child link="tip"/></joint></robot>"""
 
 
 @pytest.mark.filterwarnings("ignore::hingepair.DynamicsWarning", "ignore:invalid value")

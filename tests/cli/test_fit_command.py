@@ -13,7 +13,7 @@ from hingepair.mechanism.results import Record
 from support.commands import refusal, run_command
 from support.drawn import drawn_texts
 from support.near import U
-from support.recorded import HOME, recording
+from support.recorded import HOME, bodies, recording
 
 NOISE = re.compile(r"smoothed: noise of (0\.001|0\.0009\d) m of position, (0\.002|0\.0019) rad of attitude")
 
@@ -24,10 +24,6 @@ def fit(*arguments, code=0):
 
 def refused(*arguments):
     return refusal("fit", *arguments)
-
-
-def poses_of(made):
-    return hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2, S=made.S2)
 
 
 def saved(path, made):
@@ -53,7 +49,7 @@ def test_lengths_and_angles_are_in_the_units_that_are_asked_for(tmp_path):
     made = recording(300, 1e-3, 2e-3)
     file, out = saved(tmp_path / "a.npz", made), tmp_path / "psi.csv"
     shown = fit(file, "--units", "mm, mrad", "--out", out, "--clock-offset", 0)
-    fitted = hp.fit(*poses_of(made), t=made.t, clock_offset=0)
+    fitted = hp.fit(*bodies(made), t=made.t, clock_offset=0)
     both = zip(1e3 * fitted.pair.u1, 1e3 * fitted.std["u1"], strict=True)
     u1 = ", ".join(f"{value:.6g} +- {std:.2g}" for value, std in both)
     assert f"u1 = ({u1}) mm\n" in shown

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.errors import ArgumentError
 from hingepair.mechanism.mechanism import tree_of
 from support.near import U
 
@@ -65,14 +64,6 @@ def test_mujoco_moves_the_written_robot():
         data.qpos, data.qvel, data.qfrc_applied, gravity=(1, 2, -9), joint_loads=True, backend="numpy"
     )
     assert np.abs(found.qdd - data.qacc).max() <= 256 * U * np.abs(data.qacc).max()
-
-
-def test_a_screw_is_refused():
-    screw = hp.Screw(
-        u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), pitch=0.1, name="jack", body2=hp.Body(1, inertia=(1, 1, 1))
-    )
-    with pytest.raises(ArgumentError, match="robot: expected joints that MJCF has, got 'jack', a screw"):
-        hp.to_mjcf(hp.Mechanism([screw]))
 
 
 def test_joints_without_a_body_between_them_are_joints_of_one_body():

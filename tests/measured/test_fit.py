@@ -7,16 +7,13 @@ import re
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import hingepair as hp
 from hingepair.measured.statistics import LOSSES
-from support.recorded import HOME, N1, U1, U2, recording, truth, turns
+from support.recorded import HOME, N1, U1, U2, bodies, recording, truth, turns
 
 U = 2.0**-53
-
-
-def bodies(made) -> tuple[hp.BodyMotion, hp.BodyMotion]:
-    return hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2, S=made.S2)
 
 
 def errors(found: hp.HingeFit) -> np.ndarray:
@@ -186,16 +183,6 @@ def test_bodies_that_do_not_turn_show_no_hinge(slip: object, words: str, noise: 
     assert caught.value.name == "body1, body2"
 
 
-def read_in_order(S: np.ndarray, written: str) -> np.ndarray:
-    """Attitudes whose quaternions were written in one order and read in the other."""
-    from scipy.spatial.transform import Rotation
-
-    xyzw = Rotation.from_matrix(S).as_quat()
-    if written == "wxyz":
-        return Rotation.from_quat(np.roll(xyzw, 1, axis=-1)).as_matrix()
-    return Rotation.from_quat(np.roll(xyzw, -1, axis=-1)).as_matrix()
-
-
 @pytest.mark.parametrize("loss", ["linear", "cauchy"])
 def test_the_range_of_psi_is_that_of_good_samples(loss: str) -> None:
     made = recording(1000, 1e-3, 2e-3)
@@ -227,9 +214,14 @@ def test_doubtful_units_are_asked_about(change: dict[str, object], words: str | 
     assert [bool(re.match(words, text)) for text in found.findings] == ([True] if words else [])
 
 
+def read_in_order(S: np.ndarray, shift: int) -> np.ndarray:
+    """Attitudes whose quaternions were written as wxyz and read as xyzw, or, of -1, the other way round."""
+    return Rotation.from_quat(np.roll(Rotation.from_matrix(S).as_quat(), shift, axis=-1)).as_matrix()
+
+
 Y_UP = np.array(((1.0, 0, 0), (0, 0, 1), (0, -1, 0)))
 TRANSPOSED = functools.partial(np.swapaxes, axis1=-1, axis2=-2)
-WXYZ, XYZW = (functools.partial(read_in_order, written=order) for order in ("wxyz", "xyzw"))
+WXYZ, XYZW = (functools.partial(read_in_order, shift=shift) for shift in (1, -1))
 MISTAKES = {  # what is said, and what was done to the recording
     "body2.R looks like millimetres": {"R2": lambda R: 1e3 * R},
     "body1.R looks like millimetres": {"R1": lambda R: 1e3 * R},

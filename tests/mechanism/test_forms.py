@@ -170,13 +170,13 @@ def test_products_that_overflow_are_refused_where_masses_are_used():
     pairs = [hp.HingePair((0, 0, 1e160), (0, 0, 0), (1, 0, 0), name=name, body2=ball) for name in "ab"]
     robot = hp.Mechanism(pairs, name="huge")
     assert robot.forward_kinematics([0, 0])["b"].R.tolist() == [0, 0, 2e160]
-    for _ in range(2):
+    for ask in (
+        *[lambda: robot.gravity_forces([0, 0])] * 2,
+        lambda: robot.prepare("mass_matrix"),
+        lambda: robot.error_bounds([0, 0], outputs=("mass_matrix",)),
+    ):
         with pytest.raises(hp.ArgumentError, match="robot 'huge': expected masses and lengths"):
-            robot.gravity_forces([0, 0])
-    with pytest.raises(hp.ArgumentError, match="robot 'huge'"):
-        robot.prepare("mass_matrix")
-    with pytest.raises(hp.ArgumentError, match="robot 'huge'"):
-        robot.error_bounds([0, 0], outputs=("mass_matrix",))
+            ask()
     with pytest.raises(hp.ArgumentError, match="mass properties of 'body', 'payload': expected numbers whose sum"):
         robot.with_payload("a", hp.Body(1e308)).with_payload("a", hp.Body(1e308))
 

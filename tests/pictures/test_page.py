@@ -15,7 +15,7 @@ import pytest
 import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
 from support.drawn import content_of
-from support.scenes import time, toml
+from support.scenes import moved, scene_of, time, toml
 from support.work import HANG
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -233,12 +233,8 @@ def test_a_scene_of_a_mechanism_is_played_with_its_base_and_its_frame(tmp_path):
 
 
 def test_a_page_has_the_units_of_the_scene_and_an_offset_of_late_instants(tmp_path):
-    (tmp_path / "swing.toml").write_text(
-        "[pair]\nu1 = [0, 0, 0]\nu2 = [1, 0, 0]\nn = [0, 0, 1]\n[motion]\nx = 0\ny = 0\nz = 0\nphi_x = 0\nphi_y = 0\n"
-        "phi_z = 0\npsi = 't - 1718000000'\n[time]\nstart = 1718000000\nstop = 1718000010\nsamples = 11\n"
-        "[outputs]\nunits = 'mm, rad'\n"
-    )
-    scene = hp.load_scene(tmp_path / "swing.toml")
+    text = toml("pair", u1=[0, 0, 0], u2=[1, 0, 0], n=[0, 0, 1]) + toml("outputs", units="mm, rad")
+    scene = scene_of(tmp_path, text + moved(1718000000, 1718000010, 11, psi="t - 1718000000"))
     own, other = content_of(hp.view(scene)), content_of(hp.view(scene, units="km"))
     assert own["units"]["m/s"] == ["mm/s", 1000]
     assert own["angle"] == ["rad", 1]

@@ -11,7 +11,7 @@ import pytest
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
 from support.near import U, assert_near
-from support.scenes import time, toml
+from support.scenes import scene_of, time, toml
 
 MODELS = Path(__file__).parents[2] / "models"
 PAIR = (
@@ -33,11 +33,6 @@ psi.damping = 0.02
 [constants]
 rate = 0.1
 """
-
-
-def scene_of(folder, text):
-    (folder / "scene.toml").write_text(text)
-    return hp.load_scene(folder / "scene.toml")
 
 
 @pytest.mark.slow

@@ -25,6 +25,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.exported import ARM
 from support.work import HANG, bounded_calls
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -107,17 +108,6 @@ def scene(rng):
     return changed(rng, text, VALUES) if rng.random() < 0.3 else text
 
 
-ROBOT = """<?xml version="1.0"?>
-<robot name="r">
-  <link name="base"/><link name="arm"/><link name="hand"/><link name="tip"/>
-  <joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/>
-    <origin xyz="0 0 1" rpy="0.1 -1.5707963267948966 0.3"/><axis xyz="0 1 1"/>
-    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-  <joint name="wrist" type="continuous"><parent link="arm"/><child link="hand"/>
-    <origin xyz="0.5 0 0"/><axis xyz="1 0 0"/><mimic joint="shoulder"/></joint>
-  <joint name="weld" type="fixed"><parent link="hand"/><child link="tip"/><origin xyz="0 0 0.1"/></joint>
-</robot>
-"""
 TAGS = (
     "<joint", "</joint>", "<link name='x'/>", "<axis xyz='0 0 0'/>", "<axis xyz='nan 0 1'/>", "xyz='1 2'", "1e999",
     "nan", "0x1", "1,5", "<!DOCTYPE r [<!ENTITY a 'aa'>]>", "<!ENTITY x SYSTEM 'file:///etc/passwd'>", "&a;", "&#0;",
@@ -129,7 +119,7 @@ TAGS = (
 
 def urdf(rng):
     """A small robot, changed."""
-    return changed(rng, ROBOT, TAGS)
+    return changed(rng, ARM, TAGS)
 
 
 def use_expression(text, _rng, _folder):
@@ -150,7 +140,7 @@ def use_scene(text, _rng, folder):
 
 
 def use_urdf(text, rng, _folder):
-    joint = rng.choice(("shoulder", "wrist", "weld", "knee", ""))
+    joint = rng.choice(("shoulder", "elbow", "weld", "knee", ""))
     hp.from_urdf(text, joint=joint, body2_frame=rng.choice((None, "base", "tip", "hand", "nowhere")))
 
 

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.scenes.scene import Scene
 from support.near import assert_near
-from support.scenes import time, toml
+from support.scenes import scene_of, time, toml
 
 U = 2.0**-53
 
@@ -30,13 +29,6 @@ TIME = time(0, 2, 41)
 GOOD = JOINTS + MOTION + TIME
 
 
-def scene_of(tmp_path: Path, text: str) -> Scene:
-    (tmp_path / "digger.toml").write_text(text, encoding="utf-8")
-    scene = hp.load_scene(tmp_path / "digger.toml")
-    assert isinstance(scene, Scene)
-    return scene
-
-
 def by_hand() -> hp.Mechanism:
     """The numbers of the tables, in the order of the tree."""
     tables = {table.pop("name"): table for table in tomllib.loads(JOINTS)["joint"]}
@@ -53,7 +45,7 @@ def test_joints_of_a_file_are_the_mechanism_by_hand(tmp_path: Path) -> None:
     """The tables stand in another order than the tree."""
     scene, robot = scene_of(tmp_path, GOOD), by_hand()
     assert scene.mechanism.names == robot.names == ("boom", "stick", "ram")
-    assert scene.mechanism.name == "digger"
+    assert scene.mechanism.name == "scene"
     q, qd, qdd = scene.coordinates()
     t = np.linspace(0, 2, 41)
     np.testing.assert_array_equal(scene.t, t)
@@ -158,7 +150,7 @@ def test_a_urdf_file_beside_the_scene_is_a_robot(tmp_path: Path) -> None:
     table = "[mechanism]\nurdf = 'arm.urdf'\nlocked = { ram = '0.1/2' }\n"
     scene = scene_of(tmp_path, f"{table}[motion]\nboom = 't'\n{TIME}")
     assert scene.mechanism.names == ("boom", "stick")
-    assert scene.files == (tmp_path / "digger.toml", tmp_path / "arm.urdf")
+    assert scene.files == (tmp_path / "scene.toml", tmp_path / "arm.urdf")
     q = np.stack([scene.t, np.full(41, -0.2), np.full(41, 0.05)], axis=1)
     expected = by_hand().forward_kinematics(q, frames=("ram",)).R
     assert_near(scene.evaluate(("R_ram",)).R, expected, 16)
@@ -174,7 +166,7 @@ def test_what_is_written_is_a_log_that_comes_back_to_the_bit(tmp_path: Path) -> 
         for own, expected in zip(logged.coordinates(), scene.coordinates(), strict=True):
             np.testing.assert_array_equal(own, expected)
         assert_near(logged.forces().tau, scene.forces().tau, 64)
-        assert logged.files == (tmp_path / "digger.toml", tmp_path / name)
+        assert logged.files == (tmp_path / "scene.toml", tmp_path / name)
 
 
 def test_a_log_of_some_joints_leaves_the_others_at_rest(tmp_path: Path) -> None:

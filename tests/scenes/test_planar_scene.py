@@ -10,7 +10,7 @@ import pytest
 import hingepair as hp
 from hingepair.mechanism.states import PlanarState
 from support.near import assert_near
-from support.scenes import time, toml
+from support.scenes import scene_of, time, toml
 
 PLANAR_MOTION_KIND = (
     "planar = true\n"
@@ -18,12 +18,6 @@ PLANAR_MOTION_KIND = (
     + toml("motion", x="3*t", y=0.5, phi="0.3*t**2", psi="sin(t)")
     + time(0, 2, 21)
 )
-
-
-def scene_of(tmp_path, text):
-    path = tmp_path / "my.toml"
-    path.write_text(text)
-    return hp.load_scene(path)
 
 
 @pytest.mark.slow

@@ -10,8 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.scenes.motions.waypoints import PROFILES, interpolate_way_points
-from hingepair.scenes.scene import Scene
-from support.scenes import moved, toml
+from support.scenes import moved, scene_of, toml
 
 U = 2.0**-53
 MODELS = Path(__file__).parents[2] / "models"
@@ -21,12 +20,6 @@ GOOD = (
     + moved(0, 2, 21, x="3*t", y=0.5, z="w*t**2", phi_x="0.1*t", phi_y="0.2*sin(t)", psi="pi*t")
     + toml("constants", w=2)
 )
-
-
-def scene_of(tmp_path: Path, text: str | bytes) -> Scene:
-    path = tmp_path / "my.toml"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return hp.load_scene(path)
 
 
 def test_derivatives_reach_the_state(tmp_path: Path) -> None:
@@ -41,15 +34,6 @@ def test_outputs_of_the_file_are_those_computed(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, GOOD + '[outputs]\nnames = ["R2", "omega1"]\n')
     assert scene.evaluate().state.outputs == ("R2", "omega1")
     assert scene.evaluate(("d",)).state.outputs == ("d",)
-
-
-def test_sequence_names_the_angles_in_order(tmp_path: Path) -> None:
-    from scipy.spatial.transform import Rotation
-
-    scene = scene_of(tmp_path, GOOD.replace("[motion]\n", '[motion]\nsequence = "ZYX"\n'))
-    result = scene.evaluate(("S1",))
-    angles = np.stack([0.1 * result.t, 0.2 * np.sin(result.t), 0 * result.t], axis=-1)
-    np.testing.assert_allclose(result.S1, Rotation.from_euler("ZYX", angles).as_matrix(), rtol=0, atol=16 * U)
 
 
 def change(old: str, new: str) -> str:

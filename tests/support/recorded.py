@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+import hingepair as hp
+
 U1, U2 = np.array([0.3, 0.1, -0.2]), np.array([-0.2, 0.25, 0.1])
 N1 = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
 
@@ -58,6 +60,11 @@ def recording(count=1000, metres=0.0, radians=0.0, seed=0, turn=1.0, outliers=0.
     R2[off] += rng.normal(size=(off.sum(), 3))
     S2[off] = turns(3 * rng.normal(size=(off.sum(), 3)))
     return Recording(t, R1, S1, R2, S2, psi)
+
+
+def bodies(made):
+    """The motions of both bodies."""
+    return hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2, S=made.S2)
 
 
 def truth(sign, gauge="closest_to_R1"):

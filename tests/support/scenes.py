@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 
+import hingepair as hp
+
 STILL = dict.fromkeys(("x", "y", "z", "phi_x", "phi_y", "phi_z"), 0)
 
 
@@ -25,3 +27,8 @@ def moved(*instants, **motion):
 def logged(u1, u2, n, file="log.csv", **more):
     """A pair whose motion is in a file."""
     return toml("pair", u1=u1, u2=u2, n=n) + toml("motion", file=file, **more)
+
+
+def scene_of(folder, text, name="scene.toml"):
+    (folder / name).write_text(text, encoding="utf-8")
+    return hp.load_scene(folder / name)
