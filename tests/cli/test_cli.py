@@ -18,7 +18,7 @@ import hingepair as hp
 from hingepair.cli.main import COMMANDS
 from hingepair.engine.backend import execution_of
 from support.commands import refusal, run_command
-from support.work import HANG
+from support.work import HANG, python
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
 MODELS = Path(__file__).parents[2] / "models"
@@ -176,9 +176,9 @@ def test_libraries_that_only_some_commands_need_are_not_loaded() -> None:
     evaluated = 'import hingepair as hp; hp.load_scene("models/landing_gear.toml").evaluate(); '
     for before, absent in (("import hingepair.cli.main; ", heavy), (evaluated, {"sympy"})):
         code = f"{before}import sys; print(*{{name.partition('.')[0] for name in sys.modules}})"
-        shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-        assert "hingepair" in shown.split()
-        assert not absent & {*shown.split()}
+        shown = python(code).split()
+        assert "hingepair" in shown
+        assert not absent & {*shown}
 
 
 def test_the_list_of_commands_says_what_their_help_says() -> None:

@@ -20,6 +20,7 @@ from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, CompilationError
 from hingepair.numeric.blocks import sine
 from support.near import U, assert_near
+from support.work import in_threads
 
 GIVEN = {"unused": (2,), "m": (3, 3), "x": ()}
 OUTPUTS = {"y": (3,), "trace": ()}
@@ -240,17 +241,13 @@ def test_threads_that_compile_at_once_get_one_kernel():
     loop = Loop("own", product, dict(LOOP.inputs), OUTPUTS)
     given, made, gate = arrays([(50,)] * 3), [], threading.Barrier(4)
 
-    def work():
+    def work(_):
         gate.wait()
         one = Call(loop, GIVEN, CONSTANTS, Product, backend="compiled")
         for _ in range(50):
             made.append((id(one.machine_code("d").kernel), one.rows(*given).y))
 
-    threads = [threading.Thread(target=work) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    in_threads(work, 4)
     assert len({kernel for kernel, _ in made}) == 1
     for _, y in made:
         np.testing.assert_array_equal(y, made[0][1])

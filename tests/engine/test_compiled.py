@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-import threading
-
 import numpy as np
 import pytest
 
 import hingepair as hp
 from support.sparse import sparse
 from support.states import coordinates, generator, pair
-from support.work import HANG
+from support.work import in_threads, python
 
 
 def pair_of(rng, home=True):
@@ -26,35 +21,14 @@ def test_threads_that_call_at_once_do_not_mix():
     rng = generator(70)
     jobs = [(pair_of(rng), coordinates(rng, 20_000)) for _ in range(6)]
     expected = [one.forward_kinematics(*motion, backend="compiled").a2 for one, motion in jobs]
-    wrong: list[int] = []
 
     def work(i):
         one, motion = jobs[i]
         for k in range(15):
             found = one.forward_kinematics(*motion, backend="compiled", workers=1 + k % 2).a2
-            if not np.array_equal(found, expected[i]):
-                wrong.append(i)
+            np.testing.assert_array_equal(found, expected[i])
 
-    threads = [threading.Thread(target=work, args=(i,)) for i in range(len(jobs))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert wrong == []
-
-
-def run(code, **environment):
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"HINGEPAIR_CACHE": "off"} | environment,
-        timeout=HANG,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    in_threads(work, len(jobs))
 
 
 HARMS = {
@@ -79,4 +53,4 @@ try:
 except (hp.errors.MissingDependencyError, hp.errors.CompilationError) as error:
     print(error)
 """
-    assert "llvmlite" in run(code)
+    assert "llvmlite" in python(code, HINGEPAIR_CACHE="off")

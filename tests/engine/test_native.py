@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+from support.work import python
 
 COLLECTED = """
 import gc
@@ -22,5 +21,4 @@ except ValueError:
 
 def test_no_objects_are_collected_while_code_is_written():
     # In a process of its own: threads of other tests may be writing code.
-    done = subprocess.run([sys.executable, "-c", COLLECTED], capture_output=True, text=True, timeout=60, check=True)
-    assert done.stdout.split() == ["False", "True"]
+    assert python(COLLECTED).split() == ["False", "True"]

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from hingepair.engine.llvm import images, native, object_cache
-from support.work import HANG
+from support.work import HANG, python
 
 IR = "define i64 @kernel(i64 %x) {{\n  %y = mul i64 %x, {factor}\n  ret i64 %y\n}}\n"
 PROCESS = """
@@ -102,18 +102,12 @@ NO_TRACE = "trees.TreeQuantities = None"
 @pytest.mark.slow(3)
 @pytest.mark.usefixtures("folder")
 def test_a_robots_code_on_disk_is_found_without_a_trace():
-    def run(before, **environment):
-        done = subprocess.run(
-            [sys.executable, "-c", ROBOT.format(before=before)],
-            env=os.environ | environment, capture_output=True, text=True, timeout=HANG, check=False,
-        )  # fmt: skip
-        return done.stdout.split()
-
-    without = run("", HINGEPAIR_CACHE="off")
+    code, traced = (ROBOT.format(before=before) for before in (NO_TRACE, ""))
+    without = python(traced, HINGEPAIR_CACHE="off").split()
     assert len(without) == 2
-    assert run(NO_TRACE) == []
-    assert run("") == without
-    assert run(NO_TRACE) == without
+    assert python(code, fails=True) == ""
+    assert python(traced).split() == without
+    assert python(code).split() == without
 
 
 UPGRADE = """
@@ -139,11 +133,7 @@ def test_code_is_kept_under_the_sources_that_made_it(tmp_path):
     shutil.copytree(Path(object_cache.__file__).parents[2], tmp_path / "hingepair")
 
     def run(*arguments, **environment):
-        command = [sys.executable, "-W", "ignore", "-c", UPGRADE, str(tmp_path), *arguments]
-        done = subprocess.run(
-            command, env=os.environ | environment, capture_output=True, text=True, timeout=HANG, check=True
-        )
-        return float(done.stdout)
+        return float(python(UPGRADE, str(tmp_path), *arguments, PYTHONWARNINGS="ignore", **environment))
 
     old, new = run("upgrade"), run("-")
     assert new == run("-", HINGEPAIR_CACHE="off")

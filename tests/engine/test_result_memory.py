@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import gc
-import threading
 
 import numpy as np
 import pytest
 
 from hingepair.engine import outputs as memory
+from support.work import in_threads
 
 
 def address(array):
@@ -50,18 +50,10 @@ def test_what_is_kept_is_bounded():
 
 
 def test_threads_never_share_a_block():
-    failed = []
-
     def work(number):
         for _ in range(200):
             array = memory.empty((150_000,), np.dtype(np.float64))
             array[::5000] = number
-            if not (array[::5000] == number).all():
-                failed.append(number)
+            assert (array[::5000] == number).all()
 
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not failed
+    in_threads(work, 4)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 
@@ -13,7 +11,7 @@ import numpy as np
 import pytest
 
 from hingepair.engine import threads
-from support.work import HANG
+from support.work import HANG, python
 
 TIMER = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="interrupts by a timer")
 
@@ -160,8 +158,7 @@ thread.join()
 
 @pytest.mark.slow(2)
 def test_a_large_program_computes_in_a_thread_with_a_small_stack():
-    done = subprocess.run([sys.executable, "-c", STACK], check=False, timeout=HANG, capture_output=True, text=True)
-    assert done.stdout.strip() == "True", (done.returncode, done.stderr)
+    assert python(STACK).strip() == "True"
 
 
 FORK = """
@@ -182,5 +179,4 @@ print(os.waitpid(child, 0)[1])
 @pytest.mark.slow(2)
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="a system without forks")
 def test_a_forked_process_has_threads_of_its_own():
-    done = subprocess.run([sys.executable, "-c", FORK], check=False, timeout=HANG, capture_output=True, text=True)
-    assert done.stdout.strip() == "0", done.stderr
+    assert python(FORK).strip() == "0"

@@ -24,6 +24,13 @@ def panda():
     return hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
 
 
+def sines(t, w, phase, size=1.0):
+    """q, qd and qdd: sums along the last axis."""
+    angle = w * t[:, None, None] + phase
+    s, c = size * np.sin(angle), size * np.cos(angle)
+    return [part.sum(axis=-1) for part in (s, w * c, -(w**2) * s)]
+
+
 @functools.cache
 def motion(seconds):
     """q, qd and qdd within the limits, sums of sines, at 100 Hz."""
@@ -94,10 +101,7 @@ def test_sliders_followers_and_tilted_gravity_are_fitted():
         c = row[1:4] / row[0]
         row[4:] += (row[0] * (c @ c * np.eye(3) - np.outer(c, c)))[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
     real = robot.with_inertial_parameters(p.ravel())
-    rng, t = np.random.default_rng(0), np.arange(0, 8, 0.02)[:, None, None]
-    w, phase = rng.uniform(0.5, 5, (2, robot.dof, 5))
-    q, qd, qdd = np.sin(w * t + phase), w * np.cos(w * t + phase), -(w**2) * np.sin(w * t + phase)
-    motion = [0.5 * part.sum(axis=-1) for part in (q, qd, qdd)]
+    motion = sines(np.arange(0, 8, 0.02), *np.random.default_rng(0).uniform(0.5, 5, (2, robot.dof, 5)), 0.5)
     tau = real.inverse_dynamics(*motion, gravity=gravity).tau
     tau = tau + 0.2 * motion[1] + noise(tau.shape, 0)
     fit = hp.fit_masses(robot, *motion, tau, gravity=gravity, joint_terms=("viscous",))
@@ -225,9 +229,7 @@ def test_masses_are_those_of_rigid_bodies():
 def test_masses_that_torques_do_not_determine_stay_near_those_described(size):
     robot, rng = hp.load_robot("ur5_robot"), np.random.default_rng(0)
     t, w, amplitude = np.arange(0, 20, 0.02), 2 * np.pi * np.array((0.08, 0.17, 0.29, 0.43)), 0.5 / np.arange(1, 5)
-    turned = w * t[:, None, None] + rng.uniform(0, 2 * np.pi, (robot.dof, 4))
-    s, c = np.sin(turned), np.cos(turned)
-    q, qd, qdd = s @ amplitude, c @ (amplitude * w), -s @ (amplitude * w**2)
+    q, qd, qdd = sines(t, w, rng.uniform(0, 2 * np.pi, (robot.dof, 4)), amplitude)
     tau = robot.inverse_dynamics(q, qd, qdd).tau + size * rng.standard_normal(q.shape)
     fit = hp.fit_masses(robot, q, qd, qdd, tau)
     assert fit.ok, fit.findings
@@ -258,10 +260,9 @@ def test_recordings_come_in_every_form_and_with_gaps():
 @functools.cache
 def recorded(seed=0):
     """Two joints' worth of a planar arm: described robot, q, qd, qdd, and torques by Lagrange's equations."""
-    t, rng = np.arange(0, 20, 0.01)[:, None, None], np.random.default_rng(seed)
+    t, rng = np.arange(0, 20, 0.01), np.random.default_rng(seed)
     w, p, a = 2 * np.pi * rng.uniform(0.1, 0.7, (2, 5)), rng.uniform(0, 6.28, (2, 5)), 0.5 * rng.normal(size=(2, 5))
-    q = (a * np.sin(w * t + p)).sum(axis=-1)
-    qd, qdd = (a * w * np.cos(w * t + p)).sum(axis=-1), -(a * w**2 * np.sin(w * t + p)).sum(axis=-1)
+    q, qd, qdd = sines(t, w, p, a)
     (q1, q2), (d1, d2), (s1, s2) = q.T, qd.T, qdd.T
     h, c, far = 1.5 * 0.5 * 0.2 * np.sin(q2), np.cos(q2), -1.5 * 0.2 * 9.81 * np.cos(q1 + q2)
     m22 = 0.03 + 1.5 * 0.2**2

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import pickle
-import threading
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ import pytest
 import hingepair as hp
 from support.sparse import sparse
 from support.states import coordinates, generator, pair
+from support.work import in_threads
 
 U = 2.0**-53
 BACKENDS = ("numpy", "compiled")
@@ -84,21 +84,13 @@ def test_threads_do_not_mix():
     motion = coordinates(rng, 8)
     batch = [np.repeat(c[:, None], 50, axis=1) for c in motion]
     expected = [fk(*(c[i] for c in motion)).a2.copy() for i in range(8)]
-    wrong = []
 
     def work(i):
         for _ in range(300):
-            if not np.array_equal(fk(*(c[i] for c in motion)).a2, expected[i]):
-                wrong.append(i)
-            if not (fk(*(c[i] for c in batch)).a2 == expected[i]).all():
-                wrong.append(-i)
+            assert np.array_equal(fk(*(c[i] for c in motion)).a2, expected[i])
+            assert (fk(*(c[i] for c in batch)).a2 == expected[i]).all()
 
-    threads = [threading.Thread(target=work, args=(i,)) for i in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert wrong == []
+    in_threads(work, 8)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
