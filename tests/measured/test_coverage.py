@@ -16,10 +16,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 import hingepair as hp
+from support.recorded import N1, U1, U2
 
 RUNS, COUNT = 200, 120
-U1, U2 = np.array([0.3, 0.1, -0.2]), np.array([-0.2, 0.25, 0.1])
-N1 = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
 HOME = Rotation.from_rotvec((0.3, -0.5, 0.2))
 N2 = HOME.inv().apply(N1)
 POINT = np.concatenate((U1 - (U1 @ N1) * N1, U2 - (U1 @ N1) * N2))

@@ -15,7 +15,7 @@ import pytest
 import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
 from support.drawn import content_of
-from support.scenes import moved, scene_of, time, toml
+from support.scenes import logged, moved, scene_of, time, toml
 from support.work import HANG
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -130,9 +130,8 @@ def test_a_gap_hides_the_bodies_and_a_title_is_only_text(tmp_path):
     )
     (tmp_path / "log.csv").write_text(log)
     title = "</script><script>alert(1)</script>"
-    text = f"title = '{title}'\n[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'log.csv'\n"
-    (tmp_path / "scene.toml").write_text(text)
-    page = hp.view(hp.load_scene(tmp_path / "scene.toml"), tmp_path / "page.html")
+    scene = scene_of(tmp_path, f"title = '{title}'\n" + logged([1, 0, 0], [0, 1, 0], [0, 0, 1]))
+    page = hp.view(scene, tmp_path / "page.html")
     content = content_of(page)
     assert [place for place, matrix in enumerate(content["placements"]) if matrix is None] == [3]
     assert [place for place, q in enumerate(content["q"]) if q == [None]] == [5]
@@ -210,8 +209,7 @@ def test_a_scene_of_a_mechanism_is_played_with_its_base_and_its_frame(tmp_path):
     turn = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="turn")
     tip = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="tip")
     (tmp_path / "crane.urdf").write_text(hp.to_urdf(hp.Mechanism([turn, tip])))
-    (tmp_path / "crane.toml").write_text(SCENE)
-    scene = hp.load_scene(tmp_path / "crane.toml")
+    scene = scene_of(tmp_path, SCENE)
     page = hp.view(scene, tmp_path / "crane.html")
     content = content_of(page)
     assert repr(page) == "Page(A crane on a cart, frames=21)"

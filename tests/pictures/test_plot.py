@@ -11,7 +11,7 @@ import hingepair as hp
 from support.commands import refusal, run_command
 from support.drawn import drawn_texts
 from support.near import U
-from support.scenes import moved, toml
+from support.scenes import logged, moved, scene_of, time, toml
 from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -63,9 +63,7 @@ def log_scene(folder, rows):
     """A scene of a log with the columns t, x and psi; body 1 does not turn."""
     lines = (f"{t},{x},0,0,0,0,0,{psi}\n" for t, x, psi in rows)
     (folder / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + "".join(lines))
-    text = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'log.csv'\n"
-    (folder / "scene.toml").write_text(text)
-    return hp.load_scene(folder / "scene.toml")
+    return scene_of(folder, logged([1, 0, 0], [0, 1, 0], [0, 0, 1]))
 
 
 def test_a_gap_is_shaded(tmp_path):
@@ -97,8 +95,7 @@ def test_angles_go_on_after_a_gap(tmp_path):
 def moving(folder, samples, **motion):
     """A scene of expressions from 0 to 10 s."""
     pair = toml("pair", u1=[1, 0, 0], u2=[0, 1, 0], n=[0, 0, 1])
-    (folder / "scene.toml").write_text(pair + moved(0, 10, samples, **{"psi": 0} | motion))
-    return hp.load_scene(folder / "scene.toml")
+    return scene_of(folder, pair + moved(0, 10, samples, **{"psi": 0} | motion))
 
 
 FAST = {
@@ -177,9 +174,7 @@ def test_a_figure_is_in_the_units_that_are_asked_for():
 def test_stamps_are_drawn_with_an_offset(tmp_path):
     rows = [f"{1718000005.25 + 0.5 * i!r},{691607.25 + 4.0 * i!r},5334760.5,0,0" for i in range(41)]
     (tmp_path / "log.csv").write_text("\n".join(["t,x,y,phi_z,psi", *rows]) + "\n", encoding="utf-8")
-    text = '[pair]\nu1 = [0, 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\n[motion]\nfile = "log.csv"\n'
-    (tmp_path / "map.toml").write_text(text, encoding="utf-8")
-    figure = hp.plot(hp.load_scene(tmp_path / "map.toml"))
+    figure = hp.plot(scene_of(tmp_path, logged([0, 0, 0], [0, 0, 0], [0, 0, 1])))
     axes, _ = lines_of(figure, "hinge angle, psi")
     assert axes.get_xlabel() == "t - 1718000005 s"
     np.testing.assert_allclose(axes.get_lines()[0].get_xdata(), 0.25 + 0.5 * np.arange(41), atol=1e-6)
@@ -211,11 +206,8 @@ def test_an_angle_is_drawn_with_the_band_of_its_standard_deviation(outputs):
 
 
 def test_a_mechanism_without_masses_is_drawn_without_torques(tmp_path):
-    (tmp_path / "s.toml").write_text(
-        '[[joint]]\nname = "a"\nu1 = [0, 0, 1]\nu2 = [-1, 0, 0]\nn = [0, 1, 0]\n'
-        '[motion]\na = "t**2"\n[time]\nstart = 0\nstop = 1\nsamples = 11\n'
-    )
-    scene = hp.load_scene(tmp_path / "s.toml")
+    joint = toml("[joint]", name="a", u1=[0, 0, 1], u2=[-1, 0, 0], n=[0, 1, 0])
+    scene = scene_of(tmp_path, joint + toml("motion", a="t**2") + time(0, 1, 11))
     titles = [axes.get_title() for axes in hp.plot(scene).axes]
     assert titles[:2] == ["position", "rate"]
     assert hp.view(scene).frames == 11

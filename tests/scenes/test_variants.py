@@ -10,7 +10,7 @@ import pytest
 import hingepair as hp
 from hingepair.scenes.variants.vary import Variants
 from support.near import assert_near
-from support.scenes import moved, time, toml
+from support.scenes import moved, scene_of, time, toml
 
 MODELS = Path(__file__).parents[2] / "models"
 ROD = (
@@ -59,8 +59,7 @@ def test_variants_that_are_computed_together_are_those_of_the_scenes(kind, monke
 
 
 def test_let_names_are_those_of_constants_and_time(tmp_path):
-    (tmp_path / "swung.toml").write_text(SWUNG)
-    scene = hp.load_scene(tmp_path / "swung.toml")
+    scene = scene_of(tmp_path, SWUNG)
     written = (
         SWUNG.replace('"swing"', '"sin(1.5*t)"').replace('"swing**2"', '"sin(1.5*t)**2"').replace("twice*t", "3*t")
     )
@@ -101,8 +100,7 @@ def test_motions_that_end_at_an_event_are_as_long_as_they_are(tmp_path):
 def test_times_at_levels_know_impacts_between_the_instants(tmp_path):
     """A door that a spring shuts, and that leaves its frame again before the next instant."""
     door = ROD.replace("n = [0, 1, 0]", "n = [0, 0, 1]").replace("psi.stops = [-0.2, 3]", "psi.stops = [0, 3]")
-    (tmp_path / "door.toml").write_text(door.replace("psi.damping = 0.1", "psi.stiffness = 3"))
-    scene = hp.load_scene(tmp_path / "door.toml")
+    scene = scene_of(tmp_path, door.replace("psi.damping = 0.1", "psi.stiffness = 3"))
     (impact, *_) = scene.motion.simulated.impacts
     assert scene.evaluate(["psi"]).psi.min() > 1e-3
     found = hp.vary(scene, {"dynamics.psi.stiffness": [3.0]}, ["psi"], reduce=["min", "t_below(1e-6)", "t_min"])

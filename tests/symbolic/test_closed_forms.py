@@ -13,6 +13,7 @@ import sympy
 import hingepair as hp
 from hingepair.scenes.subject import Subject
 from support.commands import run_command
+from support.scenes import scene_of, time, toml
 
 MODELS = Path(__file__).parents[2] / "models"
 T = sympy.Symbol("t", real=True)
@@ -68,8 +69,7 @@ TURNS = {
 @pytest.mark.parametrize(("text", "expected"), TURNS.values(), ids=TURNS)
 def test_turns_of_a_file_are_rotations_by_the_same_numbers(text, expected, tmp_path):
     scene = (MODELS / "reference_3d.toml").read_text().replace("[pair]", f"[pair]\nhome = {text}")
-    (tmp_path / "scene.toml").write_text(scene)
-    home = hp.load_scene(tmp_path / "scene.toml").pair.home
+    home = scene_of(tmp_path, scene).pair.home
     np.testing.assert_allclose(home, expected(), rtol=4 * 2.0**-53, atol=2 * 2.0**-53)
     assert (home - np.eye(3)).any()
 
@@ -87,11 +87,8 @@ def test_constants_stay_letters_in_the_pair_too(tmp_path):
 
 
 def test_body_1_rests_where_psi_alone_moves(tmp_path):
-    (tmp_path / "s.toml").write_text(
-        '[pair]\nu1 = [1, 0, 0]\nu2 = [-1, 0, 0]\nn = [0, 0, 1]\n[motion]\npsi = "mod(3*pi, pi) + t"\n'
-        "[time]\nstart = 0\nstop = 1\nsamples = 2\n"
-    )
-    found = hp.load_scene(tmp_path / "s.toml")
+    pair = toml("pair", u1=[1, 0, 0], u2=[-1, 0, 0], n=[0, 0, 1])
+    found = scene_of(tmp_path, pair + toml("motion", psi="mod(3*pi, pi) + t") + time(0, 1, 2))
     assert tuple(hp.derive(found).R2) == (sympy.cos(T) + 1, sympy.sin(T), 0)
     assert hp.derive(found).to_text("R2") == "R2_x = cos(t) + 1\nR2_y = sin(t)\nR2_z = 0\n"
     assert found.expressions["x"] == 0
