@@ -12,6 +12,7 @@ import pytest
 
 import hingepair as hp
 from support.commands import run_command
+from support.scenes import time, toml
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
 
@@ -25,7 +26,7 @@ limits = [-3, 3]
 body1 = { mass = 2, centre_of_mass = [0.1, 0, 0.1], inertia = [0.2, 0.3, 0.35] }
 body2 = { mass = 1.5, centre_of_mass = [0.05, 0, 0], inertia = [0.1, 0.2, 0.25] }
 """
-TIME = "[time]\nstart = 0\nstop = 1\nsamples = 11\n"
+TIME = time(0, 1, 11)
 START = "R1_0 = [1, 2, 3]\nS1_0 = { axis = [1, 2, 0.5], deg = 70 }\n"
 
 
@@ -73,26 +74,12 @@ def test_mujoco_moves_the_model_as_the_scene_moves(tmp_path, base):
     np.testing.assert_allclose(found, scene.motion.source.psi, rtol=0, atol=1e-8)  # rad, of steps of 1 ms by MuJoCo
 
 
-WHOLE = """
-[dynamics]
-base = "fixed"
-"""
-WHOLE += START
-WHOLE += """
-psi.q_0 = 0.1
-psi.stiffness = 2
-psi.rest = 0.3
-psi.damping = 0.5
-psi.friction = 0.2
-psi.friction_rate = 0.02
-psi.stops = [-1, 1]
-psi.stop_stiffness = 500
-psi.stop_damping = 20
-psi.tau = "sin(t)"
-wrenches.body2.force = [0, 0, 1]
-gravity = [0, 0, -1.6]
-tol = 1e-8
-"""
+HINGE = {
+    "q_0": 0.1, "stiffness": 2, "rest": 0.3, "damping": 0.5, "friction": 0.2, "friction_rate": 0.02, "stops": [-1, 1],
+    "stop_stiffness": 500, "stop_damping": 20, "tau": "sin(t)",
+}  # fmt: skip
+WHOLE = toml("dynamics.wrenches.body2", force=[0, 0, 1])
+WHOLE += toml("dynamics", base="fixed", gravity=[0, 0, -1.6], tol=1e-8) + START + toml("dynamics.psi", HINGE)
 
 
 def test_mjcf_holds_spring_damping_friction_and_stops(tmp_path):

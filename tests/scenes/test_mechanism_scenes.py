@@ -112,22 +112,12 @@ def test_a_free_base_needs_a_motion_and_shows_what_moves_it(tmp_path: Path) -> N
 def test_payload_frames_and_gravity_are_those_of_the_methods(tmp_path: Path) -> None:
     text = (
         GOOD
-        + """
-[mechanism]
-name = "small digger"
-[mechanism.frames.wrist]
-link = "stick"
-R = [0.2, 0, 0.1]
-S = { axis = [1, 0, 0], deg = 90 }
-[mechanism.frames.teeth]
-link = "wrist"
-R = [0, 0, 0.4]
-[mechanism.payload.teeth]
-mass = 7
-inertia = [0.2, 0.2, 0.1]
-[dynamics]
-gravity = [0, "-1.62*sin(0.1)", "-1.62*cos(0.1)"]
-"""
+        + toml("mechanism", name="small digger")
+        + toml("mechanism.frames.wrist", link="stick", R=[0.2, 0, 0.1])
+        + "S = { axis = [1, 0, 0], deg = 90 }\n"
+        + toml("mechanism.frames.teeth", link="wrist", R=[0, 0, 0.4])
+        + toml("mechanism.payload.teeth", mass=7, inertia=[0.2, 0.2, 0.1])
+        + toml("dynamics", gravity=[0, "-1.62*sin(0.1)", "-1.62*cos(0.1)"])
     )
     scene = scene_of(tmp_path, text)
     S = hp.rotation_exp((np.pi / 2, 0, 0))
