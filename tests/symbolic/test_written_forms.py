@@ -15,6 +15,7 @@ import sympy
 
 import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
+from support.exported import ARM
 from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -214,21 +215,13 @@ def oblique_robot(seed):
     return hp.Mechanism(pairs, name="oblique").with_frame("tool", "joint4", R=rng.uniform(-1, 1, 3), S=turn)
 
 
-MIMIC = """<robot name="follower"><link name="a"/><link name="b"/><link name="c"/><link name="d"/><link name="e"/>
-<joint name="j1" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 1"/><axis xyz="0 1 0"/>
-<limit effort="1" velocity="1"/></joint>
-<joint name="j2" type="revolute"><parent link="b"/><child link="c"/><origin xyz="0.5 0 0" rpy="0.2 0 0"/>
-<axis xyz="0 1 0"/><mimic joint="j1" multiplier="-2" offset="0.25"/><limit effort="1" velocity="1"/></joint>
-<joint name="j3" type="prismatic"><parent link="c"/><child link="d"/><origin xyz="0 0.3 0"/><axis xyz="0 0 1"/>
-<mimic joint="j1" multiplier="0.1"/><limit effort="1" velocity="1"/></joint>
-<joint name="j4" type="continuous"><parent link="d"/><child link="e"/><origin xyz="0 0 .2" rpy="0 0 0.7"/>
-<axis xyz="0 0 -1"/></joint></robot>"""
+MIMIC = ARM.replace('<mimic joint="elbow"/>', '<mimic joint="elbow" multiplier="-2" offset="0.25"/>')
 
 ROBOTS = {
     "ur5": lambda: (hp.load_robot("ur5_robot", snap=SNAP), "tool0"),
     "panda's finger": lambda: (hp.load_robot("panda"), "panda_leftfinger"),
     "solo12": lambda: (hp.load_robot("solo12"), "FL_FOOT"),
-    "followers": lambda: (hp.Mechanism.from_urdf(MIMIC), "e"),
+    "followers": lambda: (hp.Mechanism.from_urdf(MIMIC), "tool"),
     **{f"oblique {seed}": lambda seed=seed: (oblique_robot(seed), "tool") for seed in (0, 3)},
 }
 
