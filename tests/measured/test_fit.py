@@ -164,6 +164,24 @@ def test_what_is_no_hinge_is_said_in_a_sentence(name: str, noise: float) -> None
     assert "looks" not in " ".join(found.findings)  # no mistake
 
 
+def test_bodies_that_are_not_joined_are_said_to_be_beside_a_clock_offset() -> None:
+    t = np.arange(800) / 100
+    turn = np.stack((0.3 * np.sin(1.3 * t), 0.25 * np.cos(1.7 * t), 0.4 * np.sin(0.7 * t)), axis=-1)
+    moving = hp.BodyMotion(R=np.stack((0.4 * np.sin(t), 0.2 * t, 0 * t), axis=-1), S=turns(turn))
+    noise = np.random.default_rng(0).standard_normal((2, 800, 3))
+    standing = hp.BodyMotion(R=1e-3 * noise[0], S=turns(2e-3 * noise[1]))
+    found = hp.fit(moving, standing, t=t)
+    assert "They do not turn about one axis" in found.findings[0]
+    assert (found.clock_offset, found.std["clock_offset"]) == (0.0, np.inf)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_fewer_than_two_samples_show_no_hinge(count: int) -> None:
+    body = hp.BodyMotion(R=np.zeros((count, 3)), S=np.tile(np.eye(3), (count, 1, 1)))
+    with pytest.raises(hp.FitError, match=f"at least two samples with both poses, got {count}"):
+        hp.fit(body, body)
+
+
 def test_play_of_the_hinge_point_is_measured_beside_the_levers() -> None:
     found = hp.fit(*bodies(recording(2000, 1e-3, 2e-3, slip=0.01 * SLOW[:, None] * N1)))
     size, share = re.search(r"along the axis by ([\d.]+) m rms, ([\d.]+) % of the levers", found.findings[0]).groups()

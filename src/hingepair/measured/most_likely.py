@@ -15,6 +15,7 @@ import numpy as np
 
 from hingepair.measured.hinge import slopes
 from hingepair.measured.relative_poses import FEW_SAMPLES, RelativePoses
+from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.measured.statistics import Loss, loss_weights, sandwich, solve_semidefinite
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp
@@ -71,6 +72,8 @@ def most_likely(
     model, has_converged = start, False
     for _ in range(_MAX_ROUNDS):
         poses = poses_at(clock, _SOME)
+        if len(poses.by_clock) and poses.samples < MIN_PIECE:  # the clock left the recording
+            return Estimate(model, clock, False), poses
         model = model.with_noise(poses, loss)
         seen = evaluate(model, poses, clock, loss)
         step = -solve_semidefinite(seen.normal, seen.gradient)
@@ -88,6 +91,7 @@ def most_likely(
     if change.any():
         clock = clock + change
         poses = poses_at(clock, sys.maxsize)
+        has_converged &= poses.samples >= MIN_PIECE
     return Estimate(model, clock, has_converged), poses
 
 

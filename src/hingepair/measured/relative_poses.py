@@ -77,7 +77,7 @@ def compute_relative_poses(
     first, second = (S.astype(np.float64, copy=False) for S in (S1, S2))
     Q = np.ascontiguousarray((np.swapaxes(first, 1, 2) @ second).reshape(count, 9).T)
     p = np.ascontiguousarray(np.einsum("nji,nj->ni", first, np.subtract(R2, R1, dtype=np.float64)).T)
-    size = float(max(np.abs(R1).max(), np.abs(R2).max()))
+    size = float(max(np.abs(R1).max(initial=0.0), np.abs(R2).max(initial=0.0)))
     return RelativePoses(
         Q, p, size, np.ones(count) if variances is None else variances, share, np.zeros((0, 12, count))
     )

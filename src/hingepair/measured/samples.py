@@ -123,7 +123,7 @@ def _frozen_samples(arrays: dict[str, NDArray[np.floating]]) -> dict[str, NDArra
     for digit in "12":
         same = np.ones(len(arrays[f"R{digit}"]), dtype=bool)
         for array in (arrays[f"R{digit}"], arrays[f"S{digit}"]):
-            same[1:] &= (array[1:] == array[:-1]).reshape(same.size - 1, -1).all(axis=1)
+            same[1:] &= (array[1:] == array[:-1]).all(axis=tuple(range(1, array.ndim)))
         same[:1] = False
         repeats[digit] = same
     frozen = {}
@@ -141,7 +141,7 @@ def _frozen_samples(arrays: dict[str, NDArray[np.floating]]) -> dict[str, NDArra
 def _is_constant(S: NDArray[np.floating]) -> bool:
     """Return whether all attitudes S (N, 3, 3) are the same: a body at rest, whose pose has no noise."""
     some = S[:: max(1, S.shape[0] // 16)]
-    return bool((some == S[0]).all() and (S[0] == S).all())
+    return bool((some == S[:1]).all() and (S[:1] == S).all())
 
 
 def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Array:
