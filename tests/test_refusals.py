@@ -117,6 +117,7 @@ CONSTRUCTORS = {
         ("friction_rate", A, 0, -1), ("rest", A, INF), ("stops", A, (1, -1), (1, 1), 1.0, (0, 1, 2), (0, NAN)),
         ("motor", A, "1", lambda t: t), ("stop_restitution", A, 1.1, -0.1),
         ("stop_damping", A, C(stop_restitution=0.5, stop_damping=1)),
+        ("stop_stiffness", A, C(stop_restitution=0.5, stop_stiffness=3)),
     ],
 }  # fmt: skip
 

@@ -84,6 +84,7 @@ moved | + [motion]\nx = 0 | motion.y
 moved | + phi_0 = 1 | dynamics.phi_0
 moved | + psi.tau = 'log(0.2 - t)' | dynamics
 moved | + psi.stops = [-1, 1]\npsi.stop_restitution = 0\npsi.stop_damping = 2 | stop_damping
+moved | + psi.stops = [-1, 1]\npsi.stop_restitution = 0\npsi.stop_stiffness = 1e4 | stop_stiffness
 robot | 'boom'\nu1 -> 'bom'\nu1 | joint.stick.parent
 robot | name = 'boom' -> name = 'boom'\nparent = 'ram' | parent
 robot | name = 'ram' -> name = 'boom' | joint[2].name

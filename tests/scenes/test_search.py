@@ -194,3 +194,7 @@ def test_what_is_no_number_or_no_result_is_named_with_what_is(tmp_path):
     ):
         with pytest.raises(hp.ArgumentError, match=words):
             hp.search(tmp_path / "door.toml", key, until)
+    for aim in ("minimize", "maximize"):
+        for result in ("psi_lst", "psidd_z_max", "R2_w_max"):
+            with pytest.raises(hp.ArgumentError, match=f"^{aim}: "):
+                hp.search(tmp_path / "door.toml", {"dynamics.psi.damping": (0.1, 1)}, **{aim: result})

@@ -190,7 +190,11 @@ def test_a_sweep_over_a_log_that_has_changed_is_another_one():
 
 def test_a_variant_that_cannot_be_computed_is_nan_and_the_others_are_not():
     text = 'scene = "arm.toml"\noutputs = ["hinge_torque"]\nreduce = ["max"]\n'
-    text += '[[vary]]\nkey = "pair.body2.mass"\nvalues = [2.0, -1.0, 3.0]\n'
-    with pytest.warns(sweeps.SweepWarning, match=r"1 of 1 variants cannot .* pair.body2.mass = -1: .*mass"):
-        found = table(swept("bad", "bad.parquet", text))
-    assert np.isnan(found["hinge_torque_max"]).tolist() == [False, True, False]
+    text += '[[vary]]\nkey = "pair.body2.mass"\nvalues = [%s]\n'
+    for name, values in (("bad", "2.0, -1.0, 3.0"), ("first", "-1.0, 2.0, 3.0")):
+        with pytest.warns(sweeps.SweepWarning, match=r"1 of 1 variants cannot .* pair.body2.mass = -1: .*mass"):
+            found = table(swept(name, f"{name}.parquet", text % values))
+        assert_array_equal(np.isnan(found["hinge_torque_max"]), found["pair.body2.mass"] < 0)
+    with pytest.warns(sweeps.SweepWarning), pytest.raises(hp.SceneError, match=r"2 of 2 variants .* = -1: .*mass"):
+        swept("none", "none.parquet", text % "-1.0, -2.0")
+    assert not Path("none.parquet.parts").exists()

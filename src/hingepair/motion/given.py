@@ -134,7 +134,7 @@ def _of_leader(load: HingeLoad, rule: Mimic) -> HingeLoad:
         friction=abs(ratio) * load.friction,
         friction_rate=None if load.friction_rate is None else load.friction_rate / abs(ratio),
         stops=None if stops is None else (stops[0], stops[1]),
-        stop_stiffness=ratio**2 * load.stop_stiffness,
+        stop_stiffness=load.stop_stiffness * (ratio**2 if load.stop_restitution is None else 1),
         stop_damping=abs(ratio) * load.stop_damping,
         stop_restitution=load.stop_restitution,
     )

@@ -16,6 +16,7 @@ from hingepair.numeric.arrays import Float64Array, Frozen, finite_number, set_fr
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
 TORQUE_PARTS: Final = ("motor", "spring", "damper", "friction", "stop")
 """The parts of the torque of a `HingeLoad`. In records of all loads, their names end in _torque."""
+_STOP_STIFFNESS: Final = 1e4  # [N m/rad] of stops, unless given
 # Parts of the errors of NumPy and Python where an array is used as a number.
 _SCALAR_MESSAGES = ("truth value of an array", "arrays can be converted to Python scalars")
 
@@ -47,7 +48,7 @@ class HingeLoad(Frozen):
 
     Raises:
         ArgumentError: a value other than rest, stops and motor is negative; friction_rate is 0; stop_restitution is
-            above 1, or given beside stop_damping; or stops are not in increasing order.
+            above 1, or given beside stop_stiffness or stop_damping; or stops are not in increasing order.
 
     >>> import hingepair as hp
     >>> spring = hp.HingeLoad(stiffness=10, damping=0.5)
@@ -61,7 +62,7 @@ class HingeLoad(Frozen):
     friction: float = 0.0
     friction_rate: float | None = None
     stops: tuple[float, float] | None = None
-    stop_stiffness: float = 1e4
+    stop_stiffness: float = _STOP_STIFFNESS
     stop_damping: float = 0.0
     stop_restitution: float | None = None
     motor: HingeTorque = 0.0
@@ -81,6 +82,9 @@ class HingeLoad(Frozen):
             raise ArgumentError("stop_restitution", "a number from 0 to 1", self.stop_restitution)
         if self.stop_restitution is not None and self.stop_damping:
             raise ArgumentError("stop_damping", "0, since stop_restitution describes rigid stops", self.stop_damping)
+        if self.stop_restitution is not None and self.stop_stiffness != _STOP_STIFFNESS:
+            expected = "no value, since stop_restitution describes rigid stops"
+            raise ArgumentError("stop_stiffness", expected, self.stop_stiffness)
         stops: Any = self.stops
         if stops is not None:
             if not isinstance(stops, tuple | list | np.ndarray) or len(stops) != 2:

@@ -254,6 +254,8 @@ def _read_joint(table: Table, subject: Subject, name: str, described: HingeLoad)
     q, stops = values.get("q_0", 0.0), load.get("stops")
     if stops and "stop_restitution" in load and abs(q) > 2 * np.pi and not stops[0] <= q <= stops[1]:
         table.fail("q_0", f"a coordinate between the stops, {stops[0]:g} to {stops[1]:g} rad (deg(90) is 90 degrees)")
+    if "stop_restitution" in load and "stop_stiffness" in load:
+        table.refuse("stop_stiffness", "no value beside stop_restitution, of rigid stops", load["stop_stiffness"])
     with table.naming(motor="tau"):
         return values, replace(described, **load)
 

@@ -126,7 +126,7 @@ def search(
             "until", 'a condition such as "psi_last = 1.5", or a result to minimize or maximize', "none"
         )
     names = (*(condition.result for condition in conditions), *(() if aim is None else (aim,)))
-    tried = _Tried(scene, vary, names, conditions, units)
+    tried = _Tried(scene, vary, names, conditions, units, "minimize" if maximize is None else "maximize")
     if aim is not None:
         x = _smallest(tried, 1.0 if maximize is None else -1.0)
     elif len(tried.keys) == 1 and len(conditions) == 1 and conditions[0].sign == "=":
@@ -172,6 +172,7 @@ class _Tried:
         names: Sequence[str],
         conditions: Sequence[Condition],
         units: str | None,
+        aim_name: str,
     ) -> None:
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
         keys = [vary] if isinstance(vary, str) else list(vary)
@@ -179,8 +180,10 @@ class _Tried:
             raise ArgumentError("vary", 'a key such as "dynamics.psi.damping"', quoted(vary))
         self.keys, self.conditions, self._names = keys, conditions, names
         ranges = [vary[key] if isinstance(vary, Mapping) else None for key in keys]
-        self._columns = [_column(name) for name in names]
-        outputs = tuple(dict.fromkeys(_output_in(scene, column) for column, _ in self._columns))
+        self._arguments = ["until" if place < len(conditions) else aim_name for place in range(len(names))]
+        self._columns = [_column(*each) for each in zip(names, self._arguments, strict=True)]
+        wanted = zip(self._columns, self._arguments, strict=True)
+        outputs = tuple(dict.fromkeys(_output_in(scene, column, argument) for (column, _), argument in wanted))
         self.variants = Variants(scene, keys, outputs)
         self.given = np.array([number_at(scene.tables, path) for path in self.variants.paths])
         self.low, self.high = np.array([_ends(*each) for each in zip(keys, ranges, self.given, strict=True)]).T
@@ -206,9 +209,9 @@ class _Tried:
             self.reasons[key] = batch.reasons[0]
             reduced = batch.reduced(tuple({reduction for _, reduction in self._columns}), self._in_units)
             columns = {heading.partition(" [")[0]: float(values[0]) for heading, values in reduced.items()}
-            for name in self._names:
+            for name, argument in zip(self._names, self._arguments, strict=True):
                 if name not in columns:
-                    raise ArgumentError("until", choices(tuple(columns)) + nearest(name, columns), quoted(name))
+                    raise ArgumentError(argument, choices(tuple(columns)) + nearest(name, columns), quoted(name))
             self.known[key] = [columns[name] for name in self._names]
         return self.known[key]
 
@@ -256,7 +259,7 @@ class _Tried:
             yield lost
 
 
-def _output_in(scene: Scene, column: str) -> str:
+def _output_in(scene: Scene, column: str, argument: str) -> str:
     """Return the output whose component a column is: the longest name that the scene has."""
     parts, refusal = column.split("_"), None
     for count in range(len(parts), 0, -1):
@@ -268,15 +271,15 @@ def _output_in(scene: Scene, column: str) -> str:
         else:
             return output
     expected = f"a component of an output of the scene ({refusal.expected if refusal else ''})"
-    raise ArgumentError("until", expected, quoted(column))
+    raise ArgumentError(argument, expected, quoted(column))
 
 
-def _column(name: str) -> tuple[str, str]:
-    """Return (column, reduction) of the name of a result."""
+def _column(name: str, argument: str) -> tuple[str, str]:
+    """Return (column, reduction) of the name of a result, which an argument of `search` gave."""
     reduction = reduction_ending(name)
     if reduction is None:
         hint = nearest(name.rpartition("_")[2], REDUCTIONS)
-        raise ArgumentError("until", f"a result that ends in _ and {choices(REDUCTIONS)}{hint}", quoted(name))
+        raise ArgumentError(argument, f"a result that ends in _ and {choices(REDUCTIONS)}{hint}", quoted(name))
     return name[: -len(reduction) - 1], reduction
 
 

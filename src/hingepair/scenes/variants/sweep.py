@@ -181,6 +181,9 @@ def run_sweep(sweep: Sweep, out: Path, progress: Progress | None = None) -> Path
         out: path of the table; ends in .parquet or .csv. Finished chunks are in the folder `<out>.parts` until all
             are finished; an interrupted sweep continues from them.
         progress: is called after each chunk with the numbers of finished chunks and of all chunks.
+
+    Raises:
+        SceneError: no variant can be computed.
     """
     import pandas
 
@@ -192,17 +195,23 @@ def run_sweep(sweep: Sweep, out: Path, progress: Progress | None = None) -> Path
     if out.exists():
         raise ArgumentError("out", "a name that does not exist yet (or remove what is there)", quoted(str(out)))
     parts, frames = _open_parts(out, sweep.identity()), []
-    for k, rows in enumerate(np.array_split(np.arange(len(sweep.numbers)), sweep.chunks)):
-        part = parts / f"part-{k:07d}.npz"
-        if not part.exists():
-            columns = compute_chunk(sweep, rows)
-            with whole_file(part) as file:
-                write_npz(file, columns)
-        with np.load(part) as archive:
-            frames.append(pandas.DataFrame({name: archive[name] for name in archive.files}))
-        if progress is not None:
-            progress(k + 1, sweep.chunks)
-    frame = pandas.concat(frames)
+    try:
+        for k, rows in enumerate(np.array_split(np.arange(len(sweep.numbers)), sweep.chunks)):
+            part = parts / f"part-{k:07d}.npz"
+            if not part.exists():
+                columns = compute_chunk(sweep, rows)
+                with whole_file(part) as file:
+                    write_npz(file, columns)
+            with np.load(part) as archive:
+                frames.append(pandas.DataFrame({name: archive[name] for name in archive.files}))
+            if progress is not None:
+                progress(k + 1, sweep.chunks)
+        frame = pandas.concat(frames)
+        if frame.iloc[:, 1 + len(sweep.variants.keys) :].isna().all(axis=None):
+            _check_any_computed(sweep, parts)
+    finally:
+        if not any(parts.glob("part-*")):
+            shutil.rmtree(parts, ignore_errors=True)
     with whole_file(out) as file:
         if out.suffix.lower() == ".csv":
             frame.to_csv(file, index=False, lineterminator="\n")
@@ -226,19 +235,24 @@ def _open_parts(out: Path, identity: str) -> Path:
     return parts
 
 
+def _check_any_computed(sweep: Sweep, parts: Path) -> None:
+    """Raise a SceneError and remove the finished chunks if no variant of a sweep can be computed."""
+    variants = sweep.variants
+    reasons = [reason for batch in variants.batches(sweep.numbers) for reason in batch.reasons]
+    if all(reasons):
+        shutil.rmtree(parts)
+        sentence = lost_variants(variants.keys, sweep.numbers, reasons)
+        raise SceneError(variants.scene.path.name, f"variants that can be computed, but {sentence}", "none")
+
+
 def compute_chunk(sweep: Sweep, rows: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
     """Compute some variants of a sweep, and return their columns, with a row for each variant: its index in the
     sweep, the varied numbers by key, and the reductions.
-
-    Raises:
-        SceneError: none of the first variants can be computed.
     """
     variants, numbers = sweep.variants, sweep.numbers[rows]
     batches = [*variants.batches(numbers)]
     reasons = [reason for batch in batches for reason in batch.reasons]
     if sentence := lost_variants(variants.keys, numbers, reasons):
-        if rows[0] == 0 and all(reasons):
-            raise SceneError(variants.scene.path.name, "variants that can be computed", sentence)
         warnings.warn(f"variants {rows[0]} to {rows[-1]}: {sentence}", SweepWarning, stacklevel=2)
     reduced = [batch.reduced(sweep.reductions, variants.scene.in_units(sweep.units)) for batch in batches]
     columns = {"variant": rows, **dict(zip(variants.keys, numbers.T, strict=True))}
