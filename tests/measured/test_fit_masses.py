@@ -345,6 +345,7 @@ def test_torques_that_are_late_are_found_with_their_delay(samples):
     )
     inner = slice(50, -50)
     fit = hp.fit_masses(recorded()[0], q[inner], qd[inner], qdd[inner], tau[inner])
+    assert not fit.ok
     (found,) = (finding for finding in fit.findings if finding.name == "delay")
     said = re.search("torques that are (late|early)(?: by ([0-9.]+) samples?)?", found)
     assert said[1] == ("late" if samples > 0 else "early")
@@ -361,6 +362,17 @@ def test_a_robot_that_stands_still_is_not_said_to_have_other_units():
     assert "unit" not in {finding.name for finding in hp.fit_masses(robot, q, still, still, noisy).findings}
     (found,) = (one for one in hp.fit_masses(robot, q, still, still, 1e3 * noisy).findings if one.name == "unit")
     assert 900 < found.value < 1100
+
+
+def test_a_joint_whose_rates_are_rounding_stands_still():
+    robot, q, qd, qdd, _ = recorded()
+    q, qd, qdd = (one * (1, 0) + (0, held) for one, held in ((q, 0.3), (qd, 0), (qdd, 0)))
+    rounded = qd + (0, 1e-15) * np.sin(np.arange(len(qd)))[:, None]
+    tau = robot.inverse_dynamics(q, qd, qdd).tau + noise(q.shape, 0)
+    fit = hp.fit_masses(robot, q, rounded, qdd, tau)
+    assert fit.std[[fit.names.index("b viscous"), fit.names.index("b coulomb")]].tolist() == [np.inf, np.inf]
+    assert fit.values.tolist() == hp.fit_masses(robot, q, qd, qdd, tau).values.tolist()
+    assert any("b does not move" in finding for finding in fit.findings)
 
 
 def test_a_recording_of_zeros_is_no_error_of_numpy():

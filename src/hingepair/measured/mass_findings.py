@@ -37,6 +37,7 @@ _DEPENDENT = 5.0  # of squares of means, times what noise makes of them
 _ORDERED_SAMPLES = 4096  # that tell errors of the model
 _SHOWN = 6.0  # standard deviations from which an error of the model is shown
 _SHIFTED = 2.0  # standard deviations by which it may shift a parameter
+_DELAYED = 0.5  # samples by which torques may be late: friction bears the whole of a delay
 _LARGEST = 30  # joints; of more, derivatives by lengths are large programs
 _FACTORS = {"m": (1e3, "mm"), "rad": (180 / np.pi, "deg")}
 
@@ -143,13 +144,15 @@ def _model_findings(found: Found, robot: Mechanism) -> list[Finding]:
         shift = float((np.abs(of_parameters @ size)[known] / np.maximum(found.std[known], 1e-300)).max(initial=0.0))
         factor, name_of_unit = _FACTORS.get(unit, (1.0, ""))
         by = f" by {factor * float(np.linalg.norm(size)):.2g} {name_of_unit}" if unit else ""
-        shown.append((score, shift, name, text + by))
+        is_delayed = name == "delay" and float(np.linalg.norm(size)) > _DELAYED
+        shown.append((score, shift, is_delayed, name, text + by))
     most = max(shown)
     alike = [each for each in shown if each[0] > 0.9 * most[0]]
-    causes, most_shift = " or ".join(text for *_, text in alike), max(shift for _, shift, *_ in alike)
+    causes, most_shift = " or ".join(text for *_, text in alike), max(each[1] for each in alike)
     text = f"A probable cause of what is left of the torques is {causes}: parameters are wrong by "
     text += f"about {most_shift:.2g} standard deviations."
-    return exceeded(Finding(alike[0][2], most[0], _SHOWN, text, harmless=most_shift <= _SHIFTED))
+    harmless = most_shift <= _SHIFTED and not any(each[2] for each in alike)
+    return exceeded(Finding(alike[0][3], most[0], _SHOWN, text, harmless=harmless))
 
 
 def _errors_of_model(found: Found, robot: Mechanism, part: slice) -> Iterator[tuple[str, str, str, Float64Array]]:

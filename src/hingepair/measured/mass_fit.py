@@ -32,6 +32,8 @@ from hingepair.plans.arguments import Coordinates, read_arguments
 from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text, json_text
 from hingepair.tables.suspicions import suspicions
 
+_ROUNDING_OF_RATES = 1e-10  # of the largest q and qd; a joint whose rates are smaller stands still
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MassFit(Judged, Frozen, Shown):
@@ -209,6 +211,9 @@ def fit_masses(
     base = robot.base_parameters(gravity=gravity)
     base = _parameters_of(robot, base, links) if links else base
     given = {name: one[known] for name, one in values.items()}
+    largest = max(np.abs(given[name]).max(initial=0.0) for name in ("q", "qd"))
+    is_still = np.abs(given["qd"]).max(axis=0, initial=0.0) <= _ROUNDING_OF_RATES * largest
+    given["qd"] = np.where(is_still, 0.0, given["qd"])
     recording = recording_of(
         robot, base, terms, tuple(np.asarray(gravity, dtype=np.float64).tolist()), given, bool(links)
     )
