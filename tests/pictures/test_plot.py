@@ -191,6 +191,17 @@ def test_paths_of_points_are_drawn():
     np.testing.assert_array_equal(drawn["seat"], np.tile((0, 0, 1), (181, 1)))
 
 
+def test_a_trajectory_in_the_plane_is_drawn_as_that_of_the_pair_in_space():
+    planar, t = hp.PlanarPair((-1.2, 0), (3, 0)), np.linspace(0, 2, 50)
+    motions = (
+        hp.integrate(planar, t, 0.1, 0.2, R1=(1, 2)),
+        hp.integrate(planar.to_spatial(), t, (0, 0, 0.1), 0.2, R1=(1, 2, 0)),
+    )
+    (_, found), (_, expected) = (lines_of(hp.plot(one), "position of body 2, R2") for one in motions)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=16 * U)
+    assert hp.view(motions[0]).frames == len(t)
+
+
 @pytest.mark.parametrize("outputs", [None, "psi", ("psi",)])
 def test_an_angle_is_drawn_with_the_band_of_its_standard_deviation(outputs):
     t = np.arange(300) / 100

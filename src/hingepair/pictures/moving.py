@@ -17,7 +17,7 @@ from hingepair.mechanism.pairs.requests import check_single_pair
 from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK
 from hingepair.mechanism.tree import Joint
 from hingepair.motion.simulated import SimulatedMotion, SimulatedRobotMotion
-from hingepair.motion.trajectory import Trajectory
+from hingepair.motion.trajectory import PlanarTrajectory, Trajectory
 from hingepair.numeric.arrays import is_table, real_array
 from hingepair.scenes.motions.known import PSI, Known
 from hingepair.scenes.motions.motion import MotionSource
@@ -87,11 +87,14 @@ def moving(
         return Moving(subject, source.title, source.t, source.motion.source, source)
     if isinstance(source, Trajectory):
         psi: tuple[Any, ...] = ((source.psi,),)
-        body1 = BodyMotion(R=source.R1, S=source.S1)
+        pair, R1 = source.pair, source.R1
+        if isinstance(source, PlanarTrajectory):
+            pair, R1 = source.pair.to_spatial(), np.pad(R1, ((0, 0), (0, 1)))
+        body1 = BodyMotion(R=R1, S=source.S1)
         if isinstance(source, SimulatedMotion):
             psi, body1 = (*psi, (source.psid,), (source.psidd,)), source.body1
         known = Known(PSI, len(source.t), psi, body1)
-        return Moving(source.pair, source.pair.name, source.t, known, arrays=source.recorded())
+        return Moving(pair, pair.name, source.t, known, arrays=source.recorded())
     if isinstance(source, HingePair):
         return _swept(source)
     expected = "a pair in space, a scene, its result, or a trajectory"
