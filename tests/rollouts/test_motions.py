@@ -8,6 +8,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
+from support.linkages import four_bar
 from support.near import U
 from support.trees import Robot, base_motion, random_model, record_of
 
@@ -202,3 +203,10 @@ def test_one_free_rigid_body_falls_and_keeps_its_angular_momentum():
     np.testing.assert_allclose(centre, expected, rtol=0, atol=1e-6)  # of steps of this length
     spin = momentum.angular - np.cross(centre, momentum.linear)
     np.testing.assert_allclose(spin, np.broadcast_to(spin[0], spin.shape), rtol=0, atol=1e-8)
+
+
+def test_a_linkage_that_is_lost_is_told():
+    linkage = four_bar(coordinate="rocker")
+    with pytest.warns(hp.DynamicsWarning, match="1 of 2 motions become NaN"):
+        motion = linkage.rollout([[1.9], [1.9]], [[0.0], [100.0]], 0.0, 1e-3, steps=50, gravity=(0, 0, 0))
+    assert np.isfinite(motion.q[0]).all()

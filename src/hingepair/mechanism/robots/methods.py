@@ -14,6 +14,7 @@ from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
+from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.linkages import LoopWrench, follow_path, loop_wrenches, transmission
 from hingepair.mechanism.options import (
@@ -445,8 +446,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
 
         Wrenches keep their values in world axes. A free base adds six rows, those of force1 and torque1, and six
         columns: by displacements of R1 and rotations of the base, by v1 and omega1, by a1 and alpha1; world axes, and
-        omega1 and alpha1 stay as they are while the base rotates. Second derivatives are central differences of
-        these: `jax.hessian` of a robot compiles for minutes. Arguments not listed: see `inverse_dynamics`.
+        omega1 and alpha1 stay as they are while the base rotates. Second derivatives are exact, too, by
+        `jax.hessian` of a prepared call. Arguments not listed: see `inverse_dynamics`.
 
         Args:
             joint_loads: as at `Mechanism`; derivatives of dry friction are 0.
@@ -544,7 +545,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             The Rollout `r`: `r.q` and `r.qd`, shape (..., steps // every + 1, dof), the start first, and their
             instants `r.t`. With a free base also R1, S1, v1 and omega1, and `r.base_motion` for other methods, as in
             `robot.energy(r.q, r.qd, base_motion=r.base_motion)`. The attitude is turned by the exponential of omega1.
-            Where the mass matrix is singular, motions become NaN, and a DynamicsWarning says so.
+            Where the mass matrix is singular, motions become NaN, and a DynamicsWarning says so. Those of a linkage
+            must stay away from dead points: a step across one is not noticed (`hp.simulate` stops there).
 
         Raises:
             ArgumentError: the program has too many operations.
@@ -573,6 +575,11 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         )  # fmt: skip
         if self._robot.constants.may_be_singular and np.isnan(result.q[..., -1, :]).any():
             self.forward_dynamics(q0, qd0, np.zeros(computation.form.dof), joint_loads=False)  # which warns
+        if self._tree.closure is not None:
+            lost = np.isnan(result.q[..., -1, :]).any(axis=-1) & np.isfinite(result.q[..., 0, :]).all(axis=-1)
+            if lost.any():
+                count = f"{int(lost.sum())} of {lost.size} motions"
+                warn_of_dynamics(f"{self._tree.name}: {count} become NaN, as at a dead point or by too long steps")
         return result
 
     @with_options(*RUN)
