@@ -621,3 +621,21 @@ LINKED = {
 @pytest.mark.parametrize(("_", "argument", "error", "call"), table(LINKED))
 def test_linked_calls(_, argument, error, call):
     refused(call, argument, error)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "said"),
+    [
+        (lambda: arm().gravity_forces([0, 0], gravity=9.81), S, "such as (0, 0, -9.81)"),
+        (lambda: arm().with_payload("hand", mass=1, inertia=-EYE), A, "above the sum of the other two"),
+        (lambda: hp.simulate(arm(), [0, 1], q_0=[0, 0]), TypeError, "simulate() got .* 'q_0' (nearest: q0)"),
+        (lambda: hp.simulate(arm()), TypeError, "simulate() missing a required argument: 't'"),
+        (lambda: hp.simulate("panda", [0, 1]), A, "pair: .* or a Mechanism, got 'panda'"),
+        (lambda: hp.simulate(PAIR, [0, 1], None, 0, 0, bas="fixed"), TypeError, "simulate() got .* (nearest: base)"),
+        (lambda: hp.Slider((0, 0, 0), (0, 0, 0)), TypeError, "Slider.* missing .* 'n'"),
+        (lambda: hp.Slider((0, 0, 0), (0, 0, 0), (0, 0, 1), limit=(0, 1)), TypeError, "Slider() got .*: limits)"),
+    ],
+)
+def test_a_refusal_says_what_helps(call, error, said):
+    with pytest.raises(error, match=re.escape(said).replace(r"\.\*", ".*")):
+        call()

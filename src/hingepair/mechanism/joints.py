@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations.joints import HINGE, SLIDER, Axis
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.body import Body
+from hingepair.mechanism.options import check_options
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.requests import check_single_pair
 from hingepair.numeric.arrays import Frozen, call_text, finite_number, set_frozen
@@ -90,6 +91,7 @@ class _JointOfRobot(Frozen, Shown):
         name: str | None = None,
         **options: Unpack[JointOptions],
     ) -> None:
+        check_options(type(self).__name__, options, _FIELDS)
         checked = HingePair(u1, u2, n, home, self._default_name if name is None else name, **options)
         check_single_pair(checked)
         set_frozen(self, **{field: getattr(checked, field) for field in _FIELDS})
@@ -105,6 +107,7 @@ class _JointOfRobot(Frozen, Shown):
         return sheet_of(self.name, [*values, *masses])
 
 
+_JointOfRobot.__init__.__qualname__ = "Slider.__init__"  # in Python's messages; a Screw has its own
 _FIELDS = tuple(field.name for field in fields(_JointOfRobot))  # in the order of a HingePair's arguments
 
 

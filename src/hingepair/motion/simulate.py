@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, Final, TypeAlias, cast
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +15,7 @@ from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion, motion_arrays
 from hingepair.mechanism.bodies.hinge_load import HingeTorque, stop_range
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.options import DEFAULT_GRAVITY
+from hingepair.mechanism.options import DEFAULT_GRAVITY, check_options
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.tree import loads_note
 from hingepair.motion.equations_of_motion import RobotMotion, RobotPrograms
@@ -301,7 +302,29 @@ def simulate_robot(
     )
 
 
-simulate.register(Mechanism, cast(Any, simulate_robot))
+def _checked_call(run: Callable[..., Any]) -> Any:
+    """Return a function that calls `run`, and refuses arguments that do not fit in the name of `simulate`."""
+    signature = inspect.signature(run)
+
+    @functools.wraps(run)
+    def call(*arguments: Any, **options: Any) -> Any:
+        check_options("simulate", options, signature.parameters)
+        try:
+            signature.bind(*arguments, **options)
+        except TypeError as error:
+            raise TypeError(f"simulate() {error}") from None
+        return run(*arguments, **options)
+
+    return call
+
+
+def _refused(pair: Any, *_: Any, **__: Any) -> Any:
+    raise ArgumentError("pair", "a HingePair (a PlanarPair's is pair.to_spatial()) or a Mechanism", quoted(pair))
+
+
+simulate.register(object, _refused)
+simulate.register(HingePair, _checked_call(inspect.unwrap(simulate)))
+simulate.register(Mechanism, _checked_call(simulate_robot))
 
 
 def _unit_doubts(

@@ -141,8 +141,10 @@ def one_constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.
     """Return a read-only float64 copy of finite numbers of exactly a given shape, such as 3, 3."""
     array = real_array(name, value)
     if array.shape != sample_shape:
-        is_number = array.ndim == 0 and len(sample_shape) == 1
-        example = f", such as {(*[0] * (sample_shape[0] - 1), array.item())}" if is_number else ""
+        example = ""
+        if array.ndim == 0 and len(sample_shape) == 1:
+            number = -abs(array.item()) if name == "gravity" else array.item()  # the last axis points upwards
+            example = f", such as {(*[0] * (sample_shape[0] - 1), number)}"
         raise ShapeError(name, f"shape {sample_shape}{example}", f"shape {array.shape}")
     return constant(name, array, *sample_shape)
 

@@ -18,6 +18,7 @@ from hingepair.rotations.matrices import check_rotation, skew
 
 _ASSUMED_MASS: Final = 1.0  # kg, of a body whose mass is not given
 _ASSUMED_GYRATION = 0.01  # m^2: inertia per mass of a body without shapes whose inertia is not given
+NO_BODY: Final = "no principal moment above the sum of the other two"  # what is wrong about the inertia of no body
 INERTIA_ENTRIES: Final = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 """Rows and columns of the six entries that stand for an inertia matrix, in Pinocchio's order."""
 
@@ -321,7 +322,7 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
         raise ArgumentError("inertia", "principal moments above 0", moments)
     # Moments of a flat body that are written with three digits are off by as much.
     if large - small - middle > 1e-3 * (small + middle + large):
-        raise ArgumentError("inertia", "no principal moment above the sum of the other two", moments)
+        raise ArgumentError("inertia", NO_BODY, moments)
     return read_only(inertia / 2 + inertia.T / 2)
 
 

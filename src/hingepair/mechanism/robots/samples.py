@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.mechanism.bodies.body import SECOND_MOMENTS, moments_of
+from hingepair.mechanism.bodies.body import NO_BODY, SECOND_MOMENTS, moments_of
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, read_only, real_array
 
 _ROUNDING = 1e-9  # of an inertia's trace: by so much it may miss being that of a body
@@ -100,8 +100,7 @@ def read_payload(mass: ArrayLike, centre_of_mass: ArrayLike, inertia: ArrayLike 
         raise ArgumentError("inertia", "symmetric matrices", "others")
     spread = np.linalg.eigvalsh(trace[..., None, None] / 2 * np.eye(3) - J)  # the principal second moments
     if (spread < -_ROUNDING * np.abs(trace)[..., None]).any():
-        expected = "inertias about the centre of mass that a body can have: no principal moment above the other two"
-        raise ArgumentError("inertia", expected, quoted(inertia) if J.ndim == 2 else "others")
+        raise ArgumentError("inertia", NO_BODY, quoted(inertia) if J.ndim == 2 else "others")
     return Payload(arrays["mass"], arrays["centre_of_mass"], J)
 
 
