@@ -119,11 +119,11 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
         values = [steps.at_instants(one.accumulated(one.changes(steps))) for one in inexact]
         measured = [measure_errors(one, steps, own) for one, own in zip(inexact, values, strict=True)]
         largest, rounding = (max(errors) for errors in zip(*(one[1:] for one in measured), strict=True))
-        goal, count = max(tol - rounding, 0.5 * tol), steps.step_count
+        goal, count = max(tol - rounding, 0.5 * max(tol, rounding)), steps.step_count  # rounding stays
         sizes = np.minimum(np.max([errors.sizes for errors in measured], axis=0), 1e30)  # also of infinite ones
         total, usual = float(sizes.sum()), float(sizes[sizes <= _UNUSUAL * np.median(sizes)].sum())
         # A sum of errors that hardly falls with three times as many steps is noise of the rate, not truncation.
-        if largest <= 0.85 * goal or (count > 3 * last_count and last_usual / 4 < usual < 1e-3):
+        if largest <= max(0.85 * goal, rounding) or (count > 3 * last_count and last_usual / 4 < usual < 1e-3):
             break
         # Errors that go to and fro cancel; larger ones cannot be added up as vectors.
         cancelled = max(1.0, total / largest) if total < 1 else 1.0
