@@ -22,13 +22,12 @@ from hingepair.tables.column_file import file_table
 from hingepair.tables.column_tables import ColumnTable, column_table
 from hingepair.tables.instants import elapsed_seconds
 from hingepair.tables.suspicions import suspicions
-from hingepair.tables.units import SCALES, heading_unit, read_heading
+from hingepair.tables.units import COMPASS, SCALES, heading_unit, read_heading, split_heading
 from hingepair.tables.wrapped_angles import is_wrapped, unwrap_if_wrapped
 
 PlanarColumns: TypeAlias = Mapping[tuple[str, ...], tuple[str, ...]]
 """Columns that a log in the plane leaves out together, and those that it then has."""
 
-_COMPASS: Final = "compass"  # unit of headings in degrees, clockwise from north
 _ENTRY: Final = 'the name of a column, or { name = "Angle", unit = "deg", delay = "0.12 s", rate = "50 Hz" }'
 
 
@@ -115,6 +114,9 @@ def read_sources(entries: Any, vocabulary: Vocabulary, *tables: ColumnTable) -> 
             sources[name] = ColumnSource(column, 1.0 / rate)
             continue
         unit = given.get("unit") or units.get(column) or heading_unit(column)
+        if name == "t" and "unit" not in given and unit not in ("", "s", *SCALES["s"]):
+            table = next(table for table in tables if column in table.arrays)
+            unit = "" if table.instants(column).dtype.kind in "mM" else unit  # "Time [UTC]" of dates
         sources[name] = _with_unit(name, unit, vocabulary)._replace(column=column, delay=delay, rate=rate)
     return sources
 
@@ -122,15 +124,15 @@ def read_sources(entries: Any, vocabulary: Vocabulary, *tables: ColumnTable) -> 
 def _with_unit(name: str, unit: str, vocabulary: Vocabulary) -> ColumnSource:
     """Return the source of a quantity in a unit; one without a unit is in its SI unit."""
     own, headings = vocabulary.unit_of(name), vocabulary.headings
-    if unit == _COMPASS and name in headings:
+    if unit == COMPASS and name in headings:
         return ColumnSource("", compass=True)
     known = {own: 1.0, **SCALES.get(own, {})}
     bare = (unit or own).removeprefix("-")
     if bare in known:
         return ColumnSource("", -known[bare] if unit.startswith("-") else known[bare])
-    units = (*known, _COMPASS) if name in headings else tuple(known)
+    units = (*known, COMPASS) if name in headings else tuple(known)
     expected = f"{choices(units)}, or one of them with a - before it"
-    if unit == _COMPASS and own == "rad":
+    if unit == COMPASS and own == "rad":
         near = nearest_name(name, headings)
         expected += ", since only a turn about z is a heading" + f", such as {near}" * bool(near)
     raise ArgumentError(f"columns.{name}.unit", expected, quoted(unit))
@@ -154,7 +156,8 @@ class _Column(NamedTuple):
     """What a column of a table holds."""
 
     names: NDArray[Any]  # of its components, in the shape of a sample
-    factor: float = 1.0  # to SI units; NaN of a unit that the quantity cannot have
+    #: to SI units; its scale is NaN of a unit that the quantity cannot have
+    unit: ColumnSource = ColumnSource("")
     stated: bool = False  # whether its unit is
 
 
@@ -162,11 +165,16 @@ def _named(table: ColumnTable, heading: str, vocabulary: Vocabulary) -> _Column:
     """Return what a column holds that no entry names."""
     is_index, unit = heading == table.row_index and "t" not in table.arrays, table.units.get(heading, "")
     own = "t" if is_index else heading
-    name, factor = read_heading(f"{own} [{unit}]" if unit else own, vocabulary.unit_of)
-    if unit and name != own:
+    full = f"{own} [{unit}]" if unit else own
+    name, factor = read_heading(full, vocabulary.unit_of)
+    bare, in_brackets = split_heading(full)
+    compass = in_brackets == COMPASS and bare in vocabulary.headings
+    if compass:
+        name = bare
+    elif unit and name != own:
         name, factor = own, np.nan
     names = np.asarray(vocabulary.components(name, table.arrays[heading].shape[1:]))
-    return _Column(names, factor, not is_index and bool(unit or name != heading))
+    return _Column(names, ColumnSource("", factor, compass), not is_index and bool(unit or name != heading))
 
 
 def read_recorded(
@@ -199,9 +207,9 @@ def read_recorded(
             raise ArgumentError(name, f"{name} once, from columns or from a column of this name", "both")
     clock = sources["t"].column if "t" in sources else next((h for h in held if held[h].names.tolist() == "t"), "")
     columns: dict[str, NDArray[Any]] = {}
-    for heading, (names, factor, _) in held.items():
+    for heading, (names, unit, _) in held.items():
         if not {*wanted}.isdisjoint(names.ravel().tolist()):
-            if np.isnan(factor):
+            if np.isnan(unit.scale):
                 expected = "the unit of this quantity, as a log may state it"
                 raise ArgumentError(heading, expected, repr(table.units[heading]))
             array = table.instants(heading) if heading == clock else table.numbers(heading)
@@ -210,8 +218,7 @@ def read_recorded(
                 raise ArgumentError(heading, expected, f"shape {array.shape}")
             parts = array.reshape(len(array), names.size).T
             columns |= {
-                name: np.array(part) if factor == 1.0 else part * factor
-                for name, part in zip(names.ravel().tolist(), parts, strict=True)
+                name: unit.converted(np.array(part)) for name, part in zip(names.ravel().tolist(), parts, strict=True)
             }
     columns = {name: columns[name] for name in wanted if name in columns}
     counts = {column.size for column in columns.values()}

@@ -32,6 +32,8 @@ SCALES: Final[Mapping[str, Mapping[str, float]]] = {
     },
 }
 """Factors of the units that may stand for an SI unit, by the SI unit."""
+COMPASS: Final = "compass"
+"""Unit of headings in degrees, clockwise from north."""
 _HEADING: Final = re.compile(r"(.+?)\s*[\[(]([^][()]+)[\])]\s*")  # a name and its unit
 
 
@@ -171,27 +173,39 @@ IN_SI: Final = Columns()
 """Quantities of the registry in SI units."""
 
 
-def heading_unit(heading: str) -> str:
-    """Return the unit in a heading, in brackets or parentheses behind a name; an empty text if there is none that is
-    known.
+def split_heading(heading: str) -> tuple[str, str]:
+    """Return the name in a heading and what stands behind it in brackets or parentheses, an empty text without these.
 
-    >>> heading_unit("Angle [deg]"), heading_unit("Kurs (\N{DEGREE SIGN})"), heading_unit("Angle [raw]")
-    ('deg', 'deg', '')
+    >>> split_heading("Angle [deg]"), split_heading("Kurs (\N{DEGREE SIGN})"), split_heading("Angle")
+    (('Angle', 'deg'), ('Kurs', 'deg'), ('Angle', ''))
     """
     match = _HEADING.fullmatch(heading)
-    unit = _in_ascii(match[2].strip()) if match else ""
-    return unit if any(unit == si or unit in scales for si, scales in SCALES.items()) else ""
+    return (match[1], _in_ascii(match[2].strip())) if match else (heading, "")
+
+
+def heading_unit(heading: str) -> str:
+    """Return the unit in a heading: what stands in brackets behind a name, but for an index or a dash; what stands in
+    parentheses only if it is a known unit, with or without a - before it. An empty text if there is none.
+
+    >>> [heading_unit(one) for one in ("Angle [-deg]", "Angle (deg)", "Angle [grad]", "Angle (raw)", "position[0]")]
+    ['-deg', 'deg', 'grad', '', '']
+    """
+    unit = split_heading(heading)[1]
+    if heading.rstrip().endswith("]"):
+        return "" if unit == "-" or unit.isdecimal() else unit
+    bare = unit.removeprefix("-")
+    return unit if unit == COMPASS or any(bare == si or bare in scales for si, scales in SCALES.items()) else ""
 
 
 def read_heading(heading: str, si_unit: Callable[[str], str]) -> tuple[str, float]:
-    """Return the name in a heading with a unit, and the factor from that unit to the SI unit; other headings are
-    names.
+    """Return the name in a heading with a unit, and the factor from that unit, negative with a - before it, to the SI
+    unit; other headings are names.
 
-    >>> read_heading("R2_x [mm]", unit_of), read_heading("R2_x [deg]", unit_of), read_heading("R2_x", unit_of)
-    (('R2_x', 0.001), ('R2_x [deg]', 1.0), ('R2_x', 1.0))
+    >>> [read_heading(f"R2_x{unit}", unit_of) for unit in (" [mm]", " [-mm]", " [deg]", "")]
+    [('R2_x', 0.001), ('R2_x', -0.001), ('R2_x [deg]', 1.0), ('R2_x', 1.0)]
     """
-    if match := _HEADING.fullmatch(heading):
-        si, unit = si_unit(match[1]), _in_ascii(match[2].strip())
-        if unit == si or unit in SCALES.get(si, {}):
-            return match[1], SCALES.get(si, {}).get(unit, 1.0)
-    return heading, 1.0
+    name, unit = split_heading(heading)
+    scale = {(si := si_unit(name)): 1.0, **SCALES.get(si, {})}.get(unit.removeprefix("-")) if unit else None
+    if scale is None:
+        return heading, 1.0
+    return name, -scale if unit.startswith("-") else scale
