@@ -195,6 +195,7 @@ def run_sweep(sweep: Sweep, out: Path, progress: Progress | None = None) -> Path
     if out.exists():
         raise ArgumentError("out", "a name that does not exist yet (or remove what is there)", quoted(str(out)))
     parts, frames = _open_parts(out, sweep.identity()), []
+    reasons: list[str] = []
     try:
         for k, rows in enumerate(np.array_split(np.arange(len(sweep.numbers)), sweep.chunks)):
             part = parts / f"part-{k:07d}.npz"
@@ -203,12 +204,17 @@ def run_sweep(sweep: Sweep, out: Path, progress: Progress | None = None) -> Path
                 with whole_file(part) as file:
                     write_npz(file, columns)
             with np.load(part) as archive:
-                frames.append(pandas.DataFrame({name: archive[name] for name in archive.files}))
+                columns = {name: archive[name] for name in archive.files}
+            reasons += columns.pop("reason").tolist()
+            frames.append(pandas.DataFrame(columns))
             if progress is not None:
                 progress(k + 1, sweep.chunks)
         frame = pandas.concat(frames)
-        if frame.iloc[:, 1 + len(sweep.variants.keys) :].isna().all(axis=None):
-            _check_any_computed(sweep, parts)
+        if all(reasons) and frame.iloc[:, 1 + len(sweep.variants.keys) :].isna().all(axis=None):
+            shutil.rmtree(parts)
+            sentence = lost_variants(sweep.variants.keys, sweep.numbers, reasons)
+            path = sweep.variants.scene.path
+            raise SceneError(path.name, f"variants that can be computed, but {sentence}", "none")
     finally:
         if not any(parts.glob("part-*")):
             shutil.rmtree(parts, ignore_errors=True)
@@ -235,19 +241,9 @@ def _open_parts(out: Path, identity: str) -> Path:
     return parts
 
 
-def _check_any_computed(sweep: Sweep, parts: Path) -> None:
-    """Raise a SceneError and remove the finished chunks if no variant of a sweep can be computed."""
-    variants = sweep.variants
-    reasons = [reason for batch in variants.batches(sweep.numbers) for reason in batch.reasons]
-    if all(reasons):
-        shutil.rmtree(parts)
-        sentence = lost_variants(variants.keys, sweep.numbers, reasons)
-        raise SceneError(variants.scene.path.name, f"variants that can be computed, but {sentence}", "none")
-
-
 def compute_chunk(sweep: Sweep, rows: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
     """Compute some variants of a sweep, and return their columns, with a row for each variant: its index in the
-    sweep, the varied numbers by key, and the reductions.
+    sweep, the varied numbers by key, the reductions, and why it cannot be computed, if so.
     """
     variants, numbers = sweep.variants, sweep.numbers[rows]
     batches = [*variants.batches(numbers)]
@@ -256,4 +252,5 @@ def compute_chunk(sweep: Sweep, rows: NDArray[np.intp]) -> dict[str, NDArray[Any
         warnings.warn(f"variants {rows[0]} to {rows[-1]}: {sentence}", SweepWarning, stacklevel=2)
     reduced = [batch.reduced(sweep.reductions, variants.scene.in_units(sweep.units)) for batch in batches]
     columns = {"variant": rows, **dict(zip(variants.keys, numbers.T, strict=True))}
-    return columns | {name: np.concatenate([own[name] for own in reduced]) for name in reduced[0]}
+    columns |= {name: np.concatenate([own[name] for own in reduced]) for name in reduced[0]}
+    return columns | {"reason": np.array(reasons)}
