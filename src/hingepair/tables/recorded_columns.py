@@ -22,7 +22,7 @@ from hingepair.tables.column_file import file_table
 from hingepair.tables.column_tables import ColumnTable, column_table
 from hingepair.tables.instants import elapsed_seconds
 from hingepair.tables.suspicions import suspicions
-from hingepair.tables.units import COMPASS, SCALES, heading_unit, read_heading, split_heading
+from hingepair.tables.units import COMPASS, SCALES, heading_unit, read_heading, scale_of, split_heading
 from hingepair.tables.wrapped_angles import is_wrapped, unwrap_if_wrapped
 
 PlanarColumns: TypeAlias = Mapping[tuple[str, ...], tuple[str, ...]]
@@ -126,11 +126,10 @@ def _with_unit(name: str, unit: str, vocabulary: Vocabulary) -> ColumnSource:
     own, headings = vocabulary.unit_of(name), vocabulary.headings
     if unit == COMPASS and name in headings:
         return ColumnSource("", compass=True)
-    known = {own: 1.0, **SCALES.get(own, {})}
-    bare = (unit or own).removeprefix("-")
-    if bare in known:
-        return ColumnSource("", -known[bare] if unit.startswith("-") else known[bare])
-    units = (*known, COMPASS) if name in headings else tuple(known)
+    scale = scale_of(unit or own, own)
+    if scale is not None:
+        return ColumnSource("", scale)
+    units = (own, *SCALES.get(own, {}), *((COMPASS,) if name in headings else ()))
     expected = f"{choices(units)}, or one of them with a - before it"
     if unit == COMPASS and own == "rad":
         near = nearest_name(name, headings)

@@ -183,6 +183,16 @@ def split_heading(heading: str) -> tuple[str, str]:
     return (match[1], _in_ascii(match[2].strip())) if match else (heading, "")
 
 
+def scale_of(unit: str, si: str) -> float | None:
+    """Return the factor from a unit to an SI unit, negative with a - before it; None of a unit of something else.
+
+    >>> scale_of("mm", "m"), scale_of("-mm", "m"), scale_of("m", "m"), scale_of("deg", "m")
+    (0.001, -0.001, 1.0, None)
+    """
+    scale = {si: 1.0, **SCALES.get(si, {})}.get(unit.removeprefix("-"))
+    return -scale if scale is not None and unit.startswith("-") else scale
+
+
 def heading_unit(heading: str) -> str:
     """Return the unit in a heading: what stands in brackets behind a name, but for an index or a dash; what stands in
     parentheses only if it is a known unit, with or without a - before it. An empty text if there is none.
@@ -193,8 +203,7 @@ def heading_unit(heading: str) -> str:
     unit = split_heading(heading)[1]
     if heading.rstrip().endswith("]"):
         return "" if unit == "-" or unit.isdecimal() else unit
-    bare = unit.removeprefix("-")
-    return unit if unit == COMPASS or any(bare == si or bare in scales for si, scales in SCALES.items()) else ""
+    return unit if unit == COMPASS or any(scale_of(unit, si) is not None for si in SCALES) else ""
 
 
 def read_heading(heading: str, si_unit: Callable[[str], str]) -> tuple[str, float]:
@@ -205,7 +214,5 @@ def read_heading(heading: str, si_unit: Callable[[str], str]) -> tuple[str, floa
     [('R2_x', 0.001), ('R2_x', -0.001), ('R2_x [deg]', 1.0), ('R2_x', 1.0)]
     """
     name, unit = split_heading(heading)
-    scale = {(si := si_unit(name)): 1.0, **SCALES.get(si, {})}.get(unit.removeprefix("-")) if unit else None
-    if scale is None:
-        return heading, 1.0
-    return name, -scale if unit.startswith("-") else scale
+    scale = scale_of(unit, si_unit(name)) if unit else None
+    return (heading, 1.0) if scale is None else (name, scale)
