@@ -222,19 +222,14 @@ class Chains:
     # ---- the solution
 
     def _start(self, place: int) -> list[Scalar]:
-        """Return where the dependent coordinates of a chain are sought from.
-
-        "turn": trigonometric series of one coordinate, which leads back after a turn;
-        "exact": one that closes the loops up to rounding, as that of a parallelogram;
-        "range": a(x) + sqrt(1 - x^2) b(x) with polynomials, for one that reaches from dead point to dead point;
-        "line": the coordinates at which the mechanism is assembled, from which a line leads to q.
-        """
+        """Return where the dependent coordinates of a chain are sought from."""
         chain, numbers = self.closure.chains[place], iter(self._starts[place])
-        if chain.start == "line":
+        if chain.start == "line":  # from the coordinates at which the mechanism is assembled
             return self._along_line(chain, numbers)
         s = self._q[chain.source]
-        if chain.start != "range":
+        if chain.start != "range":  # "turn": one coordinate leads back after a turn; "exact": up to rounding
             return [turn.value(s) for turn in self._turns(place)]
+        # One that reaches from dead point to dead point: a(x) + sqrt(1 - x^2) b(x) with polynomials.
         x = (s - next(numbers)) * next(numbers)
         x = where_less(x, -1.0, -1.0, where_less(1.0, x, 1.0, x))
         rest = 1.0 - x * x

@@ -171,14 +171,12 @@ def _canonical_rates(sequence: EulerSequence, trig: tuple[Any, ...], omega: eq.V
 
 
 def _canonical_angles(sequence: EulerSequence, S: eq.Matrix) -> eq.Vector:
-    """Return the canonical angles [rad] of a rotation S = Sx Sy Sz, or Sx Sy Sx of a proper sequence.
-
-    The second and third angle are read after the first has been turned back out of S. Of the two first angles of Sx
-    Sy Sx, half a turn apart, the sign of the sequence picks the one that makes the middle angle positive.
-    """
+    """Return the canonical angles [rad] of a rotation S = Sx Sy Sz, or Sx Sy Sx of a proper sequence."""
+    # Of the two first angles of Sx Sy Sx, half a turn apart, the sign picks that with a positive middle angle.
     opposite, adjacent = (sequence.sign * S[3], -sequence.sign * S[6]) if sequence.proper else (-S[5], S[8])
     first = np.arctan2(opposite, adjacent + 0.0)  # of zeros of any sign: 0
     s, c = np.sin(first), np.cos(first)
+    # The other angles are read after the first has been turned back out of S.
     level = c * S[3] + s * S[6], c * S[4] + s * S[7], c * S[5] + s * S[8]
     if sequence.proper:
         return first, np.arctan2(s * S[3] - c * S[6], S[0]), np.arctan2(-level[2], level[1])
