@@ -105,10 +105,10 @@ def test_a_difference_fails(monkeypatch):
     for name in set().union(*LEVELS.values()) - {"forward_dynamics"}:
 
         def harmed(*given, name=name):
-            found = by_equations(*given)
+            found, *more = by_equations(*given)
             found[name][2] *= 1 + 1e-12
             found[name][2] += 1e-12
-            return found
+            return found, *more
 
         monkeypatch.setattr(comparison, "_outputs_by_equations", harmed)
         report = hp.cross_validate(robot, q, q, q)
@@ -124,9 +124,9 @@ def test_forward_dynamics_is_judged_by_what_it_leaves(monkeypatch):
     by_equations = comparison._outputs_by_equations
 
     def harmed(*given):
-        found = by_equations(*given)
+        found, *more = by_equations(*given)
         found["qdd"][1, 2] *= 1 + 1e-9
-        return found
+        return found, *more
 
     monkeypatch.setattr(comparison, "_outputs_by_equations", harmed)
     (failed,) = [row for row in hp.cross_validate(robot, q, q, q).rows if not row.ok]
@@ -151,15 +151,12 @@ def test_what_a_singular_mass_matrix_leaves_is_said():
     """Nothing resists a joint without mass; nothing resists folding an arm whose one mass is at its straight tip."""
     q = np.array(((0.3, 0.4), (0.3, 0.0), (0.1, 1.0)))
     report = hp.cross_validate(pendulum(2, 0), q, q, q)
-    row = report.rows[-1]
-    assert (row.output, row.samples, row.singular) == ("forward_dynamics", 0, 3)
+    assert "forward_dynamics" not in {row.output for row in report.rows}
     assert report.ok, str(report)
-    assert report.verdict.endswith("; not compared: forward_dynamics")
-    where = "not compared at 3 of 3 samples, where the mass matrix is singular"
-    assert where in str(report)
-    assert json.loads(report.to_json())["rows"][-1]["singular"] == 3
+    note = "forward_dynamics is not compared at 3 of 3 samples, where the mass matrix is singular"
+    assert report.notes == (note,)
     report = hp.cross_validate(pendulum(0, 2), q, q, q)
-    assert (report.rows[-1].samples, report.rows[-1].singular) == (2, 1), str(report)
+    assert report.rows[-1].samples == 2, str(report)
     assert "forward_dynamics is not compared at 1 of 3 samples" in str(report)
     assert report.verdict == "PASSED: 17 outputs of 3 samples within 16 u*scale of Pinocchio"
 

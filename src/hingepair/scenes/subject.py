@@ -501,7 +501,7 @@ class Subject:
         rates = validation.compare_rates(times, [whole.array(order) for order in range(3)], self.names)
         if tree_of(self.robot).closure is not None or tree_of(self.robot).struts:
             left_out = "what acts beside loops and struts is not compared; hingepair run --energy shows its balance"
-            return replace(report, forces=(*report.forces, *rates), notes=(*notes, left_out))
+            return replace(report, rows=(*report.rows, *rates), notes=(*notes, left_out))
         held = known.body1 if self.mechanism is None else base
         loads = (acting.gravity, acting.loads(), simulated.base)
         compared_loads: Any = validation.compare_loads
@@ -510,7 +510,8 @@ class Subject:
             torque, *others = (replace(row, worst_part="") for row in forces)
             forces = (replace(torque, output="hinge_torque"), *others)
             rates = tuple(replace(row, worst_part="") for row in rates)
-        return replace(report, forces=(*forces, *rates), notes=notes)
+        last = "last: the loads against the forces that the motion takes by Pinocchio's rnea; rates against slopes"
+        return replace(report, rows=(*report.rows, *forces, *rates), notes=(last, *notes))
 
     def describe(self, moving: tuple[str, ...]) -> str:
         """Return a line on the geometry of a pair, or on the joints of a mechanism."""

@@ -1,4 +1,8 @@
-"""Comparison of the outputs of pairs and robots with those of Pinocchio, and of simulated loads with its `rnea`."""
+"""Comparison of the outputs of pairs and robots with those of Pinocchio, and of simulated loads with its `rnea`.
+
+The outputs of both sides are arrays by name, with N samples on the first axis. What is along the velocities of a
+robot is in the order (force1, torque1, tau) of a free base, or tau.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +24,10 @@ from hingepair.mechanism.pairs.accuracy import euler_rate_sizes, unit_roundoff
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
 from hingepair.mechanism.pairs.requests import check_pair, read_rows
-from hingepair.mechanism.robots.computations import BASE_LABELS, base_inputs
-from hingepair.mechanism.tree import Frame, Tree
-from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
-from hingepair.plans.arguments import Coordinates, read_arguments
+from hingepair.mechanism.tree import Frame
+from hingepair.numeric.arrays import Float64Array, one_constant
+from hingepair.plans.arguments import Coordinates
 from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE
-from hingepair.plans.trees import BASE_MOTION
 from hingepair.validation.loops import Linkage
 from hingepair.validation.pinocchio_twin import (
     LETTERS,
@@ -35,13 +37,14 @@ from hingepair.validation.pinocchio_twin import (
     pair_twin,
     robot_twin,
     urdf_twin,
+    with_base,
 )
 from hingepair.validation.report import MAX_LOAD_RATIO, Comparison, CrossValidation
 from hingepair.validation.scales import Scales
 
 Outputs = dict[str, Float64Array]
 
-_FORCES = ("force1", "torque1", "tau")
+_ON_BASE = {"force1": slice(3), "torque1": slice(3, 6)}  # among the forces along the velocities of a free base
 _LEAST_INSTANTS = 8  # of a motion whose rates are compared with slopes
 _RATE_SHARE = 1e-3  # of the largest rate; a rate that is off by less is not told from errors of a simulation
 
@@ -123,16 +126,16 @@ def cross_validate(
     >>> hp.cross_validate(pair, hp.BodyMotion.from_rotvec(R=(1, 2, 3), rotvec=(0.1, 0.2, 0.3)), 0.5).ok
     True
     """
-    is_robot, by_body1 = isinstance(pair, Mechanism), isinstance(q, BodyMotion)
-    in_space = not isinstance(pair, Mechanism | PlanarPair)
-    if by_body1 and not in_space:
-        raise ArgumentError("q", "coordinates, unless of a HingePair", quoted(q))
     of_robots = {
         "frames": frames,
         "base_motion": base_motion,
         "gravity": None if gravity is DEFAULT_GRAVITY else gravity,
     }
-    meaningless = {} if is_robot else of_robots
+    by_body1 = isinstance(q, BodyMotion)
+    in_space = not isinstance(pair, Mechanism | PlanarPair)
+    if by_body1 and not in_space:
+        raise ArgumentError("q", "coordinates, unless of a HingePair", quoted(q))
+    meaningless = {} if isinstance(pair, Mechanism) else of_robots
     meaningless |= {} if by_body1 else {"psidd": psidd}
     meaningless |= {} if in_space and not by_body1 else {"sequence": None if sequence == "XYZ" else sequence}
     for name, value in meaningless.items():
@@ -166,6 +169,18 @@ class _Samples(NamedTuple):
             array[~finite] = np.nan
         return cls(shape, rows, BodyMotion(**moved), finite)
 
+    @classmethod
+    def of_robot(cls, base: BodyMotion | None, joints: Sequence[Float64Array], shape: tuple[int, ...]) -> _Samples:
+        """Return samples of coordinates with their derivatives; a base rests as far as its motion is not given."""
+        at_rest = {name: np.eye(3) if name == "S" else np.zeros(3) for name in LETTERS[: 2 * len(joints)]}
+        given = {name: getattr(base, name, None) for name in at_rest}
+        rows = [one.reshape(*shape, one.shape[-1]) for one in joints]
+        return cls.of(at_rest | {name: one for name, one in given.items() if one is not None}, rows, shape)
+
+    @property
+    def skipped(self) -> int:
+        return int((~self.finite).sum())
+
     def states(self, twin: Twin) -> list[Float64Array]:
         """Return Pinocchio's q, v (if there are rates) and a (if there are accelerations); shape (N, ...) each."""
         convert: tuple[Any, ...] = (twin.configuration, twin.velocity, twin.acceleration)
@@ -189,13 +204,9 @@ def _rows(value: Any, shape: tuple[int, ...], rank: int) -> Float64Array:
     return np.array(np.broadcast_to(array, (*shape, *own)), dtype=np.float64).reshape(math.prod(shape), *own)
 
 
-def _at_origin(base: BodyMotion) -> BodyMotion:
-    return replace(base, R=np.zeros_like(base.R))
-
-
-def _frame_scales(scales: Scales, from_origin: Scales, frames: Iterable[Frame]) -> Outputs:
-    """Return the error scales of the motion of frames by name, d among them; shape (N, frames, 1 or 1, 1) each."""
-    motions = [scales.motion(frame) | {"d": from_origin.motion(frame)["R"]} for frame in frames]
+def _frame_scales(scales: Scales, frames: Iterable[Frame]) -> Outputs:
+    """Return the error scales of the motion of frames by name; shape (N, frames, 1 or 1, 1) each."""
+    motions = [scales.motion(frame) for frame in frames]
     found = {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in motions[0]}
     return found | {"S": found["S"][..., None]}
 
@@ -210,21 +221,25 @@ def _compare_pair(pair: HingePair | PlanarPair, given: tuple[Any, ...], sequence
     planar, by_body1 = isinstance(pair, PlanarPair), isinstance(given[0], BodyMotion)
     levels = sum(one is not None for one in given) - by_body1
     space: HingePair = pair.to_spatial() if isinstance(pair, PlanarPair) else pair
-    points = (*space.points1, *space.points2)
-    attitude = "phi2" if planar else "S2"
-    names = [name for group in (("R2", attitude, "d"), ("v2", "omega2"), ("a2", "alpha2"))[:levels] for name in group]
-    outputs = (*names, *(point + ending for point in points for ending in [*POINT_ENDINGS.values()][:levels]))
-    options: dict[str, Any] = {} if planar or by_body1 else {"sequence": sequence}
-    state: Any
+    twin, tree = pair_twin(space).robot, tree_of_pair(space)
+    frames = {name: tree.known_frame("frames", name) for name in ("body2", *space.points1, *space.points2)}
+    letters = ("R", "S", "d", "v", "omega", "a", "alpha")[: 1 + 2 * levels]
+    # The name of each output, by frame and letter.
+    outputs = {("body2", letter): letter if letter == "d" else f"{letter}2" for letter in letters}
+    outputs |= {(name, letter): name + POINT_ENDINGS[letter] for name in [*frames][1:] for letter in "Rva"[:levels]}
+    if planar:
+        outputs["body2", "S"] = "phi2"
+    options: dict[str, Any] = {"outputs": (*outputs.values(),)}
     if by_body1 and isinstance(pair, HingePair):
-        state = pair.forward_kinematics_from_body1(*given, outputs=outputs)
+        ours = pair.forward_kinematics_from_body1(*given, **options).arrays()
+        shape = ours["R2"].shape[:-1]
         angles = [np.asarray(one)[..., None] for one in given[1 : 1 + levels]]
-        base = {letter: getattr(given[0], letter) for letter in LETTERS[: 2 * levels]}
-        samples = _Samples.of(base, angles, state.shape)
+        samples = _Samples.of({letter: getattr(given[0], letter) for letter in LETTERS[: 2 * levels]}, angles, shape)
         of_scales = samples.base
     else:
-        state = pair.forward_kinematics(*given[:3], outputs=outputs, **options)
-        shape = np.shape(state.R2)[:-1]
+        options |= {} if planar else {"sequence": sequence}
+        ours = pair.forward_kinematics(*given[:3], **options).arrays()
+        shape = ours["R2"].shape[:-1]
         rows = [_rows(one, shape, 1) for one in read_rows(PLANE if planar else SPACE, *given[:3]).values.values()]
         rows = [np.insert(one, (2, 2, 2), 0.0, axis=1) if planar else one for one in rows]
         samples = _Samples.of(_body1_by_pinocchio(rows, sequence), [one[:, 6:] for one in rows], (len(rows[0]),))
@@ -233,32 +248,21 @@ def _compare_pair(pair: HingePair | PlanarPair, given: tuple[Any, ...], sequence
         sizes = euler_rate_sizes(*(one[:, 3:6] for one in rows[1:])) if levels > 1 else ()
         along = (size[:, None] * np.eye(3)[0] for size in sizes if size is not None)
         of_scales = replace(samples.base, **dict(zip(("omega", "alpha"), along, strict=False)))
-    twin, tree = pair_twin(space).robot, tree_of_pair(space)
-    frames = {name: tree.known_frame("frames", name) for name in ("body2", *points)}
     motion = samples.frames(twin, [twin.model.getFrameId(name) for name in frames])
-    own, near = (Scales(tree, samples.joints, one, True) for one in (of_scales, _at_origin(of_scales)))
-    scale = _frame_scales(own, near, frames.values())
-    theirs, scales = {}, {}
-    for letter, array in motion.items():
-        for k, name in enumerate(frames):
-            ending = POINT_ENDINGS.get(letter)
-            output = letter + "2" * (letter != "d") if k == 0 else None if ending is None else name + ending
-            if output is not None:
-                theirs[output], scales[output] = array[:, k], scale[letter][:, k]
-    if planar:
-        phi2 = np.asarray(state.phi2, np.float64).reshape(-1, 1)
-        S2 = theirs.pop("S2")
-        off = np.arctan2(S2[:, 1, :1], S2[:, 0, :1]) - phi2  # the attitude does not tell whole turns
-        theirs = {name: one[:, 2:] if name in {"omega2", "alpha2"} else one[:, :2] for name, one in theirs.items()}
-        theirs["phi2"] = phi2 + np.arctan2(np.sin(off), np.cos(off))
-        scales["phi2"] = 1 + np.abs(phi2) + np.abs(samples.joints[0])
-    u = unit_roundoff(np.asarray(state.R2).dtype)
-    ours = state.arrays()
-    compared = tuple(
-        Comparison.of(name, ours[name], theirs[name], scales[name], u, samples.shape) for name in outputs
-    )
+    scales = _frame_scales(Scales(tree, samples.joints, of_scales), frames.values())
+    u, compared = unit_roundoff(ours["R2"].dtype), []
+    for (frame, letter), name in outputs.items():
+        place = [*frames].index(frame)
+        own, theirs, size = ours[name], motion[letter][:, place], scales[letter][:, place]
+        if name == "phi2":  # an attitude does not tell whole turns
+            phi2 = np.asarray(own, np.float64).reshape(-1, 1)
+            off = np.arctan2(theirs[:, 1, :1], theirs[:, 0, :1]) - phi2
+            theirs, size = phi2 + np.arctan2(np.sin(off), np.cos(off)), 1 + np.abs(phi2) + np.abs(samples.joints[0])
+        elif planar:
+            theirs = theirs[:, 2:] if letter in {"omega", "alpha"} else theirs[:, :2]
+        compared.append(Comparison.of(name, own, theirs, size, u, shape))
     subject = "in the plane" if planar else "attitude given" if by_body1 else f"Euler sequence {sequence}"
-    return CrossValidation(pair.name, samples.shape, int((~samples.finite).sum()), u, compared, subject)
+    return CrossValidation(pair.name, shape, samples.skipped, u, (*compared,), subject)
 
 
 def _body1_by_pinocchio(rows: list[Float64Array], sequence: str) -> Outputs:
@@ -281,122 +285,115 @@ def _body1_by_pinocchio(rows: list[Float64Array], sequence: str) -> Outputs:
 
 
 class _Case(NamedTuple):
-    """What both computations of a robot have in common."""
+    """A robot at N samples as both computations have it."""
 
     robot: Mechanism  # a tree without struts
     twin: Twin
     samples: _Samples
-    frames: Mapping[str, Frame]
-    tips: Mapping[str, Frame]  # frames with Jacobians
     gravity: Float64Array
+    # from the velocities of base and coordinates to those of base and joints; (N, 6 + joints, 6 + dof)
+    velocities: Float64Array
 
-    @property
-    def tree(self) -> Tree:
-        return tree_of(self.robot)
+    def scales(self, condition: Any = 1.0) -> Scales:
+        """Return the scales of errors, which the velocities of joints that follow others exceed by a condition."""
+        tree, samples = tree_of(self.robot), self.samples
+        return Scales(tree, samples.joints, samples.base, self.gravity, self.velocities * condition)
 
-    @property
-    def free(self) -> bool:
-        return self.robot.base == "free"
+    def columns(self) -> Float64Array:
+        """Return the matrices from the velocities to Pinocchio's v; shape (N, nv, 6 + dof)."""
+        return self.twin.columns(np.asarray(self.samples.base.S)) @ self.velocities
 
-    def scales(self, base: BodyMotion | None = None) -> Scales:
-        """Return the scales of errors, for another motion of the base if given."""
-        return Scales(self.tree, self.samples.joints, base or self.samples.base, self.free, self.gravity)
+    def frame_numbers(self, names: Iterable[str]) -> list[int]:
+        """Return the numbers of frames in Pinocchio's model; a name that a link shares with a joint is the link's."""
+        body, links = import_pinocchio("cross_validate").FrameType.BODY, tree_of(self.robot).links
+        numbers = {(frame.name, frame.type == body): number for number, frame in enumerate(self.twin.model.frames)}
+        for name in names:
+            if (name, name in links) not in numbers:
+                raise ArgumentError("frames", "a frame that Pinocchio's model has, too", quoted(name))
+        return [numbers[name, name in links] for name in names]
 
-    def velocity_matrices(self) -> Float64Array:
-        """Return the matrices from the velocities of the robot to Pinocchio's v; shape (N, nv, columns)."""
-        (joints, dof), count = self.twin.ratios.shape, len(self.samples.finite)
-        matrices = np.zeros((count, 6 + joints, 6 + dof))
-        matrices[:, :3, :3] = matrices[:, 3:6, 3:6] = np.swapaxes(np.asarray(self.samples.base.S), -1, -2)
-        matrices[:, 6:, 6:] = self.twin.ratios
-        return matrices if self.free else matrices[..., 6:]
+    def jacobians(self, names: Sequence[str]) -> Float64Array:
+        """Return the Jacobians of frames by Pinocchio; shape (N, frames, 6, 6 + dof)."""
+        pin, model, data = import_pinocchio("cross_validate"), self.twin.model, self.twin.data
+        q, numbers = self.samples.states(self.twin)[0], self.frame_numbers(names)
+        found = np.empty((len(q), len(numbers), 6, model.nv))
+        for i, state in enumerate(q):
+            pin.computeJointJacobians(model, data, state)
+            pin.updateFramePlacements(model, data)
+            for k, number in enumerate(numbers):
+                found[i, k] = pin.getFrameJacobian(model, data, number, pin.LOCAL_WORLD_ALIGNED)
+        return found @ self.columns()[:, None]
+
+    def masses(self) -> Outputs:
+        """Return the mass matrix and, if there are rates, energies and momenta by Pinocchio."""
+        pin, model, data = import_pinocchio("cross_validate"), self.twin.model, self.twin.data
+        found: dict[str, list[Any]] = {}
+        model.gravity = pin.Motion(self.gravity, np.zeros(3))
+        for columns, q, *rates in zip(self.columns(), *self.samples.states(self.twin), strict=True):
+            upper = np.triu(pin.crba(model, data, q))
+            matrix = upper + np.triu(upper, 1).T
+            outputs = {"mass_matrix": columns.T @ matrix @ columns}
+            if rates:
+                # Not by computeKineticEnergy, which in Pinocchio 4.1 leaves out the rotors of oblique hinges.
+                outputs["kinetic"] = 0.5 * float(rates[0] @ matrix @ rates[0])
+                outputs["potential"] = pin.computePotentialEnergy(model, data, q)
+            if rates and sum(inertia.mass for inertia in model.inertias):
+                momentum = pin.computeCentroidalMomentum(model, data, q, rates[0])
+                about_origin = momentum.angular + np.cross(data.com[0], momentum.linear)
+                outputs |= {"linear": momentum.linear, "angular": about_origin}
+            for name, value in outputs.items():
+                found.setdefault(name, []).append(value)
+        return {name: np.array(values) for name, values in found.items()}
+
+    def forces(self) -> Float64Array:
+        """Return the forces along the velocities that the motion requires by Pinocchio; shape (N, 6 + dof)."""
+        pin, model, data = import_pinocchio("cross_validate"), self.twin.model, self.twin.data
+        model.gravity = pin.Motion(self.gravity, np.zeros(3))
+        states = zip(*self.samples.states(self.twin), strict=True)
+        required = np.array([pin.rnea(model, data, *state) for state in states]).reshape(-1, 1, model.nv)
+        return np.asarray(required @ self.columns())[:, 0]
 
 
 def _compare_robot(
     robot: Mechanism,
-    coordinates: Mapping[str, Coordinates],
+    given: Mapping[str, Coordinates],
     frames: str | Iterable[str] | None,
     base_motion: BodyMotion | None,
     gravity: ArrayLike,
 ) -> CrossValidation:
-    """Return the report on a robot; `coordinates` are q and, as far as given, qd and qdd."""
+    """Return the report on a robot, given q and, as far as known, qd and qdd."""
     tree, fall = tree_of(robot).single(), one_constant("gravity", gravity, 3)
-    linkage = Linkage.of(robot, coordinates)
-    inner = robot if linkage is None else linkage.plain
     names = (frames,) if isinstance(frames, str) else tuple(tree.links if frames is None else frames)
     known = {name: tree.known_frame("frames", name) for name in names}
-    tips = {name: tree.known_frame("frames", name) for name in (robot.tips if frames is None else names)}
-    samples, u = _read_samples(inner, coordinates if linkage is None else linkage.coordinates, base_motion)
-    ours = _outputs_by_equations(robot, coordinates, names, (*tips,), base_motion, fall, samples.shape)
-    twin, compared_with, other_names = urdf_twin(inner)
+    tips = robot.tips if frames is None else names
+    ours, shape, u = _outputs_by_equations(robot, given, names, tips, base_motion, fall)
+    linkage = Linkage(robot, given, shape)
+    samples = _Samples.of_robot(base_motion, linkage.coordinates, shape)
+    twin, compared_with, other_names = urdf_twin(linkage.plain)
+    report = CrossValidation(
+        robot.name, shape, samples.skipped, u, (), f"{robot.base} base, {len(known)} frames", compared_with
+    )
     if other_names:  # nothing else can be compared
-        rows: tuple[Comparison, ...] = (Comparison("names", np.inf, np.inf, (), 1, worst_part=other_names[0]),)
-    else:
-        rows = _robot_rows(_Case(inner, twin, samples, known, tips, fall), ours, u, linkage, robot.names)
-    return CrossValidation(
-        robot.name, samples.shape, int((~samples.finite).sum()), u, rows,
-        f"{robot.base} base, {len(known)} frames", compared_with=compared_with,
-    )  # fmt: skip
-
-
-def _robot_rows(
-    case: _Case, ours: Outputs, u: float, linkage: Linkage | None, names: tuple[str, ...]
-) -> tuple[Comparison, ...]:
-    """Return a row for each output of Pinocchio's; with a linkage, the case is of its tree."""
-    theirs, scales, singular = _outputs_by_pinocchio(case), _output_scales(case), 0
-    if "tau" in theirs:
-        qdd, base = ours["qdd"] if linkage is None else linkage.accelerations(ours["qdd"]), case.samples.base
-        base = replace(base, a=ours["a1"], alpha=ours["alpha1"]) if case.free else base
-        found = case._replace(samples=case.samples._replace(joints=[*case.samples.joints[:2], qdd], base=base))
-        ours["forward_dynamics"], theirs["forward_dynamics"], singular = _residual(found, theirs)
-        scales["forward_dynamics"] = _generalized(found.scales().forces(), case.free)
-    if linkage is not None and theirs:
-        gaps = linkage.gaps(
-            case.samples.frames(case.twin, [_frame_number(case, name) for name in linkage.ends]),
-            case.scales(_at_origin(case.samples.base)),
-        )
-        linkage.reduce(ours, theirs, scales)
-        for name, values in gaps.items():
-            ours[name], theirs[name], scales[name] = values
-    parts = dict.fromkeys((*LETTERS, "d"), (*case.frames,)) | {"jacobian": (*case.tips,), "tau": names}
-    on_base = tuple(f"{part}_{axis}" for part in _FORCES[:2] for axis in "xyz") if case.free else ()
-    parts["forward_dynamics"] = (*on_base, *names)
-    rows = []
-    for name, expected in theirs.items():
-        if expected.size or not case.samples.finite.size:  # a robot without joints has neither tau nor mass matrix
-            left_out = {"singular": singular} if name == "forward_dynamics" else {}
-            own, shape = parts.get(name, ("",)), case.samples.shape
-            rows.append(Comparison.of(name, ours[name], expected, scales[name], u, shape, own, **left_out))
-    return tuple(rows)
-
-
-def _read_samples(
-    robot: Mechanism, coordinates: Mapping[str, Coordinates], base_motion: BodyMotion | None
-) -> tuple[_Samples, float]:
-    """Return the checked coordinates and motion of the base, broadcast, and the unit roundoff of computations."""
-    names = BASE_MOTION[: 2 * len(coordinates)]
-    shapes = {**dict.fromkeys(names, (3,)), "S1": (3, 3), **dict.fromkeys(coordinates, (robot.dof,))}
-    motion = base_inputs(base_motion, names)
-    given = {**coordinates, **{name: motion[name] for name in names if name in motion}}
-    read = read_arguments(given, shapes, tree_of(robot).coordinate_names, BASE_LABELS)
-    at_rest = {name[:-1]: np.eye(3) if name == "S1" else np.zeros(3) for name in names}
-    of_base = {name[:-1]: value for name, value in read.values.items() if name not in coordinates}
-    of_joints = [read.values[name] for name in coordinates]
-    single = base_motion is None and all(getattr(part, "dtype", None) == np.float32 for part in of_joints)
-    samples = _Samples.of(at_rest | of_base, of_joints, broadcast_shape(read.shapes))
-    return samples, unit_roundoff(np.float32 if single else np.float64)
+        return replace(report, rows=(Comparison("names", np.inf, np.inf, (), 1, worst_part=other_names[0]),))
+    if not samples.finite.size:
+        return report
+    case = _Case(linkage.plain, twin, samples, fall, with_base(linkage.velocities()))
+    rows, notes = _robot_rows(case, linkage, ours, known, tips, u)
+    return replace(report, rows=rows, notes=notes)
 
 
 def _outputs_by_equations(
     robot: Mechanism,
-    coordinates: Mapping[str, Coordinates],
+    given: Mapping[str, Coordinates],
     frames: tuple[str, ...],
     tips: tuple[str, ...],
     base_motion: BodyMotion | None,
     gravity: Float64Array,
-    shape: tuple[int, ...],
-) -> Outputs:
-    """Compute the compared outputs by the equations; shape (N, ...) each."""
-    q, *rates = coordinates.values()
+) -> tuple[Outputs, tuple[int, ...], float]:
+    """Compute the compared outputs by the equations, (N, ...) each; return them, the leading shape of the N samples,
+    and the unit roundoff.
+    """
+    q, *rates = given.values()
     base: dict[str, Any] = {"base_motion": base_motion}
     fall: dict[str, Any] = {"gravity": gravity, **base}
     outputs: dict[str, tuple[Any, int]] = {}  # values, and the number of axes of one sample
@@ -411,112 +408,72 @@ def _outputs_by_equations(
         outputs |= {"linear": (momentum.linear, 1), "angular": (momentum.angular, 1)}
     if len(rates) > 1:
         forces = robot.inverse_dynamics(q, *rates, joint_loads=False, **fall)
-        loads: dict[str, Any] = {name: forces[name] for name in _FORCES[:2]} if robot.base == "free" else {}
+        loads: dict[str, Any] = {name: forces[name] for name in _ON_BASE} if robot.base == "free" else {}
         moved = robot.forward_dynamics(q, rates[0], forces.tau, joint_loads=False, **loads, **fall)
         outputs |= {name: (one[name], 1) for one in (forces, moved) for name in one.outputs}
-    return {name: _rows(value, shape, rank) for name, (value, rank) in outputs.items()}
+    shape = np.broadcast_shapes(*(np.shape(value)[: np.ndim(value) - rank] for value, rank in outputs.values()))
+    u = max(unit_roundoff(np.asarray(value).dtype) for value, _ in outputs.values())
+    return {name: _rows(value, shape, rank) for name, (value, rank) in outputs.items()}, shape, u
 
 
-def _outputs_by_pinocchio(case: _Case) -> Outputs:
-    """Compute the compared outputs by Pinocchio, NaN at samples that are not finite; shape (N, ...) each."""
-    pin = import_pinocchio("cross_validate")
-    twin, count = case.twin, len(case.samples.finite)
-    if not count:
-        return {}
-    twin.model.gravity = pin.Motion(case.gravity, np.zeros(3))
-    outputs = case.samples.frames(twin, [_frame_number(case, name) for name in case.frames]) if case.frames else {}
-    tips = [_frame_number(case, name) for name in case.tips]
-    found: Outputs = {}
-    sides = zip(*case.samples.states(twin), case.velocity_matrices(), np.asarray(case.samples.base.S), strict=True)
-    for i, (*state, columns, S) in enumerate(sides):
-        for name, value in _outputs_of_state(pin, twin, tips, state, columns, S).items():
-            found.setdefault(name, np.full((count, *np.shape(value)), np.nan))[i] = value
-    outputs |= found
-    for array in outputs.values():
-        array[~case.samples.finite] = np.nan
-    return outputs
-
-
-def _frame_number(case: _Case, name: str) -> int:
-    """Return the number of a frame in Pinocchio's model; a name that a link shares with a joint is the link's."""
-    pin, is_link = import_pinocchio("cross_validate"), name in case.tree.links
-    for number, frame in enumerate(case.twin.model.frames):
-        if frame.name == name and (frame.type == pin.FrameType.BODY) is is_link:
-            return number
-    raise ArgumentError("frames", "a frame that Pinocchio's model has, too", quoted(name))
-
-
-def _outputs_of_state(
-    pin: Any,
-    twin: Twin,
-    tips: list[int],
-    state: list[Float64Array],
-    columns: Float64Array,
-    S: Float64Array,
-) -> dict[str, Any]:
-    """Compute Jacobians, mass matrix, energies, momenta and forces at a state (q, v, a) of Pinocchio's. The matrix
-    `columns` leads from the robot's velocities to v, and S is the attitude of the base.
-    """
-    model, data = twin.model, twin.data
-    outputs: dict[str, Any] = {}
-    pin.computeJointJacobians(model, data, state[0])
-    pin.updateFramePlacements(model, data)
-    if tips:
-        jacobians = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED) for frame in tips]
-        outputs["jacobian"] = np.array([one @ columns for one in jacobians])
-    upper = np.triu(pin.crba(model, data, state[0]))
-    matrix = upper + np.triu(upper, 1).T
-    outputs["mass_matrix"] = columns.T @ matrix @ columns
-    if len(state) > 1:
-        # Not by computeKineticEnergy, which in Pinocchio 4.1 leaves out the rotors of oblique hinges.
-        outputs["kinetic"] = 0.5 * float(state[1] @ matrix @ state[1])
-        outputs["potential"] = pin.computePotentialEnergy(model, data, state[0])
-        if sum(inertia.mass for inertia in model.inertias):
-            momentum = pin.computeCentroidalMomentum(model, data, *state[:2])
-            about_origin = momentum.angular + np.cross(data.com[0], momentum.linear)
-            outputs |= {"linear": momentum.linear, "angular": about_origin}
-    if len(state) > 2:
-        force = pin.rnea(model, data, *state)
-        outputs |= {"tau": force[6:] @ twin.ratios, "force1": S @ force[:3], "torque1": S @ force[3:6]}
-    return outputs
-
-
-def _generalized(forces: Mapping[str, Float64Array], free: bool) -> Float64Array:
-    """Return the generalized forces (force1, torque1, tau) of a free base, or tau, from these by name."""
-    parts = [np.broadcast_to(forces[name], (len(forces[name]), 3)) for name in _FORCES[:2]] if free else []
-    return np.concatenate((*parts, forces["tau"]), axis=1)
-
-
-def _residual(case: _Case, theirs: Outputs) -> tuple[Float64Array, Float64Array, int]:
-    """Return the forces that the accelerations of forward dynamics require by `rnea`, those that act, NaN where the
-    mass matrix is singular, and at how many samples it is.
-    """
-    pin, twin, columns = import_pinocchio("cross_validate"), case.twin, case.velocity_matrices()
-    q, v, a = case.samples.states(twin)
-    acting = _generalized(theirs, case.free)
-    required, singular = np.full_like(acting, np.nan), 0
-    for i in np.flatnonzero(case.samples.finite):
-        if np.isfinite(a[i]).all():
-            required[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i]) @ columns[i]
-        elif _is_singular(theirs["mass_matrix"][i]):
-            acting[i] = np.nan  # so that the sample is not compared
-            singular += 1
-    return required, acting, singular
+def _robot_rows(
+    case: _Case, linkage: Linkage, ours: Outputs, frames: Mapping[str, Frame], tips: tuple[str, ...], u: float
+) -> tuple[tuple[Comparison, ...], tuple[str, ...]]:
+    """Return a row for each output of Pinocchio's, and notes; the case is of the linkage's tree."""
+    samples, names, free = case.samples, linkage.robot.names, linkage.robot.base == "free"
+    own, condition = slice(0 if free else 6, None), linkage.condition()
+    scales, theirs, sizes, notes = case.scales(condition), Outputs(), Outputs(), list[str]()
+    if frames:
+        theirs |= samples.frames(case.twin, case.frame_numbers(frames)) | {"jacobian": case.jacobians(tips)[..., own]}
+        jacobian = np.stack([scales.jacobian(frames[name]) for name in tips], axis=1)[..., own]
+        sizes |= _frame_scales(scales, frames.values()) | {"jacobian": jacobian}
+    theirs |= case.masses()
+    theirs["mass_matrix"] = theirs["mass_matrix"][:, own, own]
+    sizes |= {"mass_matrix": scales.mass_matrix()[:, own, own]} | scales.energy_and_momentum()
+    if "tau" in ours:
+        required, force_scales = case.forces(), scales.forces()
+        for name, place in {"tau": slice(6, None), **_ON_BASE}.items():
+            theirs[name], sizes[name] = required[:, place], force_scales[:, place]
+        # Forward dynamics: the forces that its accelerations require.
+        base = replace(samples.base, a=ours["a1"], alpha=ours["alpha1"]) if free else samples.base
+        joints = [*samples.joints[:2], linkage.accelerations(ours["qdd"])]
+        moved = case._replace(samples=samples._replace(joints=joints, base=base))
+        ours["forward_dynamics"], theirs["forward_dynamics"] = moved.forces()[:, own], required[:, own].copy()
+        sizes["forward_dynamics"] = moved.scales(condition).forces()[:, own]
+        stuck = np.flatnonzero(samples.finite & ~np.isfinite(ours["forward_dynamics"]).all(axis=1))
+        singular = [i for i in stuck if _is_singular(theirs["mass_matrix"][i])]
+        theirs["forward_dynamics"][singular] = np.nan  # so that these samples are not compared
+        if singular:
+            where = f"{len(singular)} of {int(samples.finite.sum())} samples, where the mass matrix is singular"
+            notes.append(f"forward_dynamics is not compared at {where}")
+        if len(singular) == samples.finite.sum():
+            del theirs["forward_dynamics"]
+    if linkage.ends:
+        ends = samples.frames(case.twin, case.frame_numbers(linkage.ends))
+        for name, values in linkage.gaps(ends, scales).items():
+            ours[name], theirs[name], sizes[name] = values
+    if linkage.struts:
+        theirs.pop("potential", None)  # of struts, which Pinocchio does not know
+    if linkage.struts and "tau" in ours:
+        exerted = linkage.exerted()
+        theirs["tau"], sizes["tau"] = theirs["tau"] - exerted.sum(axis=0), sizes["tau"] + np.abs(exerted).sum(axis=0)
+    parts = dict.fromkeys((*LETTERS, "d"), (*frames,)) | {"jacobian": tips, "tau": names}
+    on_base = tuple(f"{name}_{axis}" for name in _ON_BASE for axis in "xyz") if free else ()
+    parts["forward_dynamics"] = (*on_base, *names)
+    rows = tuple(
+        Comparison.of(
+            name, ours[name], np.where(samples.finite, expected.T, np.nan).T, sizes[name], u, samples.shape,
+            parts.get(name, ("",)),
+        )
+        for name, expected in theirs.items() if expected.size  # without joints, there is neither tau nor mass matrix
+    )  # fmt: skip
+    return rows, tuple(notes)
 
 
 def _is_singular(matrix: Float64Array) -> bool:
     """Return whether a mass matrix resists some motion by nothing but rounding errors."""
     size = np.sqrt(np.abs(np.diagonal(matrix)))
     return not size.all() or bool(np.linalg.eigvalsh(matrix / size / size[:, None])[0] < 1e-12)
-
-
-def _output_scales(case: _Case) -> Outputs:
-    """Return the error scales of all outputs by name, which broadcast against them."""
-    scales, found = case.scales(), Outputs()
-    if case.frames:
-        found |= _frame_scales(scales, case.scales(_at_origin(case.samples.base)), case.frames.values())
-        found["jacobian"] = np.stack([scales.jacobian(frame) for frame in case.tips.values()], axis=1)
-    return found | {"mass_matrix": scales.mass_matrix()} | scales.forces() | scales.energy_and_momentum()
 
 
 # ---- simulated motions
@@ -548,33 +505,34 @@ def compare_loads(
         held: what holds the base: what holds it gives further forces, which are no loads.
         is_planar: whether the motion is in the plane z = 0. What holds the base in it is no load.
     """
-    samples, u = _read_samples(robot, {"q": q, "qd": qd, "qdd": qdd}, base_motion)
     # Forces do not depend on the position of the base, and a large one would round the levers.
-    samples, tree, free = samples._replace(base=_at_origin(samples.base)), tree_of(robot), robot.base == "free"
-    links = {link: tree.known_frame("links", link) for link in robot.links if f"force_{link}" in loads}
-    twin = robot_twin(robot, has_free_flyer=True)
-    case = _Case(robot, twin, samples, {}, links, one_constant("gravity", gravity, 3))
-    theirs, scales = _outputs_by_pinocchio(case), case.scales().forces()
-    # What acts, and the sizes of its terms.
-    acting, sizes = _generalized(loads, free), _generalized(scales, free)
-    parts = sum((np.abs(loads[part]) for part in TORQUE_PARTS if part in loads), np.zeros_like(loads["tau"]))
-    sizes = sizes + np.abs(acting)
-    sizes[:, 6 * free :] += parts  # which may cancel
-    for k, link in enumerate(links):
+    base = None if base_motion is None else replace(base_motion, R=np.zeros(3))
+    samples, tree = _Samples.of_robot(base, (q, qd, qdd), q.shape[:1]), tree_of(robot)
+    velocities = np.broadcast_to(np.eye(6 + robot.dof), (len(q), *2 * (6 + robot.dof,)))
+    case = _Case(
+        robot, robot_twin(robot, has_free_flyer=True), samples, one_constant("gravity", gravity, 3), velocities
+    )
+    required, sizes = case.forces(), case.scales().forces()
+    # What acts, and the sizes of its terms, which may cancel.
+    acting = np.zeros_like(required)
+    for name, place in _ON_BASE.items():
+        acting[:, place] = loads.get(name, 0.0)
+    acting[:, 6:] = loads["tau"]
+    sizes += np.abs(acting)
+    sizes[:, 6:] += sum((np.abs(loads[part]) for part in TORQUE_PARTS if part in loads), 0.0)
+    links = [link for link in tree.links if f"force_{link}" in loads]
+    for link, jacobian in zip(links, np.swapaxes(case.jacobians(links), 0, 1), strict=True):
         on_link = np.concatenate((loads[f"force_{link}"], loads[f"torque_{link}"]), axis=1)[:, None]
-        jacobian = theirs["jacobian"][:, k]
-        acting = acting + (on_link @ jacobian)[:, 0]
-        sizes = sizes + (np.abs(on_link) @ np.abs(jacobian))[:, 0]
-    required = _generalized(theirs, free)
-    columns = {"tau": slice(6 * free, None), "force1": slice(3), "torque1": slice(3, 6)}
-    if is_planar and free:
+        acting += (on_link @ jacobian)[:, 0]
+        sizes += (np.abs(on_link) @ np.abs(jacobian))[:, 0]
+    if is_planar and robot.base == "free":
         acting[:, 2:5] = required[:, 2:5]
-    rows = []
-    for name in {"free": ("tau", "force1", "torque1"), "pinned": ("tau", "torque1")}.get(held, ("tau",)):
-        own, names = columns[name], robot.names if name == "tau" else ("",)
-        size = sizes[:, own] if name == "tau" else sizes[:, own].max(axis=1)
+    u, rows = unit_roundoff(np.float64), []
+    for name in {"free": ("tau", *_ON_BASE), "pinned": ("tau", "torque1")}.get(held, ("tau",)):
+        own = _ON_BASE.get(name, slice(6, None))
+        size, parts = (sizes[:, own].max(axis=1), ("",)) if name in _ON_BASE else (sizes[:, own], robot.names)
         values = acting[:, own], required[:, own], size
-        rows.append(Comparison.of(name, *values, u, samples.shape, names, bound=MAX_LOAD_RATIO))
+        rows.append(Comparison.of(name, *values, u, samples.shape, parts, bound=MAX_LOAD_RATIO))
     return tuple(rows)
 
 

@@ -7,7 +7,8 @@ N^T M N and N^T tau, less what the struts exert.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,54 +24,67 @@ _SHARED_AXES = {"ball": [], "hinge": [2], "weld": [0, 1, 2]}  # columns of S tha
 
 
 class Linkage:
-    """A robot with loops or struts at N samples, and the tree without them (`plain`).
+    """A robot at N samples, and the tree without its loops and struts (`plain`).
 
     Args:
         robot: the robot.
         given: its q and, as far as known, qd and qdd.
+        shape: leading shape of the N samples.
     """
 
-    def __init__(self, robot: Mechanism, given: Mapping[str, Any]) -> None:
-        self.robot, tree = robot, tree_of(robot)
-        self._given, self._closure = [tree.rows(name, one) for name, one in given.items()], tree.closure
+    def __init__(self, robot: Mechanism, given: Mapping[str, Any], shape: tuple[int, ...]) -> None:
+        self.robot, tree, count = robot, tree_of(robot), math.prod(shape)
+        rows = [tree.rows(name, one) for name, one in given.items()]
+        self._given = [np.broadcast_to(one, (*shape, robot.dof)).reshape(count, robot.dof) for one in rows]
         self._size = 1.0 if tree.closure is None else tree.closure.size
         closed = () if tree.closure is None else zip(tree.closure.loops, tree.closure.frames, strict=True)
         joined = {loop.name: (loop.kind, loop.length or 0.0, pair) for loop, pair in closed}
         # Kind, length and frames of loops and struts; the length of a strut may be a coordinate.
         self._joined = joined | {strut.name: ("distance", 0.0, strut.frames) for strut in tree.struts}
+        self.struts = tree.struts
         ends = [frame for _, _, pair in self._joined.values() for frame in pair]
         self.ends = {f"end {k} of loops and struts": frame for k, frame in enumerate(ends)}
         self.plain = robot_of(replace(tree, closure=None, struts=(), frames={**tree.frames, **self.ends}), robot.base)
-        self.coordinates = dict(zip(given, self._of_all_joints(*given.values()), strict=True))
+        self.coordinates = self._of_all_joints(*self._given)
 
-    @classmethod
-    def of(cls, robot: Mechanism, given: Mapping[str, Any]) -> Linkage | None:
-        """Return the linkage of a robot; None of a tree without struts."""
-        tree = tree_of(robot)
-        return cls(robot, given) if tree.closure is not None or tree.struts else None
-
-    def _of_all_joints(self, *given: Any) -> tuple[Any, ...]:
-        if self._closure is None:
+    def _of_all_joints(self, *given: Float64Array) -> Sequence[Float64Array]:
+        if tree_of(self.robot).closure is None:
             return given
-        found = self.robot.all_coordinates(*given)
+        found: Any = self.robot.all_coordinates(*given)
         return found if len(given) > 1 else (found,)
 
     def accelerations(self, qdd: Float64Array) -> Float64Array:
         """Return those of the tree, (N, joints), from those of the coordinates, (N, dof)."""
-        shape = *np.broadcast_shapes(*(one.shape[:-1] for one in self._given)), qdd.shape[1]
-        return np.asarray(self._of_all_joints(*self._given[:2], qdd.reshape(shape))[2]).reshape(len(qdd), -1)
+        return self._of_all_joints(*self._given[:2], qdd)[2]
 
-    def _condition(self) -> Any:
-        """Return by how much joints that follow may be further off than what determines them; (N, 1)."""
-        if self._closure is None:
+    def velocities(self) -> Float64Array:
+        """Return the matrices N from the rates of the coordinates to those of the tree, (N, joints, dof)."""
+        q, dof = self._given[0], self.robot.dof
+        found = np.zeros((*self.coordinates[0].shape, dof))
+        for k, unit in enumerate(np.eye(dof)):
+            found[..., k] = self._of_all_joints(q, np.broadcast_to(unit, q.shape))[1]
+        return found
+
+    def condition(self) -> Any:
+        """Return by how much joints that follow may be further off than what determines them; (N, 1, 1)."""
+        if tree_of(self.robot).closure is None:
             return 1.0
-        return 1.0 + 1.0 / np.reshape(self.robot.transmission(self._given[0]), (-1, 1))
+        return 1.0 + 1.0 / np.reshape(self.robot.transmission(self._given[0]), (-1, 1, 1))
+
+    def exerted(self) -> Float64Array:
+        """Return the forces of struts along the coordinates, (struts, N, dof)."""
+        q, qd = self._given[:2]
+        found = np.zeros((len(self.struts), *q.shape))
+        for k, unit in enumerate(np.eye(self.robot.dof)):
+            for place, along in enumerate(self.robot.struts(q, np.broadcast_to(unit, q.shape)).values()):
+                found[place, :, k] = along.rate
+        return found * np.stack([state.force for state in self.robot.struts(q, qd).values()])[..., None]
 
     def gaps(self, motion: Outputs, scales: Scales) -> dict[str, tuple[Float64Array, ...]]:
         """Return, by name, gaps of loops and lengths of struts and their derivatives: what they are to be, what they
         are by Pinocchio's motion of the `ends`, and the scales of their errors; (N, ...) each.
         """
-        states = self.robot.struts(*self._given[:2]) if tree_of(self.robot).struts else {}
+        states = self.robot.struts(*self._given[:2]) if self.struts else {}
         names, found = ("gap", "gap_rate", "gap_acceleration")[: len(self._given)], list[list[Any]]()
         for place, (name, (kind, length, pair)) in enumerate(self._joined.items()):
             one, two = ({letter: array[:, 2 * place + k] for letter, array in motion.items()} for k in range(2))
@@ -79,44 +93,17 @@ class Linkage:
             if name in states:
                 expected = [*(np.reshape(x, (-1, 1)) for x in states[name][:2]), apart[-1]]  # moves as it must
             if name in self.robot.names and len(names) > 2:  # the length of a strut
-                expected[2] = self._given[2][..., [self.robot.names.index(name)]].reshape(-1, 1)
+                expected[2] = self._given[2][:, [self.robot.names.index(name)]]
             sizes = [scales.motion(frame) for frame in pair]
             size = [sum(each[point][:, None] + self._size * each[turn][:, None] for each in sizes)
-                    for point, turn in (("R", "S"), ("v", "omega"), ("a", "alpha"))]  # fmt: skip
-            size[2] = (size[2] + self._size * sum(each["omega"][:, None] ** 2 for each in sizes)) * self._condition()
+                    for point, turn in (("d", "S"), ("v", "omega"), ("a", "alpha"))]  # fmt: skip
+            size[2] = (size[2] + self._size * sum(each["omega"][:, None] ** 2 for each in sizes)) * np.reshape(
+                self.condition(), (-1, 1)
+            )
             found.append([np.broadcast_arrays(*parts) for parts in zip(expected, apart, size, strict=False)])
         of_levels = (zip(*level, strict=True) for level in zip(*found, strict=True))
         columns = (tuple(np.concatenate(part, axis=1) for part in parts) for parts in of_levels)
         return dict(zip(names, columns, strict=True))
-
-    def reduce(self, ours: Outputs, theirs: Outputs, scales: Outputs) -> None:
-        """Make Pinocchio's results of the tree, and the scales of errors, those of the robot, in place; of ours, what
-        forward dynamics leaves is one of the tree.
-        """
-        (count, width, _), dof, q = theirs["mass_matrix"].shape, self.robot.dof, self._given[0]
-        free = 6 * (self.robot.base == "free")
-        units = [np.broadcast_to(unit, q.shape) for unit in np.eye(dof)]
-        N = np.zeros((count, width, free + dof))
-        N[:, :free, :free] = np.eye(free)
-        for k, unit in enumerate(units):
-            N[:, free:, free + k] = np.reshape(self._of_all_joints(q, unit)[1], (-1, width - free))
-        for part, matrix in ((ours, N), (theirs, N), (scales, np.abs(N) * np.expand_dims(self._condition(), -1))):
-            if part is not ours:
-                part["jacobian"] = part["jacobian"] @ matrix[:, None]
-                part["mass_matrix"] = np.swapaxes(matrix, 1, 2) @ part["mass_matrix"] @ matrix
-            if "tau" in theirs:
-                part["forward_dynamics"] = (part["forward_dynamics"][:, None] @ matrix)[:, 0]
-            if "tau" in theirs and part is not ours:
-                part["tau"] = (part["tau"][:, None] @ matrix[:, free:, free:])[:, 0]
-        if tree_of(self.robot).struts:
-            theirs.pop("potential", None)  # of struts, which Pinocchio does not know
-        if tree_of(self.robot).struts and "tau" in theirs:
-            rates = [self.robot.struts(q, unit) for unit in units]
-            for name, state in self.robot.struts(*self._given[:2]).items():
-                along = np.stack([np.ravel(one[name].rate) for one in rates], axis=-1)
-                exerted = np.reshape(state.force, (-1, 1)) * along
-                theirs["tau"] -= exerted
-                scales["tau"] = scales["tau"] + np.abs(exerted)
 
 
 def _gap(one: Outputs, two: Outputs, axes: list[int], size: float) -> list[Float64Array]:

@@ -13,7 +13,7 @@ LOCAL_WORLD_ALIGNED.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast, overload
 
@@ -34,6 +34,7 @@ from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, MassProperties
 
 LETTERS = ("R", "S", "v", "omega", "a", "alpha")
 """Names of the parts of a motion."""
+_Rule = tuple[str, float, float]
 MotionTuple = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
 """Motion of body 1, psi [rad], psid [rad/s] and psidd [rad/s^2]; psid is None without v, psidd is None without a."""
 
@@ -120,18 +121,20 @@ class Twin:
         with np.errstate(all="ignore"):
             return written_a(changes, base_motion, self.has_free_flyer)
 
+    def columns(self, S: Float64Array) -> Float64Array:
+        """Return the matrices from the velocities of base and coordinates to v, of a model with a free-flyer whose
+        attitude is S (N, 3, 3); shape (N, nv, 6 + dof).
+        """
+        matrices = np.broadcast_to(with_base(self.ratios), (len(S), self.model.nv, 6 + self.ratios.shape[1])).copy()
+        matrices[:, :3, :3] = matrices[:, 3:6, 3:6] = np.swapaxes(S, -1, -2)
+        return matrices
+
     def _of_joints(self, base_motion: BodyMotion | None, **given: ArrayLike) -> list[Float64Array]:
         """Return q and its derivatives as values of all joints of the model, without their offsets."""
         check_base(base_motion, self.has_free_flyer)
         read = {name: vectors(name, one, self.ratios.shape[1]).astype(np.float64) for name, one in given.items()}
         shape = broadcast_shape({name: one.shape[:-1] for name, one in read.items()})
-        found = []
-        for one in read.values():
-            joints = np.zeros((*shape, len(self.ratios)))
-            for joint, column in zip(*np.nonzero(self.ratios), strict=True):
-                joints[..., joint] = self.ratios[joint, column] * one[..., column]
-            found.append(joints)
-        return found
+        return [np.broadcast_to(one @ self.ratios.T, (*shape, len(self.ratios))) for one in read.values()]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -321,6 +324,13 @@ def joint_rules(tree: Tree) -> tuple[Float64Array, Float64Array]:
     return ratios, offsets
 
 
+def with_base(matrix: Float64Array) -> Float64Array:
+    """Return matrices of joints, (..., m, n), with those of the base before them, (..., 6 + m, 6 + n)."""
+    found = np.zeros((*matrix.shape[:-2], 6 + matrix.shape[-2], 6 + matrix.shape[-1]))
+    found[..., :6, :6], found[..., 6:, 6:] = np.eye(6), matrix
+    return found
+
+
 def _inertia(pin: Any, body: MassProperties) -> Any:
     """Return the mass properties of a body as Pinocchio's `Inertia`."""
     inertia = pin.Inertia.Zero()  # the constructor refuses inertias that no rigid body has
@@ -339,71 +349,64 @@ def urdf_twin(robot: Mechanism) -> tuple[Twin, str, tuple[str, ...]]:
     has. The model is Pinocchio's reading of the URDF; where there is no such text, it is made of the robot. The mass
     of a fixed base, and of what is held on it, has no effect and is left out.
     """
-    source, own = tree_of(robot).source, "a model built from the robot as hingepair holds it"
-    if source is None:
-        why = "it was not read from a URDF, or was changed afterwards"
-        return robot_twin(robot, has_free_flyer=True), f"{own}, since {why}", ()
-    if source.snap:
+    source, pin = tree_of(robot).source, import_pinocchio("cross_validate")
+    why = "it was not read from a URDF, or was changed afterwards"
+    if source is not None and source.snap:
         why = f"snap={source.snap:g} changed angles of the URDF"
-        return robot_twin(robot, has_free_flyer=True), f"{own}, since {why}", ()
-    pin, root = import_pinocchio("cross_validate"), ET.fromstring(source.text)
-    floating = any(joint.get("type") == "floating" for joint in root.findall("joint"))
-    flyer = () if floating else (pin.JointModelFreeFlyer(),)
-    try:
-        model = pin.buildModelFromXML(ET.tostring(root, encoding="unicode"), *flyer)
-    except ValueError:
-        return robot_twin(robot, has_free_flyer=True), f"{own}, since Pinocchio cannot read its URDF", ()
+    elif source is not None:
+        root = ET.fromstring(source.text)
+        floating = any(joint.get("type") == "floating" for joint in root.findall("joint"))
+        flyer = () if floating else (pin.JointModelFreeFlyer(),)
+        try:
+            model = pin.buildModelFromXML(ET.tostring(root, encoding="unicode"), *flyer)
+        except ValueError:
+            why = "Pinocchio cannot read its URDF"
+        else:
+            return _twin_of_reading(model, robot, _mimic_rules(root), source.locked)
+    return (
+        robot_twin(robot, has_free_flyer=True),
+        f"a model built from the robot as hingepair holds it, since {why}",
+        (),
+    )
+
+
+def _twin_of_reading(
+    model: Any, robot: Mechanism, rules: Mapping[str, _Rule], locked: Mapping[str, float]
+) -> tuple[Twin, str, tuple[str, ...]]:
+    """Return what `urdf_twin` does, of a model that Pinocchio has read."""
+    pin = import_pinocchio("cross_validate")
     model.jointPlacements[1] = pin.SE3.Identity()  # of a floating root joint
-    _add_frames(pin, model, robot)
-    names = list(model.names)[2:]
-    rules, columns = _mimic_rules(root, {*model.names}), list(robot.names)
-    ratios, offsets, unknown = np.zeros((len(names), robot.dof)), np.zeros(len(names)), {*columns}
-    for row, name in enumerate(names):
-        leader, ratio, offset = rules.get(name, (name, 1.0, 0.0))
-        if name in source.locked:
-            ratio, offset = 0.0, source.locked[name]
-        elif leader in source.locked:
-            ratio, offset = 0.0, ratio * source.locked[leader] + offset
-        offsets[row] = offset
-        if ratio and leader not in columns:
-            unknown.add(leader)
-        elif ratio:
-            ratios[row, columns.index(leader)] = ratio
-            unknown.discard(leader)
-    if robot.base != "free":
-        moving = {2 + int(row) for row in np.flatnonzero(ratios.any(axis=1))}
-        for number in range(1, model.njoints):
-            if moving.isdisjoint(model.supports[number]):
-                model.inertias[number] = pin.Inertia.Zero()
-    return Twin(model, data_of(model), True, ratios, offsets), "Pinocchio's reading of the URDF", (*unknown,)
-
-
-def _mimic_rules(root: ET.Element, names: set[str]) -> dict[str, tuple[str, float, float]]:
-    """Return (leader, ratio, offset) of the joints that follow others, by name, each with its last leader."""
-    mimics = {}
-    for joint in root.findall("joint"):
-        mimic = joint.find("mimic")
-        if mimic is not None and mimic.get("joint") in names:
-            mimics[joint.get("name", "")] = mimic
-    rules = {}
-    for name in mimics:
-        leader, ratio, offset = name, 1.0, 0.0
-        while leader in mimics:
-            mimic = mimics[leader]
-            offset += ratio * float(mimic.get("offset", 0))
-            ratio *= float(mimic.get("multiplier", 1))
-            leader = mimic.get("joint", "")
-        rules[name] = leader, ratio, offset
-    return rules
-
-
-def _add_frames(pin: Any, model: Any, robot: Mechanism) -> None:
-    """Add the frames that were added to the robot after it was read to the model, in place."""
-    known = {frame.name for frame in model.frames}
-    inertias = [inertia.copy() for inertia in model.inertias]
-    for name, frame in tree_of(robot).frames.items():
+    inertias, known = [inertia.copy() for inertia in model.inertias], {frame.name for frame in model.frames}
+    for name, frame in tree_of(robot).frames.items():  # those that were added to the robot after it was read
         if name not in known:
             placement = pin.SE3(np.array(frame.S), np.array(frame.R))
             model.addFrame(pin.Frame(name, 1 + frame.body, placement, pin.FrameType.OP_FRAME))
-    for number, inertia in enumerate(inertias):  # addFrame rounds the masses
-        model.inertias[number] = inertia
+    names, columns = list(model.names)[2:], list(robot.names)
+    ratios, offsets, missing = np.zeros((len(names), robot.dof)), np.zeros(len(names)), set[str]()
+    for row, name in enumerate(names):
+        leader, ratio, offsets[row] = name, 1.0, 0.0
+        while leader not in locked and rules.get(leader, ("",))[0] in names:
+            leader, multiplier, offset = rules[leader]
+            offsets[row] += ratio * offset
+            ratio *= multiplier
+        if leader in locked:
+            offsets[row] += ratio * locked[leader]
+        elif leader in columns:
+            ratios[row, columns.index(leader)] = ratio
+        elif ratio:
+            missing.add(leader)
+    missing |= {name for name, column in zip(columns, ratios.T, strict=True) if not column.any()}
+    for number in range(1, model.njoints):  # addFrame rounds the masses
+        moves = robot.base == "free" or any(ratios[joint - 2].any() for joint in model.supports[number] if joint > 1)
+        model.inertias[number] = inertias[number] if moves else pin.Inertia.Zero()
+    return Twin(model, data_of(model), True, ratios, offsets), "Pinocchio's reading of the URDF", (*missing,)
+
+
+def _mimic_rules(root: ET.Element) -> dict[str, _Rule]:
+    """Return, by name of a joint that follows another, the name of that joint, the ratio and the offset."""
+    mimics = {joint.get("name", ""): joint.find("mimic") for joint in root.findall("joint")}
+    return {
+        name: (mimic.get("joint", ""), float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0)))
+        for name, mimic in mimics.items()
+        if mimic is not None
+    }

@@ -19,9 +19,6 @@ from hingepair.tables.sheets import Sheet, Shown, align_columns, json_text, left
 MAX_LOAD_RATIO = 64  # u * scale by which a load may differ; the largest difference in 1,000 motions was 11
 
 
-_LOADS_REMARK = "last: the loads against the forces that the motion takes by Pinocchio's rnea; rates against slopes"
-
-
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """Comparison of one output with Pinocchio's, over all samples and all links or joints that have it."""
@@ -39,21 +36,11 @@ class Comparison:
     bound: float = MAX_RATIO
     #: link or joint with the largest ratio; "" for an output that has no parts
     worst_part: str = ""
-    #: number of samples that were left out because the mass matrix is singular there
-    singular: int = 0
 
     @property
     def ok(self) -> bool:
-        """Whether something was compared, or excused by a singular mass matrix, and all of it is within the bound."""
-        return (self.samples > 0 or self.singular > 0) and self.max_ratio <= self.bound
-
-    @property
-    def note(self) -> str:
-        """Sentence on the samples that were left out because the mass matrix is singular; "" if there are none."""
-        if not self.singular:
-            return ""
-        where = f"{self.singular} of {self.samples + self.singular} samples"
-        return f"{self.output} is not compared at {where}, where the mass matrix is singular"
+        """Whether something was compared, and all of it is within the bound."""
+        return self.samples > 0 and self.max_ratio <= self.bound
 
     @classmethod
     def of(
@@ -99,14 +86,10 @@ class Comparison:
     def cells(self, with_parts: bool) -> tuple[str, ...]:
         """Return the row of this comparison in a table."""
         if self.worst_sample is None:
-            verdict = "not compared" if self.singular else "nothing compared"
-            return self.output, "-", "-", f"{self.bound:g}", "-", *("-",) * with_parts, "0", verdict
-        error, ratio = (
-            f"{self.max_error:.2e}",
-            f"{self.max_ratio:.2f}" if self.max_ratio < 1e6 else f"{self.max_ratio:.1e}",
-        )
+            return self.output, "-", "-", f"{self.bound:g}", "-", *("-",) * with_parts, "0", "nothing compared"
+        ratio = f"{self.max_ratio:.2f}" if self.max_ratio < 1e6 else f"{self.max_ratio:.1e}"
         where, part = ",".join(map(str, self.worst_sample)) or "-", printable(self.worst_part) or "-"
-        found = (self.output, error, ratio, f"{self.bound:g}", where, *(part,) * with_parts)
+        found = (self.output, f"{self.max_error:.2e}", ratio, f"{self.bound:g}", where, *(part,) * with_parts)
         return *found, str(self.samples), "ok" if self.ok else "FAILED"
 
 
@@ -121,14 +104,12 @@ class CrossValidation(Shown):
     skipped: int
     #: unit roundoff of the dtype of the computation
     u: float
-    #: one comparison for each output
+    #: one comparison for each output; of a simulated motion, of its loads and rates, too
     rows: tuple[Comparison, ...]
     #: what was compared, for the title
     subject: str = ""
     #: where Pinocchio's model comes from
     compared_with: str = ""
-    #: of a simulated motion, its loads and the forces that it requires according to Pinocchio's `rnea`
-    forces: tuple[Comparison, ...] = ()
     #: remarks on the comparison, as sentences
     notes: tuple[str, ...] = ()
 
@@ -144,8 +125,8 @@ class CrossValidation(Shown):
 
     @property
     def ok(self) -> bool:
-        """Whether an output was compared, and all that was compared is within its bound."""
-        return any(row.samples for row in self.rows) and all(row.ok for row in (*self.rows, *self.forces))
+        """Whether outputs were compared, and all that was compared is within its bound."""
+        return bool(self.rows) and all(row.ok for row in self.rows)
 
     @property
     def verdict(self) -> str:
@@ -155,15 +136,14 @@ class CrossValidation(Shown):
         beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
-        failed = [row.output for row in (*self.rows, *self.forces) if not row.ok]
+        failed = [row.output for row in self.rows if not row.ok]
         if failed:
             return f"FAILED: {', '.join(dict.fromkeys(failed))}{beside}"
-        left = [row.output for row in self.rows if not row.samples]
-        outputs = f"{len(self.rows) - len(left)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
-        loads = ", ".join(row.output for row in self.forces if row.bound == MAX_LOAD_RATIO)
+        count, several = sum(row.bound == MAX_RATIO for row in self.rows), "s" * (self.compared != 1)
+        loads = ", ".join(row.output for row in self.rows if row.bound == MAX_LOAD_RATIO)
         more = f", and {loads} within {MAX_LOAD_RATIO} u*scale of its rnea" if loads else ""
-        without = f"; not compared: {', '.join(left)}" if left else ""
-        return f"PASSED: {outputs} within {MAX_RATIO} u*scale of Pinocchio{more}{without}{beside}"
+        within = f"within {MAX_RATIO} u*scale of Pinocchio{more}"
+        return f"PASSED: {count} outputs of {self.compared} sample{several} {within}{beside}"
 
     def __str__(self) -> str:
         title, rows, notes = self._sheet()
@@ -171,17 +151,14 @@ class CrossValidation(Shown):
         return "\n".join((printable(title), *align_columns(rows, right), *notes))
 
     def _sheet(self) -> Sheet:
-        """Return the table of outputs and, behind them, of what was simulated; then remarks and the verdict."""
+        """Return the table of outputs; then remarks and the verdict."""
         with_parts = any(row.worst_part for row in self.rows)
         first = ("output", "largest error", "in u*scale", "bound", "at sample")
-        heading = (*first, *("of",) * with_parts, "compared", "")
-        rows = [heading, *(row.cells(with_parts) for row in (*self.rows, *self.forces))]
+        rows = [(*first, *("of",) * with_parts, "compared", ""), *(row.cells(with_parts) for row in self.rows)]
         notes = [f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel"]
-        notes += [_LOADS_REMARK] if self.forces else []
         notes += [f"compared with {self.compared_with}"] if self.compared_with else []
-        notes += [row.note for row in self.rows if row.note] + [f"note: {note}" for note in self.notes]
-        title = f"{self.name}: the equations against Pinocchio, {self.subject}"
-        return Sheet(title, rows, (*notes, self.verdict))
+        notes += [f"note: {note}" for note in self.notes]
+        return Sheet(f"{self.name}: the equations against Pinocchio, {self.subject}", rows, (*notes, self.verdict))
 
     def __repr__(self) -> str:
         return f"CrossValidation({self.name!r}, {self.verdict})"
@@ -190,6 +167,4 @@ class CrossValidation(Shown):
         """Return the report as JSON text; a number that is not finite becomes null."""
         names = ("name", "subject", "compared_with", "ok", "verdict", "samples", "compared", "skipped", "u", "notes")
         facts = {name: getattr(self, name) for name in names}
-        for group in ("rows", "forces"):
-            facts[group] = [{**asdict(row), "ok": row.ok, "note": row.note} for row in getattr(self, group)]
-        return json_text(facts)
+        return json_text(facts | {"rows": [{**asdict(row), "ok": row.ok} for row in self.rows]})
