@@ -212,7 +212,7 @@ def test_masses_are_those_of_rigid_bodies():
     for robot in (panda(), unknown):
         fit = hp.fit_masses(robot, q, qd, qdd, tau)
         assert fit.ok, fit.findings
-        assert not tree_of(fit.robot).notes
+        assert not tree_of(fit.robot).mass_notes(True)
         left = fit.robot.inverse_dynamics(q, qd, qdd, joint_loads=True).tau - fit.torques(q, qd, qdd)
         assert np.sqrt(np.mean(left**2)) < 0.05 * NOISE
     rotors = panda().with_inertial_parameters(panda().inertial_parameters, armature=5.0 * np.eye(7)[0])
@@ -221,7 +221,7 @@ def test_masses_are_those_of_rigid_bodies():
         assert not fit.ok
         (finding,) = (one for one in fit.findings if one.name == "bodies")
         assert finding.endswith(words)
-        assert not tree_of(fit.robot).notes
+        assert not tree_of(fit.robot).mass_notes(True)
 
 
 @pytest.mark.slow

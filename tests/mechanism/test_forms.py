@@ -177,7 +177,7 @@ def test_products_that_overflow_are_refused_where_masses_are_used():
     ):
         with pytest.raises(hp.ArgumentError, match="robot 'huge': expected masses and lengths"):
             ask()
-    with pytest.raises(hp.ArgumentError, match="mass properties of 'body', 'payload': expected numbers whose sum"):
+    with pytest.raises(hp.ArgumentError, match="payload of a"):
         robot.with_payload("a", hp.Body(1e308)).with_payload("a", hp.Body(1e308))
 
 

@@ -14,7 +14,7 @@ from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.urdf.rigid import MassProperties
 from support import states
 from support.exact import Exact
-from support.trees import Robot
+from support.trees import Robot, inertia_of
 from support.truths import largest_errors
 
 GRAVITY = (1.5, -2.0, -9.0)
@@ -35,7 +35,7 @@ def random_robot(rng, count, base, heavy=False):
         u = one_of(rng, rng.uniform(-1, 1, 3), np.array((0, 0, rng.uniform())), np.zeros(3))
         mass = rng.uniform(0.1, 3) if heavy else one_of(rng, *rng.uniform(0.1, 3, 2), 1e-6, 1e3, 0.0)
         A = rng.normal(size=(3, 3)) * 0.3
-        inertia = one_of(rng, A @ A.T, np.eye(3) * 0.2, np.eye(3) * heavy)
+        inertia = one_of(rng, inertia_of(A @ A.T), np.eye(3) * 0.2, np.eye(3) * heavy)
         centre = one_of(rng, rng.normal(size=3) * 0.3, n * 0.5, np.zeros(3))
         zero = mass == 0
         body = MassProperties(mass, centre * (not zero), (inertia + inertia.T) / 2 * (not zero))

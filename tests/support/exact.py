@@ -79,11 +79,8 @@ def tree_of_model(model, link):
 def followers(tree):
     """Of each joint, the column of its coordinate, and its ratio and offset to that."""
     columns = {joint.name: i for i, joint in enumerate(tree.coordinates)}
-    own = [(joint, joint.mimic) for joint in tree.joints]
-    leaders = [joint if mimic is None else tree.joints[mimic.leader - 1] for joint, mimic in own]
-    ratios = [1.0 if mimic is None else mimic.multiplier for _, mimic in own]
-    offsets = [0.0 if mimic is None else mimic.offset for _, mimic in own]
-    return [columns[joint.name] for joint in leaders], exactly(ratios), exactly(offsets)
+    leaders, ratios, offsets = zip(*((joint.mimic or (joint.name, 1.0, 0.0)) for joint in tree.joints), strict=True)
+    return [columns[leader] for leader in leaders], exactly(ratios), exactly(offsets)
 
 
 def twice_the_odd_part(matrices):

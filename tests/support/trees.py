@@ -10,7 +10,8 @@ import pinocchio as pin
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
 from hingepair.mechanism.mechanism import tree_of
-from hingepair.mechanism.tree import Frame, Joint, Mimic, Tree
+from hingepair.mechanism.tree import Frame, Joint, Tree
+from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import MassProperties
 
 
@@ -69,7 +70,13 @@ def unit(rng):
 
 
 def body(rng):
-    return pin.Inertia(rng.uniform(0.5, 3), rng.uniform(-0.3, 0.3, 3), pin.Inertia.Random().inertia + np.eye(3) * 0.1)
+    A = rng.normal(size=(3, 3)) * 0.4
+    return pin.Inertia(rng.uniform(0.5, 3), rng.uniform(-0.3, 0.3, 3), inertia_of(A @ A.T))
+
+
+def inertia_of(N):
+    """The inertia of a body with second moments N."""
+    return np.trace(N) * np.eye(3) - N
 
 
 def mass_properties(inertia):
@@ -111,16 +118,8 @@ def record_of(model):
 
 def with_mimics(tree, rules):
     """The record where joints follow others: by name of the follower, (leader, multiplier, offset)."""
-    numbers = {joint.name: number for number, joint in enumerate(tree.joints, 1)}
-    return replace(
-        tree,
-        joints=tuple(
-            replace(joint, mimic=Mimic(numbers[rules[joint.name][0]], *rules[joint.name][1:]))
-            if joint.name in rules
-            else joint
-            for joint in tree.joints
-        ),
-    )
+    joints = (replace(one, mimic=MimicRecord(*rules[one.name])) if one.name in rules else one for one in tree.joints)
+    return replace(tree, joints=tuple(joints))
 
 
 def on_free_base(model):

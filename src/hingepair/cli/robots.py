@@ -55,7 +55,7 @@ def _facts(robot: Mechanism) -> dict[str, Any]:
         limits = {"limits": joint.position_limits, "rate_limit": joint.rate_limit, "effort_limit": joint.effort_limit}
         row = {"joint": joint.name, "kind": joint.kind, "axis": joint.n.tolist(), **limits, "mass2": joint.body.mass}
         if joint.mimic is not None:
-            leader, multiplier, offset = tree.joints[joint.mimic.leader - 1].name, *joint.mimic[1:]
-            row["mimic"] = {"joint": leader, "multiplier": multiplier, "offset": offset}
+            row["mimic"] = dict(zip(("joint", "multiplier", "offset"), joint.mimic, strict=True))
         rows.append(row)
-    return {"robot": robot.name, "dof": robot.dof, "links": robot.links, "joints": rows, "notes": tree.notes}
+    facts = {"robot": robot.name, "dof": robot.dof, "links": robot.links, "joints": rows}
+    return {**facts, "notes": tree.mass_notes(False)}

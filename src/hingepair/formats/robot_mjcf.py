@@ -101,8 +101,8 @@ def robot_to_mjcf(
     rules = [(joint, joint.mimic) for joint in tree.joints if joint.mimic is not None]
     equality = add_element(root, "equality") if rules else root
     for joint, rule in rules:
-        leader, curve = tree.joints[rule.leader - 1].name, (rule.offset, rule.multiplier, 0, 0, 0)
-        add_element(equality, "joint", joint1=joint.name, joint2=leader, polycoef=curve)
+        curve = (rule.offset, rule.multiplier, 0, 0, 0)
+        add_element(equality, "joint", joint1=joint.name, joint2=rule.leader, polycoef=curve)
     return document(root, tree, [*sentences, *unwritten])
 
 

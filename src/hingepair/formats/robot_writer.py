@@ -146,8 +146,7 @@ class _UrdfWriter:
         if joint.load.damping or joint.load.friction:
             add_element(element, "dynamics", damping=joint.load.damping, friction=joint.load.friction)
         if (rule := joint.mimic) is not None:
-            leader = self._tree.joints[rule.leader - 1].name
-            add_element(element, "mimic", joint=leader, multiplier=rule.multiplier, offset=rule.offset)
+            add_element(element, "mimic", joint=rule.leader, multiplier=rule.multiplier, offset=rule.offset)
 
 
 def _axis(axis: Float64Array) -> Float64Array:

@@ -23,7 +23,6 @@ from hingepair.measured.findings import (
 from hingepair.measured.statistics import OUTLIER, every_kth, neighbour_correlation, score_scatter
 from hingepair.measured.torques import TERMS, Found, base_units, column_rms
 from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.robots.inertial_parameters import body_names
 from hingepair.numeric.arrays import Float64Array
 from hingepair.tables.sheets import percent
 
@@ -224,7 +223,7 @@ def _undetermined_findings(found: Found) -> list[Finding]:
     recording, findings = found.recording, []
     robot, base, tree = recording.robot, recording.base, tree_of(recording.robot)
     doubt = found.std[: len(base.names)] / base_units(recording)
-    for number, name in enumerate(body_names(tree, False)):
+    for number, name in enumerate(tree.body_names[1:]):
         of_body = np.flatnonzero(~(doubt <= _HARDLY_KNOWN) & (base.columns // 10 == number))
         if not of_body.size:
             continue

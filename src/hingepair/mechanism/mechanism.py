@@ -15,6 +15,7 @@ from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.building import changes
+from hingepair.mechanism.building.folding import fold
 from hingepair.mechanism.building.mujoco_model import tree_of_mjcf
 from hingepair.mechanism.building.pairs import tree_of_pairs
 from hingepair.mechanism.building.pinocchio_model import tree_of_pinocchio
@@ -35,7 +36,6 @@ from hingepair.mechanism.tree import BASE_KINDS, LOAD_FIELDS, NO_LOAD, Tree, loa
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant, read_only, set_frozen
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import Sheet, align_columns, cell_text
-from hingepair.urdf import records
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -285,10 +285,7 @@ class Mechanism(MechanismMethods):
         """
         sums = dict.fromkeys((joint.name for joint in self._tree.own_coordinates), 0.0)
         for joint in self._tree.joints:
-            leader, ratio = joint.name, 1.0
-            if joint.mimic is not None:
-                leader, ratio = self._tree.joints[joint.mimic.leader - 1].name, joint.mimic.multiplier
-            sums[leader] += joint.armature * ratio * ratio
+            sums[joint.rule.leader] += joint.armature * joint.rule.multiplier**2
         return read_only(np.array([sums.get(name, 0.0) for name in self.names], dtype=np.float64))
 
     @property
@@ -399,7 +396,7 @@ class Mechanism(MechanismMethods):
         >>> hp.load_robot("panda").with_locked({"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}).dof
         7
         """
-        return self._with_tree(changes.lock_joints(self._tree, positions))
+        return self._with_tree(fold(self._tree.plain(), positions))
 
     def with_motor(self, joint: str, *, armature: float, ratio: float | None = None) -> Mechanism:
         """Return a copy of the robot with a motor at a joint, whose rotor's inertia replaces that of the file.
@@ -636,16 +633,15 @@ class Mechanism(MechanismMethods):
                 row[-1] = " to ".join(map(cell_text, joint.effort_range))
         columns |= {name: [row[k] for row in shown] for k, name in enumerate(("least", "greatest", "rate", "effort"))}
         columns["mass [kg]"] = [cell_text(joint.body.mass) for joint in joints]
-        rules = (joint.mimic and records.MimicRecord(names[joint.mimic.leader], *joint.mimic[1:]) for joint in joints)
-        columns["follows"] = ["" if rule is None else str(rule) for rule in rules]
+        columns["follows"] = [str(joint.mimic or "") for joint in joints]
         extra = {"armature": [joint.armature for joint in joints]}
         extra |= {name: [getattr(joint.load, name) for joint in joints] for name in LOAD_FIELDS}
         columns |= {name: [*map(cell_text, values)] for name, values in extra.items() if any(values)}
         rows = [tuple(columns), *zip(*columns.values(), strict=True)]
         title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
         note = loads_note(self._tree)
-        masses = (*(self._tree.base_notes if self.base == "free" else ()), *self._tree.notes)
-        notes = [*masses, *([f"dynamics: {note}, unless joint_loads=True"] if note else ())]
+        notes = self._tree.mass_notes(self.base == "free")
+        notes += [f"dynamics: {note}, unless joint_loads=True"] if note else []
         if self._tree.samples is not None:
             notes.append(f"payloads or lengths differ from sample to sample, shape {self._tree.samples.shape}")
         closure = self._tree.closure

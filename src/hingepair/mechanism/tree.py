@@ -18,6 +18,7 @@ program, so that an entry which should be one of them must be it to the last bit
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -27,6 +28,7 @@ from numpy.typing import NDArray
 
 from hingepair.equations.joints import Axis
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import Drawing
 from hingepair.mechanism.joints import KINDS, JointKind
@@ -35,19 +37,12 @@ from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, read_on
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
 from hingepair.plans.closures import Closure
 from hingepair.plans.struts import Law
-from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, MassProperties
+from hingepair.urdf.records import MimicRecord
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties
 
 BASE_KINDS = ("fixed", "free")
 """Accepted values of the argument `base`."""
 NO_LOAD = HingeLoad()
-
-
-class Mimic(NamedTuple):
-    """Rule of a joint that follows another joint, its leader: q = multiplier * (q of the leader) + offset."""
-
-    leader: int  # number of the leading joint, from 1 on; it follows no joint itself, and may come later
-    multiplier: float  # ratio of the joint's rate to the leader's
-    offset: float  # q of the joint at q = 0 of the leader [rad or m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +50,7 @@ class Joint(Frozen):
     """Record of a joint that moves."""
 
     name: str  # name of the joint
-    kind: JointKind  # a continuous joint is a hinge without limits
+    kind: JointKind  # a continuous joint is a hinge without limits; only readers make fixed ones, which `fold` merges
     parent: int  # number of the body that carries the joint; 0 is the base
     # the joint's point in the parent body's axes, from the parent's reference point [m]; shape (3,)
     u: NDArray[np.float64]
@@ -71,10 +66,22 @@ class Joint(Frozen):
     armature: float = 0.0
     ratio: float = 1.0  # turns of its motor for one of the joint, as files write it; `with_motor` reads it
     load: HingeLoad = NO_LOAD  # spring, damper and dry friction as they are written; a slider's in N/m, N s/m and N
-    mimic: Mimic | None = None  # rule of a joint that follows another; None for a joint with a coordinate of its own
+    # rule of a joint that follows another, which follows none itself and may come later; None for a joint with a
+    # coordinate of its own
+    mimic: MimicRecord | None = None
     pitch: float = 0.0  # displacement for one radian of a joint that also turns [m/rad]
     # whether Pinocchio has cosine and sine in q for a hinge without limits; it has not where URDF says "revolute"
     continuous: bool = True
+
+    @property
+    def rule(self) -> MimicRecord:
+        """How the joint follows one with a coordinate: another, or itself."""
+        return self.mimic or MimicRecord(self.name, 1.0, 0.0)
+
+    @property
+    def pose(self) -> FramePose:
+        """Pose of the joint's body at q = 0, in the axes of the parent body."""
+        return FramePose(self.S, self.u)
 
     @property
     def axis(self) -> Axis:
@@ -107,6 +114,19 @@ LOAD_FIELDS = ("stiffness", "rest", "damping", "friction")
 """What files say of the load of a joint: fields of its HingeLoad."""
 
 
+def unphysical_reason(masses: MassProperties) -> str:
+    """Return why no rigid body has these mass properties; "" if one has, or if all are 0."""
+    if not masses.mass and not masses.inertia.any():
+        return ""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            Body(masses.mass, masses.centre_of_mass, masses.inertia)
+    except ArgumentError as error:
+        return str(error)
+    return ""
+
+
 def check_name(argument: str, name: object) -> None:
     """Refuse a name that is no text, is empty, or holds half a character (a surrogate), which no file can hold."""
     if not isinstance(name, str) or not name.strip() or any("\ud800" <= letter <= "\udfff" for letter in name):
@@ -130,6 +150,11 @@ class Frame(Frozen):
     S: NDArray[np.float64]  # rotation from the frame's axes to the body's axes; shape (3, 3)
     # origins that differ from sample to sample, in place of R; (..., 3). None for one origin
     samples: NDArray[np.float64] | None = None
+
+    @property
+    def pose(self) -> FramePose:
+        """Pose in the axes of the body."""
+        return FramePose(self.S, self.R)
 
     @property
     def origin(self) -> NDArray[np.float64]:
@@ -184,13 +209,8 @@ class Tree(Frozen):
     # further frames by name: fixed and locked joints (the child link's frame) and those that users added. A joint
     # that moves is not among them: its frame is that of its body
     frames: Mapping[str, Frame]
-    # the links whose frames are computed unless others are named: those that carry no further link, on bodies that
-    # carry no further joint, in the order of `links`; at least one
-    tips: tuple[str, ...]
-    # what a DynamicsWarning says at the first call of dynamics: masses that are assumed, and masses that no rigid
-    # body can have; whole sentences that name the link
-    notes: tuple[str, ...] = ()
-    base_notes: tuple[str, ...] = ()  # the same of the base, whose mass counts only if it is free
+    leaves: tuple[str, ...]  # names of the links that carry no further link, in the order of `links`
+    assumed: tuple[tuple[int, str], ...] = ()  # sentences about masses that are assumed, each with the body's number
     drawings: tuple[Drawing, ...] = ()  # what each body is drawn by, the base first
     # what the robot was read from, as long as it describes the links and masses of the robot
     source: Source | None = None
@@ -198,8 +218,6 @@ class Tree(Frozen):
     """Links whose mass was never given, by the number of the body."""
     samples: Samples | None = None
     """What differs from sample to sample beside all this; None for one robot."""
-    leaves: tuple[str, ...] = ()
-    """Names of all links that carry no further link, tips among them."""
     closure: TreeClosure | None = None
     """Loops that are closed; None of a tree."""
     struts: tuple[TreeStrut, ...] = ()
@@ -208,6 +226,33 @@ class Tree(Frozen):
     def bodies(self) -> tuple[MassProperties, ...]:
         """Mass properties of all bodies, the base first."""
         return (self.base, *(joint.body for joint in self.joints))
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of all bodies: of the link whose frame is the body's, else of the joint or the root link."""
+        names = [next(iter(self.links)), *(joint.name for joint in self.joints)]
+        for name, frame in reversed([*self.links.items()]):
+            if not frame.R.any() and np.array_equal(frame.S, np.eye(3)):
+                names[frame.body] = name
+        return tuple(names)
+
+    @property
+    def tips(self) -> tuple[str, ...]:
+        """The links whose frames are computed unless others are named: leaves on bodies that carry no joint."""
+        carrying = {joint.parent for joint in self.joints}
+        return tuple(leaf for leaf in self.leaves if self.links[leaf].body not in carrying)
+
+    def mass_notes(self, free: bool) -> list[str]:
+        """Return what a DynamicsWarning says at the first call of dynamics: which masses are assumed, and which no
+        rigid body can have. The base counts only if it is free.
+        """
+        notes = [note for body, note in self.assumed if body or free]
+        for k, (name, masses) in enumerate(zip(self.body_names, self.bodies, strict=True)):
+            if (k or free) and (reason := unphysical_reason(masses)):
+                notes.append(
+                    f"no rigid body has the mass properties of {name!r}, which are used as written: {reason}"
+                )
+        return notes
 
     @property
     def has_functions(self) -> bool:
@@ -259,7 +304,7 @@ class Tree(Frozen):
     @property
     def coordinate_names(self) -> CoordinateNames:
         """Names of the joints with a coordinate, and of those that follow them, for arguments and messages."""
-        leaders = {one.name: self.joints[one.mimic.leader - 1].name for one in self.joints if one.mimic is not None}
+        leaders = {one.name: one.mimic.leader for one in self.joints if one.mimic is not None}
         return CoordinateNames(tuple(one.name for one in self.coordinates), noun="joints", leaders=leaders)
 
     def column(self, argument: str, name: object) -> int:

@@ -21,13 +21,13 @@ from hingepair.mechanism.bodies.hinge_load import (
 )
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.robots.computations import read_wrenches
-from hingepair.mechanism.tree import Mimic
 from hingepair.motion.linkages import efforts_of_followers, with_strut_loads
 from hingepair.motion.loads import GivenLoad, Loads, MotionAtInstants, broadcast_load
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, one_constant
 from hingepair.plans.arguments import Coordinates
 from hingepair.plans.pairs import SPACE
+from hingepair.urdf.records import MimicRecord
 
 LoadArgument: TypeAlias = ArrayLike | Callable[[Array, MotionAtInstants], ArrayLike]
 """A force or a torque as users give it: constants, or a callable of (t, now)."""
@@ -92,7 +92,7 @@ def loads_by_joint(robot: Mechanism, loads: Any) -> dict[str, HingeLoad]:
     for name, load in given.items():
         rule = joints[name].mimic
         if rule is not None and rule.multiplier:
-            leader = tree_of(robot).joints[rule.leader - 1].name
+            leader = rule.leader
             if load.motor:
                 expected = f"a load without a motor: {name} follows {leader}, whose motor moves both"
                 raise ArgumentError(f"loads[{name!r}]", expected, quoted(load.motor))
@@ -123,7 +123,7 @@ def _hinge_load(label: str, torque: HingeTorque) -> HingeLoad:
     return HingeLoad(motor=motor)
 
 
-def _of_leader(load: HingeLoad, rule: Mimic) -> HingeLoad:
+def _of_leader(load: HingeLoad, rule: MimicRecord) -> HingeLoad:
     """Return the load of a joint that follows as one of its leader: the same power, at the leader's coordinate."""
     ratio, offset = rule.multiplier, rule.offset
     stops = None if load.stops is None else sorted((stop - offset) / ratio for stop in load.stops)

@@ -173,7 +173,7 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
             (N, joints), N may be 0.
     """
     leaders = [number for number, joint in enumerate(model.joints, 1) if joint.mimic is None]
-    places = {number: place for place, number in enumerate(leaders)}
+    places = {model.joints[number - 1].name: place for place, number in enumerate(leaders)}
     chain_of = {number: chain for chain, (_, numbers) in enumerate(model.chains) for number in numbers}
     coordinates = [
         _coordinate_json(model.joints[number - 1], chain_of[number], model.size, positions[:, place])
@@ -190,9 +190,8 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
             {
                 **{"name": joint.name, "axis": joint.axis, "parent": joint.parent},
                 **{"u": joint.u.tolist(), "S": joint.S.ravel().tolist(), "n": joint.n.tolist()},
-                "coordinate": places[joint.mimic.leader if joint.mimic else number],
-                "multiplier": joint.mimic.multiplier if joint.mimic else 1.0,
-                "offset": joint.mimic.offset if joint.mimic else 0.0,
+                **{"coordinate": places[joint.rule.leader], "multiplier": joint.rule.multiplier},
+                "offset": joint.rule.offset,
             }
             for number, joint in enumerate(model.joints, 1)
         ],

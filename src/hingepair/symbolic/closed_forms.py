@@ -233,7 +233,7 @@ def frame_forms(robot: Mechanism, frame: str | None = None) -> ClosedForms:
     moving = tree.coordinates
     q, qd = (tuple(real_symbol(f"{letter}_{k + 1}") for k in range(len(moving))) for letter in ("q", "qd"))
     by_name = dict(zip((joint.name for joint in moving), q, strict=True))
-    own = [by_name[(joint if joint.mimic is None else tree.joints[joint.mimic.leader - 1]).name] for joint in path]
+    own = [by_name[joint.rule.leader] for joint in path]
     positions = [
         one if joint.mimic is None else exact(joint.mimic.multiplier) * one + exact(joint.mimic.offset)
         for joint, one in zip(path, own, strict=True)

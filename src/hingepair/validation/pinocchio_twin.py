@@ -318,9 +318,7 @@ def joint_rules(tree: Tree) -> tuple[Float64Array, Float64Array]:
     columns = {joint.name: column for column, joint in enumerate(tree.coordinates)}
     ratios, offsets = np.zeros((len(tree.joints), len(columns))), np.zeros(len(tree.joints))
     for row, joint in enumerate(tree.joints):
-        leader = joint if joint.mimic is None else tree.joints[joint.mimic.leader - 1]
-        ratios[row, columns[leader.name]] = 1.0 if joint.mimic is None else joint.mimic.multiplier
-        offsets[row] = 0.0 if joint.mimic is None else joint.mimic.offset
+        ratios[row, columns[joint.rule.leader]], offsets[row] = joint.rule[1:]
     return ratios, offsets
 
 

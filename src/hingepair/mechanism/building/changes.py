@@ -12,18 +12,11 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.bodies.shapes import Drawing, placed_shapes
-from hingepair.mechanism.building.folding import (
-    JointPart,
-    fold_parts,
-    locked_positions,
-    mass_properties,
-    unphysical_reason,
-    written_joint,
-)
+from hingepair.mechanism.bodies.shapes import placed_shapes
+from hingepair.mechanism.building.folding import mass_properties
 from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, JointKind, RobotJoint
 from hingepair.mechanism.robots.samples import Payload, Samples
-from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, Tree, check_name
+from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, Tree, check_name, unphysical_reason
 from hingepair.numeric.arrays import (
     check_choice,
     finite_number,
@@ -33,7 +26,6 @@ from hingepair.numeric.arrays import (
     real_array,
 )
 from hingepair.rotations.matrices import check_rotation
-from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import IDENTITY_POSE, ZERO_MASS_PROPERTIES, FramePose, MassProperties
 
 
@@ -46,7 +38,7 @@ def pair_of(
     None without mass and, with a DynamicsWarning, where no rigid body has its mass properties.
     """
     joint = tree.single().joints[number - 1]
-    seat = ends[0].seen(FramePose(joint.S, joint.u))
+    seat = ends[0].seen(joint.pose)
     limits: dict[str, Any] = {
         "limits": joint.position_limits,
         "torque_limit": joint.effort_limit,
@@ -80,17 +72,10 @@ def add_body(tree: Tree, link: str, body: Body | None) -> Tree:
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
     tree = add_payload(tree, link, Payload(np.array(body.mass), body.centre_of_mass, body.inertia))
-    notes = tuple(f"payload of {link}: {note}" for note in body.assumed)
-    notes, base_notes = (notes, ()) if frame.body else ((), notes)
+    assumed = ((frame.body, f"payload of {link}: {note}") for note in body.assumed)
     drawings = list(tree.drawings)
-    added = placed_shapes(body.shapes, FramePose(frame.S, frame.R))
-    drawings[frame.body] = drawings[frame.body].with_shapes(added)
-    return replace(
-        tree,
-        notes=(*tree.notes, *notes),
-        base_notes=(*tree.base_notes, *base_notes),
-        drawings=tuple(drawings),
-    )
+    drawings[frame.body] = drawings[frame.body].with_shapes(placed_shapes(body.shapes, frame.pose))
+    return replace(tree, assumed=(*tree.assumed, *assumed), drawings=tuple(drawings))
 
 
 def set_loads(tree: Tree, loads: Mapping[str, HingeLoad]) -> Tree:
@@ -126,33 +111,6 @@ def set_motor(tree: Tree, name: str, armature: float, ratio: float | None) -> Tr
     return replace(tree, joints=tuple(joints), source=None)
 
 
-def lock_joints(tree: Tree, positions: Mapping[str, float]) -> Tree:
-    """Return a copy of a tree in which joints, by name, are held at positions [rad or m]."""
-    parts = [JointPart(written_joint(""))]
-    for joint in tree.plain().joints:
-        rule = joint.mimic
-        follows = None if rule is None else MimicRecord(tree.joints[rule.leader - 1].name, *rule[1:])
-        parts.append(JointPart(joint, follows))
-    for kind, group in (("links", tree.links), ("frames", tree.frames)):
-        for name, frame in group.items():
-            getattr(parts[frame.body], kind)[name] = FramePose(frame.S, frame.R)
-    leaves = tree.leaves or tree.tips
-    for number, (part, masses) in enumerate(zip(parts, tree.bodies, strict=True)):
-        part.masses[next(iter(part.links), f"body {number}")] = masses
-        part.leaves += [link for link in leaves if link in part.links]
-        part.drawing = tree.drawings[number] if tree.drawings else Drawing()
-        if number in tree.without_mass:
-            part.without_mass.append(tree.without_mass[number])
-    held = locked_positions(parts, positions)
-    locked = fold_parts(tree.name, parts, held)
-    source = tree.source
-    if source is not None:
-        source = source._replace(locked={**source.locked, **held})
-    notes = tuple(dict.fromkeys((*tree.notes, *locked.notes)))
-    of_base = tuple(dict.fromkeys((*tree.base_notes, *locked.base_notes)))
-    return replace(locked, notes=notes, base_notes=of_base, source=source)
-
-
 def add_payload(tree: Tree, link: str, payload: Payload) -> Tree:
     """Return a copy of a tree with a Payload fixed to the frame `link`, as samples where it has leading axes."""
     frame = tree.known_frame("link", link)
@@ -161,8 +119,8 @@ def add_payload(tree: Tree, link: str, payload: Payload) -> Tree:
         return replace(
             tree, samples=(tree.samples or Samples()).with_matter(number, payload.moments(frame.origin, frame.S))
         )
-    single = MassProperties(float(payload.mass), payload.centre, payload.inertia).placed(FramePose(frame.S, frame.R))
-    total = mass_properties({"body": tree.bodies[number], "payload": single})
+    single = MassProperties(float(payload.mass), payload.centre, payload.inertia).placed(frame.pose)
+    total = mass_properties(f"payload of {link}", (tree.bodies[number], single))
     joints = list(tree.joints)
     if number:
         joints[number - 1] = replace(joints[number - 1], body=total)
@@ -182,7 +140,7 @@ def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | 
         positions = one_constant("R", R, 3)
     elif positions.shape[-1] != 3 or not positions.size or not np.isfinite(positions).all():
         raise ArgumentError("R", "finite positions of shape (..., 3)", f"shape {positions.shape}")
-    pose = FramePose(frame.S, frame.R).placed(FramePose(turn, positions.reshape(-1, 3)[0]))
+    pose = frame.pose.placed(FramePose(turn, positions.reshape(-1, 3)[0]))
     added = Frame(frame.body, read_only(pose.origin), read_only(pose.rotation))
     if positions.ndim == 1 and frame.samples is None:
         return replace(tree, frames={**tree.frames, name: added})
@@ -208,18 +166,11 @@ def tree_with_base_joints(tree: Tree) -> Tree:
         )
         for k, kind in enumerate(kinds)
     ]  # fmt: skip
-    joints = [
-        replace(
-            joint,
-            parent=joint.parent + BASE_JOINTS,
-            mimic=None if joint.mimic is None else joint.mimic._replace(leader=joint.mimic.leader + BASE_JOINTS),
-        )
-        for joint in tree.plain().joints
-    ]
+    joints = [replace(joint, parent=joint.parent + BASE_JOINTS) for joint in tree.plain().joints]
     links, frames = (
         {name: on_moved_base(frame) for name, frame in group.items()} for group in (tree.links, tree.frames)
     )
-    return Tree(tree.name, (*base, *joints), ZERO_MASS_PROPERTIES, links, frames, tree.tips)
+    return Tree(tree.name, (*base, *joints), ZERO_MASS_PROPERTIES, links, frames, tree.leaves)
 
 
 def on_moved_base(frame: Frame) -> Frame:

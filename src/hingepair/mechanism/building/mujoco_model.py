@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,17 +17,18 @@ from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import Drawing
 from hingepair.mechanism.building.folding import (
-    JointPart,
     chosen_base,
     displaced,
     effort_fields,
-    fold_parts,
+    fold,
+    framed,
+    mass_properties,
     written_joint,
 )
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.linkages import Loop, close_tree
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.tree import Joint, Tree, unused_name
+from hingepair.mechanism.tree import Frame, Joint, Tree, unused_name
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.optional import require
 from hingepair.numeric.unit_vectors import unit_axis
@@ -46,8 +47,8 @@ _FREE, _TYPE_NAMES = 0, ("free", "ball", "slide", "hinge")
 def tree_of_mjcf(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
     """Return the tree of a model in MJCF, and the kind of its base, as `Mechanism.from_mjcf` describes."""
     reader = _Reader(_compiled(model))
-    name, own, parts = reader.parts()
-    return reader.closed(fold_parts(name, parts, locked)), chosen_base(base, own)
+    tree = reader.closed(fold(reader.tree(), locked))
+    return tree, chosen_base(base, "free" if reader.root else "fixed")
 
 
 def _compiled(model: Any) -> Any:
@@ -85,9 +86,9 @@ class _Reader:
         self._model = model
         free = [joint for joint in range(model.njnt) if model.jnt_type[joint] == _FREE]
         moving = {int(model.body_rootid[model.jnt_bodyid[joint]]) for joint in range(model.njnt)}
-        self._root = int(model.jnt_bodyid[free[0]]) if len(free) == 1 and len(moving) == 1 else 0
-        if self._root and model.body_parentid[self._root] != 0:
-            self._root = 0
+        self.root = int(model.jnt_bodyid[free[0]]) if len(free) == 1 and len(moving) == 1 else 0
+        if self.root and model.body_parentid[self.root] != 0:
+            self.root = 0
         self._joint_names = _names(model.joint, model.njnt, "joint", set())
         self._body_names = _names(model.body, model.nbody, "body", set())
         named = [name for k, name in enumerate(self._joint_names) if model.jnt_type[k] != _FREE]
@@ -97,31 +98,38 @@ class _Reader:
         equalities = _names(model.equality, model.neq, "equality", frames)
         self._loops = [*_read_loops(model, equalities, self._site_names)]
 
-    def parts(self) -> tuple[str, Literal["fixed", "free"], list[JointPart]]:
-        """Return the name of the model, the kind of the base and the parts."""
-        model, root = self._model, self._root
-        parts = [JointPart(written_joint(""), drawing=_UNKNOWN)]
-        places = {root: (0, _pose())}  # part of each body, and the body's pose in it
-        carrying = {int(model.body_parentid[body]) for body in self._bodies() if body}
+    def tree(self) -> Tree:
+        """Return the tree with all joints."""
+        model, root = self._model, self.root
+        joints, links, frames = list[Joint](), dict[str, Frame](), dict[str, Frame]()
+        masses: list[list[MassProperties]] = [[]]
+        places = {root: (0, _pose())}  # number of the body of each body of MuJoCo, and its pose there
         for body in self._bodies():
             if body != root:
                 number, pose = places[int(model.body_parentid[body])]
                 pose = pose.placed(self._pose_of(body))
                 for joint in self._joints(body):
-                    read = self._joint(joint, number, pose)
-                    number, pose = len(parts), _pose(-model.jnt_pos[joint])
-                    parts.append(JointPart(read, self._rules.get(joint), drawing=_UNKNOWN))
+                    joints.append(self._joint(joint, number, pose))
+                    masses.append([])
+                    number, pose = len(joints), _pose(-model.jnt_pos[joint])
                 places[body] = number, pose
             number, pose = places[body]
-            parts[number].add_link(self._body_names[body], pose, self._masses(body), body not in carrying)
+            links[self._body_names[body]] = framed(number, pose)
+            masses[number].append(self._masses(body).placed(pose))
             for site in np.flatnonzero(model.site_bodyid == body).tolist():
                 own = _pose(model.site_pos[site], model.site_quat[site])
-                parts[number].frames[self._site_names[site]] = pose.placed(own)
+                frames[self._site_names[site]] = framed(number, pose.placed(own))
             for end in (end for _, ends in self._loops for end in ends):
                 if end.body == body:
-                    parts[number].frames[end.name] = pose.placed(_pose(end.position, end.quat_wxyz))
+                    frames[end.name] = framed(number, pose.placed(_pose(end.position, end.quat_wxyz)))
         self._warn()
-        return self._title(), ("free" if root else "fixed"), parts
+        carrying = {self._body_names[model.body_parentid[body]] for body in self._bodies() if body}
+        base, *bodies = (mass_properties(self._title(), own) for own in masses)
+        joints = [replace(joint, body=own) for joint, own in zip(joints, bodies, strict=True)]
+        leaves = tuple(name for name in links if name not in carrying)
+        return Tree(
+            self._title(), tuple(joints), base, links, frames, leaves, drawings=(_UNKNOWN,) * (len(joints) + 1)
+        )
 
     def closed(self, tree: Tree) -> Tree:
         """Return a tree with the loops of the model closed near qpos0 or a keyframe; else open, with a warning."""
@@ -145,7 +153,7 @@ class _Reader:
     def _bodies(self) -> Iterator[int]:
         """Yield the numbers of the bodies in order: with a free base, of those that it carries."""
         for body in range(self._model.nbody):
-            if self._root == 0 or self._model.body_rootid[body] == self._root:
+            if self.root == 0 or self._model.body_rootid[body] == self.root:
                 yield body
 
     def _joints(self, body: int) -> range:
@@ -174,7 +182,8 @@ class _Reader:
         own = written_joint(
             name, kind, parent, pose.placed(_pose(model.jnt_pos[joint])),
             unit_axis(f"joint {name!r}, axis", model.jnt_axis[joint]),
-            tuple(model.jnt_range[joint].tolist()) if model.jnt_limited[joint] else None,
+            limits=tuple(model.jnt_range[joint].tolist()) if model.jnt_limited[joint] else None,
+            mimic=self._rules.get(joint),
             **(effort_fields(*model.jnt_actfrcrange[joint].tolist()) if model.jnt_actfrclimited[joint] else {}),
             armature=float(model.dof_armature[dof]),
             load=HingeLoad(
@@ -185,7 +194,7 @@ class _Reader:
             ),
         )  # fmt: skip
         # The body stands as written where q is the joint's ref.
-        seat = FramePose(own.S, own.u).placed(displaced(own, -float(model.qpos0[at])))
+        seat = own.pose.placed(displaced(own, -float(model.qpos0[at])))
         return replace(own, u=seat.origin, S=seat.rotation)
 
     def _mimic_rules(self) -> dict[int, MimicRecord]:
@@ -225,8 +234,8 @@ class _Reader:
         read = {0, *self._bodies()}
         if standing := [name for body, name in enumerate(self._body_names) if body not in read]:
             left_out.append(f"bodies that stand in the world ({', '.join(standing)})")
-        if self._root:
-            joint = int(model.body_jntadr[self._root])
+        if self.root:
+            joint = int(model.body_jntadr[self.root])
             six = slice(first := int(model.jnt_dofadr[joint]), first + 6)
             loads = {"damping": model.dof_damping[six], "armature": model.dof_armature[six]}
             loads |= {"dry friction": model.dof_frictionloss[six], "stiffness": model.jnt_stiffness[joint]}

@@ -14,7 +14,7 @@ from hingepair.mechanism.bodies.body import Body, inertial_parameters
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import Drawing, placed_shapes
 from hingepair.mechanism.building.changes import add_frame
-from hingepair.mechanism.building.folding import JointPart, body_masses, fold_parts, written_joint
+from hingepair.mechanism.building.folding import body_masses, fold, framed, written_joint
 from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
 from hingepair.mechanism.pairs.geometry import Points
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -36,7 +36,7 @@ def tree_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None, ba
         check_name("name", name)
     given = _numbered([*pairs]) if isinstance(pairs, Iterable) and not isinstance(pairs, str) else pairs
     single = [nominal_pair(pair) for pair in given] if isinstance(given, list) else given
-    tree = fold_parts("mechanism" if name is None else name, _parts(single, parents))
+    tree = fold(_single_tree("mechanism" if name is None else name, single, parents))
     tree = tree if single == given else _with_lengths(tree, given, single)
     for joint, pair in zip(tree.joints, given, strict=True):
         if isinstance(pair, HingePair):
@@ -61,21 +61,19 @@ def tree_of_pair(
         bodies: mass properties of body 1, and of body 2 from the hinge point, in place of those of the pair.
         drawings: of both bodies, that of body 2 from the hinge point.
     """
-    at = ("body1", pair.body1, np.zeros(3)), ("body2_at_hinge", pair.body2, -pair.u2)
+    seats = IDENTITY_POSE, FramePose(np.eye(3), 0.0 - pair.u2)
+    base, masses = bodies or map(body_masses, (pair.body1, pair.body2), seats)
     hinge = written_joint(
-        "hinge", "hinge", 0, FramePose(pair.home, pair.u1), pair.home.T @ pair.n, load.stops or pair.limits,
-        pair.torque_limit, pair.rate_limit, load=load,
+        "hinge", "hinge", 0, FramePose(pair.home, pair.u1), pair.home.T @ pair.n, masses,
+        load.stops or pair.limits, pair.torque_limit, pair.rate_limit, load=load,
     )  # fmt: skip
-    parts = [JointPart(written_joint("")), JointPart(hinge)]
-    for part, (link, body, seat), points in zip(parts, at, (pair.points1, pair.points2), strict=True):
-        part.add_link(link, IDENTITY_POSE, None, False)
-        if bodies is not None:
-            part.masses[link] = bodies[parts.index(part)]
-        elif body is not None:
-            part.masses[link] = body_masses(body).placed(FramePose(np.eye(3), seat))
-        part.frames |= {name: FramePose(np.eye(3), position + seat) for name, position in points.items()}
-    parts[1].add_link("body2", FramePose(np.eye(3), 0.0 - pair.u2), None, True)
-    return replace(fold_parts(pair.name, parts), notes=(), base_notes=(), drawings=drawings)
+    links = {"body1": framed(0), "body2_at_hinge": framed(1), "body2": framed(1, seats[1])}
+    frames = {
+        name: framed(body, FramePose(np.eye(3), position + seats[body].origin))
+        for body, points in enumerate((pair.points1, pair.points2))
+        for name, position in points.items()
+    }
+    return replace(fold(Tree(pair.name, (hinge,), base, links, frames, ("body2",))), drawings=drawings)
 
 
 def _with_points(tree: Tree, link: str, points: Points) -> Tree:
@@ -118,8 +116,8 @@ def _with_lengths(tree: Tree, pairs: Sequence[Any], single: Sequence[Any]) -> Tr
     return replace(tree, links=links, samples=samples.with_joints(joints, origins))
 
 
-def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[JointPart]:
-    """Return the parts of checked pairs: the base, then the joints in order; refuse any but depth-first order."""
+def _single_tree(name: str, pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> Tree:
+    """Return the tree of pairs without leading axes; refuse any but depth-first order."""
     checked = _checked_pairs(pairs)
     parent_numbers = _checked_parents(checked, parents)
     names = [pair.name for pair in checked]
@@ -134,17 +132,26 @@ def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[J
         sides[parent].append(("body1", pair))
     bodies = [_shared_body(one) for one in sides]
     seats = [IDENTITY_POSE, *(FramePose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
-    parts = [_add_body(JointPart(written_joint("")), BASE_LINK, bodies[0], IDENTITY_POSE, is_leaf=False)]
-    for number, (pair, parent) in enumerate(zip(checked, parent_numbers, strict=True), 1):
-        home = np.asarray(pair.home)
-        joint = written_joint(
+    base, *masses = map(body_masses, bodies, seats)
+    joints = tuple(
+        written_joint(
             pair.name, next(kind for kind, made in JOINT_CLASSES.items() if isinstance(pair, made)), parent,
-            seats[parent].placed(FramePose(home, pair.u1)), unit_axis("n", home.T @ pair.n),
+            seats[parent].placed(FramePose(pair.home, pair.u1)), unit_axis("n", pair.home.T @ pair.n), own,
             pair.limits, pair.torque_limit, pair.rate_limit, pitch=getattr(pair, "pitch", 0.0),
-        )  # fmt: skip
-        is_leaf = number not in parent_numbers
-        parts.append(_add_body(JointPart(joint), pair.name, bodies[number], seats[number], is_leaf))
-    return parts
+        )
+        for pair, parent, own in zip(checked, parent_numbers, masses, strict=True)
+    )  # fmt: skip
+    links = [BASE_LINK, *names]
+    shapes = (body.shapes if body else () for body in bodies)
+    drawn = [tuple(placed_shapes(own, seat)) for own, seat in zip(shapes, seats, strict=True)]
+    return Tree(
+        name, joints, base,
+        {link: framed(k, seats[k]) for k, link in enumerate(links)}, {},
+        tuple(link for k, link in enumerate(names, 1) if k not in parent_numbers),
+        tuple((k, f"{links[k]}: {note}") for k, body in enumerate(bodies) if body for note in body.assumed),
+        tuple(Drawing(own, own) for own in drawn),
+        without_mass={k: links[k] for k, body in enumerate(bodies) if body is None},
+    )  # fmt: skip
 
 
 def nominal_pair(pair: Any) -> Any:
@@ -222,15 +229,3 @@ def _shared_body(sides_of_pairs: Sequence[tuple[str, RobotJoint]]) -> Body | Non
         if not np.array_equal(one, other):
             raise ArgumentError(where, f"the body that {given[0][0]} is, or None", body)
     return given[0][1] if given else None
-
-
-def _add_body(part: JointPart, link: str, body: Body | None, pose: FramePose, is_leaf: bool) -> JointPart:
-    """Return a part with a Body as its link."""
-    part.add_link(link, pose, None if body is None else body_masses(body), is_leaf)
-    if body is None:
-        part.without_mass.append(link)
-    else:
-        shapes = tuple(placed_shapes(body.shapes, pose))
-        part.drawing = Drawing(shapes, shapes)
-        part.notes += [f"{link}: {sentence}" for sentence in body.assumed]
-    return part

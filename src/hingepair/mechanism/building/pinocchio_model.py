@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,16 +13,16 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.building.folding import (
-    JointPart,
     chosen_base,
     effort_fields,
-    fold_parts,
+    fold,
+    framed,
     limit_or_infinity,
     written_joint,
 )
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.tree import Tree, unused_name
+from hingepair.mechanism.tree import Frame, Joint, Tree, unused_name
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.records import MimicRecord
@@ -40,12 +41,12 @@ _KINDS: Mapping[str, JointKind] = {  # by the name of Pinocchio's type
 
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
     """Return the tree of a Pinocchio model, and the kind of its base, as `Mechanism.from_pinocchio` describes."""
-    own, parts = _parts(model)
-    return fold_parts(model.name or "model", parts, locked), chosen_base(base, own)
+    tree, own = _tree(model)
+    return fold(tree, locked), chosen_base(base, own)
 
 
-def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
-    """Return the kind of the base, and the parts: the base, then the joints.
+def _tree(model: Any) -> tuple[Tree, str]:
+    """Return the tree with all joints, and the kind of the base.
 
     A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A joint that is
     a chain of joints, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
@@ -60,10 +61,8 @@ def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
     if not np.array_equal(model.gravity.linear, DEFAULT_GRAVITY):
         message = f"the model's gravity {model.gravity.linear.tolist()} is not the robot's: methods take gravity="
         warnings.warn(message, DynamicsWarning, stacklevel=4)
-    bodies = _BodyContents(model)
-    names = {*model.names}
-    numbers = {root: 0}  # number of the part of each joint's body, by the joint's number
-    parts = [bodies.fill(JointPart(written_joint("")), root)]
+    joints, frames, names = list[Joint](), dict[str, Frame](), {*model.names}
+    numbers = {root: 0}  # number of the body that each joint moves, by the number that the joint has in Pinocchio
     for joint in range(root + 1, model.njoints):
         parent = int(model.parents[joint])
         if parent not in numbers:
@@ -72,10 +71,14 @@ def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
             raise _unsupported_joint_error(
                 model, joint, f"its place right behind what {model.names[parent]!r} carries, depth-first"
             )
-        parts += _parts_of_joint(model, joint, numbers[parent], len(parts), names)
-        bodies.fill(parts[-1], joint)
-        numbers[joint] = len(parts) - 1
-    return ("free" if free else "fixed"), parts
+        joints += _read_joint(model, joint, numbers[parent], len(joints), names)
+        joints[-1] = replace(joints[-1], body=_masses(model, joint))
+        numbers[joint] = len(joints)
+        if joints[-1].name != model.names[joint]:
+            frames[model.names[joint]] = framed(len(joints))
+    links, leaves, further = _read_frames(model, numbers)
+    tree = Tree(model.name or "model", tuple(joints), _masses(model, root), links, {**frames, **further}, leaves)
+    return tree, "free" if free else "fixed"
 
 
 def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentError:
@@ -83,18 +86,16 @@ def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentE
     return ArgumentError(f"joint {model.names[joint]!r}", expected, model.joints[joint].shortname())
 
 
-def _parts_of_joint(model: Any, number: int, parent_part: int, first_part: int, names: set[str]) -> list[JointPart]:
-    """Return a joint as parts numbered from `first_part`: several of a chain, whose last carries the body."""
-    joint, name, parts = model.joints[number], model.names[number], list[JointPart]()
+def _read_joint(model: Any, number: int, parent: int, count: int, names: set[str]) -> list[Joint]:
+    """Return a joint behind `count` others: several of a chain, whose last carries the body."""
+    joint, name, found = model.joints[number], model.names[number], list[Joint]()
     idx_q, idx_v, is_chain = joint.idx_q, joint.idx_v, joint.shortname() == _COMPOSITE
     for single, seat in _chain(joint, _convert_placement(model.jointPlacements[number])):
-        own = unused_name(f"{name}_{len(parts) + 1}", names) if is_chain else name
-        carrier = first_part + len(parts) - 1 if parts else parent_part
-        parts.append(_part_of_joint(model, single, own, number, carrier, seat, idx_q, idx_v))
+        own = unused_name(f"{name}_{len(found) + 1}", names) if is_chain else name
+        carrier = count + len(found) if found else parent
+        found.append(_read_single(model, single, own, number, carrier, seat, idx_q, idx_v))
         idx_q, idx_v = idx_q + single.nq, idx_v + single.nv
-    if is_chain:
-        parts[-1].frames[name] = IDENTITY_POSE
-    return parts
+    return found
 
 
 def _chain(joint: Any, seat: FramePose) -> Iterator[tuple[Any, FramePose]]:
@@ -108,10 +109,10 @@ def _chain(joint: Any, seat: FramePose) -> Iterator[tuple[Any, FramePose]]:
         seat = IDENTITY_POSE
 
 
-def _part_of_joint(
-    model: Any, joint: Any, name: str, joint_number: int, parent_part: int, pose: FramePose, idx_q: int, idx_v: int
-) -> JointPart:
-    """Return a joint, or one of a composite joint, as a part that another carries."""
+def _read_single(
+    model: Any, joint: Any, name: str, joint_number: int, parent: int, pose: FramePose, idx_q: int, idx_v: int
+) -> Joint:
+    """Return a joint, or one of a composite joint."""
     name_of_kind = joint.shortname()
     kind = _KINDS.get(name_of_kind)
     if kind is None and name_of_kind != "JointModelMimic":
@@ -131,8 +132,8 @@ def _part_of_joint(
         followed = (one.nq > 0 and one.idx_q == joint.idx_q for one in [*model.joints][1:])
         leader = model.names[1 + [*followed].index(True)]
         kind_of_mimic: JointKind = "hinge" if motion[3:].any() else "slider"
-        follower = written_joint(name, kind_of_mimic, parent_part, pose, _unit_axis(motion / mimic.scaling))
-        return JointPart(follower, MimicRecord(leader, mimic.scaling, mimic.offset))
+        rule = MimicRecord(leader, mimic.scaling, mimic.offset)
+        return written_joint(name, kind_of_mimic, parent, pose, _unit_axis(motion / mimic.scaling), mimic=rule)
     limits = None
     if joint.nq == 1:
         lower, upper = float(model.lowerPositionLimit[idx_q]), float(model.upperPositionLimit[idx_q])
@@ -146,12 +147,11 @@ def _part_of_joint(
         load = HingeLoad(damping=model.damping[idx_v], friction=model.upperDryFrictionLimit[idx_v])
     except ArgumentError as error:
         raise error.renamed(f"joint {name!r}, {error.name}") from None
-    own_joint = written_joint(
-        name, kind, parent_part, pose,
-        _unit_axis(motion), limits, rate_limit=limit_or_infinity(model.upperVelocityLimit[idx_v]),
+    return written_joint(
+        name, kind, parent, pose,
+        _unit_axis(motion), limits=limits, rate_limit=limit_or_infinity(model.upperVelocityLimit[idx_v]),
         **effort_fields(least, most), armature=armature, load=load, pitch=pitch, continuous=joint.nq == 2,
     )  # fmt: skip
-    return JointPart(own_joint)
 
 
 def _unit_axis(motion: Float64Array) -> Float64Array:
@@ -159,41 +159,41 @@ def _unit_axis(motion: Float64Array) -> Float64Array:
     return unit_axis("axis", motion[3:] if motion[3:].any() else motion[:3])
 
 
-class _BodyContents:
-    """Links, further frames and mass properties of the bodies of a model, by the number of the body's joint."""
-
-    def __init__(self, model: Any) -> None:
-        self._model, self._parents = model, {*map(int, model.parents)}
-        self._links, self._frames = ([dict[str, FramePose]() for _ in range(model.njoints)] for _ in range(2))
-        self._carrying: set[str] = set()  # names of the links that carry others
-        others: dict[str, Any] = {}
-        frames = [*model.frames]
-        for frame in frames[1:]:
-            is_link, pose = frame.type.name == "BODY", _convert_placement(frame.placement)
-            if not is_link:
-                first = others.setdefault(frame.name, frame)
-                if first.parentJoint != frame.parentJoint or not first.placement.isApprox(frame.placement):
-                    raise ArgumentError(f"frame {frame.name!r}", "one place for frames of one name", "two places")
-            if frame.type.name != "JOINT":
-                (self._links if is_link else self._frames)[frame.parentJoint][frame.name] = pose
+def _read_frames(
+    model: Any, numbers: Mapping[int, int]
+) -> tuple[dict[str, Frame], tuple[str, ...], dict[str, Frame]]:
+    """Return the links, the leaves among them and further frames of the bodies with these numbers."""
+    links, further, others = dict[str, Frame](), dict[str, Frame](), dict[str, Any]()
+    carrying = set[str]()  # links that carry others
+    frames = [*model.frames]
+    for frame in frames[1:]:
+        if is_link := frame.type.name == "BODY":
             above = frames[frame.parentFrame]
-            while is_link and above.parentFrame > 0 and above.type.name != "BODY":
+            while above.parentFrame > 0 and above.type.name != "BODY":
                 above = frames[above.parentFrame]
-            if is_link and above.type.name == "BODY":
-                self._carrying.add(above.name)
+            if above.type.name == "BODY":
+                carrying.add(above.name)
+        else:
+            first = others.setdefault(frame.name, frame)
+            if first.parentJoint != frame.parentJoint or not first.placement.isApprox(frame.placement):
+                raise ArgumentError(f"frame {frame.name!r}", "one place for frames of one name", "two places")
+        if frame.type.name != "JOINT" and frame.parentJoint in numbers:
+            seat = framed(numbers[frame.parentJoint], _convert_placement(frame.placement))
+            (links if is_link else further)[frame.name] = seat
+    named, parents = {frame.body for frame in links.values()}, {*map(int, model.parents)}
+    for joint, number in numbers.items():
+        if number not in named:
+            name = unused_name(model.names[joint], {*links})
+            links[name] = framed(number)
+            if joint in parents:
+                carrying.add(name)
+    links = dict(sorted(links.items(), key=lambda link: link[1].body))
+    return links, tuple(name for name in links if name not in carrying), further
 
-    def fill(self, part: JointPart, joint: int) -> JointPart:
-        """Return the part of a joint with its body."""
-        links, body = self._links[joint], self._model.inertias[joint]
-        leaves = [link for link in links if link not in self._carrying]
-        if not links:
-            name = unused_name(self._model.names[joint], {name for own in self._links for name in own})
-            links, leaves = {name: IDENTITY_POSE}, [] if joint in self._parents else [name]
-        part.links, part.leaves = links, leaves
-        part.frames |= self._frames[joint]
-        masses = MassProperties(float(body.mass), np.array(body.lever), np.array(body.inertia))
-        part.masses[next(iter(links))] = masses
-        return part
+
+def _masses(model: Any, joint: int) -> MassProperties:
+    body = model.inertias[joint]
+    return MassProperties(float(body.mass), np.array(body.lever), np.array(body.inertia))
 
 
 def _convert_placement(placement: Any) -> FramePose:

@@ -5,20 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal, cast
+from typing import cast
 
 from hingepair.errors import ArgumentError, URDFError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import link_drawing
 from hingepair.mechanism.building.changes import pair_of
-from hingepair.mechanism.building.folding import (
-    JointPart,
-    chosen_base,
-    fold_parts,
-    locked_positions,
-    written_joint,
-)
+from hingepair.mechanism.building.folding import chosen_base, fold, framed, written_joint
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.tree import Source, Tree
@@ -26,9 +20,8 @@ from hingepair.numeric.arrays import number_not_below_0
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf import records
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.rigid import IDENTITY_POSE, FramePose
 
-# Kind of a `JointPart`, by the type of its URDF joint; others are refused.
+# Kinds by the type of a URDF joint; others are refused.
 _KIND_OF_TYPE: Mapping[str, JointKind] = {
     "revolute": "hinge",
     "continuous": "hinge",
@@ -46,22 +39,19 @@ def tree_of_urdf(
     if tolerance > _MAX_SNAP:
         raise ArgumentError("snap", f"an angle [rad] of at most {_MAX_SNAP}", snap)
     robot = read_urdf(path_or_text, tolerance)
-    own, parts = _parts(robot)
-    held = locked_positions(parts, locked)
-    tree = fold_parts(robot.name, parts, held)
-    return replace(tree, source=Source(robot.text, held, tolerance)), chosen_base(base, own)
+    tree, own = _tree(robot)
+    return fold(replace(tree, source=Source(robot.text, {}, tolerance)), locked), chosen_base(base, own)
 
 
-def _parts(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"], list[JointPart]]:
-    """Return the kind of the base, and the parts: the base, then the joints depth-first by name."""
+def _tree(robot: records.RobotRecord) -> tuple[Tree, str]:
+    """Return the tree with all joints, depth-first by name, and the kind of the base."""
     root, joints = robot.root, robot.joints
     is_free = bool(joints) and joints[0].type == "floating" and all(joint.parent != root for joint in joints[1:])
     if is_free:
         root, joints = joints[0].child, joints[1:]
-    parents = {joint.parent for joint in joints}
     names = {joint.name for joint in joints}
-    numbers = {root: 0}
-    parts = [_with_link(JointPart(written_joint("")), robot, root, root not in parents)]
+    numbers = {link: number for number, link in enumerate((root, *(joint.child for joint in joints)))}
+    read = []
     for joint in joints:
         if joint.type not in _KIND_OF_TYPE:
             expected = f"a type out of {', '.join(_KIND_OF_TYPE)}"
@@ -71,22 +61,20 @@ def _parts(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"], list[J
             lost = f"follows {mimic.leader!r}, which the robot does not have; it moves on its own"
             warn_of_dynamics(f"joint {joint.name!r} {lost}")
             mimic = None
-        numbers[joint.child] = len(parts)
         own = written_joint(
             joint.name, _KIND_OF_TYPE[joint.type], numbers[joint.parent], joint.pose,
-            unit_axis(f"joint {joint.name!r}, axis", joint.axis), joint.limits, joint.effort, joint.velocity,
-            ratio=joint.reduction, load=HingeLoad(damping=joint.damping, friction=joint.friction),
-            continuous=joint.type == "continuous",
+            unit_axis(f"joint {joint.name!r}, axis", joint.axis), robot.links[joint.child].masses,
+            joint.limits, joint.effort, joint.velocity, mimic=mimic, ratio=joint.reduction,
+            load=HingeLoad(damping=joint.damping, friction=joint.friction), continuous=joint.type == "continuous",
         )  # fmt: skip
-        parts.append(_with_link(JointPart(own, mimic), robot, joint.child, joint.child not in parents))
-    return ("free" if is_free else "fixed"), parts
-
-
-def _with_link(part: JointPart, robot: records.RobotRecord, name: str, is_leaf: bool) -> JointPart:
-    link = robot.links[name]
-    part.add_link(name, IDENTITY_POSE, link.masses, is_leaf)
-    part.drawing = link_drawing(link, robot.folder)
-    return part
+        read.append(own)
+    parents = {joint.parent for joint in joints}
+    tree = Tree(
+        robot.name, tuple(read), robot.links[root].masses, {link: framed(k) for link, k in numbers.items()}, {},
+        tuple(link for link in numbers if link not in parents),
+        drawings=tuple(link_drawing(robot.links[link], robot.folder) for link in numbers),
+    )  # fmt: skip
+    return tree, "free" if is_free else "fixed"
 
 
 # ---- one hinge
@@ -130,8 +118,7 @@ def from_urdf(
     [-0.25, 0.1, 0.0]
     """
     robot = read_urdf(path_or_text)
-    parts = _parts(robot)[1]
-    tree = fold_parts(robot.name, parts)
+    tree = fold(_tree(robot)[0])
     hinges = {one.name: number for number, one in enumerate(tree.joints, 1) if one.kind == "hinge"}
     if joint not in hinges:
         known = choices(list(hinges)) if hinges else "a robot with a revolute or continuous joint"
@@ -146,6 +133,5 @@ def from_urdf(
         links = {name: frame for name, frame in tree.links.items() if frame.body == body}
         if link is not None and link not in links:
             raise URDFError(argument, f"a link rigidly fixed to {own!r}: {choices(list(links))}", quoted(link))
-        frame = links[link or own]
-        ends.append(FramePose(frame.S, frame.R))
+        ends.append(links[link or own].pose)
     return cast(HingePair, pair_of(tree, number, (ends[0], ends[1])))

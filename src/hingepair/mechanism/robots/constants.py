@@ -89,9 +89,8 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
     moments = _mass_moments(tree, free, [*map(_numbers_of, axes)], exact_poses, whole)
     numbers = _rounded_numbers(moments[0])
     for k, (joint, (S, u)) in enumerate(zip(tree.joints, poses, strict=True), 1):
-        multiplier, offset = (1.0, 0.0) if joint.mimic is None else joint.mimic[1:]
         numbers += [*S.ravel().tolist(), *u.tolist(), *_rounded_numbers(moments[k])]
-        numbers += [joint.armature, multiplier, offset, thresholds[k - 1]]
+        numbers += [joint.armature, *joint.rule[1:], thresholds[k - 1]]
     numbers += base_thresholds
     closure = tree.closure
     if closure is not None:
@@ -121,8 +120,7 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
     )
     by_column = np.zeros(form.tree_dof)
     for joint, column, value in zip(tree.joints, form.columns, thresholds, strict=True):
-        ratio = 1.0 if joint.mimic is None else joint.mimic.multiplier
-        by_column[column] += value * ratio * ratio
+        by_column[column] += value * joint.rule.multiplier**2
     if closure is not None:  # each coordinate may move all joints
         by_column = np.full(form.dof, by_column.sum())
     return RobotConstants(
@@ -299,14 +297,8 @@ def split_numbers(
 
 def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
     """Return the column in q of every joint; a mimic joint has that of its leader."""
-    places, column = {}, 0
-    for number, joint in enumerate(tree.joints, 1):
-        if joint.mimic is None:
-            places[number] = column
-            column += 1
-    return tuple(
-        places[number if joint.mimic is None else joint.mimic.leader] for number, joint in enumerate(tree.joints, 1)
-    )
+    places = {joint.name: column for column, joint in enumerate(tree.own_coordinates)}
+    return tuple(places[joint.rule.leader] for joint in tree.joints)
 
 
 def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.body import INERTIA_ENTRIES
 from hingepair.mechanism.bodies.body import inertial_parameters as body_parameters
-from hingepair.mechanism.building.folding import unphysical_reason
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.rotations.matrices import skew
@@ -25,15 +24,6 @@ PARAMETERS: Final = ("m", "hx", "hy", "hz", "Jxx", "Jxy", "Jyy", "Jxz", "Jyz", "
 _KEPT_FIRST: Final = ("Jxx", "Jxy", "Jxz", "Jyz", "Jzz", "Jyy", "hx", "hy", "hz", "m")
 _DEPENDENT = 1e-7  # of the longest column of its kind (m, h or J); a shorter rest counts as 0
 _STATES = 50  # random states that tell which columns are independent; a joint has ten columns
-
-
-def body_names(tree: Tree, with_base: bool) -> tuple[str, ...]:
-    """Return a name for each body: of the link whose frame is the body's, else of the joint or the root link."""
-    names = [next(iter(tree.links)), *(joint.name for joint in tree.joints)]
-    for name, frame in reversed([*tree.links.items()]):
-        if not frame.R.any() and np.array_equal(frame.S, np.eye(3)):
-            names[frame.body] = name
-    return tuple(names if with_base else names[1:])
 
 
 def inertial_parameters(tree: Tree, with_base: bool) -> Float64Array:
@@ -56,17 +46,14 @@ def tree_with_parameters(
     tree: Tree, with_base: bool, parameters: Float64Array, armature: Float64Array | None = None
 ) -> Tree:
     """Return a copy of a tree with other inertial parameters and, if given, rotors by coordinate."""
-    names, masses, notes = body_names(tree.single(), with_base), [], []
+    names, masses = tree.single().body_names[not with_base :], []
     for name, row, J in zip(names, parameters.reshape(-1, 10), inertia_matrices(parameters), strict=True):
         m, h = float(row[0]), row[1:4]
         if m == 0 and h.any():
             raise ArgumentError("parameters", f"no first moment of {name!r}, whose mass is 0", tuple(h.tolist()))
         c = h / m if m else np.zeros(3)
         inertia = J + m * skew(c) @ skew(c)
-        body = MassProperties(m, read_only(c), read_only((inertia + inertia.T) / 2))
-        masses.append(body)
-        if reason := unphysical_reason(body):
-            notes.append(f"no rigid body has the inertial parameters of {name!r}: {reason}")
+        masses.append(MassProperties(m, read_only(c), read_only((inertia + inertia.T) / 2)))
     bodies = masses[1:] if with_base else masses
     rotors = [joint.armature for joint in tree.joints]
     if armature is not None:  # a rotor of a joint that follows another counts with the leader's
@@ -79,7 +66,7 @@ def tree_with_parameters(
             replace(joint, body=body, armature=rotor)
             for joint, body, rotor in zip(tree.joints, bodies, rotors, strict=True)
         ),
-        notes=tuple(notes),
+        assumed=(),
         source=None,
         without_mass={k: link for k, link in tree.without_mass.items() if k == 0 and not with_base},
     )
@@ -142,7 +129,7 @@ def find_base_parameters(
     near = np.abs(matrix - np.rint(matrix)) < 1e-9  # rounding of lstsq
     matrix[near] = np.rint(matrix[near])
     matrix[:, kept] = np.eye(len(kept))
-    names = tuple(f"{body} {name}" for body in body_names(tree, with_base) for name in PARAMETERS)
+    names = tuple(f"{body} {name}" for body in tree.body_names[not with_base :] for name in PARAMETERS)
     return BaseParameters(
         tuple(names[k] for k in kept),
         read_only(np.array(kept, dtype=np.intp)),

@@ -313,7 +313,7 @@ class RobotRequests(Subject):
         if not cache.warned:
             self.check_masses()
             cache.warned = True
-            for note in (*(self.tree.base_notes if self.constants.free else ()), *self.tree.notes):
+            for note in self.tree.mass_notes(self.constants.free):
                 warn_of_dynamics(f"{self.tree.name}: {note}")
 
     def counts_loads(self, joint_loads: bool | None) -> bool:
