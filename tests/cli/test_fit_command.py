@@ -34,7 +34,7 @@ def saved(path, made):
 def test_the_hinge_of_a_file_is_told_written_and_drawn(tmp_path):
     made = recording(300, 1e-3, 2e-3)
     file, out, plot = saved(tmp_path / "a.npz", made), tmp_path / "psi.csv", tmp_path / "fit.svg"
-    assert "u1 = (" in fit(file, "--out", out, "--out", plot)
+    assert "u1" in fit(file, "--out", out, "--out", plot)
     written = np.genfromtxt(out, delimiter=",", names=True)
     assert np.ptp(written["psi"] - made.psi) < 0.05  # home is another than that of the recording
     assert np.median(written["psi_std"]) == pytest.approx(np.sqrt(2) * 2e-3, rel=0.1)
@@ -52,8 +52,8 @@ def test_lengths_and_angles_are_in_the_units_that_are_asked_for(tmp_path):
     fitted = hp.fit(*bodies(made), t=made.t, clock_offset=0)
     both = zip(1e3 * fitted.pair.u1, 1e3 * fitted.std["u1"], strict=True)
     u1 = ", ".join(f"{value:.6g} +- {std:.2g}" for value, std in both)
-    assert f"u1 = ({u1}) mm\n" in shown
-    assert f"left: {1e3 * fitted.rms_position:.3g} mm and {1e3 * fitted.rms_angle:.3g} mrad rms" in shown
+    assert re.search(rf"u1 +{re.escape(u1)} +mm\n", shown)
+    assert re.search(rf"rms_angle, left +{1e3 * fitted.rms_angle:.6g} +mrad\n", shown)
     doubtful = saved(tmp_path / "b.npz", recording(2000, slip=0.02 * np.sin(recording(2000).t)[:, None] * HOME[0]))
     assert re.search(r"by 1\d mm rms", fit(doubtful, "--units", "mm", code=1))  # findings, too
     heading, *rows = out.read_text(encoding="utf-8").splitlines()
@@ -78,7 +78,6 @@ def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     scene = tmp_path / "fitted.toml"
     shown = fit(saved(tmp_path / "a.npz", made), "--out", scene, "--clock-offset", 0)
-    assert "clock offset: 0 ms (given)\n" in shown
     assert f"written: {scene}" in shown
     loaded = hp.load_scene(scene)
     assert any(NOISE.search(note) for note in loaded.motion.notes)
@@ -106,8 +105,7 @@ def test_a_point_is_fitted_reported_and_moved_in_a_scene(tmp_path):
     made.R2[200:203] = np.nan
     file = saved_columns(tmp_path / "a.npz", made, R2=made.R2)
     scene, out = tmp_path / "fitted.toml", tmp_path / "psi.csv"
-    done = fit(file, "--out", scene, "--out", out)
-    assert "body 2 is a point" in done
+    fit(file, "--out", scene, "--out", out)
     assert "tilt" not in np.genfromtxt(out, delimiter=",", names=True).dtype.names
     result = hp.load_scene(scene).evaluate(outputs=("R2",))
     assert np.sqrt(np.nanmean((result.R2 - recording(600).R2)[50:-50] ** 2)) < 3e-3

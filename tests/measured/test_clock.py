@@ -83,7 +83,6 @@ def test_a_body_1_that_stands_still_does_not_determine_the_offset(point: bool) -
     found = hp.fit(body1, as_point(body2) if point else body2, t=t)
     assert found.ok
     assert (found.clock_offset, found.std["clock_offset"]) == (0.0, np.inf)
-    assert "clock offset: not determined by this motion" in str(found)
     assert json.loads(found.to_json())["std"]["clock_offset"] is None
 
 
@@ -104,7 +103,6 @@ def test_one_clock_is_taken_as_it_is() -> None:
     one = hp.fit(body1, body2, t=t, clock_offset=0)
     assert one.pair.u1.tolist() == hp.fit(body1, body2).pair.u1.tolist()
     assert (one.clock_offset, one.std["clock_offset"]) == (0.0, 0.0)
-    assert "\nclock offset: 0 ms (given)\n" in str(one)
 
 
 @pytest.mark.slow

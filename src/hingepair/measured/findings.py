@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Callable, Iterable
+from typing import Any, Final
 
 import numpy as np
 
+from hingepair.tables.sheets import Sheet, Shown, align_columns, json_text
 from hingepair.tables.units import Units
 
 RANDOM_CORRELATION = 0.5  # of neighbouring residuals; above, they are not noise
@@ -98,3 +99,34 @@ class Judged:
     def ok(self) -> bool:
         """Whether no finding says that a number may be wrong by more than its standard deviations."""
         return is_reliable(self.findings)
+
+
+class Report(Judged, Shown):
+    """Base of the results of fits that are printed, shown in notebooks as a table, and written as JSON. Subclasses
+    define `_sheet(units)` and `_numbers()`.
+    """
+
+    __slots__ = ()
+    samples: int
+    _sheet: Callable[..., Sheet]  # the table, with sentences below it; of units in place of SI units
+    _numbers: Callable[[], dict[str, Any]]  # of the JSON report
+
+    def text(self, units: str | None = None) -> str:
+        """Return the report that `print` shows.
+
+        Args:
+            units: units in place of m for u1 and u2, mm for what is left, and deg for angles, such as "mm, rad".
+        """
+        title, rows, sentences = self._sheet(units)
+        return "\n".join((title, *align_columns(rows, ()), *sentences, "ok" if self.ok else "NOT RELIABLE"))
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.samples} samples, {'ok' if self.ok else 'not ok'})"
+
+    def to_json(self) -> str:
+        """Return a report as JSON text, in SI units. Numbers that are not finite become null."""
+        report = {"ok": self.ok, "samples": self.samples, **self._numbers(), "findings": list(self.findings)}
+        return json_text(report)

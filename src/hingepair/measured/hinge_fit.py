@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import FitError
 from hingepair.measured.clock import ClockedPoses
 from hingepair.measured.findings import Finding, exceeded, is_reliable, notes
-from hingepair.measured.hinge import GAUGES, RULE_OF_HOME, RULE_OF_SIGN
+from hingepair.measured.hinge import GAUGES
 from hingepair.measured.hinge_findings import Fitted, check_turning, judged, probable_mistakes
 from hingepair.measured.hinge_model import BodyModel, PointModel
 from hingepair.measured.hinge_report import HingeReport
@@ -22,17 +21,15 @@ from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.measured.statistics import LOSSES, Loss, over_all
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.numeric.arrays import Float64Array, check_choice, read_only
 from hingepair.tables.instants import gap_sentences
 from hingepair.tables.suspicions import suspicions
-from hingepair.tables.units import Units
 
 _INLIER = 0.1  # weight below which a robust loss has made the sample an outlier
 _START_SAMPLES = 65536  # for the start in closed form and the check that motion shows the clock offset, at most
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
 class HingeFit(HingeReport):
     """The result of `fit`: the hinge found from two recorded motions.
 
@@ -79,49 +76,24 @@ class HingeFit(HingeReport):
             offset is not 0, R and S are NaN at samples that are not used.
     """
 
-    pair: HingePair
-    psi: Float64Array
-    psi_range: tuple[float, float]
-    covariance: Float64Array
-    std: Mapping[str, Float64Array | np.float64]
     rms_position: float
     rms_angle: float
     noise_position: float
     noise_angle: float
-    clock_offset: float | None
-    clock_drift: float | None
-    findings: tuple[Finding, ...]
     gauge: str
     loss: str
     weights: Float64Array
-    t: Float64Array | None
     gap: Float64Array
     tilt: Float64Array
-    samples: int
     body2: BodyMotion
 
+    _left: ClassVar = {"rms_position": "m", "rms_angle": "rad"}
+    _reported: ClassVar = ("loss", "gauge", "noise_position", "noise_angle")
+    _over_instants: ClassVar = {"gap": "gap", "tilt": "tilt", "weight": "weights"}
+
+    @property
     def _title(self) -> str:
-        return f"hinge of {self.samples} samples ({self.psi.size - self.samples} missing), loss {self.loss}"
-
-    def _left(self, units: Units) -> str:
-        gap = f"left: {units.factor('m') * self.rms_position:.3g} {units.unit('m')}"
-        tilt = f" and {units.factor('rad') * self.rms_angle:.3g} {units.unit('rad')}"
-        return f"{gap}{'' if np.isnan(self.rms_angle) else tilt} rms"
-
-    def _convention(self) -> str:
-        point = f"u1 and u2 lead to the point on the axis {self.gauge.replace('_', ' ')}; along the axis, motion "
-        return f"{point}determines only their difference. {RULE_OF_SIGN} {RULE_OF_HOME}"
-
-    def _columns(self) -> dict[str, Float64Array]:
-        tilt = {} if np.isnan(self.rms_angle) else {"tilt": self.tilt}
-        return {"gap": self.gap} | tilt | {"weight": self.weights}
-
-    def _range(self) -> tuple[float, float]:
-        return self.psi_range
-
-    def _numbers(self) -> dict[str, Any]:
-        names = ("loss", "gauge", "rms_position", "rms_angle", "noise_position", "noise_angle")
-        return {name: getattr(self, name) for name in names}
+        return f"hinge of two bodies, loss {self.loss}"
 
 
 def fit(

@@ -14,9 +14,8 @@ smooth but with a bias. The most likely angle is that of a fixed-interval smooth
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +24,6 @@ from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.clock import MAX_SHIFT, nearest_samples
 from hingepair.measured.findings import RANDOM_CORRELATION, Finding, exceeded, memory_finding
 from hingepair.measured.hinge import (
-    RULE_OF_HOME,
-    RULE_OF_SIGN,
     Hinge,
     frame,
     home_angle,
@@ -52,7 +49,6 @@ from hingepair.rotations.matrices import skew
 from hingepair.tables.instants import checked_gaps, elapsed_seconds, increasing_seconds, split_at_gaps
 from hingepair.tables.sheets import percent
 from hingepair.tables.suspicions import suspicions
-from hingepair.tables.units import Units
 
 # Unknowns: steps of the hinge (`Hinge.moved`), biases of both gyroscopes and of both accelerometers, clock.
 _HINGE, _GYROSCOPES, _ACCELEROMETERS, _CLOCK = slice(0, 9), slice(9, 15), slice(15, 21), slice(21, 23)
@@ -99,6 +95,7 @@ class ImuFit(HingeReport):
         pair: the hinge, a HingePair of sensor 1 and sensor 2; the hinge point is the one closest to sensor 1.
         psi: hinge angle [rad]; shape (N,), NaN at instants that are not used. The first finite angle is in [-pi, pi],
             and there are no jumps of 2 pi between samples.
+        psi_range: smallest and largest psi [rad].
         psid: rate of psi [rad/s]; shape (N,), NaN where psi is. A constant bias of the gyroscopes is subtracted.
         covariance: covariance matrix of u1, u2, n and the rotation vector of home, as of a HingeFit; shape (12, 12).
         std: standard deviations of the estimates: "u1" [m], "u2" [m], "n", "home" [rad], of shape (3,); "psi" [rad],
@@ -116,37 +113,16 @@ class ImuFit(HingeReport):
         findings: sentences on what is wrong with the data, or what the motion does not determine.
     """
 
-    pair: HingePair
-    psi: Float64Array
     psid: Float64Array
-    covariance: Float64Array
-    std: Mapping[str, Float64Array | np.float64]
     gyroscope_bias: Float64Array
     accelerometer_bias: Float64Array
-    clock_offset: float
-    clock_drift: float
     rms_rate: float
     rms_force: float
-    t: Float64Array
-    samples: int
-    findings: tuple[Finding, ...]
 
-    def _title(self) -> str:
-        return f"hinge of two inertial sensors at {self.samples} of {self.psi.size} instants"
-
-    def _left(self, units: Units) -> str:
-        rate = f"{units.factor('rad/s') * self.rms_rate:.3g} {units.unit('rad/s')}"
-        return f"left: {rate} and {units.factor('m/s^2') * self.rms_force:.3g} {units.unit('m/s^2')} rms"
-
-    def _convention(self) -> str:
-        return f"u1 and u2 lead to the point on the axis closest to sensor 1. {RULE_OF_SIGN} {RULE_OF_HOME}"
-
-    def _columns(self) -> dict[str, Float64Array]:
-        return {"psid": self.psid}
-
-    def _numbers(self) -> dict[str, Any]:
-        biases = {name: getattr(self, name).tolist() for name in ("gyroscope_bias", "accelerometer_bias")}
-        return biases | {"rms_rate": self.rms_rate, "rms_force": self.rms_force}
+    _left: ClassVar = {"rms_rate": "rad/s", "rms_force": "m/s^2"}
+    _reported: ClassVar = ("gyroscope_bias", "accelerometer_bias")
+    _over_instants: ClassVar = {"psid": "psid"}
+    _title: ClassVar = "hinge of two inertial sensors"
 
 
 def fit_imus(
@@ -200,6 +176,7 @@ def fit_imus(
             break
     covariance, seen = problem.covariance(x), problem.seen(x)
     psi, psi_std, drift, findings = _most_likely_angle(problem, seen, x, covariance, longest)
+    psi -= 2 * np.pi * np.rint(psi[0] / (2 * np.pi))
     hinge, std = problem.hinge, np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     change = result_derivatives(lambda step: hinge.moved(step).results("closest_to_R1"), 9)
     of_hinge = change @ covariance[_HINGE, _HINGE] @ change.T
@@ -218,7 +195,8 @@ def fit_imus(
     rms = np.sqrt(np.mean(seen.differences() ** 2, axis=1))
     return ImuFit(
         pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home_of(hinge)),
-        psi=of_all(psi - 2 * np.pi * np.rint(psi[0] / (2 * np.pi))),
+        psi=of_all(psi),
+        psi_range=(float(psi.min()), float(psi.max())),
         psid=of_all(seen.rate - drift),
         covariance=read_only(of_hinge),
         std=dict(zip(("u1", "u2", "n", "home"), map(read_only, deviations), strict=True))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, FitError, ShapeError, nearest, quoted
 from hingepair.measured.consistency import rigid_parameters
-from hingepair.measured.findings import Finding, Judged, notes
+from hingepair.measured.findings import Finding, Report, notes
 from hingepair.measured.mass_findings import judged
 from hingepair.measured.statistics import LOSSES
 from hingepair.measured.torques import (
@@ -29,14 +29,14 @@ from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.robots.inertial_parameters import BaseParameters
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, check_choice, read_only
 from hingepair.plans.arguments import Coordinates, read_arguments
-from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text, json_text
+from hingepair.tables.sheets import Sheet, cell_text
 from hingepair.tables.suspicions import suspicions
 
 _ROUNDING_OF_RATES = 1e-10  # of the largest q and qd; a joint whose rates are smaller stands still
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MassFit(Judged, Frozen, Shown):
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class MassFit(Report, Frozen):
     """The result of `fit_masses`: base parameters of a robot, and what its joints do by themselves.
 
     Attributes:
@@ -87,59 +87,38 @@ class MassFit(Judged, Frozen, Shown):
         recording = recording_of(self.robot, self.base, self.joint_terms, self.gravity, flat, bool(self.unknown))
         return recording.explained(self.values).reshape(shape)
 
-    def __repr__(self) -> str:
-        return f"MassFit({len(self.names)} parameters, {self.samples} samples, {'ok' if self.ok else 'not ok'})"
-
-    def __str__(self) -> str:
-        title, rows, _ = self._sheet()
-        joints: list[tuple[str, ...]] = [("joint", "unit", "noise", "left", "left as described")]
-        for k, joint in enumerate(tree_of(self.robot).coordinates):
-            cells = (self.noise[k], self.rms[k], self.rms_described[k])
-            joints.append((joint.name, joint.effort_unit, *(f"{cell:.3g}" for cell in cells)))
-        return "\n".join(
-            (
-                title, *align_columns(rows, {2, 3, 4}),
-                "torques, root mean squares", *align_columns(joints, {2, 3, 4}),
-                *self.findings, "ok" if self.ok else "NOT RELIABLE",
-            )
-        )  # fmt: skip
-
-    def _sheet(self) -> Sheet:
-        """Return the printed table of the parameters, below which are the findings."""
+    def _sheet(self, _units: str | None = None) -> Sheet:
+        joints = tree_of(self.robot).coordinates
         units = [
             ("kg", "kg m", "kg m^2")[(column > 0) + (column > 3)] for column in (self.base.columns % 10).tolist()
         ]
         for term in self.joint_terms:
-            for joint in tree_of(self.robot).coordinates:
-                moment = "kg" if joint.unit == "m" else "kg m^2"
-                rate = f"{joint.effort_unit} s/{joint.unit}"
-                units.append({"armature": moment, "viscous": rate}.get(term, joint.effort_unit))
+            of_hinges, of_sliders = TERMS[term].units
+            units += [of_sliders if joint.unit == "m" else of_hinges for joint in joints]
         rows = [("parameter", "unit", "value", "standard deviation", "as described")]
-        for name, unit, *numbers in zip(self.names, units, self.values, self.std, self.described, strict=True):
-            value, std, described = map(float, numbers)
+        for name, unit, value, std, described in zip(
+            self.names, units, self.values, self.std, self.described, strict=True
+        ):
             rows.append((name, unit, cell_text(value), f"{std:.2g}", cell_text(described)))
+        torques = [
+            f"torque of {joint.name}: noise {self.noise[k]:.3g}, left {self.rms[k]:.3g} {joint.effort_unit} rms "
+            f"({self.rms_described[k]:.3g} by the robot as described)"
+            for k, joint in enumerate(joints)
+        ]
         title = f"{self.robot.name}: {len(self.names)} parameters of {self.samples} samples"
-        return Sheet(title, rows, self.findings)
+        return Sheet(title, rows, (*torques, *self.findings))
 
-    def to_json(self) -> str:
-        """Return a report as JSON text, in SI units. Numbers that are not finite become null. `parameters` holds
-        value, std and described by name, `joints` noise, rms and rms_described.
-        """
-        of_parameters, of_joints = ("values", "std", "described"), ("noise", "rms", "rms_described")
-        report = {
-            "ok": self.ok,
-            "samples": self.samples,
-            "parameters": {
-                name: {key.removesuffix("s"): float(getattr(self, key)[k]) for key in of_parameters}
-                for k, name in enumerate(self.names)
-            },
-            "joints": {
-                name: {key: float(getattr(self, key)[k]) for key in of_joints}
-                for k, name in enumerate(self.robot.names)
-            },
-            "findings": list(self.findings),
+    def _numbers(self) -> dict[str, Any]:
+        of_parameters = {"value": self.values, "std": self.std, "described": self.described}
+        of_joints = {"noise": self.noise, "rms": self.rms, "rms_described": self.rms_described}
+        return {
+            "parameters": _by_name(self.names, of_parameters),
+            "joints": _by_name(self.robot.names, of_joints),
         }
-        return json_text(report)
+
+
+def _by_name(names: Iterable[str], columns: dict[str, Float64Array]) -> dict[str, dict[str, float]]:
+    return {name: {key: column[k] for key, column in columns.items()} for k, name in enumerate(names)}
 
 
 def fit_masses(

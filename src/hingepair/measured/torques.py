@@ -27,15 +27,16 @@ class Term(NamedTuple):
     """Term of the torque of a joint by itself, in proportion to one parameter."""
 
     factor: Callable[[Float64Array, Float64Array], Float64Array]  # of qd and qdd: the torque for a parameter of 1
+    units: tuple[str, str]  # of the parameter, of hinges and of sliders
     field: str = ""  # of the joint's load that has the parameter
     signed: bool = False  # whether it may be below 0
 
 
 TERMS: Final = {  # by name
-    "viscous": Term(lambda qd, _: qd, "damping"),
-    "coulomb": Term(lambda qd, _: np.sign(qd), "friction"),
-    "offset": Term(lambda qd, _: np.ones_like(qd), signed=True),
-    "armature": Term(lambda _, qdd: qdd),
+    "viscous": Term(lambda qd, _: qd, ("N m s/rad", "N s/m"), "damping"),
+    "coulomb": Term(lambda qd, _: np.sign(qd), ("N m", "N"), "friction"),
+    "offset": Term(lambda qd, _: np.ones_like(qd), ("N m", "N"), signed=True),
+    "armature": Term(lambda _, qdd: qdd, ("kg m^2", "kg")),
 }
 JOINT_TERMS: Final = tuple(TERMS)
 """Names of the terms that a fit may have."""

@@ -175,7 +175,9 @@ def json_text(report: Any) -> str:
 
 
 def _json_values(value: Any) -> Any:
-    """Return nested values with None for numbers that are not finite."""
+    """Return nested values as JSON has them: lists in place of arrays, None for numbers that are not finite."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
     if isinstance(value, Mapping):
         return {key: _json_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
