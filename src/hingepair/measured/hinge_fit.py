@@ -80,7 +80,6 @@ class HingeFit(HingeReport):
     rms_angle: float
     noise_position: float
     noise_angle: float
-    gauge: str
     loss: str
     weights: Float64Array
     gap: Float64Array

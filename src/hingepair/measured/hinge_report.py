@@ -34,8 +34,9 @@ class HingeReport(Report, OverInstants):
     t: Float64Array | None
     samples: int
     findings: tuple[Finding, ...]
+    gauge: str
 
-    gauge: ClassVar[Any] = "closest_to_R1"
+    _title: ClassVar[Any]
     _left: ClassVar[dict[str, str]]  # names of root mean squares, and their units
     _reported: ClassVar[tuple[str, ...]]  # names of attributes that are reported in JSON alone
     _over_instants: ClassVar[dict[str, str]]  # names of arrays beside psi, by those of their columns

@@ -111,6 +111,7 @@ class ImuFit(HingeReport):
         t: time since the first instant of sensor 1 [s]; shape (N,).
         samples: number of instants that are used.
         findings: sentences on what is wrong with the data, or what the motion does not determine.
+        gauge: name of the rule for the position of the hinge point along the axis, "closest_to_R1".
     """
 
     psid: Float64Array
@@ -211,6 +212,7 @@ def fit_imus(
         t=read_only(t1),
         samples=problem.rows[0].size,
         findings=tuple(dict.fromkeys(findings)),
+        gauge="closest_to_R1",
     )
 
 
