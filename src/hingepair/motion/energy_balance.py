@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.motion.collocation import NODE_TIMES, NODES, WEIGHTS
+from hingepair.motion.collocation import NODE_TIMES, NODES, WEIGHTS, integration_matrix
 from hingepair.motion.run import Run, rate_jumps
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.tables.sheets import ruled_table
-
-_CHUNK = 20_000  # intervals whose work is computed at a time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,44 +60,23 @@ class EnergyBalance:
 def energy_balance(run: Run) -> EnergyBalance:
     """Return the `EnergyBalance` of a simulated motion, by quadrature over its steps."""
     motion, steps, t = run.motion, run.steps, run.samples.t
+    kinetic, potential = motion.energies(run.samples)
     work: dict[str, Array] = {}
     if steps:
-        elapsed = t - t[0]
-        starts = np.array([step.polynomial.start for step in steps])
-        edges = np.unique(np.hstack([starts, elapsed]))
-        chunks = []
-        for first in range(0, max(len(edges) - 1, 1), _CHUNK):
-            chunk_edges = edges[first : first + _CHUNK + 1]
-            lengths = np.diff(chunk_edges)
-            times = chunk_edges[:-1, None] + lengths[:, None] * NODE_TIMES
-            step_indices = (np.searchsorted(starts, chunk_edges[:-1], side="right") - 1).tolist()
-            states = [steps[i].polynomial.states_at(row) for i, row in zip(step_indices, times, strict=True)]
-            of_nodes = [steps[i] for i in step_indices for _ in NODE_TIMES]
-            nodes = motion.sample_steps(t[0] + times.ravel(), np.concatenate(states), of_nodes)
-            powers = motion.powers(nodes)
-            chunks.append({name: lengths * (power.reshape(-1, NODES) @ WEIGHTS) for name, power in powers.items()})
-        instant_indices = np.searchsorted(edges, elapsed)
-        for name in chunks[0]:
-            work_of_load = np.hstack([0.0, np.cumsum(np.concatenate([part[name] for part in chunks]))])[
-                instant_indices
-            ]
-            work |= {name: work_of_load} if work_of_load.any() else {}
-        impacts = _impact_work(run)
-        work |= {"impacts": impacts} if impacts.any() else {}
-    kinetic, potential = motion.energies(run.samples)
-    return EnergyBalance(t, work, kinetic, potential)
-
-
-def _impact_work(run: Run) -> Array:
-    """Return the kinetic energy [J] that impacts, jumps of the rates of joints between steps, have added up to each
-    instant.
-    """
-    motion, t = run.motion, run.samples.t
-    work = np.zeros(len(t))
-    for last_step, next_step, end_state in rate_jumps(run):
-        instant = next_step.polynomial.start
-        states = np.stack([end_state, next_step.polynomial.state])
-        samples = motion.sample_steps(np.full(2, t[0] + instant), states, [last_step, next_step])
-        kinetic, _ = motion.energies(samples)
-        work[t - t[0] > instant] += kinetic[1] - kinetic[0]
-    return work
+        pieces = [step.polynomial for step in steps]
+        starts, lengths = (np.array([getattr(piece, name) for piece in pieces]) for name in ("start", "length"))
+        times = starts[:, None] + lengths[:, None] * NODE_TIMES
+        states = np.concatenate([piece.states_at(own) for piece, own in zip(pieces, times, strict=True)])
+        nodes = motion.sample_steps(t[0] + times.ravel(), states, [step for step in steps for _ in NODE_TIMES])
+        place = np.searchsorted(starts, t - t[0], side="right") - 1
+        within = integration_matrix((t - t[0] - starts[place]) / lengths[place])  # to the instant within its step
+        for name, powers in motion.powers(nodes).items():
+            rates = lengths[:, None] * powers.reshape(-1, NODES)
+            before = np.cumsum(np.append(0.0, rates @ WEIGHTS))
+            work[name] = before[place] + (within * rates[place]).sum(axis=1)
+        work["impacts"] = np.zeros(len(t))
+        for last_step, next_step, end_state in rate_jumps(run):
+            instant, both = next_step.polynomial.start, [end_state, next_step.polynomial.state]
+            samples = motion.sample_steps(np.full(2, t[0] + instant), np.stack(both), [last_step, next_step])
+            work["impacts"][t - t[0] > instant] += np.diff(motion.energies(samples)[0])
+    return EnergyBalance(t, {name: own for name, own in work.items() if own.any()}, kinetic, potential)
