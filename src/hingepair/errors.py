@@ -144,7 +144,8 @@ class CompilationError(HingePairError, RuntimeError):
     def __init__(self, name: str, reason: str) -> None:
         self.name = name
         self.reason = reason
-        super().__init__(printable(f"llvmlite could not compile the kernel of {name!r}: {shorten(reason)}"))
+        advice = 'backend="numpy" computes without it'
+        super().__init__(printable(f"llvmlite could not compile the kernel of {name!r}: {shorten(reason)}; {advice}"))
 
     def __reduce__(self) -> tuple[type, tuple[str, str]]:
         return type(self), (self.name, self.reason)

@@ -146,7 +146,7 @@ def test_out_is_not_touched_by_a_call_that_is_refused(lead, backend):
 
 
 @pytest.mark.parametrize("lead", [(), (9,)], ids=["one", "many"])
-def test_values_beyond_a_limit_are_refused_and_it_is_said_what_out_holds(lead):
+def test_values_beyond_a_limit_are_refused(lead):
     given = arrays([lead] * 3)
     limited, x, y = call(limits={"checked": {8: 1.0, 4: 1.0}}), np.full(lead, 0.5), np.empty((*lead, 3))
     shapes = dict.fromkeys(GIVEN, lead)
@@ -157,9 +157,8 @@ def test_values_beyond_a_limit_are_refused_and_it_is_said_what_out_holds(lead):
     for kind in (float, np.float32, np.int64):
         with pytest.raises(RefusedError):
             limited.rows(*given[:2], x.astype(kind))
-    with pytest.raises(RefusedError) as caught:
+    with pytest.raises(RefusedError):
         limited.rows(*given[:2], x, out={"y": y})
-    assert "out" in caught.value.__notes__[0]
     with pytest.raises(RefusedError):
         limited.run({**dict(zip(GIVEN, given, strict=True)), "x": x}, shapes, {"y": y})
 
@@ -352,7 +351,7 @@ def test_a_chosen_backend_gives_the_same_bits_at_every_call(backend):
         np.testing.assert_array_equal(one_result, before)
 
 
-def test_a_kernel_that_llvm_refuses_leaves_the_others_alone(monkeypatch):
+def test_a_kernel_that_llvm_refuses_is_an_error_and_leaves_the_others_alone(monkeypatch):
     written = Program.llvm_ir
 
     def broken(self, *key):
@@ -360,16 +359,12 @@ def test_a_kernel_that_llvm_refuses_leaves_the_others_alone(monkeypatch):
 
     monkeypatch.setattr(Program, "llvm_ir", broken)
     given = arrays([(400,)] * 3)
-    values, shapes = dict(zip(GIVEN, given, strict=True)), dict.fromkeys(GIVEN, (400,))
     loop, other = (Loop(name, product, dict(LOOP.inputs), OUTPUTS) for name in ("broken", "other"))
-    with pytest.raises(CompilationError, match="'broken'"):
-        Call(loop, GIVEN, CONSTANTS, Product, backend="compiled")
-    one = Call(loop, GIVEN, CONSTANTS, Product)
-    with pytest.warns(RuntimeWarning, match="'broken'.*computing with NumPy"):
-        one.compile()
-    for _ in range(3):
-        one.compile()  # warns once
-        assert_near(one.run(values, shapes).y, expected(*given)[0], 16)
+    for backend in ("compiled", "auto"):
+        with pytest.raises(CompilationError, match="'broken'"):
+            Call(loop, GIVEN, CONSTANTS, Product, backend=backend).rows(*given)
+    found = Call(loop, GIVEN, CONSTANTS, Product, backend="numpy").rows(*given)
+    assert_near(found.y, expected(*given)[0], 16)
     assert Call(other, GIVEN, CONSTANTS, Product, backend="compiled").rows(*given) is not None
 
 

@@ -78,24 +78,6 @@ def test_lanes_do_not_know_of_each_other():
                 np.testing.assert_array_equal(array, whole[name][start:stop])
 
 
-def test_exact_arithmetic_is_not_fused():
-    def product(v):
-        high = v["a"] * v["b"]
-        carried = 134217729.0 * v["a"]
-        ah = carried - (carried - v["a"])
-        other = 134217729.0 * v["b"]
-        bh = other - (other - v["b"])
-        al, bl = v["a"] - ah, v["b"] - bh
-        return {"high": high, "low": ((ah * bh - high) + ah * bl + al * bh) + al * bl}
-
-    loop = Loop("product", product, {"a": (), "b": ()}, {"high": (), "low": ()}, exact=True)
-    a, b = np.random.default_rng(8).normal(size=(2, 100))
-    found = run(loop, {"a": a, "b": b}, (100,))
-    expected = run(loop, {"a": a, "b": b}, (100,), execution=NUMPY)
-    np.testing.assert_array_equal(found["low"], expected["low"])
-    assert (found["low"] != 0).any()
-
-
 CPUS = {
     "with AVX2": ("haswell", "+fma"),
     "without fused arithmetic": ("x86-64", ""),

@@ -27,7 +27,6 @@ from hingepair.engine.slices import run_slices
 from hingepair.engine.ufunc import MAX_OPERANDS, Code, Operand, make_ufunc
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
-from hingepair.numeric.blocks import components
 from hingepair.numeric.caching import lock_free_cached_property
 
 Rows = Callable[..., Any]
@@ -84,7 +83,6 @@ class Call:
         self.loop = loop
         self.argument_shapes = dict(argument_shapes)
         self.result = result
-        self._constants = {name: value for name, value in constants.items() if name not in argument_shapes}
         self._shape, self._backend, self._constants_name = shape, backend, constants_name
         limits = limits or {}
         self._limits = [(k, limits[name]) for k, (name, _) in enumerate(loop.outputs) if name in limits]
@@ -92,9 +90,8 @@ class Call:
         shown = [k for k, (name, _) in enumerate(loop.outputs) if name not in limits]
         self.outputs = tuple(loop.outputs[k][0] for k in shown)
         self._result_of = _result_maker(result, loop.outputs, shown)
-        constant = [(name, tail) for name, tail in loop.inputs if name in self._constants]
         self._bound_constants = {  # by whether calls share a kernel, in which nothing folds
-            shares: {name: bind_constant(tail, self._constants[name], not shares) for name, tail in constant}
+            shares: {k: bind_constant(tail, constants[k], not shares) for k, tail in loop.inputs if k in constants}
             for shares in (False, True)
         }
         needed = {name for name, _ in loop.inputs}
@@ -123,39 +120,25 @@ class Call:
         """Compile the kernel now; for the backend "auto" that is the one of calls of any number of samples.
 
         Raises:
-            CompilationError: LLVM fails, and the backend is "compiled".
+            CompilationError: LLVM fails.
         """
         self._shared = False
         if self.has_kernels:
             self._kernel("d", False)
 
-    def machine_code(self, char: str, shared: bool = False, needed: bool = True) -> Any:
-        """Return the kernel for a dtype, its arrays and its constants; unless `needed`, None if LLVM fails.
+    def machine_code(self, char: str, shared: bool = False) -> Code:
+        """Return the kernel for a dtype, its arrays and its constants.
 
         Raises:
             CompilationError: LLVM fails.
         """
         program, numbers = self.program_with_numbers(shared)
-        return (program.code if needed else program.code_or_none)(self._operands, numbers, char)
+        return program.code(self._operands, numbers, char)
 
-    @lock_free_cached_property
-    def _largest_constant(self) -> float:
-        """The largest constant that is finite, without its sign."""
-        parts = (np.asarray(x) for one in self._constants.values() for x in components(one))
-        return max((float(np.abs(one).max(initial=0.0, where=np.isfinite(one))) for one in parts), default=0.0)
-
-    def _check_constants(self, char: str) -> None:
-        """Refuse constants that are infinite in float32 if that is the dtype to compute in."""
-        if char == "f" and self._largest_constant > float(np.finfo(np.float32).max):
-            expected = "numbers below 3.4e38, since the arguments are float32"
-            raise ArgumentError(self._constants_name, expected, self._largest_constant)
-
-    def _kernel(self, char: str, shared: bool) -> tuple[Code, Direct] | None:
-        """Return the kernel for a dtype and its direct calls; None if LLVM fails and the backend is "auto"."""
+    def _kernel(self, char: str, shared: bool) -> tuple[Code, Direct]:
+        """Return the kernel for a dtype and its direct calls."""
         if (char, shared) not in self._kernels:
-            code = self.machine_code(char, shared, self._backend == "compiled")
-            if code is None:
-                return None
+            code = self.machine_code(char, shared)
             width = max(math.prod(tail) for _, tail in self.loop.outputs) * code.constants.itemsize
             most = max(1, MIN_REUSED_BYTES // width)  # of larger results the memory is used again
             direct = direct_calls(code, char, most, self.result is not None)
@@ -204,7 +187,7 @@ class Call:
             if found is None:
                 return self._any_rows(*given, out=out, workers=workers)
             if checks:
-                self._check_limits(found, given, out is not None)
+                self._check_limits(found, given)
             first = arrays[0]
             return result_of(found, first.shape[: first.ndim - rank], out is None)
 
@@ -272,7 +255,6 @@ class Call:
         named: Mapping[str, Any],
     ) -> Any:
         """Return the results of samples of this shape; `named` are the values as messages name them."""
-        self._check_constants(dtype.char)
         samples = math.prod(shape)
         few, given = samples < _FEW_SAMPLES, [values[name] for name in self.argument_shapes]
         kernel = None
@@ -283,7 +265,7 @@ class Call:
             if kernel is not None and out is None and samples < _DIRECT_SAMPLES:
                 made = kernel[1].make(*(_plain(x, shape, tail, dtype) for x, tail in zip(given, tails, strict=True)))
                 if made is not None:
-                    self._check_limits(made, given, False)
+                    self._check_limits(made, given)
                     return self._result_of(made, shape, True)
         outputs = output_arrays(self.loop.outputs, shape, dtype, out, named, self.result is None)
         if kernel is not None:
@@ -293,27 +275,16 @@ class Call:
             inputs = {**arguments, **self._bound_constants[self._shared and few]}
             self.loop.run(inputs, outputs, shape, dtype, Execution(self._backend, workers))
         found = tuple(outputs.values())
-        self._check_limits(found, given, out is not None)
+        self._check_limits(found, given)
         return self._result_of(found, shape, False)
 
     # ---- limits
 
-    def _check_limits(self, outputs: Sequence[Any], arguments: Sequence[Any], written: bool) -> None:
-        """Refuse the arguments if an output exceeds its limit at any sample."""
+    def _check_limits(self, outputs: Sequence[Any], arguments: Sequence[Any]) -> None:
+        """Call `on_limit`, which raises an error, if an output exceeds its limit at any sample."""
         for k, limits in self._limits:
-            if (outputs[k] > limits[outputs[k].dtype.itemsize]).any():
-                self._refuse(arguments, written)
-
-    def _refuse(self, arguments: Sequence[Any], written: bool) -> None:
-        """Call `on_limit`, which raises an error, with the arguments by name; say whether `out` has been written."""
-        if self._on_limit is None:
-            return
-        try:
-            self._on_limit(dict(zip(self.argument_shapes, arguments, strict=True)))
-        except ArgumentError as error:
-            if written:
-                error.add_note("The arrays of `out` have been written.")
-            raise
+            if self._on_limit is not None and (outputs[k] > limits[outputs[k].dtype.itemsize]).any():
+                self._on_limit(dict(zip(self.argument_shapes, arguments, strict=True)))
 
 
 def _result_maker(

@@ -12,9 +12,8 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from hingepair.engine.direct import direct_ir
 from hingepair.engine.interpreter import Interpreter, interpreter
 from hingepair.engine.llvm import object_cache
 from hingepair.engine.llvm.ir import kernel_ir
+from hingepair.engine.llvm.native import Kernel, can_fuse
 from hingepair.engine.llvm.scan import scan_ir
 from hingepair.engine.llvm.schedule import ComponentGroup, Schedule
 from hingepair.engine.slices import run_slices
@@ -32,13 +32,10 @@ from hingepair.engine.threads import run_in_threads
 from hingepair.engine.trace import Operand as TracedOperand
 from hingepair.engine.trace import Trace, TracedValue, needed_values
 from hingepair.engine.ufunc import FLOAT_TYPES, Code, Layout, Operand
-from hingepair.errors import CompilationError, ShapeError
+from hingepair.errors import ShapeError
 from hingepair.numeric.arrays import Block, split_into_blocks
 from hingepair.numeric.blocks import components, fill_blocks
 from hingepair.numeric.caching import lock_free_cached_property
-
-if TYPE_CHECKING:
-    from hingepair.engine.llvm.native import Kernel
 
 Buffers: TypeAlias = Mapping[str, NDArray[Any]]
 
@@ -54,7 +51,6 @@ class Loop:
         function: takes values by name, traced or not, and returns results by name.
         inputs: shape of one sample of each input.
         outputs: shape of one sample of each output.
-        exact: whether the compiled code may not fuse products with sums (FMA), which breaks compensated arithmetic.
         form: what the function is made of, if that and the sources of `object_cache.TRACED_PACKAGES` decide what it
             computes: numbers, texts and tuples, whose `repr` says all. Then a process that finds the kernel on disk
             need not trace the function.
@@ -67,14 +63,12 @@ class Loop:
         inputs: Mapping[str, ArrayShape],
         outputs: Mapping[str, ArrayShape],
         *,
-        exact: bool = False,
         form: object = None,
     ) -> None:
         self.name = name
         self.function = function
         self.inputs: NamedShapes = tuple(inputs.items())
         self.outputs: NamedShapes = tuple(outputs.items())
-        self.exact = exact
         self.form = form
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
 
@@ -95,21 +89,19 @@ class Loop:
         if 0 in shape:
             return
         bound = bind(self.inputs, values)
-        program, code, targets = self.program(bound.pattern), None, [out[name] for name, _ in self.outputs]
+        program, targets = self.program(bound.pattern), [out[name] for name, _ in self.outputs]
         tails = [*bound.tails, *(tail for _, tail in self.outputs)]
         if execution.backend != "numpy" and bound.arrays and not any(0 in tail for tail in tails):
             inputs = [Operand(tail) for tail in bound.tails]
-            compiled = program.code if execution.backend == "compiled" else program.code_or_none
-            code = compiled(inputs, bound.numbers, dtype.char)
-        if code is not None:
+            code = program.code(inputs, bound.numbers, dtype.char)
             run_slices(code, bound.arrays, targets, shape, execution.workers)
         else:
             program.run_numpy(bound, targets, shape, dtype, execution.workers)
 
     def count_operations(self, values: Mapping[str, Any]) -> int:
         """Count the operations of each sample for these inputs, of which arrays vary and numbers are known."""
-        program = self.program(bind(self.inputs, values).pattern)
-        return sum(value.operation != "input" and value.varies for value in program.needed_values)
+        results = self.program(bind(self.inputs, values).pattern).traced.results
+        return sum(value.operation != "input" and value.varies for value in needed_values(results))
 
 
 class TracedFunction(NamedTuple):
@@ -132,7 +124,6 @@ class Program:
         self.loop = loop
         self.pattern = pattern
         self._kernels: dict[tuple[Layout, str], Kernel] = {}
-        self._compiles = True  # until LLVM fails
 
     def run_numpy(
         self, bound: Bound, out: Sequence[NDArray[Any]], shape: ArrayShape, dtype: np.dtype[Any], workers: int
@@ -160,15 +151,6 @@ class Program:
         with np.errstate(over="ignore"):
             return Code(self.kernel(layout, char), layout, np.array(numbers, char))
 
-    def code_or_none(self, inputs: Sequence[Operand], numbers: Sequence[float], char: str) -> Code | None:
-        """Return what `code` does. If LLVM fails, warn once, return None, and do not try again."""
-        try:
-            return self.code(inputs, numbers, char) if self._compiles else None
-        except CompilationError as error:
-            warnings.warn(f"{error}; computing with NumPy", RuntimeWarning, stacklevel=2)
-            self._compiles = False
-        return None
-
     def kernel(self, layout: Layout, char: str) -> Kernel:
         """Return the kernel for a layout and a dtype, "d" (float64) or "f" (float32); compile it at the first call.
 
@@ -178,12 +160,10 @@ class Program:
         kernel = self._kernels.get((layout, char))
         if kernel is None:
             with compiler_lock:  # a second thread waits, and takes the kernel of the first
-                from hingepair.engine.llvm.native import Kernel
-
                 kernel = self._kernels.get((layout, char))
                 if kernel is None:
                     ir = functools.partial(self.llvm_ir, layout, char)
-                    form = self._form("kernel", layout, char, self.fuses)
+                    form = self._form("kernel", layout, char)
                     kernel = self._kernels[layout, char] = Kernel(self.loop.name, ir, FLOAT_TYPES[char], form)
         return kernel
 
@@ -193,9 +173,7 @@ class Program:
         Raises:
             CompilationError: LLVM fails.
         """
-        from hingepair.engine.llvm.native import Kernel
-
-        return Kernel(self.loop.name, self._scan_ir, form=self._form("scan", self.fuses))
+        return Kernel(self.loop.name, self._scan_ir, form=self._form("scan"))
 
     def _scan_ir(self) -> str:
         """Return the LLVM module, as text, of a scan of this program."""
@@ -206,7 +184,7 @@ class Program:
             traced.constants,
             dict(zip(arrays, traced.arrays, strict=True)),
             {name: traced.outputs[name] for name, tail in self.loop.outputs if 0 not in tail},
-            fuse=self.fuses,
+            fuse=can_fuse(),
         )
 
     def _form(self, *parts: object) -> str:
@@ -215,18 +193,11 @@ class Program:
         sources = object_cache.SOURCE_DIGEST if loop.form is not None else None
         return "" if sources is None else repr((sources, loop.form, loop.inputs, loop.outputs, self.pattern, *parts))
 
-    @property
-    def fuses(self) -> bool:
-        """Whether a product and a sum become one instruction of kernels (FMA)."""
-        from hingepair.engine.llvm.native import can_fuse
-
-        return can_fuse() and not self.loop.exact
-
     def llvm_ir(self, layout: Layout, char: str) -> str:
         """Return the LLVM module, as text, of a kernel and of the functions by which Python calls it."""
         traced = self.traced
         outputs = [*map(ComponentGroup, traced.outputs.values())]
-        schedule = Schedule(traced.constants, [*map(ComponentGroup, traced.arrays)], outputs, self.fuses)
+        schedule = Schedule(traced.constants, [*map(ComponentGroup, traced.arrays)], outputs, can_fuse())
         kernel = kernel_ir(schedule, FLOAT_TYPES[char])
         return f"{kernel}\n{direct_ir(layout, FLOAT_TYPES[char])}"
 
@@ -238,11 +209,6 @@ class Program:
         traced = self.traced
         inputs = [*traced.constants, *itertools.chain(*traced.arrays)]
         return interpreter(inputs, traced.results)
-
-    @lock_free_cached_property
-    def needed_values(self) -> list[TracedValue]:
-        """Traced values that the outputs need, each after its operands."""
-        return needed_values(self.traced.results)
 
     @lock_free_cached_property
     def traced(self) -> TracedFunction:

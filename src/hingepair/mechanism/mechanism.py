@@ -66,7 +66,7 @@ class Mechanism(MechanismMethods):
     - out: array into which the result is written; of methods with several outputs, arrays by output name.
     - workers: number of threads; -1 for one thread per core.
     - backend: "numpy"; "compiled", machine code that the first call compiles (0.1 to 0.3 s, or milliseconds where it
-      is on disk); or "auto", which compiles, and takes NumPy where LLVM fails.
+      is on disk); or "auto", which compiles.
 
     Results are float32 if all arrays given are float32, else float64, which rollouts and inverse kinematics always
     are. The first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given or is

@@ -119,23 +119,6 @@ def test_a_quaternion_that_is_no_number_stays_in_its_sample(backend, quaternion)
         assert np.isnan(at(quat[1], 0.0).S2).any()
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("count", [(), (3,), (20_000,)])
-@pytest.mark.parametrize("name", ["S1", "quat_wxyz"])
-def test_it_is_said_what_out_holds_where_an_attitude_is_refused(name, count, backend):
-    at = made(generator(1023)).prepare((name, "psi"), outputs=("S2",), backend=backend)
-    good = np.eye(3) if name == "S1" else np.array((1.0, 0, 0, 0))
-    given, psi = np.broadcast_to(good, (*count, *good.shape)).copy(), np.zeros(count)
-    S2 = np.full((*count, 3, 3), 7.0)
-    at(given, psi, out={"S2": S2})
-    assert not (S2 == 7).any()
-    S2[...] = 7.0
-    given[..., :] = 0.0
-    with pytest.raises(hp.RotationError) as caught:
-        at(given, psi, out={"S2": S2})
-    assert "out" in caught.value.__notes__[0]
-
-
 def test_a_prepared_call_can_be_copied_and_pickled():
     rng = generator(1024)
     one, motion = made(rng), coordinates(rng, 5)

@@ -79,7 +79,7 @@ class HingePair(Frozen, Shown):
     - workers: number of threads; -1 for one thread per core.
     - backend: "numpy"; "compiled", machine code that the first call compiles (0.1 s, or milliseconds where it is on
       disk); or "auto", which compiles for arrays, and for coordinates one by one where NumPy would take milliseconds
-      longer, and falls back on NumPy with a warning.
+      longer.
 
     Results are float32 if all arrays given are float32, else float64. Methods that need the mass of a body raise an
     ArgumentError if the pair has no mass properties of it.
