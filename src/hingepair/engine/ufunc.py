@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.llvm.builder import NUMBER_BYTES, FunctionBuilder
+from hingepair.engine.llvm.builder import LANES, NUMBER_BYTES, FunctionBuilder
 from hingepair.engine.llvm.ir import ROW_WORDS
 from hingepair.engine.llvm.native import Kernel
 from hingepair.errors import CompilationError
@@ -156,88 +156,57 @@ def numpy_function(table: str, entry: int) -> int:
 
 def _loop_ir(layout: Layout, float_type: str, name: str) -> str:
     """Return the LLVM module of `loop`, the inner loop of a ufunc with this layout, which calls a kernel of this
-    name.
+    name. Where the strides of a matrix are more than a row of the table can say, such as those of a transposed one,
+    it copies matrices, eight samples at a time.
     """
-    f = FunctionBuilder(f"void @loop{_LOOP}")
-    count = f.load_word("%dims", 0)
-    number_bytes = NUMBER_BYTES[float_type]
-    table = begin_table(f, layout, "%data", number_bytes)
-    dense = [one for k, row in layout.rows.items() for one in _store_operand(f, layout, table, k, row, number_bytes)]
-    call = f'call void @"{name}"(ptr {table}, i64 {count})'
-    copied = []
-    if dense:
-        with f.when_else(functools.reduce(lambda x, y: f.put(f"and i1 {x}, {y}"), dense)) as otherwise:
-            f.do(call)
-            otherwise()
-            f.do(f"call void @copied(ptr {table}, ptr %args, ptr %steps, i64 {count})")
-        copied = ["declare i64 @llvm.umin.i64(i64, i64)", _copied_ir(layout, float_type, name)]
-    else:
-        f.do(call)
+    f, number_bytes = FunctionBuilder(f"void @loop{_LOOP}"), NUMBER_BYTES[float_type]
+    count, table = f.load_word("%dims", 0), begin_table(f, layout, "%data", number_bytes)
+    operands, ranks = layout.operands, [len(one.sample_shape) for one in layout.operands]
+    starts = {k: (f.load_word("%args", 8 * k), f.load_word("%steps", 8 * k)) for k in layout.rows}
+    cores = {}  # the strides of an operand's core dimensions, which follow those of the loop
+    for k in layout.rows:
+        first = len(ranks) + sum(ranks[:k])
+        cores[k] = [f.load_word("%steps", 8 * place) for place in range(first, first + ranks[k])]
+    whole = "true"
+    for k, row in layout.rows.items():
+        axes = [(n, step) for n, step in zip(operands[k].sample_shape, cores[k], strict=True) if n > 1]
+        store_row(f, table, row, *starts[k], axes[-1][1] if axes else str(number_bytes))
+        for (_, step), (n, inner) in itertools.pairwise(axes):
+            whole = f.put(f"and i1 {whole}, {f.put(f'icmp eq i64 {step}, {f.multiply(inner, n)}')}")
+    bytes_of = {k: math.prod(operands[k].sample_shape) * number_bytes for k in layout.rows if ranks[k] > 1}
+    buffers = {k: f.buffer(LANES * size) for k, size in bytes_of.items()}
+
+    def copy(k: int, start: str, samples: str) -> None:
+        """Copy an input, from a sample on, into its buffer; or the buffer of an output to its samples."""
+        place = "0"
+        with contextlib.ExitStack() as loops:
+            for n, step in zip((samples, *operands[k].sample_shape), (starts[k][1], *cores[k]), strict=True):
+                i = loops.enter_context(f.loop(str(n)))
+                place = f.put(f"add i64 {f.multiply(place, n)}, {i}")
+                start = f.put(f"add i64 {start}, {f.multiply(i, step)}")
+            ends = f.put(f"inttoptr i64 {start} to ptr"), f.pointer_at(buffers[k], f.multiply(place, number_bytes))
+            source, target = ends if k < len(layout.inputs) else reversed(ends)
+            number = f.put(f"load {float_type}, ptr {source}, align {number_bytes}")
+            f.do(f"store {float_type} {number}, ptr {target}, align {number_bytes}")
+
+    with f.when_else(whole) as otherwise:
+        f.do(f'call void @"{name}"(ptr {table}, i64 {count})')
+        otherwise()
+        for k, size in bytes_of.items():
+            buffer = f.put(f"ptrtoint ptr {buffers[k]} to i64")
+            store_row(f, table, layout.rows[k], buffer, str(size), str(number_bytes))
+        with f.loop(count, step=str(LANES)) as first:
+            left = f.put(f"call i64 @llvm.umin.i64(i64 {f.put(f'sub i64 {count}, {first}')}, i64 {LANES})")
+            for k, (start, step) in starts.items():
+                place = f.put(f"add i64 {start}, {f.multiply(first, step)}")
+                if k not in buffers:
+                    f.store_word(place, table, 8 * ROW_WORDS * layout.rows[k])
+                elif k < len(layout.inputs):
+                    copy(k, place, left)
+            f.do(f'call void @"{name}"(ptr {table}, i64 {left})')
+            for k in buffers:
+                if k >= len(layout.inputs):
+                    copy(k, f.put(f"add i64 {starts[k][0]}, {f.multiply(first, starts[k][1])}"), left)
     f.do("ret void")
-    return "\n\n".join([f'declare void @"{name}"(ptr, i64)', *copied, f.text()]) + "\n"
-
-
-def _store_operand(f: FunctionBuilder, layout: Layout, table: str, k: int, row: int, number_bytes: int) -> list[str]:
-    """Fill the row of an operand, and return the conditions under which the row says all of its strides."""
-    steps = zip(layout.operands[k].sample_shape, _core_steps(f, layout, k), strict=True)
-    axes = [(n, step) for n, step in steps if n > 1]
-    component = axes[-1][1] if axes else str(number_bytes)
-    store_row(f, table, row, f.load_word("%args", 8 * k), f.load_word("%steps", 8 * k), component)
-    return [
-        f.put(f"icmp eq i64 {step}, {f.multiply(inner, n)}") for (_, step), (n, inner) in itertools.pairwise(axes)
-    ]
-
-
-def _copied_ir(layout: Layout, float_type: str, name: str) -> str:
-    """Return the function `copied`, which calls the kernel where the strides of a matrix are more than a row of the
-    table can say, such as those of a transposed one: it copies matrices, some samples at a time.
-    """
-    operands, rows, number_bytes = layout.operands, layout.rows, NUMBER_BYTES[float_type]
-    f = FunctionBuilder("internal void @copied(ptr %table, ptr %args, ptr %steps, i64 %count)")
-    sizes = {k: math.prod(operands[k].sample_shape) for k in rows if len(operands[k].sample_shape) > 1}
-    most = 64 if max(sizes.values()) <= 64 else 8  # samples
-    addresses = {k: (f.load_word("%args", 8 * k), f.load_word("%steps", 8 * k)) for k in rows}
-    cores = {k: _core_steps(f, layout, k) for k in sizes}
-    for k, size in sizes.items():
-        f.do(f"%copy{k} = getelementptr i8, ptr {f.buffer(most * size * number_bytes)}, i64 0")
-        buffer = f.put(f"ptrtoint ptr %copy{k} to i64")
-        store_row(f, "%table", rows[k], buffer, str(size * number_bytes), str(number_bytes))
-    with f.loop("%count", step=str(most)) as first:
-        left = f.put(f"call i64 @llvm.umin.i64(i64 {f.put(f'sub i64 %count, {first}')}, i64 {most})")
-        starts = {k: f.put(f"add i64 {at}, {f.multiply(first, step)}") for k, (at, step) in addresses.items()}
-        for k in rows.keys() - sizes.keys():
-            f.do(f"store i64 {starts[k]}, ptr {f.pointer_at('%table', 8 * ROW_WORDS * rows[k])}, align 8")
-
-        def copy(k: int) -> None:
-            """Copy an input into its buffer, or the buffer of an output to where it belongs."""
-            axes = [(left, addresses[k][1]), *zip(map(str, operands[k].sample_shape), cores[k], strict=True)]
-            place, there = "0", starts[k]
-            with contextlib.ExitStack() as loops:
-                for n, step in axes:
-                    i = loops.enter_context(f.loop(n))
-                    place = f.put(f"add i64 {f.multiply(place, n) if n != left else '0'}, {i}")
-                    there = f.put(f"add i64 {there}, {f.multiply(i, step)}")
-                ends = [
-                    f.put(f"inttoptr i64 {there} to ptr"),
-                    f.pointer_at(f"%copy{k}", f.multiply(place, number_bytes)),
-                ]
-                source, target = ends if k < len(layout.inputs) else reversed(ends)
-                number = f.put(f"load {float_type}, ptr {source}, align {number_bytes}")
-                f.do(f"store {float_type} {number}, ptr {target}, align {number_bytes}")
-
-        for k in sizes:
-            if k < len(layout.inputs):
-                copy(k)
-        f.do(f'call void @"{name}"(ptr %table, i64 {left})')
-        for k in sizes:
-            if k >= len(layout.inputs):
-                copy(k)
-    f.do("ret void")
-    return f.text()
-
-
-def _core_steps(f: FunctionBuilder, layout: Layout, k: int) -> list[str]:
-    """Load the strides of an operand's core dimensions, which follow those of the loop."""
-    ranks = [len(one.sample_shape) for one in layout.operands]
-    first = len(ranks) + sum(ranks[:k])
-    return [f.load_word("%steps", 8 * place) for place in range(first, first + ranks[k])]
+    declared = [f'declare void @"{name}"(ptr, i64)', "declare i64 @llvm.umin.i64(i64, i64)"]
+    return "\n\n".join([*declared, f.text()]) + "\n"
