@@ -28,8 +28,8 @@ def variables(values: Sequence[Operand], others: Iterable[Operand] = ()) -> tupl
 
     def variable(value: Operand) -> TracedValue:
         if isinstance(value, TracedValue):
-            return value if times[id(value)] == 1 else TracedValue(trace, "+", (value, 0.0), value.varies)
-        return TracedValue(trace, "+", (value, 0.0), False)
+            return value if times[id(value)] == 1 else TracedValue(trace, "+", (value, 0.0))
+        return TracedValue(trace, "+", (value, 0.0))
 
     return tuple(map(variable, values))
 
@@ -58,7 +58,7 @@ class Solution:
         self.unknowns: Sequence[Operand] = values
         trace = next((x.trace for x in values if isinstance(x, TracedValue)), None)
         if trace is not None:
-            self.unknowns = [TracedValue(trace, "+", (x, 0.0), True) for x in values]
+            self.unknowns = [TracedValue(trace, "+", (x, 0.0)) for x in values]
             trace.solved |= dict.fromkeys(map(id, self.unknowns), self)
         self._lack, self._solve, self._doubt = lack, solve, doubt
 

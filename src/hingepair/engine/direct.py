@@ -16,16 +16,13 @@ import functools
 import math
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from hingepair.engine.llvm.builder import NUMBER_BYTES, FunctionBuilder
 from hingepair.engine.ufunc import TYPE_NUMBERS, Code, Layout, begin_table, numpy_function, store_row
 from hingepair.numeric.arrays import MAX_AXES
-
-if TYPE_CHECKING:
-    pass
 
 # Offsets [bytes] in an object of Python and in an array of NumPy; `_offsets_are_known` checks them.
 _TYPE, _DATA, _AXES, _SIZES, _DTYPE, _FLAGS = 8, 16, 24, 32, 56, 64

@@ -99,9 +99,9 @@ class Loop:
             program.run_numpy(bound, targets, shape, dtype, execution.workers)
 
     def count_operations(self, values: Mapping[str, Any]) -> int:
-        """Count the operations of each sample for these inputs, of which arrays vary and numbers are known."""
+        """Count the operations of each sample for these inputs, of which numbers are known."""
         results = self.program(bind(self.inputs, values).pattern).traced.results
-        return sum(value.operation != "input" and value.varies for value in needed_values(results))
+        return sum(value.operation != "input" for value in needed_values(results))
 
 
 class TracedFunction(NamedTuple):
@@ -221,7 +221,7 @@ class Program:
             operands: list[TracedOperand] = []
             for source in itertools.islice(sources, math.prod(tail)):
                 if source is None:
-                    constants.append(trace.input(False))
+                    constants.append(trace.input())
                     operands.append(constants[-1])
                 elif isinstance(source, tuple):
                     columns = arrays.setdefault(source[0], {})

@@ -26,13 +26,12 @@ class TracedValue:
     """An input, or the result of a recorded operation. Arithmetic with it records further operations."""
 
     __array_ufunc__ = None  # NumPy's numbers leave sums and products with a traced value to the methods below
-    __slots__ = ("operands", "operation", "trace", "varies")
+    __slots__ = ("operands", "operation", "trace")
 
-    def __init__(self, trace: Trace, operation: str, operands: tuple[Operand, ...], varies: bool) -> None:
+    def __init__(self, trace: Trace, operation: str, operands: tuple[Operand, ...]) -> None:
         self.trace = trace
         self.operation = operation  # "input", "+", "-", "*", "/", "negative", "<", or the name of a function
         self.operands = operands  # values and numbers
-        self.varies = varies  # from sample to sample
 
     def __add__(self, other: Operand) -> Operand:
         if isinstance(other, TracedValue):
@@ -112,9 +111,9 @@ class Trace:
         self._recorded: dict[tuple[Any, ...], TracedValue] = {}
         self.solved: dict[int, Any] = {}  # a `derivatives.Solution` by the id of each of its unknowns
 
-    def input(self, varies: bool = True) -> TracedValue:
+    def input(self) -> TracedValue:
         """Return a new value for an input."""
-        return TracedValue(self, "input", (), varies)
+        return TracedValue(self, "input", ())
 
     def record(self, operation: str, *operands: Operand) -> TracedValue:
         """Return the value of an operation on traced values and numbers, the same for both orders of + and *."""
@@ -126,8 +125,7 @@ class Trace:
             if len(self._recorded) >= MAX_OPERATIONS:
                 expected = f"at most {MAX_OPERATIONS:,} operations, as fewer joints, outputs or derivatives take"
                 raise ArgumentError("program", expected, "more")
-            varies = any(isinstance(operand, TracedValue) and operand.varies for operand in operands)
-            value = self._recorded[key] = TracedValue(self, operation, operands, varies)
+            value = self._recorded[key] = TracedValue(self, operation, operands)
         return value
 
 

@@ -69,8 +69,7 @@ class Arithmetic:
         """Return the declarations of intrinsics, then one function for each step of arithmetic."""
         vectors = {"sqrt": self.vector, "fma": ", ".join(3 * [self.vector])}
         declared = [f"declare {self.vector} {self.intrinsic(name)}({taken})" for name, taken in vectors.items()]
-        steps = (*self.schedule.uniform_steps, *self.schedule.varying_steps)
-        return [*declared, *(_StepWriter(self, step).text() for step in steps if not step.angles)]
+        return [*declared, *(_StepWriter(self, step).text() for step in self.schedule.steps if not step.angles)]
 
     def intrinsic(self, name: str) -> str:
         """Return the symbol of an intrinsic function of LLVM for the vectors of this kernel."""
@@ -99,7 +98,7 @@ class _StepWriter:
                 self.arithmetic.store_slot(self.f, node.slot, name)
             for g in node.stores:
                 self.store_rows(g)
-        if self.step is schedule.varying_steps[-1]:
+        if self.step is schedule.steps[-1]:
             for g in schedule.stored_last:
                 self.store_rows(g)
         self.f.do("ret void")

@@ -2,7 +2,7 @@
 
 The loop loads inputs into the frame, calls the steps of the arithmetic (`arithmetic`), and stores results
 (`memory`). The last samples, which may not fill eight lanes, are computed in the same way: the remaining lanes
-repeat the first of them. What does not vary from sample to sample is computed once before the loop.
+repeat the first of them.
 
 A row of the kernel's table describes each group of components (a row of seven coordinates, say) by three integers:
 address, bytes between samples, and bytes between components. Results are stored as whole vectors where their samples
@@ -23,7 +23,7 @@ from typing import Final
 from hingepair.engine.llvm.arithmetic import Arithmetic
 from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder, default_float_environment, shared_name
 from hingepair.engine.llvm.memory import MAX_STREAMED, MEMORY_FUNCTIONS, PREFETCH_SAMPLES, memory_functions
-from hingepair.engine.llvm.schedule import Schedule, Step
+from hingepair.engine.llvm.schedule import Schedule
 from hingepair.engine.llvm.sines import SINE_FUNCTIONS, lanewise_function, sine_functions
 
 ROW_WORDS: Final = 3  # integers in a row of the kernel's table: address, bytes between samples and between components
@@ -100,7 +100,6 @@ class KernelBuilder:
         rows = self.begin_kernel(ROW_WORDS)
         readers = [InputReader(self, g, row) for g, row in enumerate(rows[: len(self.inputs)])]
         writers = [_OutputWriter(self, g, row) for g, row in enumerate(rows[len(self.inputs) :])]
-        self.call_steps(self.schedule.uniform_steps)
         # Complete blocks, whose rows go directly into all outputs if these take them, and the others.
         direct = functools.reduce(lambda x, y: f.put(f"and i1 {x}, {y}"), [one.takes_rows for one in writers], "true")
         whole = f.put(f"select i1 {direct}, i64 {f.put(f'and i64 %samples, -{LANES}')}, i64 0")
@@ -127,7 +126,7 @@ class KernelBuilder:
             for reader in readers:
                 reader.prefetch(i)
                 reader.read(reader.address(i), left)
-            self.call_steps(self.schedule.varying_steps)
+            self.call_steps()
             for writer in writers:
                 if not direct:
                     writer.write_samples()
@@ -152,9 +151,9 @@ class KernelBuilder:
             arithmetic.store_slot(f, slot, arithmetic.constant(f, one))
         return rows
 
-    def call_steps(self, steps: Sequence[Step]) -> None:
+    def call_steps(self) -> None:
         """Call the steps in order."""
-        for step in steps:
+        for step in self.schedule.steps:
             if step.angles:
                 slots, first = self.schedule.sine_slots(step)
                 angles = f"ptr {self.add_table(slots)}, i64 {len(slots)}"

@@ -71,7 +71,6 @@ class _ScanBuilder(KernelBuilder):
         f.do(f"%read = alloca [{len(inputs)} x i64], align 8")
         for g in range(len(inputs)):
             f.store_word(0, "%read", 8 * g)
-        self.call_steps(self.schedule.uniform_steps)
         readers = [InputReader(self, g, rows[g]) for g in range(len(inputs))]
         read = {g: one for g, one in enumerate(readers) if g not in self.passed}
         passed = {readers[g]: _Writer(self, f"state{g}", self.input_slots(g), rows[g]) for g in self.passed}
@@ -89,7 +88,7 @@ class _ScanBuilder(KernelBuilder):
                     with f.when(f.put(f"icmp ne i64 {address}, {f.load_word(last, 0)}")):
                         f.do(f"store i64 {address}, ptr {last}, align 8")
                         reader.read(address, left)
-                self.call_steps(self.schedule.varying_steps)
+                self.call_steps()
                 for one in written:
                     due = f.put(f"icmp ne i64 {one.start}, 0")
                     for k, count, stride in zip((s, j), COUNTS[1:], one.strides[1:], strict=True):

@@ -79,8 +79,7 @@ class Schedule:
         inputs, outputs: the groups.
         has_constants: whether there are constants.
         output_nodes: for each output, its components.
-        uniform_steps: steps that compute the values which do not vary from sample to sample.
-        varying_steps: steps that compute those which do.
+        steps: the steps, in order.
         stored_last: narrow outputs that are stored at the end of the last step.
         frame_size: number of slots.
         input_slots: for each input, the components that are read, and the first of their slots.
@@ -106,11 +105,12 @@ class Schedule:
         for node in itertools.chain(*self.output_nodes, *(node.operands for node in lines)):
             if isinstance(node, Node):
                 node.is_read = True
-        self.uniform_steps = _steps("once", (node for node in lines if not node.value.varies))
-        self.varying_steps = _steps("block", (node for node in lines if node.value.varies))
+        self.steps = _steps(lines)
         self.stored_last: list[int] = []
         self._schedule_stores()
-        self._assign_slots(nodes)
+        wide = [one for g, group in enumerate(outputs) if not group.narrow for one in self.output_nodes[g]]
+        self._assign_slots(nodes, wide)
+        self._share_slots(wide)
 
     # ---- stores
 
@@ -120,7 +120,7 @@ class Schedule:
         """
         position: dict[Node, int] = {}
         by_sines: set[Node] = set()
-        for step in self.varying_steps:
+        for step in self.steps:
             made = [*step.lines, *(line for angle in step.angles for line in angle.sines)]
             position |= {node: len(position) + k for k, node in enumerate(made)}
             if step.angles:
@@ -135,7 +135,7 @@ class Schedule:
         """Yield the values that a step reads or stores in outputs."""
         yield from step.angles
         outputs = [g for node in step.lines for g in node.stores]
-        if step is self.varying_steps[-1]:
+        if step is self.steps[-1]:
             outputs += self.stored_last
         for node in step.lines:
             yield from node.read_nodes
@@ -144,11 +144,8 @@ class Schedule:
 
     # ---- the frame
 
-    def _assign_slots(self, nodes: Mapping[TracedValue, Node]) -> None:
-        """Assign a slot to each value that passes from one function to another; a slot is used again when its value
-        is not needed any more.
-        """
-        steps = [*self.uniform_steps, *self.varying_steps]
+    def _assign_slots(self, nodes: Mapping[TracedValue, Node], wide: Sequence[Operation]) -> None:
+        """Assign slots of their own to inputs, constants and sines; `wide` are the components of wide outputs."""
         self.frame_size = 0
         self.input_slots: list[tuple[list[int], int]] = []
         for group in self.inputs:
@@ -159,38 +156,32 @@ class Schedule:
                 if (node := parts[c]) is not None:
                     node.slot = k
             self.frame_size += len(used)
-        wide = [one for g, group in enumerate(self.outputs) if not group.narrow for one in self.output_nodes[g]]
         self.constant_slots: dict[Operation, int] = {}
-        for one in (*wide, *(angle for step in self.uniform_steps for angle in step.angles)):
+        for one in (*wide, *(angle for step in self.steps for angle in step.angles)):
             if one not in self.constant_slots and (not isinstance(one, Node) or one.number >= 0):
                 self.constant_slots[one] = self.frame_size
                 self.frame_size += 1
                 if isinstance(one, Node):
                     one.slot = self.constant_slots[one]
-        # Sines have places behind each other, for they are computed together; other values share places in time.
-        for s, step in enumerate(steps):
+        for angle in itertools.chain(*(step.angles for step in self.steps)):  # computed together: behind each other
+            for line in angle.sines:
+                line.slot = self.frame_size + SINES.index(line.value.operation)
+            self.frame_size += len(SINES)
+
+    def _share_slots(self, wide: Sequence[Operation]) -> None:
+        """Assign a slot to each other value that passes from one step to another, until its last use."""
+        for s, step in enumerate(self.steps):
             for node in step.lines:
                 node.made = s
-            for angle in step.angles:
-                for line in angle.sines:
-                    line.slot = self.frame_size + SINES.index(line.value.operation)
-                self.frame_size += len(SINES)
         last: dict[Node, int] = {}  # the last step that reads a value, other than that which makes it
-        for s, step in enumerate(steps):
+        for s, step in enumerate(self.steps):
             last |= {node: s for node in self._read_by(step) if node.made not in {-1, s}}
-        last |= {one: len(steps) for one in wide if isinstance(one, Node) and one.made >= 0}
-        self._share_slots(steps, last)
-
-    def _share_slots(self, steps: Sequence[Step], last: dict[Node, int]) -> None:
-        """Assign a slot to each value that another step reads than the one that makes it, until its `last` use."""
-        varying = len(self.uniform_steps)
+        last |= {one: len(self.steps) for one in wide if isinstance(one, Node) and one.made >= 0}
         ending: defaultdict[int, list[Node]] = defaultdict(list)
         for node, s in last.items():
-            # Uniform values that varying steps read keep their slots for all blocks.
-            if s < varying or node.made >= varying:
-                ending[s].append(node)
+            ending[s].append(node)
         free: list[int] = []
-        for s, step in enumerate(steps):
+        for s, step in enumerate(self.steps):
             for node in step.lines:
                 if node in last:
                     node.slot = free.pop() if free else self.frame_size
@@ -229,8 +220,8 @@ def _nodes(values: Sequence[TracedValue], fuse: bool) -> list[Node]:
     return [*nodes.values()]
 
 
-def _steps(prefix: str, lines: Iterable[Node]) -> list[Step]:
-    """Return the steps that compute these values, named by `prefix`; sines come as early as they can."""
+def _steps(lines: Iterable[Node]) -> list[Step]:
+    """Return the steps that compute these values; sines come as early as they can."""
     rest = [node for node in lines if node.value.operation != "input" and node.is_read]
     parts: list[tuple[list[Node], list[Node]]] = []
     while any(node.value.operation in SINES for node in rest):
@@ -255,9 +246,9 @@ def _steps(prefix: str, lines: Iterable[Node]) -> list[Step]:
         first.update(line for angle in angles for line in angle.sines)
         rest = [node for node in rest if node not in first]
     parts += _split(rest)
-    if prefix == "block":  # the last step stores outputs
-        parts = [*parts, ([], [])] if not parts or parts[-1][1] else parts
-    return [Step(f"{prefix}{k}", *part) for k, part in enumerate(parts)]
+    if not parts or parts[-1][1]:  # the last step stores outputs
+        parts.append(([], []))
+    return [Step(f"step{k}", *part) for k, part in enumerate(parts)]
 
 
 def _split(lines: Sequence[Node]) -> list[tuple[list[Node], list[Node]]]:
