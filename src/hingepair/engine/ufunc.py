@@ -165,8 +165,8 @@ def _loop_ir(layout: Layout, float_type: str, name: str) -> str:
     starts = {k: (f.load_word("%args", 8 * k), f.load_word("%steps", 8 * k)) for k in layout.rows}
     cores = {}  # the strides of an operand's core dimensions, which follow those of the loop
     for k in layout.rows:
-        first = len(ranks) + sum(ranks[:k])
-        cores[k] = [f.load_word("%steps", 8 * place) for place in range(first, first + ranks[k])]
+        at = len(ranks) + sum(ranks[:k])
+        cores[k] = [f.load_word("%steps", 8 * place) for place in range(at, at + ranks[k])]
     whole = "true"
     for k, row in layout.rows.items():
         axes = [(n, step) for n, step in zip(operands[k].sample_shape, cores[k], strict=True) if n > 1]
@@ -180,8 +180,10 @@ def _loop_ir(layout: Layout, float_type: str, name: str) -> str:
         """Copy an input, from a sample on, into its buffer; or the buffer of an output to its samples."""
         place = "0"
         with contextlib.ExitStack() as loops:
-            for n, step in zip((samples, *operands[k].sample_shape), (starts[k][1], *cores[k]), strict=True):
-                i = loops.enter_context(f.loop(str(n)))
+            for n, step in zip(
+                (samples, *map(str, operands[k].sample_shape)), (starts[k][1], *cores[k]), strict=True
+            ):
+                i = loops.enter_context(f.loop(n))
                 place = f.put(f"add i64 {f.multiply(place, n)}, {i}")
                 start = f.put(f"add i64 {start}, {f.multiply(i, step)}")
             ends = f.put(f"inttoptr i64 {start} to ptr"), f.pointer_at(buffers[k], f.multiply(place, number_bytes))
