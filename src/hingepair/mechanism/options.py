@@ -54,6 +54,8 @@ WEIGHT: Final = ("gravity", *BASE)
 WRENCHES: Final = ("outputs", "wrenches", *WEIGHT)
 DYNAMICS: Final = ("joint_loads", *WRENCHES)
 FORWARD: Final = ("force1", "torque1", *DYNAMICS)  # forces move a free base
+BOUNDS: Final = ("frames", "outputs", "gravity", "base_motion")
+ROLLOUT: Final = ("gravity", "wrenches", "joint_loads", "base_motion", "out", "workers")
 LOOP: Final = ("gravity", "wrenches", "base_motion", "backend")  # of the wrenches in loops
 
 
@@ -127,7 +129,7 @@ def with_options(*names: str, **defaults: Any) -> Callable[[Method], Method]:
                 one, inspect.Parameter.KEYWORD_ONLY, default=value, annotation=types[one].__forward_arg__
             )
             for one, value in shown.items()
-            if one in names or one in defaults
+            if one in {*names, *defaults} - signature.parameters.keys()
         ]
         method.__signature__ = signature.replace(parameters=[*own, *options])  # type: ignore[attr-defined]
         return method

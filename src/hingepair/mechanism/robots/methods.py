@@ -4,47 +4,38 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final, Literal, NamedTuple, Unpack, overload
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import execution_of
-from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
-from hingepair.mechanism.bodies.body import warn_of_dynamics
-from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.linkages import LoopWrench, follow_path, loop_wrenches, transmission
 from hingepair.mechanism.options import (
-    BASE,
+    BOUNDS,
     DEFAULT_GRAVITY,
-    DYNAMICS,
-    FORWARD,
-    LOOP,
-    RUN,
+    ROLLOUT,
     SEARCH_DEFAULTS,
-    WEIGHT,
-    WRENCHES,
     FurtherOptions,
+    Method,
     Options,
     SearchOptions,
-    Wrenches,
     with_options,
 )
 from hingepair.mechanism.requests import (
     ALL_COORDINATES,
     MOTION_LEVELS,
+    ROBOT_TASKS,
+    ROWS,
     ask,
     coordinate_rows,
-    read_gravity,
 )
-from hingepair.mechanism.robots.computations import read_wrenches
 from hingepair.mechanism.robots.conventions import StateConventions
 from hingepair.mechanism.robots.inverse_kinematics import PreparedInverseKinematics, read_query, read_solutions
 from hingepair.mechanism.robots.requests import RobotRequests
-from hingepair.mechanism.robots.rollout import PreparedRollout, Rollout, rolled_out
+from hingepair.mechanism.robots.rollout import PreparedRollout, Rollout, roll_out
 from hingepair.mechanism.states import (
     Energy,
     JointWrenches,
@@ -69,6 +60,11 @@ class StrutState(NamedTuple):
     length: FloatArray  # between its points [m]
     rate: FloatArray  # of its length [m/s]
     force: FloatArray  # [N]; positive pushes the points apart
+
+
+def answers(task: str) -> Callable[[Method], Method]:
+    """Show the options of a task in the signature of the method that answers it."""
+    return with_options(*ROBOT_TASKS[task].options)
 
 
 _JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # tasks by the argument `axes`
@@ -96,7 +92,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
 
     # ---- kinematics
 
-    @with_options("frames", "outputs", *BASE)
+    @answers("pose")
     def forward_kinematics(
         self,
         q: Coordinates,
@@ -125,7 +121,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         given = coordinate_rows(q, qd, qdd)
         return ask(self._robot, MOTION_LEVELS[len(given) - 1], given, options)
 
-    @with_options(*BASE)
+    @answers("jacobian")
     def jacobian(
         self,
         q: Coordinates,
@@ -155,7 +151,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         check_choice("axes", axes, tuple(_JACOBIANS))
         return ask(self._robot, _JACOBIANS[axes], (q,), {"frames": frames, **options})
 
-    @with_options(*BASE)
+    @answers("jacobian_rate")
     def jacobian_rate(
         self,
         q: Coordinates,
@@ -179,7 +175,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         check_choice("axes", axes, tuple(_JACOBIANS))
         return ask(self._robot, f"{_JACOBIANS[axes]}_rate", (q, qd), {"frames": frames, **options})
 
-    @with_options(*BASE)
+    @answers("acceleration_bias")
     def acceleration_bias(
         self,
         q: Coordinates,
@@ -304,16 +300,13 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             raise ArgumentError("max_change", "a positive number", max_change)
         return query.follow(max_change)
 
+    @with_options(*BOUNDS)
     def error_bounds(
         self,
         q: Coordinates,
         qd: Coordinates | None = None,
         qdd: Coordinates | None = None,
-        *,
-        frames: str | Iterable[str] | None = None,
-        outputs: Iterable[str] | None = None,
-        base_motion: BodyMotion | None = None,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
+        **options: Unpack[FurtherOptions],
     ) -> dict[str, Float64Array]:
         """Compute rigorous bounds on the rounding errors of results at every sample.
 
@@ -338,12 +331,11 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> bool(robot.error_bounds([0.1] * 6, frames="tool0")["R"].max() < 1e-14)
         True
         """
-        coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
-        return self._robot.error_bounds(coordinates, frames, outputs, base_motion, gravity)
+        return self._robot.error_bounds(dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False)), options)
 
     # ---- dynamics
 
-    @with_options(*DYNAMICS)
+    @answers("inverse_dynamics")
     def inverse_dynamics(
         self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> MechanismForces:
@@ -367,7 +359,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "inverse_dynamics", (q, qd, qdd), options)
 
-    @with_options(*FORWARD)
+    @answers("forward_dynamics")
     def forward_dynamics(
         self, q: Coordinates, qd: Coordinates, tau: Coordinates, **options: Unpack[FurtherOptions]
     ) -> MechanismAccelerations:
@@ -394,7 +386,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "forward_dynamics", (q, qd, tau), options)
 
-    @with_options(*WRENCHES)
+    @answers("joint_wrenches")
     def joint_wrenches(
         self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> JointWrenches:
@@ -417,7 +409,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "joint_wrenches", (q, qd, qdd), options)
 
-    @with_options(*WEIGHT)
+    @answers("torque_regressor")
     def torque_regressor(
         self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> FloatArray:
@@ -438,7 +430,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "torque_regressor", (q, qd, qdd), options)
 
-    @with_options(*DYNAMICS)
+    @answers("inverse_dynamics_derivatives")
     def inverse_dynamics_derivatives(
         self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> MechanismDerivatives:
@@ -469,7 +461,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "inverse_dynamics_derivatives", (q, qd, qdd), options)
 
-    @with_options(*FORWARD)
+    @answers("forward_dynamics_derivatives")
     def forward_dynamics_derivatives(
         self, q: Coordinates, qd: Coordinates, tau: Coordinates, **options: Unpack[FurtherOptions]
     ) -> MechanismDerivatives:
@@ -498,6 +490,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "forward_dynamics_derivatives", (q, qd, tau), options)
 
+    @with_options(*ROLLOUT)
     def rollout(
         self,
         q0: Coordinates,
@@ -509,12 +502,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         steps: int | None = None,
         every: int = 1,
         effort_limits: bool | ArrayLike = False,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        wrenches: Wrenches = None,
-        joint_loads: bool | None = None,
-        base_motion: BodyMotion | None = None,
-        out: Out = None,
-        workers: int = 1,
+        **options: Unpack[Options],
     ) -> Rollout:
         """Step motions of the robot in time: forward dynamics (T5, T6) and a step of constant length, one compiled
         program for many motions.
@@ -558,31 +546,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> robot.rollout(np.zeros(6), np.zeros(6), tau, 1e-3).q.shape
         (100, 51, 6)
         """
-        limit: Any = None if effort_limits is False else effort_limits
-        uneven = next((joint.name for joint in self._tree.coordinates if joint.effort_range), None)
-        if effort_limits is True and uneven is not None:
-            expected = f"numbers, since the bounds of {uneven!r} differ (`effort_bounds`)"
-            raise ArgumentError("effort_limits", expected, effort_limits)
-        if effort_limits is True:
-            limit = np.array([joint.effort_limit for joint in self._tree.coordinates])
-        loads, links = read_wrenches(wrenches, self._tree)
-        self._robot.warn_of_masses()
-        computation = self._robot.computation(("qdd",), (), links, self._robot.counts_loads(joint_loads))
-        result = rolled_out(
-            computation, q0, qd0, tau, dt, method=method, steps=steps, every=every, limit=limit,
-            gravity=read_gravity(gravity), loads=loads, base_motion=base_motion, out=out,
-            execution=execution_of("auto", workers),
-        )  # fmt: skip
-        if self._robot.constants.may_be_singular and np.isnan(result.q[..., -1, :]).any():
-            self.forward_dynamics(q0, qd0, np.zeros(computation.form.dof), joint_loads=False)  # which warns
-        if self._tree.closure is not None:
-            lost = np.isnan(result.q[..., -1, :]).any(axis=-1) & np.isfinite(result.q[..., 0, :]).all(axis=-1)
-            if lost.any():
-                count = f"{int(lost.sum())} of {lost.size} motions"
-                warn_of_dynamics(f"{self._tree.name}: {count} become NaN, as at a dead point or by too long steps")
-        return result
+        return roll_out(self._robot, q0, qd0, tau, dt, method, steps, every, effort_limits, options)
 
-    @with_options(*RUN)
+    @answers("q_all")
     def all_coordinates(
         self,
         q: Coordinates,
@@ -617,7 +583,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             raise ShapeError("q", f"shape (samples, {rows.shape[-1]}), a path", str(rows.shape))
         return follow_path(self._tree, rows, guess)
 
-    @with_options(*LOOP)
+    @answers("tree_tau")
     def loop_wrenches(
         self, q: Coordinates, qd: Coordinates, qdd: Coordinates, **options: Unpack[Options]
     ) -> dict[str, LoopWrench]:
@@ -650,7 +616,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
         return transmission(closure, ask(self._robot, "loop_jacobian", (q,), {"backend": backend}))
 
-    @with_options(*RUN)
+    @answers("struts")
     def struts(
         self, q: Coordinates, qd: Coordinates | None = None, **options: Unpack[Options]
     ) -> dict[str, StrutState]:
@@ -669,7 +635,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             states[strut.name] = StrutState(length, rate, force)
         return states
 
-    @with_options(*BASE)
+    @answers("mass_matrix")
     def mass_matrix(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the mass matrix M in M @ qdd + bias = tau (T4), shape (..., dof, dof); for a free base in M @ (a1,
         alpha1, qdd) + bias = (force1, torque1, tau), world axes, shape (..., 6 + dof, 6 + dof). `bias_forces` is the
@@ -685,7 +651,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "mass_matrix", (q,), options)
 
-    @with_options(*WEIGHT)
+    @answers("bias_forces")
     def bias_forces(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the generalized forces at zero acceleration, the bias in tau = M @ qdd + bias (T1-T3), shape (...,
         dof); for a free base (force1, torque1, tau), shape (..., 6 + dof).
@@ -702,7 +668,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "bias_forces", (q, qd), options)
 
-    @with_options(*WEIGHT)
+    @answers("gravity_forces")
     def gravity_forces(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3), shape (..., dof); for a
         free base (force1, torque1, tau), shape (..., 6 + dof).
@@ -716,7 +682,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "gravity_forces", (q,), options)
 
-    @with_options(*BASE)
+    @answers("centre_of_mass")
     def centre_of_mass(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the robot's centre of mass, world axes [m]; shape (..., 3). The base counts only if it is free. NaN
         if nothing has mass.
@@ -730,7 +696,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "centre_of_mass", (q,), options)
 
-    @with_options(*BASE)
+    @answers("centre_of_mass_jacobian")
     def centre_of_mass_jacobian(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the Jacobian J of the centre of mass, whose velocity is J @ qd if the base is at rest, shape (...,
         3, dof); for a free base J @ (v1, omega1, qd), world axes, shape (..., 3, 6 + dof).
@@ -744,7 +710,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "centre_of_mass_jacobian", (q,), options)
 
-    @with_options(*BASE)
+    @answers("centroidal_momentum_matrix")
     def centroidal_momentum_matrix(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
         """Compute the matrix A of the momentum about the centre of mass, (linear, angular) = A @ qd if the base is at
         rest, shape (..., 6, dof) (T12); for a free base A @ (v1, omega1, qd), world axes, shape (..., 6, 6 + dof).
@@ -760,7 +726,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "centroidal_momentum_matrix", (q,), options)
 
-    @with_options(*BASE)
+    @answers("centroidal_momentum_matrix_rate")
     def centroidal_momentum_matrix_rate(
         self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]
     ) -> FloatArray:
@@ -777,7 +743,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "centroidal_momentum_matrix_rate", (q, qd), options)
 
-    @with_options(*WEIGHT)
+    @answers("energy")
     def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> Energy:
         """Compute the kinetic energy and the potential energy in uniform gravity [J] (T7); the latter is 0 for a mass
         at the world's origin.
@@ -792,7 +758,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         return ask(self._robot, "energy", (q, qd), options)
 
-    @with_options(*BASE)
+    @answers("momentum")
     def momentum(
         self, q: Coordinates, qd: Coordinates, *, about: str = "origin", **options: Unpack[Options]
     ) -> Momentum:
@@ -816,19 +782,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             options["out"] = renamed_out(options["out"], {"angular": angular})
         return ask(self._robot, f"momentum_about_{about}", (q, qd), options)
 
-    def _prepared_rollout(
-        self, refused: dict[str, Any], shared: dict[str, Any], options: dict[str, Any]
-    ) -> PreparedRollout:
-        """Return a prepared rollout; refuse what it does not take."""
-        for name, value in refused.items():
-            if value is not None:
-                raise ArgumentError(name, "None, since a rollout records q and qd", quoted(value))
-        inspect.signature(self.rollout).bind("q0", "qd0", "tau", **options)  # a TypeError as of any call
-        rolled = functools.partial(self.rollout, **shared, **options)
-        return PreparedRollout(rolled, len(self._robot.constants.names), self.base == "free")
-
     @overload
-    def prepare(self, given: Literal["rollout"], **rollout: Any) -> PreparedRollout: ...
+    def prepare(self, given: Literal["rollout"], **options: Any) -> PreparedRollout: ...
 
     @overload
     def prepare(self, given: Literal["inverse_kinematics"], **options: Any) -> PreparedInverseKinematics: ...
@@ -847,7 +802,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         joint_loads: bool | None = None,
         workers: int = 1,
         backend: str = "auto",
-        **rollout: Any,
+        **options: Any,
     ) -> Any:
         """Return a function that computes given outputs, planned and compiled once, for loops over single states or
         small batches, and for arrays of JAX and PyTorch. Arguments not listed: see `Mechanism`.
@@ -868,7 +823,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             wrenches: names of links or other frames on which wrenches act in dynamics. Behind the other arguments,
                 the call then takes force_0 and torque_0 of the first, and so on, as `inverse_dynamics` does.
             backend: "auto" and "compiled" compile during this call, "numpy" never does.
-            **rollout: for "rollout", dt and the other options of the method `rollout`; for "inverse_kinematics"
+            **options: for "rollout", dt and the other options of the method `rollout`; for "inverse_kinematics"
                 options of that method, such as `prefer`, `limits` and `base`.
 
         Returns:
@@ -886,11 +841,16 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         (6,)
         """
         if given == "rollout":
-            shared: dict[str, Any] = {"gravity": gravity, "joint_loads": joint_loads, "workers": workers}
-            return self._prepared_rollout({"frames": frames, "outputs": outputs}, shared, rollout)
+            shared = {"frames": frames, "outputs": outputs, "gravity": gravity, "wrenches": wrenches or None}
+            shared |= {"joint_loads": joint_loads, "workers": workers}
+            options |= {name: value for name, value in shared.items() if value is not None}
+            inspect.signature(self.rollout).bind("q0", "qd0", "tau", **options)  # a TypeError as of any call
+            return PreparedRollout(
+                functools.partial(self.rollout, **options), len(self._robot.constants.names), self.base
+            )
         if given == "inverse_kinematics":
-            return PreparedInverseKinematics(self._tree, self._robot.constants, frames, outputs, rollout)
-        for name, value in rollout.items():
+            return PreparedInverseKinematics(self._tree, self._robot.constants, frames, outputs, options)
+        for name, value in options.items():
             known = ("outputs", "frames", "gravity", "wrenches", "joint_loads", "workers", "backend")
             raise ArgumentError(name, f"{choices(known)}{nearest(name, known)} for {given!r}", quoted(value))
         return self._robot.prepare(

@@ -15,9 +15,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.linkages import open_samples
-from hingepair.mechanism.options import (
-    DEFAULT_GRAVITY,
-)
+from hingepair.mechanism.options import BOUNDS, DEFAULT_GRAVITY, FurtherOptions, check_options
 from hingepair.mechanism.requests import (
     FREE_BASE_OUTPUTS,
     ROBOT_TASKS,
@@ -144,23 +142,19 @@ class RobotRequests(Subject):
         remade = {**options, "frames": named or None, "wrenches": links, "joint_loads": loaded}
         return Planned(computation, remade, self.watch(outputs), tuple(further))
 
-    def error_bounds(
-        self,
-        coordinates: Mapping[str, Any],
-        frames: str | Iterable[str] | None,
-        outputs: Iterable[str] | None,
-        base_motion: BodyMotion | None,
-        gravity: ArrayLike,
-    ) -> dict[str, Float64Array]:
+    def error_bounds(self, coordinates: Mapping[str, Any], options: FurtherOptions) -> dict[str, Float64Array]:
         """Return what `Mechanism.error_bounds` describes: by output (...), of frames' motion (..., frames)."""
+        check_options("error_bounds", options, BOUNDS)
         without = (*ROBOT_TASKS["joint_wrenches"].outputs, *SOLVED, *DERIVED)
         accepted = tuple(name for name in self.available(ALL_OUTPUTS) if name not in without)
-        asked = requested_outputs(outputs, None, accepted, ROBOT_TASKS[motion_level(coordinates)].outputs)
-        computation = self.computation(asked, self._frames_of(asked, frames))
+        asked = requested_outputs(
+            options.get("outputs"), None, accepted, ROBOT_TASKS[motion_level(coordinates)].outputs
+        )
+        computation = self.computation(asked, self._frames_of(asked, options.get("frames")))
         computation.check_given(coordinates)
         if computation.needs_masses:
             self.check_masses()
-        values = computation.read(coordinates, base_motion, {})
+        values = computation.read(coordinates, options.get("base_motion"), {})
         constants, request = computation.constants, computation.request
         constants.tree.plain()
         of_frames = (frame_numbers(constants, frame) for frame in computation.frames)
@@ -169,7 +163,7 @@ class RobotRequests(Subject):
         # Which constants fold is said by their errors here: one that is 0 may be 1e-17 in the exact robot.
         form = computation.form._replace(known=(None,) * len(computation.form.known))
         program = functools.partial(compute_request, form, request._replace(known=(None,) * len(request.known)))
-        vector = read_gravity(gravity)
+        vector = read_gravity(options.get("gravity", DEFAULT_GRAVITY))
         known = {**computation.known, "gravity": vector, "constants": Known(tuple(numbers), tuple(errors))}
         shown = 0 if request.single else len(request.shown_frames)
         parts = {name: shown if name in FRAME_OUTPUTS else 0 for name in request.outputs}

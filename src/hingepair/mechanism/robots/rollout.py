@@ -11,11 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.engine import jax_torch
-from hingepair.engine.backend import Execution
+from hingepair.engine.backend import execution_of
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.robots.computations import RESTING_BASE, Loads, RobotComputation, base_inputs
+from hingepair.mechanism.options import DEFAULT_GRAVITY, ROLLOUT, Options, check_options
+from hingepair.mechanism.requests import ask, read_gravity
+from hingepair.mechanism.robots.computations import RESTING_BASE, base_inputs, read_wrenches
+from hingepair.mechanism.robots.requests import RobotRequests
+from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
 from hingepair.plans.arguments import Coordinates, check_out
 from hingepair.plans.rollouts import BASE_STATE, METHODS, RolloutStep
@@ -136,7 +141,7 @@ class PreparedRollout:
     Args:
         rollout: `Mechanism.rollout` with its options.
         dof: number of coordinates.
-        free: whether the base is free.
+        base: kind of the base.
 
     Attributes:
         given: names of the arguments, in order.
@@ -145,9 +150,9 @@ class PreparedRollout:
 
     given: Final = ("q0", "qd0", "tau")
 
-    def __init__(self, rollout: functools.partial[Rollout], dof: int, free: bool) -> None:
+    def __init__(self, rollout: functools.partial[Rollout], dof: int, base: str) -> None:
         self._rollout, self._dof = rollout, dof
-        self.outputs = ("q", "qd", *(BASE_STATE if free else ()))
+        self.outputs = ("q", "qd", *(BASE_STATE if base == "free" else ()))
 
     def __repr__(self) -> str:
         return f"PreparedRollout({', '.join(f'{name}={value!r}' for name, value in self._rollout.keywords.items())})"
@@ -200,60 +205,76 @@ class PreparedRollout:
         return result
 
 
-def rolled_out(
-    computation: RobotComputation,
+def roll_out(
+    robot: RobotRequests,
     q0: Coordinates,
     qd0: Coordinates,
     tau: Any,
     dt: float,
-    *,
     method: str,
     steps: int | None,
     every: int,
-    limit: Any,
-    gravity: tuple[float, ...],
-    loads: Loads,
-    base_motion: Any,
-    out: Any,
-    execution: Execution,
+    effort_limits: Any,
+    options: Options,
 ) -> Rollout:
-    """Return what `Mechanism.rollout` describes, by the computation of qdd under the given loads."""
+    """Return what `Mechanism.rollout` describes."""
+    check_options("rollout", options, ROLLOUT)
+    tree, base_motion = robot.tree, options.get("base_motion")
+    loads, links = read_wrenches(options.get("wrenches"), tree)
+    robot.warn_of_masses()
+    computation = robot.computation(("qdd",), (), links, robot.counts_loads(options.get("joint_loads")))
+    form, request, dof = computation.form, computation.request, computation.form.dof
     check_choice("method", method, METHODS)
     if not isinstance(every, int | np.integer) or isinstance(every, bool) or every < 1:
         raise ArgumentError("every", "a whole number from 1", quoted(every))
-    if base_motion is not None and not isinstance(base_motion, BodyMotion):
-        raise ArgumentError("base_motion", "a BodyMotion", quoted(base_motion))
-    form, request, dof = computation.form, computation.request, computation.form.dof
     if not (dof or request.free):
         raise ArgumentError("robot", "joints that move, or a free base", f"{dof}")
-    tree = computation.constants.tree
     tree.refuse_functions()
     starts = {"q": tree.rows("q0", q0), "qd": tree.rows("qd0", qd0)}
+    gravity = read_gravity(options.get("gravity", DEFAULT_GRAVITY))
     known = {**RESTING_BASE, "constants": computation.known["constants"], "gravity": gravity}
     known["h"] = finite_number("dt", dt)
     if known["h"] <= 0:
         raise ArgumentError("dt", "a number above 0", quoted(dt))
-    control, tracks = control_tracks(tau, dof, limit)
+    control, tracks = control_tracks(tau, dof, _limits(tree, effort_limits))
     tracks |= {name: track(label, value, 3) for name, (value, label) in loads.items()}
+    base = base_inputs(base_motion, BASE_STATE if request.free else ("S1",))
     if request.free:
-        given = {**known, **base_inputs(base_motion, BASE_STATE)}
         for name, tail in BASE_STATE.items():
-            start = np.asarray(given[name], np.float64)
+            start = np.asarray({**known, **base}[name], np.float64)
             starts[name] = start.reshape(tail) if start.size == math.prod(tail) else start
-    elif base_motion is not None:
-        if any(getattr(base_motion, rate) is not None for rate in ("v", "omega", "a", "alpha")):
+    elif base:
+        if base.keys() - {"R1", "S1"}:
             expected = "R and S of a base that is at rest; hp.simulate moves a base"
             raise ArgumentError("base_motion", expected, quoted(base_motion))
-        S1 = base_inputs(base_motion, ("S1",))["S1"]
-        tracks["S1"] = Track("base_motion", np.asarray(S1, np.float64)[..., None, :, :], (3, 3), False)
+        tracks["S1"] = Track("base_motion", np.asarray(base["S1"], np.float64)[..., None, :, :], (3, 3), False)
     if request.varied:
         samples = computation.known["samples"]
         tracks["samples"] = Track(computation.owner, samples[..., None, :], samples.shape[-1:], False)
     known = {name: value for name, value in known.items() if name not in tracks and name not in starts}
-    step = RolloutStep(form, request._replace(outputs=()), method, control)
+    step, workers = RolloutStep(form, request._replace(outputs=()), method, control), options.get("workers", 1)
     count = count_steps(tracks, steps)
-    motions = Motions(step, known, starts, tracks, count, int(every), execution.workers)
+    motions = Motions(step, known, starts, tracks, count, int(every), execution_of("auto", workers).workers)
     t = np.arange(motions.records + 1) * (motions.every * known["h"])
     joints = tuple((joint.name, joint.unit) for joint in tree.coordinates)
-    arrays = motions.run(check_out(out, tuple(starts)))
-    return Rollout(arrays, (*motions.shape, motions.records + 1), motions, t, joints)
+    arrays = motions.run(check_out(options.get("out"), tuple(starts)))
+    result = Rollout(arrays, (*motions.shape, motions.records + 1), motions, t, joints)
+    lost = np.isnan(result.q[..., -1, :]).any(axis=-1)
+    if robot.constants.may_be_singular and lost.any():
+        ask(robot, "forward_dynamics", (q0, qd0, np.zeros(dof)), {"joint_loads": False})  # which warns
+    lost &= np.isfinite(result.q[..., 0, :]).all(axis=-1)
+    if tree.closure is not None and lost.any():
+        count_of = f"{int(lost.sum())} of {lost.size} motions"
+        warn_of_dynamics(f"{tree.name}: {count_of} become NaN, as at a dead point or by too long steps")
+    return result
+
+
+def _limits(tree: Tree, effort_limits: Any) -> Any:
+    """Return the argument `effort_limits` as numbers; None where efforts are not clipped."""
+    if not isinstance(effort_limits, bool):
+        return effort_limits
+    uneven = next((joint.name for joint in tree.coordinates if joint.effort_range), None)
+    if effort_limits and uneven is not None:
+        expected = f"numbers, since the bounds of {uneven!r} differ (`effort_bounds`)"
+        raise ArgumentError("effort_limits", expected, effort_limits)
+    return np.array([joint.effort_limit for joint in tree.coordinates]) if effort_limits else None
