@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from support.robots import U
+from support.near import U
 from support.trees import (
     Robot,
     base_motion,

@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.numeric.arrays import (
-    columns_by_name,
-)
-from support.sampled import RATES, SECOND, moving, scene_of
 from support.states import generator
 
 NAMES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
+RATES = ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid")
 PAIR = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 2, 3))
 FLAT = hp.PlanarPair(u1=(0.5, 0.1), u2=(-0.25, 0.1))
 EYE = np.eye(3)
@@ -54,25 +51,6 @@ def test_columns_of_a_table_go_by_their_names(rate, acceleration):
     flat = shuffled(("x", "y", "phi", "psi"), q[:, :4])
     found, expected = (FLAT.forward_kinematics(rows, backend="numpy").R2 for rows in (flat, q[:, :4]))
     assert np.array_equal(found, expected)
-
-
-def test_a_log_of_the_library_is_coordinates_and_rates_at_once(tmp_path):
-    """Its own columns, t and those of other derivatives among them, without a copy of any."""
-    import pandas
-
-    columns = moving(40)
-    scene = scene_of(tmp_path, columns)
-    log = pandas.read_csv(scene.evaluate(("q", "qd", "qdd")).save(tmp_path / "kept.csv"))
-    assert list(log.columns) == ["t", *NAMES, *RATES, *SECOND]
-    found = scene.pair.forward_kinematics(log, log, log)
-    for output, array in scene.evaluate().state.arrays().items():
-        np.testing.assert_allclose(found[output], array, rtol=0, atol=256 * 2.0**-53 * (1 + np.abs(array).max()))
-    for given in (log[[*RATES]], log[["t", *RATES]], log[[*reversed(RATES)]]):
-        velocity = scene.pair.forward_kinematics(log[[*NAMES, "t"]], given)
-        np.testing.assert_allclose(velocity.v2, found.v2, rtol=0, atol=256 * 2.0**-53 * np.abs(found.v2).max())
-    frame = pandas.DataFrame({name: column for name, column in columns.items() if name != "t"})
-    taken = columns_by_name("q", frame, [NAMES], {*RATES, *SECOND})
-    assert all(np.shares_memory(array, frame[name].to_numpy()) for name, array in taken.items())
 
 
 @pytest.mark.parametrize(

@@ -6,15 +6,57 @@ import csv
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 import hingepair as hp
-from support.sampled import BODY, EULER, RATES, SECOND, logged, moving, scene_of, some
+from hingepair.numeric.arrays import columns_by_name
+from support.scenes import logged as described
 from support.scenes import moved, toml
-from support.states import generator
+from support.states import coordinates, generator
 
 U = 2.0**-53
 MODELS = Path(__file__).parents[2] / "models"
+SCENE = described([0.5, 0.2, 0.1], [-0.25, 0.1, 0.3], [1, 2, 0], "{file}")
+EULER = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
+RATES = ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid")
+SECOND = ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd")
+BODY = ("t", "x", "y", "z", "qx", "qy", "qz", "qw", "psi")
+
+
+def moving(count=12):
+    """Columns of a random motion in Euler angles, with rates that belong to nothing in particular."""
+    parts = coordinates(generator(90, 0), count)
+    columns = {"t": np.cumsum(generator(91, 0).uniform(0.1, 1, count))}
+    for names, part in zip((EULER, RATES, SECOND), parts, strict=True):
+        columns |= dict(zip(names, part.T, strict=True))
+    return columns
+
+
+def some(columns, *names):
+    return {name: columns[name] for name in names}
+
+
+def scene_of(tmp_path, columns, more="", name="log.csv"):
+    path = tmp_path / name
+    if path.suffix == ".npz":
+        np.savez(path, **columns)
+    else:
+        frame = pd.DataFrame(columns)
+        (frame.to_parquet if path.suffix == ".parquet" else frame.to_csv)(path, index=False)
+    (tmp_path / "my.toml").write_text(SCENE.format(file=name) + more)
+    return hp.load_scene(tmp_path / "my.toml")
+
+
+def logged(count, h=0.02):
+    """The motion that models/logged_arm.toml states, and its derivatives from the same motion as a scene."""
+    t = np.arange(count) * h
+    angles = [0.5 * np.sin(t), 0.3 * np.sin(1.3 * t) - 0.4, 0.2 * np.cos(t)]
+    quat = Rotation.from_euler("ZYX", np.stack(angles, axis=-1)).as_quat()
+    place = (0.3 * np.sin(t), 0.2 * np.cos(0.7 * t), 1 + 0.1 * np.sin(1.3 * t))
+    names = (*BODY, "phi_x", "phi_y", "phi_z")
+    return dict(zip(names, (t, *place, *quat.T, 0.8 + 0.6 * np.sin(1.7 * t), *angles), strict=True))
 
 
 def same(result, state):
@@ -83,6 +125,23 @@ def test_a_number_that_is_lost_stays_lost_in_its_sample(tmp_path):
     scene = scene_of(tmp_path, body)
     assert np.flatnonzero(~np.isfinite(scene.evaluate().S2).all(axis=(-2, -1))).tolist() == [3]
     assert scene.cross_validate().skipped == 1
+
+
+def test_a_log_of_the_library_is_coordinates_and_rates_at_once(tmp_path):
+    """Its own columns, t and those of other derivatives among them, without a copy of any."""
+    columns = moving(40)
+    scene = scene_of(tmp_path, columns)
+    log = pd.read_csv(scene.evaluate(("q", "qd", "qdd")).save(tmp_path / "kept.csv"))
+    assert list(log.columns) == ["t", *EULER, *RATES, *SECOND]
+    found = scene.pair.forward_kinematics(log, log, log)
+    for output, array in scene.evaluate().state.arrays().items():
+        np.testing.assert_allclose(found[output], array, rtol=0, atol=256 * 2.0**-53 * (1 + np.abs(array).max()))
+    for given in (log[[*RATES]], log[["t", *RATES]], log[[*reversed(RATES)]]):
+        velocity = scene.pair.forward_kinematics(log[[*EULER, "t"]], given)
+        np.testing.assert_allclose(velocity.v2, found.v2, rtol=0, atol=256 * 2.0**-53 * np.abs(found.v2).max())
+    frame = pd.DataFrame({name: column for name, column in columns.items() if name != "t"})
+    taken = columns_by_name("q", frame, [EULER], {*RATES, *SECOND})
+    assert all(np.shares_memory(array, frame[name].to_numpy()) for name, array in taken.items())
 
 
 # ---------------------------------------------------------------- rates

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hingepair.bench.truth import skew
+from support.exact import matrices_of_quaternions
 
 LONG = np.longdouble
 
@@ -31,12 +32,8 @@ def attitude_of_rotvec(rotvec):
 
 
 def attitude_of_quaternion(quat_xyzw):
-    """The rotations of quaternions: w^2 - v.v + 2 v v^T + 2 w [v]x, of the unit one."""
-    quat = np.asarray(quat_xyzw, LONG)
-    quat = quat / np.sqrt((quat * quat).sum(axis=-1, keepdims=True))
-    v, w = quat[:, :3], quat[:, 3][:, None, None]
-    square = (v * v).sum(axis=-1)[:, None, None]
-    return (w * w - square) * np.eye(3, dtype=LONG) + 2 * v[:, :, None] * v[:, None, :] + 2 * w * skew(v)
+    """The rotations of quaternions."""
+    return matrices_of_quaternions(np.asarray(quat_xyzw, LONG))
 
 
 def nearest_rotation(matrix):

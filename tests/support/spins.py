@@ -5,13 +5,16 @@ The reference alone flatters whoever integrates Euler angles: they are linear in
 
 from __future__ import annotations
 
+import functools
+
 import mpmath
 import numpy as np
 
-from hingepair.bench.truth import DIGITS
-from support.exact import attitude_of_quaternion
+from hingepair.bench.truth import DIGITS, exactly, rotation
+from support.exact import attitude_of_quaternion, twice_the_odd_part
 
 U = 2.0**-53
+RATES = (3, 1, 5)  # of phi
 
 
 class Spin:
@@ -50,13 +53,9 @@ class Spin:
     def exact(self, t):
         """S at one instant, of DIGITS digits."""
         with mpmath.workdps(DIGITS):
-            t = mpmath.mpf(float(t))
-            sx, cx, sy, cy = mpmath.sin(3 * t), mpmath.cos(3 * t), mpmath.sin(t), mpmath.cos(t)
-            sz, cz = mpmath.sin(5 * t), mpmath.cos(5 * t)
-            X = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]], dtype=object)
-            Y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]], dtype=object)
-            Z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]], dtype=object)
-            return self.Q @ X @ Y @ Z
+            t = exactly([float(t)])
+            turns = (rotation(exactly(e), (k * t, 0 * t, 0 * t)).c0[0] for e, k in zip(np.eye(3), RATES, strict=True))
+            return functools.reduce(np.matmul, turns, self.Q)
 
     def attitudes(self, t):
         """S at some instants as doubles."""
@@ -70,9 +69,8 @@ class Spin:
 def angle(S, exact):
     """The angle between two attitudes that are near, to all digits: the antisymmetric part of S^T exact."""
     with mpmath.workdps(DIGITS):
-        turn = np.vectorize(mpmath.mpf, otypes=[object])(np.asarray(S, dtype=float)).T @ exact
-        sine = [(turn[k, j] - turn[j, k]) / 2 for j, k in ((1, 2), (2, 0), (0, 1))]
-        return float(mpmath.sqrt(sum(s * s for s in sine)))
+        sine = twice_the_odd_part((exactly(S).T @ exact)[None])[0] / 2
+        return float(mpmath.sqrt((sine * sine).sum()))
 
 
 REFERENCE = Spin()

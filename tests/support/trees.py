@@ -10,9 +10,7 @@ import pinocchio as pin
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
 from hingepair.mechanism.mechanism import tree_of
-from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.urdf.records import MimicRecord
-from hingepair.urdf.rigid import MassProperties
 
 
 class Robot(hp.Mechanism):
@@ -79,41 +77,8 @@ def inertia_of(N):
     return np.trace(N) * np.eye(3) - N
 
 
-def mass_properties(inertia):
-    tensor = np.array(inertia.inertia)
-    return MassProperties(float(inertia.mass), np.array(inertia.lever), (tensor + tensor.T) / 2)
-
-
 def record_of(model):
-    """The record of a model whose joints are hinges and sliders with one coordinate."""
-    joints = []
-    for k in range(1, model.njoints):
-        data = model.joints[k].createData()
-        model.joints[k].calc(data, np.zeros(1), np.zeros(1))
-        linear, angular = np.split(np.ravel(data.S), 2)
-        kind, axis = ("slider", linear) if linear.any() else ("hinge", angular)
-        place = model.jointPlacements[k]
-        joints.append(
-            Joint(
-                model.names[k],
-                kind,
-                int(model.parents[k]),
-                np.array(place.translation),
-                np.array(place.rotation),
-                axis,
-                mass_properties(model.inertias[k]),
-            )
-        )
-    links = {
-        frame.name: Frame(
-            int(frame.parentJoint), np.array(frame.placement.translation), np.array(frame.placement.rotation)
-        )
-        for frame in model.frames
-        if frame.type == pin.FrameType.BODY
-    }
-    ends = {*range(1, model.njoints)} - {joint.parent for joint in joints}
-    tips = tuple(name for name, frame in links.items() if frame.body in ends)
-    return Tree(model.name, tuple(joints), mass_properties(model.inertias[0]), links, {}, tips)
+    return tree_of(hp.Mechanism.from_pinocchio(model))
 
 
 def with_mimics(tree, rules):
@@ -126,14 +91,8 @@ def on_free_base(model):
     """The same robot behind a free-flyer."""
     free = pin.Model()
     root = free.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
-    free.appendBodyToJoint(root, model.inertias[0], pin.SE3.Identity())
-    for k in range(1, model.njoints):
-        number = free.addJoint(int(model.parents[k]) + 1, model.joints[k], model.jointPlacements[k], model.names[k])
-        free.appendBodyToJoint(number, model.inertias[k], pin.SE3.Identity())
-    for frame in model.frames:
-        if frame.type == pin.FrameType.BODY:
-            free.addFrame(pin.Frame(frame.name, int(frame.parentJoint) + 1, 0, frame.placement, frame.type))
-    return free
+    base = free.addFrame(pin.Frame("base", root, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return pin.appendModel(free, model, base, pin.SE3.Identity())
 
 
 def base_motion(rng, shape=()):

@@ -168,11 +168,14 @@ def _read_frames(
     frames = [*model.frames]
     for frame in frames[1:]:
         if is_link := frame.type.name == "BODY":
-            above = frames[frame.parentFrame]
-            while above.parentFrame > 0 and above.type.name != "BODY":
-                above = frames[above.parentFrame]
-            if above.type.name == "BODY":
-                carrying.add(above.name)
+            above = frame.parentFrame
+            while frames[above].type.name != "BODY" and frames[above].parentFrame != above:
+                above = frames[above].parentFrame
+            if frames[above].type.name == "BODY":
+                carrying.add(frames[above].name)
+            elif above:  # a joint that pin.buildReducedModel held, its own parent: the body's first link carries this
+                own = [one.name for one in frames if (one.type, one.parentJoint) == (frame.type, frame.parentJoint)]
+                carrying |= {own[0]} - {frame.name}
         else:
             first = others.setdefault(frame.name, frame)
             if first.parentJoint != frame.parentJoint or not first.placement.isApprox(frame.placement):
