@@ -15,6 +15,7 @@ import sympy
 
 import hingepair as hp
 from hingepair.mechanism.mechanism import tree_of
+from hingepair.symbolic import writing
 from support.exported import ARM
 from support.sparse import sparse
 
@@ -121,6 +122,19 @@ def test_latex_parses(which, short):
     for row in rows:
         left, right = row.split("&", maxsplit=1)
         MathTextParser("agg").parse(f"${left} x {right}$")
+
+
+def test_angles_in_degrees_stay_fractions_of_pi(tmp_path):
+    text = re.sub(r"(?m)^psi = .*$", 'psi = "deg(85)*sin(t)"', REFERENCE.read_text())
+    (tmp_path / "scene.toml").write_text(text)
+    assert r"\frac{17 \pi" in hp.derive(hp.load_scene(tmp_path / "scene.toml")).to_latex(["omega2"])
+
+
+@pytest.mark.parametrize(
+    ("name", "latex"), [("phi_x", r"\phi_{x}"), ("u1_x", "u_{1,x}"), ("Jomega_x4", r"J^{\omega}_{x4}")]
+)
+def test_names_become_letters_with_indices(name, latex):
+    assert writing._latex_name(name) == latex
 
 
 def test_python_is_numpy_only_and_vectorised():

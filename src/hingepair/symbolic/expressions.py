@@ -66,33 +66,18 @@ _HINTS: Final = MappingProxyType({  # names that are known from elsewhere, as th
 })  # fmt: skip
 
 _FORBIDDEN = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)  # a character that no expression has
-_SIGN_HINTS: Final = {  # ends of messages: what is written in place of a character
-    "^": "; a power is written **",
-    "%": "; a remainder is written mod(x, period)",
-    "°": "; degrees are written deg(x)",
-}
 _INSTEAD: Final[Mapping[type[ast.expr], str]] = {  # what is expected in place of nodes that are not allowed
     **dict.fromkeys((ast.Compare, ast.BoolOp, ast.UnaryOp), "a condition only in where(condition, x, y)"),
     ast.IfExp: "where(condition, x, y) for a choice",
     ast.Tuple: "one number or expression (decimals follow a point)",
 }
-_UNITS: Final = {  # in what numbers are, and what is written in place of a unit
-    "m": ("lengths are in metres", ""),
-    "mm": ("lengths are in metres", "*1e-3"),
-    "cm": ("lengths are in metres", "*1e-2"),
-    "km": ("lengths are in metres", "*1e3"),
-    "kg": ("masses are in kilograms", ""),
-    "s": ("times are in seconds", ""),
-    "N": ("forces are in newtons", ""),
-    "rad": ("angles are in radians", ""),
-}
+_SPELLING: Final = (
+    "; products are written 2*t, powers t**2, remainders mod(t, 2), angles in degrees deg(30), 5 millimetres 5e-3, "
+    "a choice where(t < 1, x, y)"
+)
+"""End of messages on texts that are no expression."""
 _FINITE = "a finite real number"  # what messages expect of a constant
 _MAX_SHOWN = 40  # characters of the text in a message
-_WORD = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"  # a name, other than an operator
-_NUMBER = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"  # no part of a name or of another number
-# Two operands without an operator between them: 2t, 2 sin(t), (1 + t)(2 - t), pi t.
-_MISSING_OPERATOR = re.compile(rf"({_NUMBER}|\)|\b{_WORD}(?=\s+\w))\s*({_WORD}|\(|(?<=\s)\d)")
-
 _U = 2.0**-53  # half the distance of 1 to the next float
 
 Number: TypeAlias = "Fraction | float"
@@ -218,8 +203,7 @@ class _Builder:
             self._fail(f"at most {MAX_CHARACTERS} characters", f"{len(self.line)}")
         if forbidden := _FORBIDDEN.search(self.line):
             column = forbidden.start() + 1
-            hint = _SIGN_HINTS.get(forbidden[0], "")
-            self._fail(f"an expression in t{hint}", f"character {forbidden[0]!r} at column {column}", column)
+            self._fail(f"an expression in t{_SPELLING}", f"character {forbidden[0]!r} at column {column}", column)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -229,7 +213,7 @@ class _Builder:
                 self._fail("an expression in t", "''")
             column = self.column + (error.offset or len(self.text) + 1) - 1  # without offset the error is at the end
             problem = error.msg if error.offset else "an end where something is missing"
-            self._fail(f"an expression in t{self._syntax_hint()}", f"{problem} at column {column}", column)
+            self._fail(f"an expression in t{_SPELLING}", f"{problem} at column {column}", column)
         except (ValueError, MemoryError, RecursionError):
             self._fail("an expression of fewer parts", self.text)
 
@@ -295,7 +279,7 @@ class _Builder:
     def _call(self, node: ast.Call, depth: int) -> Expression:
         """Return the value of a function; refuse what is none, and another number of arguments than in CALLS."""
         if not isinstance(node.func, ast.Name):
-            self._refuse(node, f"the name of a function before the parenthesis{self._syntax_hint()}")
+            self._refuse(node, f"the name of a function before the parenthesis{_SPELLING}")
         name = node.func.id
         if name not in CALLS:
             if name in self.names:
@@ -375,25 +359,6 @@ class _Builder:
 
     def _source_of(self, node: ast.expr) -> str:
         return self.text[node.col_offset : node.end_col_offset]
-
-    def _syntax_hint(self) -> str:
-        """Return a hint, such as on a missing *, as a text that begins with "; ", or an empty text."""
-        match = _MISSING_OPERATOR.search(self.text)
-        if match and match[1] in CALLS:
-            call = CALLS[match[1]].replace("(x)", f"({match[2]})")
-            return f"; a function is called as {call}"
-        if match and match[1][0].isdigit() and match[2] in _UNITS and match[2] not in self.names:
-            said, scale = _UNITS[match[2]]
-            return f"; {said}: {match[1][:_MAX_SHOWN]}{scale}"
-        if match and match[2].startswith("deg"):
-            return f"; degrees are written deg({match[1][:_MAX_SHOWN]})"
-        if match:
-            left, right = (operand[:_MAX_SHOWN] for operand in match.groups()[:2])
-            return f"; a product is written {left}*{right}"
-        if re.search(r"\bif\b", self.text):
-            return "; a choice is written where(condition, x, y)"
-        assigns = re.search("(?<![<>=])=(?!=)", self.text)
-        return "; an expression has no assignment: its name stands before the quotes" if assigns else ""
 
     def _refuse(self, node: ast.expr, expected: str) -> NoReturn:
         """Raise an ArgumentError on a syntax node, in whose place `expected` was expected."""

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import sympy
 from sympy.core.function import AppliedUndef
-from sympy.printing.c import C99CodePrinter
+from sympy.printing.c import C99CodePrinter, reserved_words, reserved_words_c99
 from sympy.printing.latex import LatexPrinter
 from sympy.printing.numpy import NumPyPrinter
 from sympy.printing.str import StrPrinter
@@ -30,7 +30,7 @@ Exprs: TypeAlias = tuple[Expr, ...]
 MAX_SYMBOLS: Final = 20_000
 """Largest number of symbols in a component, with repetition; a longer one is of no use."""
 
-_MAX_DENOMINATOR = 12  # 5/12 reads better than 0.41666...; other fractions are written as decimals
+_MAX_DENOMINATOR = 12  # 5/12 reads better than 0.41666...; other fractions are written as decimals, but of pi
 _MAX_CHARACTERS = 8  # of an exact constant, or of a repeated term that is not abbreviated
 _INDENT = " " * 6  # of continued lines of text
 
@@ -38,9 +38,9 @@ RESERVED: Final = frozenset(
     {
         *("t", "numpy", "float", "parts", "part", "shape", "out", "double", "const", "void", "NAN", "__debug__"),
         *keyword.kwlist,
-        *("auto", "case", "char", "default", "do", "enum", "extern", "goto", "inline", "int", "long", "register"),
-        *("restrict", "short", "signed", "sizeof", "static", "struct", "switch", "typedef", "union", "unsigned"),
-        *("volatile", "main"),
+        *reserved_words,
+        *reserved_words_c99,
+        "main",
     }
 )
 """Names that generated functions use, and words of Python and C."""
@@ -175,11 +175,28 @@ class ClosedForms:
         Raises:
             ArgumentError: an unknown output, or one whose closed form is too long.
         """
-        return _write_text(self, self._checked(names), short, width)
+        lines = _lines(_fitting_sheet(self, self._checked(names), short, width))
+        return "".join(
+            textwrap.fill(line, width, subsequent_indent=_INDENT, break_long_words=False, break_on_hyphens=False)
+            + "\n"
+            for line in (*self.notes, *lines)
+        )
 
     def to_latex(self, names: Iterable[str] | None = None, *, short: bool | None = None) -> str:
         r"""Return the equations as a LaTeX align* environment (amsmath); the arguments are those of `to_text`."""
-        return _write_latex(self, self._checked(names), short)
+        sheet = _fitting_sheet(self, self._checked(names), short, 100)
+        exprs = [expr for _, expr in (*sheet.definitions, *sheet.rows)]
+        rates = {name: _rate_name(*of) for name, of in self.rates.items()}
+        symbols = set().union(*(expr.free_symbols for expr in exprs), *(s.free_symbols for s, _ in sheet.definitions))
+        spelled = {symbol: rates.get(symbol.name) or _latex_name(symbol.name) for symbol in symbols}
+        write = LatexPrinter({"symbol_names": spelled, "full_prec": False}).doprint
+        lines = [f"{spelled[symbol]} &= {write(meaning)}" for symbol, meaning in sheet.definitions]
+        for labels, expr in sheet.rows:
+            lines += _latex_lines(" = ".join(map(_latex_name, labels)), [write(term) for term in _terms(expr)])
+        notes = "".join(f"% {one_line(note)}\n" for note in self.notes)
+        return (
+            f"{notes}\\begin{{align*}}  % \\usepackage{{amsmath}}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
+        )
 
     def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
         """Return the source of a Python module that needs only NumPy, with one vectorised function for each output.
@@ -194,7 +211,14 @@ class ClosedForms:
         Raises:
             ArgumentError: an unknown output, or one whose closed form is too long.
         """
-        return _write_python(self, self._checked(names), title)
+        first, *notes = _heading(self, title)
+        heading = "\n".join((first, "", *notes)) + "\n" if notes else first
+        return "\n\n".join(
+            [
+                f'"""{heading}"""\n\nimport numpy\n',
+                *(_python_function(_function(self, n)) for n in self._checked(names)),
+            ]
+        )
 
     def to_c(self, names: Iterable[str] | None = None, title: str = "") -> str:
         """Return C source (C99) with a function `void NAME(arguments, double out[])` for each output. It takes one
@@ -207,7 +231,9 @@ class ClosedForms:
         Raises:
             ArgumentError: an unknown output, or one whose closed form is too long.
         """
-        return _write_c(self, self._checked(names), title)
+        comment = "\n * ".join(line.replace("*/", "* /") for line in _heading(self, title))
+        functions = [_c_function(_function(self, name)) for name in self._checked(names)]
+        return "\n".join([f"/* {comment} */\n\n#include <math.h>\n", *functions])
 
     def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
         """Return the components as text that `sympy.sympify` reads, by their labels, such as omega1_x or S2_xy.
@@ -268,9 +294,9 @@ def _with_decimals(expr: Expr) -> Expr:
     if not isinstance(expr, sympy.Expr):  # a branch of a choice, or a condition
         return expr.func(*map(_with_decimals, expr.args)) if expr.args else expr
     if not expr.free_symbols:
-        simple = len(str(expr)) <= _MAX_CHARACTERS and all(
-            x.q <= _MAX_DENOMINATOR for x in expr.atoms(sympy.Rational)
-        )
+        part_of_pi = (expr / sympy.pi).is_Rational and len(str(expr)) <= 2 * _MAX_CHARACTERS
+        fractions = all(x.q <= _MAX_DENOMINATOR for x in expr.atoms(sympy.Rational))
+        simple = part_of_pi or (fractions and len(str(expr)) <= _MAX_CHARACTERS)
         return expr if simple else sympy.Float(constant_value(expr), 15)
     if not expr.args:
         return expr
@@ -355,25 +381,13 @@ def _text(expr: Expr) -> str:
     return str(sympy.sstr(expr, full_prec=False))
 
 
-def _write_text(forms: ClosedForms, names: Sequence[str], short: bool | None, width: int) -> str:
-    lines = _lines(_fitting_sheet(forms, names, short, width))
-    return "".join(
-        textwrap.fill(line, width, subsequent_indent=_INDENT, break_long_words=False, break_on_hyphens=False) + "\n"
-        for line in (*forms.notes, *lines)
-    )
-
-
 def _lines(sheet: _Sheet) -> list[str]:
     lines = [f"{symbol} = {_text(meaning)}" for symbol, meaning in sheet.definitions]
     return lines + [f"{' = '.join(labels)} = {_text(expr)}" for labels, expr in sheet.rows]
 
 
 def _latex_name(name: str) -> str:
-    r"""Return the LaTeX of a symbol's name, as SymPy reads it: `u1_x` becomes u_{1,x}.
-
-    >>> _latex_name("phi_x"), _latex_name("u1_x"), _latex_name("Jomega_x4")
-    ('\\phi_{x}', 'u_{1,x}', 'J^{\\omega}_{x4}')
-    """
+    r"""Return the LaTeX of a symbol's name, as SymPy reads it: `u1_x` becomes u_{1,x}."""
     name = name.replace("Jv_", "J__v_").replace("Jomega_", "J__omega_")
     return str(sympy.latex(real_symbol(name))).replace(" ", ",")
 
@@ -382,20 +396,6 @@ def _rate_name(name: str, order: int) -> str:
     r"""Return the LaTeX of a derivative by its variable: \dot{\phi}_{x} of phi_x."""
     letter, underscore, index = _latex_name(name).partition("_")
     return f"\\{'d' * order}ot{{{letter}}}{underscore}{index}"
-
-
-def _write_latex(forms: ClosedForms, names: Sequence[str], short: bool | None) -> str:
-    sheet = _fitting_sheet(forms, names, short, 100)
-    exprs = [expr for _, expr in (*sheet.definitions, *sheet.rows)]
-    rates = {name: _rate_name(*of) for name, of in forms.rates.items()}
-    symbols = set().union(*(expr.free_symbols for expr in exprs), *(s.free_symbols for s, _ in sheet.definitions))
-    spelled = {symbol: rates.get(symbol.name) or _latex_name(symbol.name) for symbol in symbols}
-    write = LatexPrinter({"symbol_names": spelled, "full_prec": False}).doprint
-    lines = [f"{spelled[symbol]} &= {write(meaning)}" for symbol, meaning in sheet.definitions]
-    for labels, expr in sheet.rows:
-        lines += _latex_lines(" = ".join(map(_latex_name, labels)), [write(term) for term in _terms(expr)])
-    notes = "".join(f"% {one_line(note)}\n" for note in forms.notes)
-    return f"{notes}\\begin{{align*}}  % \\usepackage{{amsmath}}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
 
 
 def _terms(expr: Expr) -> Sequence[Expr]:
@@ -494,14 +494,6 @@ def one_line(text: str) -> str:
     return "".join(sign for sign in " ".join(text.split()) if sign.isprintable() and sign not in '"\\')
 
 
-def _write_python(forms: ClosedForms, names: Sequence[str], title: str) -> str:
-    first, *notes = _heading(forms, title)
-    heading = "\n".join((first, "", *notes)) + "\n" if notes else first
-    return "\n\n".join(
-        [f'"""{heading}"""\n\nimport numpy\n', *(_python_function(_function(forms, n)) for n in names)]
-    )
-
-
 def _python_function(function: _Function) -> str:
     arguments, tail = function.arguments, function.shape
     width = max(len(function.results) // tail[0], 1) if tail else 1
@@ -527,12 +519,6 @@ def _python_function(function: _Function) -> str:
         f"return numpy.stack(parts, axis=-1).reshape(shape + {tail})",
     ]
     return f"def {function.name}({', '.join(arguments)}):\n" + "".join(f"    {line}\n" for line in lines)
-
-
-def _write_c(forms: ClosedForms, names: Sequence[str], title: str) -> str:
-    comment = "\n * ".join(line.replace("*/", "* /") for line in _heading(forms, title))
-    functions = [_c_function(_function(forms, name)) for name in names]
-    return "\n".join([f"/* {comment} */\n\n#include <math.h>\n", *functions])
 
 
 def _c_function(function: _Function) -> str:
