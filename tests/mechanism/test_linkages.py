@@ -36,24 +36,42 @@ def test_rocker_of_a_four_bar_is_that_of_the_law_of_cosines(backend: str) -> Non
     assert np.abs(qdd[:, 2] - (4 * change + 3 * rate)).max() < 2000 * U  # rates of 4 and transmission of 0.3
 
 
-def test_a_slider_crank_has_the_stroke_of_the_textbook() -> None:
+def slider_crank(coordinate: str) -> hp.Mechanism:
     joints = [
         bar("crank", (0, 0, 0), 0.3), bar("rod", (0.3, 0, 0), 0.9),
         hp.Slider((0, 0, 0), (0, 0, 0), (1, 0, 0), name="piston", body2=hp.Body(2, inertia=(1, 1, 1))),
     ]  # fmt: skip
     robot = hp.Mechanism(joints, parents=[0, 1, 0]).with_frame("pin", "rod", R=(0.9, 0, 0))
-    at = {"crank": 0.5, "rod": -0.7, "piston": 1.1}
-    engine = robot.closed(hp.Loop("pin", "piston"), coordinates="crank", at=at)
+    return robot.closed(
+        hp.Loop("pin", "piston"), coordinates=coordinate, at={"crank": 0.5, "rod": -0.7, "piston": 1.1}
+    )
+
+
+def test_a_slider_crank_has_the_stroke_of_the_textbook() -> None:
+    engine = slider_crank("crank")
     stroke = 0.3 * np.cos(TURN[:, 0]) + np.sqrt(0.81 - 0.09 * np.sin(TURN[:, 0]) ** 2)
     assert np.abs(engine.all_coordinates(TURN)[:, 2] - stroke).max() < 16 * U
 
     # Driven by the piston, it reaches from dead point to dead point, and no further.
-    pump = robot.closed(hp.Loop("pin", "piston"), coordinates="piston", at=at)
+    pump = slider_crank("piston")
     x = np.linspace(0.6, 1.2, 51)[1:-1, None]
     crank = np.arccos((x[:, 0] ** 2 + 0.09 - 0.81) / (0.6 * x[:, 0]))
     assert np.abs(pump.all_coordinates(x)[:, 0] - crank).max() < 128 * U  # near the dead points
     with pytest.warns(hp.DynamicsWarning, match=r"at 2 of 3 samples, first at piston = 0.59: pin-piston cannot be"):
         assert np.isnan(pump.all_coordinates([[0.59], [0.9], [1.21]])).any(axis=1).tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize(("method", "dt"), [("semi_implicit", 1e-2), ("semi_implicit", 1e-3), ("rk4", 1e-2)])
+def test_a_rollout_ends_at_a_dead_point(method: str, dt: float) -> None:
+    pump = slider_crank("piston")
+    ends = {(0, 0, 0): 0.6861, (0, -9.81, 0): 0.4366, (-30, 0, 0): 0.1783, (3, 5, 0): 0.3759}  # as hp.simulate finds
+    for gravity, end in ends.items():
+        with pytest.warns(hp.DynamicsWarning, match="dead point"):
+            motion = pump.rollout([[0.9]], [[0.5]], 0, dt, steps=int(1 / dt), method=method, gravity=gravity)
+        lost = np.isnan(motion.q[0]).argmax() * dt
+        assert end - 4 * dt < lost < end + 5 * dt
+    turns = FOUR_BAR.rollout([[0.3]], [[1.0]], 0, 0.1, steps=300, method=method, gravity=(0, 0, 0))
+    assert np.isfinite(turns.q).all()
 
 
 def test_a_parallelogram_passes_its_change_points() -> None:

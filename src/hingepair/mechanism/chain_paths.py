@@ -11,11 +11,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
-from hingepair.plans.closures import Turn
+from hingepair.plans.closures import Series
 
 _GRID: Final = 256  # points of a full turn, or of a range, to which a start is fitted
-_MAX_TERMS: Final = 60  # of a series; more would cost more than further Newton steps
-_FIT_ERROR: Final = 1e-9  # from here one Newton step leads to rounding; a second is taken near dead points
+_MAX_TERMS: Final = 60  # of a series
+_TERMS_OF_STEP: Final = 8  # as many terms take the time of a Newton step
+_NEAR: Final = 1e-2  # from starts with a larger error, Newton steps may lead to another assembly
 _EXACT: Final = 2e-15  # of the size of the mechanism; a series that leaves no larger gap needs no Newton step
 _MAX_REACH: Final = 20.0  # multiples of its size [m] by which a length or a slider is followed
 
@@ -115,36 +116,36 @@ class ChainPath:
                 return point, False
         return point, True
 
-    def _turn(self, places: Sequence[int]) -> Start | None:
-        """Return the start by trigonometric series; None if the chain does not come back after a turn."""
-        # Apart from a quarter or half of a turn, where change points are.
-        grid = self._home.s + 2 * np.pi * (np.arange(_GRID + 1) + 0.37) / _GRID
-        points, point = [], self._home
-        for s in grid:
+    def _along(self, way: Iterable[float]) -> list[Float64Array]:
+        """Return the dependent coordinates at values of s, one after the other, as far as the chain leads."""
+        point, found = self._home, list[Float64Array]()
+        for s in way:
             point, reached = self._advance(point, float(s))
             if not reached:
-                return None
-            points.append(point)
-        x = np.array([one.x for one in points])
+                break
+            found.append(point.x)
+        return found
+
+    def _turn(self, places: Sequence[int]) -> Start | None:
+        """Return the start by the angle s itself; None if the chain does not come back after a turn."""
+        # Apart from a quarter or half of a turn, where change points are.
+        grid = self._home.s + 2 * np.pi * (np.arange(_GRID + 1) + 0.37) / _GRID
+        x = np.array(self._along(grid))
+        if len(x) < len(grid):
+            return None
         windings = np.where(self._turns, np.round((x[-1] - x[0]) / (2 * np.pi)), 0.0)
         if np.abs(x[-1] - x[0] - 2 * np.pi * windings).max() > 1e-7 * max(1.0, self._size):
             return None
-        around = (x[:-1] - np.outer(grid[:-1], windings))[:, places]
-        modes = np.fft.rfft(around, axis=0) / _GRID * np.exp(-1j * np.outer(np.arange(_GRID // 2 + 1), grid[:1]))
-        left = np.cumsum(np.abs(modes)[::-1], axis=0)[::-1].max(axis=1)  # what is left out from each term on
-        terms = next((k for k in range(1, _MAX_TERMS + 1) if left[k] < _FIT_ERROR / 4), _MAX_TERMS + 1) - 1
-        series = []
-        for winding, mode in zip(windings[places], modes.T, strict=True):
-            a, b = (_without_dust(part[1 : terms + 1]) for part in (2 * mode.real, -2 * mode.imag))
-            series.append(Turn(float(winding), float(mode[0].real), a, b))
-        numbers = [number for winding, mean, a, b in series for number in (winding, mean, *a, *b)]
+        around = (x - np.outer(grid, windings))[:, places]
+        start, series = _fitted("turn", grid[:-1], around[:-1], windings[places], (0.0, 1.0))
         if len(places) == len(self._dependent) and self._closes(series, grid):
-            return Start("exact", terms, 0, numbers)
-        return Start("turn", terms, _steps(float(left[terms + 1])), numbers)
+            return start._replace(kind="exact", steps=0)
+        return start
 
-    def _closes(self, series: Sequence[Turn], grid: Float64Array) -> bool:
+    def _closes(self, series: Sequence[Series], grid: Float64Array) -> bool:
         """Return whether series close the loops up to rounding."""
-        values = np.array([turn.value(grid) + np.zeros_like(grid) for turn in series]).T
+        at = grid, np.sin(grid), np.cos(grid)
+        values = np.array([one.value(*at) + np.zeros_like(grid) for one in series]).T
         gaps = [self._linear(s, x)[0] for s, x in zip(grid.tolist(), values, strict=True)]
         return bool(np.abs(gaps).max() < _EXACT * self._size)
 
@@ -157,49 +158,50 @@ class ChainPath:
         return point.s
 
     def _range(self, places: Sequence[int]) -> Start:
-        """Return the start by polynomials between the ends of the chain's way."""
+        """Return the start by an angle whose cosine leads from end to end of the chain's way: near a dead point, the
+        dependent coordinates are smooth in its sine.
+        """
         low, high = self._end(-1.0), self._end(1.0)
         centre, half = (low + high) / 2, (high - low) / 2
         theta = np.pi * (np.arange(_GRID) + 0.5) / _GRID
         s = centre + half * np.cos(theta)
-        found: dict[int, Float64Array] = {}
-        home_index = int(np.searchsorted(-s, -self._home.s))
-        for order in (range(home_index, _GRID), range(home_index - 1, -1, -1)):
-            point = self._home
-            for k in order:
-                point, reached = self._advance(point, float(s[k]))
-                if not reached:
-                    break
-                found[k] = point.x
-        rows = sorted(found)
-        x = np.cos(theta[rows])
-        values = np.array([found[k] for k in rows])[:, places]
-        root = np.sqrt(np.maximum(1 - x * x, 1e-12))
-        best: tuple[float, int, Float64Array] | None = None
-        for terms in (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 30):
-            T = np.polynomial.chebyshev.chebvander(x, terms - 1)
-            basis = np.hstack((T, root[:, None] * T))
-            fitted = np.linalg.lstsq(basis[::2], values[::2], rcond=1e-13)[0]
-            error = float(np.abs(basis @ fitted - values).max())
-            if best is None or error < 0.5 * best[0]:
-                best = error, terms, fitted
-            if error < _FIT_ERROR:
-                break
-        error, terms, fitted = best  # type: ignore[misc]
-        numbers = [centre, 1 / half]
-        for column in fitted.T:
-            numbers += [*_without_dust(column[:terms]), *_without_dust(column[terms:])]
-        return Start("range", terms, _steps(error), [float(n) for n in numbers])
+        home = int(np.searchsorted(-s, -self._home.s))
+        back, ahead = self._along(s[home:]), self._along(s[:home][::-1])
+        x = np.array([*ahead[::-1], *back])[:, places]
+        reached = theta[home - len(ahead) : home + len(back)]
+        return _fitted("range", reached, x, np.zeros(len(places)), (centre, 1 / half))[0]
 
 
-def _without_dust(numbers: Iterable[float]) -> list[float]:
-    """Return coefficients with 0 in place of rounding, which programs fold."""
-    return [0.0 if abs(number) < 1e-12 else float(number) for number in numbers]
+def _fitted(
+    kind: str, angle: Float64Array, x: Float64Array, windings: Float64Array, scaling: tuple[float, float]
+) -> tuple[Start, list[Series]]:
+    """Return the start by trigonometric series of an angle, fitted to values x, (points, columns)."""
+    least, fewest = (math.inf, 0), _TERMS_OF_STEP * _steps(0.0)
+    for terms in range(_MAX_TERMS + 1):
+        angles = np.outer(angle, np.arange(1, terms + 1))
+        basis = np.hstack((np.ones((len(angle), 1)), np.cos(angles), np.sin(angles)))
+        # Along half a turn, sines and cosines are nearly dependent: small coefficients suit float32, too.
+        found = np.linalg.lstsq(basis[::2], x[::2], rcond=1e-8)[0]
+        error = float(np.abs(basis @ found - x).max())
+        steps = _steps(error)
+        effort = max(error, _NEAR), terms + _TERMS_OF_STEP * steps
+        if effort < least:
+            least, best = effort, (terms, steps, found)
+        if (_NEAR, terms + fewest) >= least:
+            break
+    count, steps, found = best
+    found[np.abs(found) < 1e-12] = 0.0  # rounding, which programs fold away
+    columns = zip(windings.tolist(), found.T.tolist(), strict=True)
+    series = [Series(winding, mean, rest[:count], rest[count:]) for winding, (mean, *rest) in columns]
+    numbers = [number for winding, mean, a, b in series for number in (winding, mean, *a, *b)]
+    return Start(kind, count, steps, [*scaling, *numbers]), series
 
 
 def _steps(error: float) -> int:
-    """Return the number of Newton steps from a start of this error, with one to spare."""
+    """Return the number of Newton steps from a start of this error: one leads from 1e-9 to rounding, and one is to
+    spare near dead points.
+    """
     steps = 2
     while error > 1e-9 and steps < 7:
-        error, steps = error * error, steps + 1
+        error, steps = 10 * error * error, steps + 1
     return steps

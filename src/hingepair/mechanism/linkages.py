@@ -180,7 +180,7 @@ class _Assembly:
         driving = [struts[name] for name in names or () if name in struts]
         self.loops = [*loops, *(Loop(*strut.ends, kind="distance", length=1.0, name=strut.name) for strut in driving)]
         self.frames = (*(self._frames_of(loop) for loop in loops), *(strut.frames for strut in driving))
-        self._ends = [(first.body, second.body) for first, second in self.frames]
+        self._ends = tuple((first.body, second.body) for first, second in self.frames)
         lengths: list[Any] = [np.linalg.norm(joint.u) for joint in tree.joints]
         lengths += [np.linalg.norm(frame.R) for pair in self.frames for frame in pair]
         lengths += [loop.length or 0.0 for loop in loops]
@@ -201,7 +201,7 @@ class _Assembly:
         places = {str(loop.name): self._asked + k for k, loop in enumerate(self.loops[self._asked :])}
         lengths = tuple(None if name in self._joints else places[name] for name in self.names)
         turning = tuple(column is not None and self.turns[column] for column in columns)
-        self.closure = Closure(columns, lengths, kinds, (), turning)
+        self.closure = Closure(columns, lengths, kinds, self._ends, (), turning)
         self._keys = [self.closure.key(k) for k in range(len(self.names))]
         self._chains = Chains(
             self.closure, self._numbers, self._links, self._ratios, self._columns, (0.0,) * len(self.names)
@@ -232,17 +232,12 @@ class _Assembly:
         parts = [self._path(place) for place in places]
         carrying = set.intersection(*(common for _, common in parts))
         joints = tuple(sorted(set().union(*(own | common for own, common in parts)) - carrying))
-        body_places = {number: k for k, number in enumerate(joints, 1)}
         columns = sorted({self._columns[number - 1] for number in joints})
         lengths = [key for key, place in zip(self._keys, self.closure.lengths, strict=True) if place in places]
         given = self._keys if known is None else known
         driving = [column for column in columns if column in given] + lengths
         return Chain(
-            joints,
-            tuple(body_places.get(self._links[number - 1].parent, 0) for number in joints),
-            tuple(places),
-            tuple((body_places.get(a, 0), body_places.get(b, 0)) for a, b in (self._ends[place] for place in places)),
-            tuple(column for column in columns if column not in given),
+            joints, tuple(places), tuple(column for column in columns if column not in given),
             tuple(driving), tuple(key >= 0 and self.turns[key] for key in driving),
             "line", 0, 0, 0,
         )  # fmt: skip

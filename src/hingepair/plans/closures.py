@@ -20,7 +20,6 @@ from hingepair.engine.derivatives import pushforward, variables
 from hingepair.engine.trace import arc_tangent, square_root, where_less
 from hingepair.equations import trees as eq
 from hingepair.equations.derivatives import WORLD_UNIT_VECTORS
-from hingepair.equations.series import chebyshev_sum, clenshaw
 from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, cross, dot, rotate, scale, subtract
 from hingepair.numeric.blocks import cosine, sine
 
@@ -29,6 +28,7 @@ from hingepair.numeric.blocks import cosine, sine
 MAX_GAPS: Final = (1e-4, 1e-12)
 # Least pivots of A over the entries of A and B; less is a dead point.
 MIN_TRANSMISSIONS: Final = (1e-3, 1e-8)
+_MAX_GROWTH: Final = 0.4  # of the rates by those of the coordinates, in a step of a rollout
 PRECISION: Final = 1 + 2.0**-30  # which is 1 in float32
 _IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 CONDITIONS: Final = {"ball": 3, "hinge": 5, "weld": 6, "distance": 1}
@@ -43,9 +43,7 @@ class Chain(NamedTuple):
     """
 
     joints: tuple[int, ...]  # numbers of the joints in the tree
-    parents: tuple[int, ...]  # for each joint, the place of its parent: 0 of the body that carries all, else k + 1
     loops: tuple[int, ...]  # places of the loops
-    ends: tuple[tuple[int, int], ...]  # for each loop, the places of its two bodies
     dependent: tuple[int, ...]  # keys of the coordinates that the loops determine
     driving: tuple[int, ...]  # keys of those that move the chain: in q, or dependent ones of chains before
     turning: tuple[bool, ...]  # for each of these, whether a full turn leads back to the start
@@ -65,6 +63,7 @@ class Closure(NamedTuple):
     columns: tuple[int | None, ...]  # for each coordinate in q, its column in the tree's; None of a length
     lengths: tuple[int | None, ...]  # for each coordinate in q, the loop whose length it is; None of a joint
     loops: tuple[str, ...]  # kinds
+    bodies: tuple[tuple[int, int], ...]  # for each loop, the numbers of its two bodies
     chains: tuple[Chain, ...]
     turning: tuple[bool, ...]  # for each coordinate in q, whether a full turn leads back to the start
 
@@ -82,9 +81,7 @@ class Closure(NamedTuple):
 def start_size(chain: Chain) -> int:
     """Return how many numbers the start of a chain has."""
     unknowns, driving = len(chain.dependent), len(chain.driving)
-    if chain.start == "line":
-        return driving + unknowns
-    return 2 + unknowns * 2 * chain.terms if chain.start == "range" else unknowns * (2 + 2 * chain.terms)
+    return driving + unknowns if chain.start == "line" else 2 + unknowns * (2 + 2 * chain.terms)
 
 
 class Condition(NamedTuple):
@@ -96,25 +93,31 @@ class Condition(NamedTuple):
     wrench: eq.Rates  # force and torque by which it holds the first body, axes of the body that carries the chain
 
 
-class Turn(NamedTuple):
-    """A coordinate as a function of an angle s, winding s + mean + sum of a_k cos(k s) + b_k sin(k s)."""
+class Series(NamedTuple):
+    """A coordinate as winding s + mean + the sum of a_k cos(k angle) + b_k sin(k angle)."""
 
     winding: Scalar
     mean: Scalar
     a: Sequence[Scalar]
     b: Sequence[Scalar]
 
-    def value(self, s: Scalar) -> Scalar:
-        """Return its value at s."""
-        sin, cos = sine(s), cosine(s)
-        u1, u2 = clenshaw(self.a, cos)
-        v1, _ = clenshaw(self.b, cos)
+    def value(self, s: Scalar, sin: Scalar, cos: Scalar) -> Scalar:
+        """Return its value at s, for the sine and the cosine of the angle."""
+        (u1, u2), (v1, _) = _clenshaw(self.a, cos), _clenshaw(self.b, cos)
         return self.mean + self.winding * s + (cos * u1 - u2) + sin * v1
 
-    def slope(self) -> Turn:
-        """Return its derivative by s."""
+    def slope(self) -> Series:
+        """Return its derivative by s, where that is the angle."""
         a, b = ([x * float(k) for k, x in enumerate(part, 1)] for part in (self.b, self.a))
-        return Turn(0.0, self.winding, a, [-x for x in b])
+        return Series(0.0, self.winding, a, [-x for x in b])
+
+
+def _clenshaw(coefficients: Sequence[Scalar], x: Scalar) -> tuple[Scalar, Scalar]:
+    """Return u1 and u2 of Clenshaw's recurrence u_k = a_k + 2 x u_(k+1) - u_(k+2), for a_1, a_2, ..."""
+    now, after, double = 0.0, 0.0, x + x
+    for a in reversed(coefficients):
+        now, after = a + (double * now - after), now
+    return now, after
 
 
 class _Factor(NamedTuple):
@@ -156,55 +159,40 @@ class Chains:
             return tuple(next(left) for _ in range(count))
 
         self._precision, self._size = take(2)
-        self._frames = [((take(3), take(9)), (take(3), take(9)), take(1)[0]) for _ in closure.loops]
+        self._frames: list[Any] = [((take(3), take(9)), (take(3), take(9)), take(1)[0]) for _ in closure.loops]
         self._starts = [take(start_size(chain)) for chain in closure.chains]
         self._width = max(joint_columns, default=-1) + 1
-        self._solved = False
+        self._close()
 
     # ---- conditions of one chain
 
-    def _links_of(self, chain: Chain) -> list[eq.Link]:
-        return [
-            self._links[number - 1]._replace(parent=parent)
-            for number, parent in zip(chain.joints, chain.parents, strict=True)
-        ]
-
-    def _poses(
-        self, chain: Chain, values: Mapping[int, Scalar]
-    ) -> tuple[list[eq.Pose], list[tuple[eq.Pose, eq.Pose]]]:
-        """Return the poses of the bodies of a chain, and of the two frames of each loop."""
-        links = self._links_of(chain)
-        moved = ((self._joint_columns[number - 1], *self._ratios[number - 1]) for number in chain.joints)
-        q = [values[column] * ratio + offset for column, ratio, offset in moved]
-        angles = [link.axis.turn(value) if link.axis.turns else None for link, value in zip(links, q, strict=True)]
-        turns = [None if angle is None else (sine(angle), cosine(angle)) for angle in angles]
-        poses = eq.poses(links, eq.joint_placements(links, turns, q), _IDENTITY)
-        ends = zip(chain.loops, chain.ends, strict=True)
-        frames = [
-            [eq.frame_pose(poses[body], *self._frames[place][k]) for k, body in enumerate(bodies)]
-            for place, bodies in ends
-        ]
-        return poses, [(first, second) for first, second in frames]
-
     def conditions(self, chain: Chain, values: Mapping[int, Scalar]) -> list[Condition]:
         """Return the conditions of a chain at values by key."""
-        links, (poses, frames) = self._links_of(chain), self._poses(chain, values)
+        places = {number: k for k, number in enumerate(chain.joints, 1)}  # 0: the body that carries all
+        own = [self._links[number - 1] for number in chain.joints]
+        links = [link._replace(parent=places.get(link.parent, 0)) for link in own]
+        moved = ((self._joint_columns[number - 1], *self._ratios[number - 1]) for number in chain.joints)
+        q = [values[column] * ratio + offset for column, ratio, offset in moved]
+        poses = eq.poses(links, placements(links, q), _IDENTITY)
         found = []
-        for place, ends, pair in zip(chain.loops, chain.ends, frames, strict=True):
+        for place in chain.loops:
+            ends = [places.get(body, 0) for body in self.closure.bodies[place]]
+            *frames, length = self._frames[place]
+            pair = [eq.frame_pose(poses[body], *frame) for body, frame in zip(ends, frames, strict=True)]
             first, second = (
                 eq.point_jacobian_columns(links, poses, body, pose.d) for body, pose in zip(ends, pair, strict=True)
             )
             common = eq.joints_to_base(links, ends[0]) & eq.joints_to_base(links, ends[1])
-            moved = [
+            apart = [
                 (subtract(v1, v2), subtract(w1, w2)) if k not in common else (ZERO_VECTOR, ZERO_VECTOR)
                 for k, ((v1, w1), (v2, w2)) in enumerate(zip(first, second, strict=True), 1)
             ]
             own_length = place in self.closure.lengths
             key = -1 - self.closure.lengths.index(place) if own_length else 0
-            length = values[key] if own_length else self._frames[place][2]
-            for gap, (force, torque) in _gaps(self.closure.loops[place], *pair, length, self._size):
+            length = values[key] if own_length else length
+            for gap, (force, torque) in _gaps(self.closure.loops[place], pair[0], pair[1], length, self._size):
                 row: dict[int, Scalar] = {key: -1.0} if own_length else {}
-                for number, (v, omega) in zip(chain.joints, moved, strict=True):
+                for number, (v, omega) in zip(chain.joints, apart, strict=True):
                     column, (ratio, _) = self._joint_columns[number - 1], self._ratios[number - 1]
                     row[column] = row.get(column, 0.0) + (dot(force, v) + dot(torque, omega)) * ratio
                 found.append(Condition(place, gap, row, (force, torque)))
@@ -223,35 +211,29 @@ class Chains:
 
     def _start(self, place: int) -> list[Scalar]:
         """Return where the dependent coordinates of a chain are sought from."""
-        chain, numbers = self.closure.chains[place], iter(self._starts[place])
-        if chain.start == "line":  # from the coordinates at which the mechanism is assembled
-            return self._along_line(chain, numbers)
-        s = self._q[chain.source]
-        if chain.start != "range":  # "turn": one coordinate leads back after a turn; "exact": up to rounding
-            return [turn.value(s) for turn in self._turns(place)]
-        # One that reaches from dead point to dead point: a(x) + sqrt(1 - x^2) b(x) with polynomials.
-        x = (s - next(numbers)) * next(numbers)
+        chain = self.closure.chains[place]
+        if chain.start == "line":
+            return self._along_line(chain, self._starts[place])
+        series, at = self._series(place)
+        return [one.value(*at) for one in series]
+
+    def _series(self, place: int) -> tuple[list[Series], tuple[Scalar, Scalar, Scalar]]:
+        """Return the series of the dependent coordinates of a chain, and their arguments: s, sine and cosine."""
+        chain, (centre, share, *numbers) = self.closure.chains[place], self._starts[place]
+        size, terms, s = 2 + 2 * chain.terms, chain.terms, self._q[chain.source]
+        rows = [numbers[k : k + size] for k in range(0, len(numbers), size)]
+        series = [Series(row[0], row[1], row[2 : 2 + terms], row[2 + terms :]) for row in rows]
+        if chain.start != "range":  # a turn leads back
+            return series, (s, sine(s), cosine(s))
+        x = (s - centre) * share  # from -1 to 1 between dead points
         x = where_less(x, -1.0, -1.0, where_less(1.0, x, 1.0, x))
         rest = 1.0 - x * x
-        root = square_root(where_less(rest, 1e-12, 1e-12, rest))  # whose derivative stays finite
-        starts = []
-        for _ in chain.dependent:
-            a, b = ([next(numbers) for _ in range(chain.terms)] for _ in range(2))
-            starts.append(chebyshev_sum(a, x) + root * chebyshev_sum(b, x))
-        return starts
+        return series, (s, square_root(where_less(rest, 1e-12, 1e-12, rest)), x)  # the derivative stays finite
 
-    def _turns(self, place: int) -> list[Turn]:
-        """Return the trigonometric series of the dependent coordinates of a chain."""
-        chain, numbers = self.closure.chains[place], iter(self._starts[place])
-        sizes = (1, 1, chain.terms, chain.terms)
-        parts = [[[next(numbers) for _ in range(size)] for size in sizes] for _ in chain.dependent]
-        return [Turn(winding, mean, a, b) for (winding,), (mean,), a, b in parts]
-
-    def _along_line(self, chain: Chain, numbers: Any) -> list[Scalar]:
+    def _along_line(self, chain: Chain, assembled: Sequence[Scalar]) -> list[Scalar]:
         """Return the dependent coordinates of a chain after steps along the line from the assembly to q."""
-        origin = [next(numbers) for _ in chain.driving]
-        found = [next(numbers) for _ in chain.dependent]
-        steps = []
+        count, steps = len(chain.driving), list[Scalar]()
+        origin, found = assembled[:count], list(assembled[count:])
         for key, turns, start in zip(chain.driving, chain.turning, origin, strict=True):
             way = self._q[key] - start
             way = arc_tangent(sine(way), cosine(way)) if turns else way
@@ -269,10 +251,8 @@ class Chains:
             found = _stepped(chain, conditions, ahead, found)
         return found
 
-    def _solve(self) -> None:
+    def _close(self) -> None:
         """Close all loops."""
-        if self._solved:
-            return
         self._G: dict[int, dict[int, Scalar]] = {self.closure.key(k): {k: 1.0} for k in range(len(self._q))}
         self._factors: list[_Factor] = []
         self._closed: list[Condition] = []
@@ -293,8 +273,9 @@ class Chains:
             self._closed += conditions
             curvatures: list[Scalar] | None = None
             if chain.start == "exact":  # which hold next to a change point, too, where A is ill conditioned
-                slopes, s = [turn.slope() for turn in self._turns(place)], known[chain.source]
-                by_driving, curvatures = [[x.value(s) for x in slopes]], [x.slope().value(s) for x in slopes]
+                series, at = self._series(place)
+                slopes = [one.slope() for one in series]
+                by_driving, curvatures = [[x.value(*at) for x in slopes]], [x.slope().value(*at) for x in slopes]
             self._factors.append(_Factor(chain, matrix, by_driving, curvatures))
             for i, (key, value) in enumerate(zip(chain.dependent, found, strict=True)):
                 self._q[key] = value + doubt
@@ -303,7 +284,6 @@ class Chains:
                     for k, x in self._G[driver].items():
                         sums[k] = sums.get(k, 0.0) + (column[i] + doubt) * x
                 self._G[key] = sums
-        self._solved = True
 
     def _doubt(self, chain: Chain, conditions: Sequence[Condition], pivots: Sequence[Scalar]) -> Scalar:
         """Return NaN where a loop is open, or at a dead point, else 0."""
@@ -324,18 +304,15 @@ class Chains:
 
     def coordinates(self) -> tuple[Scalar, ...]:
         """Return all coordinates of the tree."""
-        self._solve()
         return tuple(self._q[column] for column in range(self._width))
 
     def gaps(self) -> tuple[Scalar, ...]:
         """Return by how much each loop is open [m], with angles times the size of the mechanism."""
-        self._solve()
         loops = range(len(self.closure.loops))
         return tuple(square_root(_total(one.gap * one.gap for one in self._closed if one.loop == k)) for k in loops)
 
     def transfer(self) -> list[dict[int, Scalar]]:
         """Return for each coordinate of the tree its derivatives by those in q on which it depends, a row of G."""
-        self._solve()
         return [self._G[column] for column in range(self._width)]
 
     def rates(self, qd: Sequence[Scalar]) -> tuple[Scalar, ...]:
@@ -363,6 +340,24 @@ class Chains:
             for row, g in zip(self.transfer(), self.bias(qd), strict=True)
         )
 
+    def crossing(self, qd: Sequence[Scalar], step: Scalar) -> Scalar:
+        """Return NaN where a step of this length [s] leads to a dead point, else 0.
+
+        At a distance D = L - q, G grows as 1 / sqrt(D): D is passed in a step where G would grow by half of itself.
+        Steps of semi-implicit Euler halve D then, and pass it never.
+        """
+        rates, bias, doubt = self.rates(qd), self.bias(qd), 0.0
+        slides = {
+            column for column, link in zip(self._joint_columns, self._links, strict=True) if not link.axis.turns
+        }
+        for chain, *_ in self._factors:
+            weights = [1.0 if key in slides else self._size * self._size for key in chain.dependent]
+            pairs = [(rates[key] * weight, key) for key, weight in zip(chain.dependent, weights, strict=True)]
+            growth = _total(rate * bias[key] for rate, key in pairs)
+            square = _total(rate * rates[key] for rate, key in pairs)
+            doubt = doubt + where_less(_MAX_GROWTH * square, step * growth, math.nan, 0.0)
+        return doubt
+
     def wrenches(self, poses: Sequence[eq.Pose]) -> tuple[Scalar, ...]:
         """Return for each condition of all loops the wrench on the second body by which it acts, world axes, six
         numbers each. `poses` are those of the bodies of the tree.
@@ -384,9 +379,14 @@ class Chains:
 
     def _conditions(self) -> list[Condition]:
         """Return the conditions of all loops in their order, NaN where they cannot be closed."""
-        self._solve()
         found = [one for chain in self.closure.chains for one in self.conditions(chain, self._q)]
         return sorted(found, key=lambda one: one.loop)
+
+
+def placements(links: Sequence[eq.Link], q: Sequence[Scalar]) -> list[eq.Placement]:
+    """Return the placements of joints at their coordinates."""
+    angles = [link.axis.turn(value) if link.axis.turns else None for link, value in zip(links, q, strict=True)]
+    return eq.joint_placements(links, [None if x is None else (sine(x), cosine(x)) for x in angles], q)
 
 
 def condition_count(closure: Closure) -> int:

@@ -36,10 +36,10 @@ from hingepair.equations.spatial import (
     subtract,
     transpose,
 )
-from hingepair.numeric.blocks import components, cosine, sine
+from hingepair.numeric.blocks import components
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.attitudes import rotation_defect
-from hingepair.plans.closures import Chains, Closure, condition_count
+from hingepair.plans.closures import Chains, Closure, condition_count, placements
 from hingepair.plans.functions import Moves, group_of, sum_of, with_variables
 from hingepair.plans.struts import Strut, StrutForm, line_of_action
 
@@ -259,11 +259,7 @@ class TreeQuantities:
     @lock_free_cached_property
     def placements(self) -> list[eq.Placement]:
         """List of the placements of the joints: the pose of each joint's body in the axes of its parent body."""
-        angles = [
-            link.axis.turn(value) if link.axis.turns else None for link, value in zip(self.links, self.q, strict=True)
-        ]
-        turns = [None if angle is None else (sine(angle), cosine(angle)) for angle in angles]
-        return eq.joint_placements(self.links, turns, self.q)
+        return placements(self.links, self.q)
 
     # ---- kinematics
 
@@ -671,7 +667,9 @@ class TreeQuantities:
 
     @lock_free_cached_property
     def singular_doubt(self) -> Scalar:
-        """NaN where a pivot of the mass matrix is not larger than its rounding error, else 0."""
+        """NaN where a pivot of the mass matrix is not larger than its rounding error, or where a step of a rollout
+        leads to a dead point, else 0.
+        """
         limits: list[Scalar] = [0.0] * self.form.dof
         for row, limit in zip(self.transfer, self.min_pivots, strict=True):
             for k, x in row.items():
@@ -680,6 +678,8 @@ class TreeQuantities:
         if self.request.free and any(type(limit) is not float or limit for limit in self.base_min_pivots):
             limits, pivots = [*limits, *self.base_min_pivots], (*pivots, *self.base_pivots)
         doubt: Scalar = 0.0
+        if self.chains is not None and "step" in self.values:
+            doubt = self.chains.crossing(self.values["qd"], self.values["step"])
         for limit, pivot in zip(limits, pivots, strict=True):
             if not (type(limit) is float and limit == 0):
                 doubt = doubt + where_less(limit * limit, pivot * pivot, 0.0, math.nan)

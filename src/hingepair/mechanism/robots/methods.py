@@ -496,7 +496,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         q0: Coordinates,
         qd0: Coordinates,
         tau: ArrayLike | Feedback,
-        dt: float,
+        dt: float | None = None,
         *,
         method: str = "semi_implicit",
         steps: int | None = None,
@@ -533,8 +533,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             The Rollout `r`: `r.q` and `r.qd`, shape (..., steps // every + 1, dof), the start first, and their
             instants `r.t`. With a free base also R1, S1, v1 and omega1, and `r.base_motion` for other methods, as in
             `robot.energy(r.q, r.qd, base_motion=r.base_motion)`. The attitude is turned by the exponential of omega1.
-            Where the mass matrix is singular, motions become NaN, and a DynamicsWarning says so. Those of a linkage
-            must stay away from dead points: a step across one is not noticed (`hp.simulate` stops there).
+            Where the mass matrix is singular, and at dead points of linkages, motions become NaN, and a
+            DynamicsWarning says so.
 
         Raises:
             ArgumentError: the program has too many operations.
