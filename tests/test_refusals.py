@@ -287,9 +287,9 @@ CALLS = {
         ("given", A, "speed", 3, ("R1", "psi"), ("S1", "quat_xyzw", "psi")), ("outputs", A, (), ("r2",)),
         ("given", A, C(outputs=("v2",))), ("sequence", A, "XX"), ("backend", A, "cuda"),
     ]),
-    "prepared": (lambda rows=(Q7, Q7): PAIR.prepare("velocity")(*rows), [
+    "prepared": (lambda rows=(Q7, Q7), **k: PAIR.prepare("velocity")(*rows, **k), [
         ("q", S, C(rows=(Q6, Q7))), ("qd", A, C(rows=(Q7, None))), ("qd", S, C(rows=(Q7, np.zeros((4, 6))))),
-        ("*given", A, C(rows=(Q7,)), C(rows=())),
+        ("*given", A, C(rows=(Q7,)), C(rows=())), ("q", A, C(rows=(), q=Q7, qd=Q7)),
     ]),
     "slopes": (lambda given=(Q7, Q7), wrt="q": PAIR.prepare("velocity", outputs=("v2",)).jacobian(given, wrt=wrt), [
         ("wrt", A, "tau", ()), ("given", A, Q7),
@@ -370,7 +370,7 @@ CALLS = {
     "rollout": (lambda q0=Q6, qd0=Q6, tau=0, dt=0.01, **k: ur5().rollout(q0, qd0, tau, dt, **{"steps": 1, **k}), [
         ("method", A, "euler"), ("steps", A, None), ("tau", S, np.zeros((4, 2))),
         ("tau", S, C(tau=np.zeros((4, 6)), steps=3)),
-        ("tau.K", S, C(tau=hp.Feedback(np.zeros(2), 0, 0))), ("every", A, 0), ("dt", A, NAN, 0),
+        ("tau.K", S, C(tau=hp.Feedback(np.zeros(2), 0, 0))), ("every", A, 0), ("dt", A, NAN, 0, None),
         ("effort_limits", A, -1),
         ("q0", S, np.zeros(2)), ("out", S, {"q": np.zeros((3, 6))}), ("base_motion", A, EYE),
     ]),

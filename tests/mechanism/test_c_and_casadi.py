@@ -66,7 +66,7 @@ def test_c_computes_what_the_call_computes(kind, tmp_path):
 
 
 def test_c_refuses_names_and_what_has_no_program():
-    for name in ("", "a b", "3d", "x;", 1, "tête"):
+    for name in ("", "a b", "3d", "x;", 1, "tête", "double", "sin", "_x"):
         with pytest.raises(hp.ArgumentError) as error:
             CALLS["torques"].to_c(name)
         assert error.value.name == "name"

@@ -19,6 +19,12 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.blocks import VERSINE_SWITCH
 from hingepair.numeric.optional import require
 
+# Keywords of C, and the functions that are called or called first.
+_RESERVED: Final = (
+    "auto|break|case|char|const|continue|default|do|double|else|enum|extern|float|for|goto|if|inline|int|long|register|"
+    "restrict|return|short|signed|sizeof|static|struct|switch|typedef|union|unsigned|void|volatile|while|"
+    "main|sin|cos|sqrt|atan2|hypot"
+)
 _EXPRESSIONS: Final = {
     **{sign: f"{{}} {sign} {{}}" for sign in "+-*/<"},
     "negative": "-{}", "sin": "sin({})", "cos": "cos({})", "sqrt": "sqrt({})", "arctan2": "atan2({}, {})",
@@ -49,7 +55,7 @@ def c_source(
     Raises:
         ArgumentError: the name is no name in C.
     """
-    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
+    if not isinstance(name, str) or not re.fullmatch(rf"(?!({_RESERVED})$)[A-Za-z]\w*", name, re.ASCII):
         raise ArgumentError("name", "a name of a function in C, such as 'robot_tau'", quoted(name))
     traced, outputs = program.traced, program.loop.outputs
     needed = [one for one, _ in arguments if one in dict(program.loop.inputs)]

@@ -185,7 +185,7 @@ class Prepared:
             call = self._computation.call(given, "auto", self._gravity, derivatives=derivatives)
         return call
 
-    def __call__(self, *given: Any, out: Any = None) -> Any:
+    def __call__(self, *given: Any, out: Any = None, **by_name: Any) -> Any:
         """Compute the outputs for one state or many.
 
         Args:
@@ -194,7 +194,11 @@ class Prepared:
                 broadcast. Coordinates may also be tuples, dicts by name and tables; such a call takes longer.
             out: arrays by output name, into which the results are written; where there is one output, also one
                 array. A call that is refused for an unusable argument does not change them.
+            **by_name: refused, since arguments have no names in calls.
         """
+        if by_name:
+            expected = f"no keywords, but arguments in order: {', '.join(self.given)}"
+            raise ArgumentError(next(iter(by_name)), expected, "a keyword")
         if len(given) != self._count:
             raise ArgumentError("*given", f"{self._count} arguments: {', '.join(self.given)}", f"{len(given)}")
         if self._plain:

@@ -210,7 +210,7 @@ def roll_out(
     q0: Coordinates,
     qd0: Coordinates,
     tau: Any,
-    dt: float,
+    dt: float | None,
     method: str,
     steps: int | None,
     every: int,
