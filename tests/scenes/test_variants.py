@@ -95,23 +95,3 @@ def test_motions_that_end_at_an_event_are_as_long_as_they_are(tmp_path):
         scene = hp.load_scene(tmp_path / "rod.toml").with_values({"dynamics.psi.damping": damping})
         np.testing.assert_array_equal(found.t.values[i][: ends[i]], scene.t)
         np.testing.assert_array_equal(found.psi.values[i][: ends[i]], scene.evaluate(["psi"]).psi)
-
-
-def test_times_at_levels_know_impacts_between_the_instants(tmp_path):
-    """A door that a spring shuts, and that leaves its frame again before the next instant."""
-    door = ROD.replace("n = [0, 1, 0]", "n = [0, 0, 1]").replace("psi.stops = [-0.2, 3]", "psi.stops = [0, 3]")
-    scene = scene_of(tmp_path, door.replace("psi.damping = 0.1", "psi.stiffness = 3"))
-    (impact, *_) = scene.motion.simulated.impacts
-    assert scene.evaluate(["psi"]).psi.min() > 1e-3
-    found = hp.vary(scene, {"dynamics.psi.stiffness": [3.0]}, ["psi"], reduce=["min", "t_below(1e-6)", "t_min"])
-    assert found["psi_min"].values[0] == 0
-    assert found["psi_t_min"].values[0] == impact.t
-    assert found["psi_t_below(1e-6)"].values[0] == pytest.approx(impact.t, abs=1e-6)  # the level
-
-
-def test_results_have_units_and_an_index_of_time():
-    found = hp.vary(MODELS / "reference_2d.toml", {"pair.u1[0]": [0.4, 0.5]}, ["R2", "psi"], units="deg, mm")
-    assert (found.R2.attrs["units"], found.psi.attrs["units"]) == ("mm", "deg")
-    assert found.R2.dims == ("pair.u1[0]", "time", "xy")
-    reduced = hp.vary(MODELS / "reference_2d.toml", {"pair.u1[0]": [0.4, 0.5]}, ["R2"], reduce="absmax", units="mm")
-    assert [*reduced.data_vars] == ["R2_x_absmax [mm]", "R2_y_absmax [mm]", "R2_norm_absmax [mm]", "reason"]

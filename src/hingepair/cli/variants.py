@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from hingepair.cli.options import JsonOption, SceneArgument, UnitsOption, out_option
-from hingepair.cli.output import show, table_lines
+from hingepair.cli.output import new_file, show, table_lines
 from hingepair.cli.sources import read_scene
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.pairs.tolerances import DEVIATIONS, LIMITS
@@ -84,18 +84,17 @@ def sweep_command(
     """Compute all variants of a sweep, and write the results.
 
     A sweep file names a scene, the numbers of it that are varied, and what is kept of each variant; the page "Scene
-    files" of the documentation describes the format. A sweep that was interrupted is continued by the same command,
-    without computing finished chunks again.
+    files" of the documentation describes the format.
     """
     sweep = load_sweep(sweep_file, units)
-    path, count, keys = out or sweep.default_store(), len(sweep.numbers), sweep.variants.keys
+    path, count, keys = out or new_file(sweep.default_store()), len(sweep.numbers), sweep.variants.keys
     run_sweep(sweep, path, _print_progress if sys.stderr.isatty() else None)
     facts = {"title": sweep.title, "variants": count, "keys": keys, "file": str(path)}
     show(as_json, facts, sweep.title, f"{count} variants of {', '.join(keys)}", f"written: {path}")
 
 
 def _print_progress(done: int, count: int) -> None:
-    print(f"\r{done} of {count} chunks", end="\n" if done == count else "", file=sys.stderr, flush=True)
+    print(f"\r{done} of {count} variants", end="\n" if done == count else "", file=sys.stderr, flush=True)
 
 
 def search_command(

@@ -61,12 +61,17 @@ def with_numbers(values: Mapping[str, Any], paths: Sequence[NumberPath], numbers
     changed = dict(values)
     for root in {path[0] for path in paths}:
         changed[str(root)] = copy.deepcopy(changed[str(root)])
+    write_numbers(changed, paths, numbers)
+    return changed
+
+
+def write_numbers(values: dict[str, Any], paths: Sequence[NumberPath], numbers: Sequence[Any]) -> None:
+    """Write numbers into the tables of a scene."""
     for path, number in zip(paths, numbers, strict=True):
-        here: Any = changed
+        here: Any = values
         for step in path[:-1]:
             here = here[step]
         here[path[-1]] = number
-    return changed
 
 
 def keep_motion(paths: Sequence[NumberPath]) -> bool:

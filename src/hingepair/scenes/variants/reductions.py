@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.mechanism.bodies.hinge_load import stop_range
 from hingepair.numeric.arrays import Float64Array
-from hingepair.scenes.motions.motion import Motion
 from hingepair.tables.data_frames import column_names
 from hingepair.tables.units import IN_SI, Columns
 
@@ -124,25 +122,11 @@ def _with_magnitudes(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[An
     return found
 
 
-Touches: TypeAlias = dict[str, list[tuple[float, float]]]
-"""Instants [s] and values of coordinates at impacts, by the coordinate's column."""
-
-
-def touches_of(motion: Motion) -> Touches:
-    """Return where coordinates of a simulated motion touch rigid stops."""
-    found: Touches = {}
-    for impact in () if motion.simulated is None else motion.simulated.impacts:
-        lower, upper = stop_range(motion.loads[impact.joint], rigid=True)
-        found.setdefault(impact.joint, []).append((impact.t, upper if impact.before > 0 else lower))
-    return found
-
-
 def reduce_arrays(
     t: Float64Array,
     arrays: Mapping[str, NDArray[Any]],
     reductions: Sequence[str],
     columns: Columns = IN_SI,
-    touches: Sequence[Touches] = (),
 ) -> dict[str, Float64Array]:
     """Return a dict of reductions over the instants t, one array (variants,) for each component of an output, and for
     the magnitude of each vector, and each name in `reductions`. The keys are column names such as R2_x_max and
@@ -153,23 +137,11 @@ def reduce_arrays(
         arrays: outputs by name, in SI units; shape (variants, samples, ...).
         reductions: names of reductions.
         columns: units of the results, and of levels.
-        touches: of each variant, instants and values of coordinates that lie between the instants.
     """
     t = columns.converted("t", t)
     arrays = _with_magnitudes({name: columns.converted(name, array) for name, array in arrays.items()})
     names = column_names({name: array[0] for name, array in arrays.items()})
     flat = np.concatenate([np.asarray(a, np.float64).reshape(*a.shape[:2], -1) for a in arrays.values()], axis=2)
     functions: dict[str, Any] = {reduction: reduction_of(reduction) for reduction in reductions}
-    reduced = {reduction: np.array(function(flat, t)) for reduction, function in functions.items()}
-    for i, own in enumerate(touches):
-        for name, points in own.items():
-            for k in (k for k, component in enumerate(names) if component == name):
-                at, values = np.array(points).T
-                factor = columns.units.factor(columns.si_unit(name))
-                at, values = columns.converted("t", at), factor * values
-                order = np.argsort(np.concatenate((t, at)), kind="stable")
-                times, whole = np.concatenate((t, at))[order], np.concatenate((flat[i, :, k], values))[order]
-                for reduction in reductions:
-                    if reduction in ("min", "max", "absmax") or reduction.startswith("t_"):
-                        reduced[reduction][i, k] = functions[reduction](whole[None, :, None], times)[0, 0]
+    reduced = {reduction: function(flat, t) for reduction, function in functions.items()}
     return {reduced_heading(columns, name, r): reduced[r][:, k] for k, name in enumerate(names) for r in reductions}

@@ -1,23 +1,16 @@
-"""Sweeps: a design over the numbers of a scene, computed in chunks of variants and written to a table.
-
-While a sweep runs, finished chunks are files in the folder `<table>.parts`; an interrupted sweep continues from them.
-"""
+"""Sweeps: a design over the numbers of a scene, whose variants are computed and written to a table."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-import shutil
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, MissingDependencyError, SceneError, quoted
 from hingepair.numeric.arrays import Float64Array
@@ -25,10 +18,9 @@ from hingepair.scenes.load import load_scene
 from hingepair.scenes.numbers import number_path
 from hingepair.scenes.tables import Table, read_tables
 from hingepair.scenes.variants.reductions import check_reductions
-from hingepair.scenes.variants.vary import MAX_STATES, Variants, lost_variants
-from hingepair.tables.column_file import write_npz
+from hingepair.scenes.variants.vary import Variants, lost_variants
 from hingepair.tables.units import Units
-from hingepair.tables.whole_file import whole_file
+from hingepair.tables.whole_file import check_writable, whole_file
 
 STORE_SUFFIXES: Final = (".csv", ".parquet")
 """Endings of the names of tables."""
@@ -37,7 +29,7 @@ _SCENE_TABLES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # on
 _MAX_VARIANTS: Final = 10_000_000
 
 Progress = Callable[[int, int], None]
-"""Takes the number of finished chunks and the number of all chunks."""
+"""Takes the number of finished variants and the number of all variants."""
 
 
 class SweepWarning(UserWarning):
@@ -61,34 +53,9 @@ class Sweep:
     #: files that the sweep was read from: its own, and those of the scene
     files: tuple[Path, ...]
 
-    @property
-    def chunks(self) -> int:
-        """The number of chunks, of as many variants as are computed at once: 4 at least, and about 1000 at most."""
-        count = len(self.numbers)
-        at_once = max(count // 1000, MAX_STATES // self.variants.scene.samples, 1)
-        return min(count, max(4, -(-count // at_once)))
-
-    def identity(self) -> str:
-        """Return JSON text of all that the results depend on, the version of hingepair and the contents of the log
-        and of the URDF of the scene among it.
-        """
-        from hingepair import __version__
-
-        facts = {
-            "hingepair": __version__,
-            "scene": self.variants.scene.tables.values,
-            "files": {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in self.files[2:]},
-            "vary": self.variants.keys,
-            "values": hashlib.sha256(self.numbers.tobytes()).hexdigest(),
-            "outputs": self.variants.outputs,
-            "reduce": self.reductions,
-            "units": self.units,
-        }
-        return json.dumps(facts, indent=1, default=str)
-
-    def default_store(self) -> Path:
-        """Return the default path of the table: the sweep file's stem with .parquet, or .csv without pyarrow."""
-        return Path(f"{self.files[0].stem}{'.parquet' if find_spec('pyarrow') else '.csv'}")
+    def default_store(self) -> str:
+        """Return the default name of the table: the sweep file's stem with .parquet, or .csv without pyarrow."""
+        return f"{self.files[0].stem}{'.parquet' if find_spec('pyarrow') else '.csv'}"
 
 
 def load_sweep(path: str | Path, units: str | None = None) -> Sweep:
@@ -173,84 +140,41 @@ def _read_count(table: Table, key: str, default: int | None = None, *, least: in
     return value
 
 
-def run_sweep(sweep: Sweep, out: Path, progress: Progress | None = None) -> Path:
-    """Compute all chunks of a Sweep that are not stored yet, write the table, and return its path `out`.
+def run_sweep(sweep: Sweep, out: Path, progress: Progress | None = None) -> None:
+    """Compute a Sweep, and write its table: for each variant its number, the varied numbers by key, the reductions.
 
     Args:
         sweep: a sweep from `load_sweep`.
-        out: path of the table; ends in .parquet or .csv. Finished chunks are in the folder `<out>.parts` until all
-            are finished; an interrupted sweep continues from them.
-        progress: is called after each chunk with the numbers of finished chunks and of all chunks.
+        out: path of the table; ends in .parquet or .csv.
+        progress: is called now and then with the numbers of finished variants and of all variants.
 
     Raises:
         SceneError: no variant can be computed.
     """
     import pandas
 
+    variants, numbers = sweep.variants, sweep.numbers
     if out.suffix.lower() not in STORE_SUFFIXES:
         raise ArgumentError("out", f"a name that ends in {', '.join(STORE_SUFFIXES)}", quoted(str(out)))
     if out.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
         expected = "the package pyarrow: pip install 'hingepair[data]'; or --out with a name that ends in .csv"
         raise MissingDependencyError("sweep", expected, "none")
-    if out.exists():
-        raise ArgumentError("out", "a name that does not exist yet (or remove what is there)", quoted(str(out)))
-    parts, frames = _open_parts(out, sweep.identity()), []
-    reasons: list[str] = []
-    try:
-        for k, rows in enumerate(np.array_split(np.arange(len(sweep.numbers)), sweep.chunks)):
-            part = parts / f"part-{k:07d}.npz"
-            if not part.exists():
-                columns = compute_chunk(sweep, rows)
-                with whole_file(part) as file:
-                    write_npz(file, columns)
-            with np.load(part) as archive:
-                columns = {name: archive[name] for name in archive.files}
-            reasons += columns.pop("reason").tolist()
-            frames.append(pandas.DataFrame(columns))
-            if progress is not None:
-                progress(k + 1, sweep.chunks)
-        frame = pandas.concat(frames)
-        if all(reasons) and frame.iloc[:, 1 + len(sweep.variants.keys) :].isna().all(axis=None):
-            shutil.rmtree(parts)
-            sentence = lost_variants(sweep.variants.keys, sweep.numbers, reasons)
-            path = sweep.variants.scene.path
-            raise SceneError(path.name, f"variants that can be computed, but {sentence}", "none")
-    finally:
-        if not any(parts.glob("part-*")):
-            shutil.rmtree(parts, ignore_errors=True)
-    with whole_file(out) as file:
+    check_writable(out, sweep.files)
+    reasons, frames = list[str](), []
+    for batch in variants.batches(numbers):
+        frames.append(pandas.DataFrame(batch.reduced(sweep.reductions, variants.scene.in_units(sweep.units))))
+        reasons += batch.reasons
+        if progress is not None:
+            progress(len(reasons), len(numbers))
+    found = pandas.concat(frames, ignore_index=True)
+    if lost := lost_variants(variants.keys, numbers, reasons):
+        if all(reasons) and found.isna().all(axis=None):
+            raise SceneError(variants.scene.path.name, f"variants that can be computed, but {lost}", "none")
+        warnings.warn(lost, SweepWarning, stacklevel=2)
+    varied = pandas.DataFrame(numbers, columns=list(variants.keys))
+    table = pandas.concat([varied, found], axis=1).rename_axis("variant").reset_index()
+    with whole_file(out, sweep.files) as file:
         if out.suffix.lower() == ".csv":
-            frame.to_csv(file, index=False, lineterminator="\n")
+            table.to_csv(file, index=False, lineterminator="\n")
         else:
-            frame.attrs = {"sweep": json.loads(sweep.identity())}
-            frame.to_parquet(file, engine="pyarrow", index=False)
-    shutil.rmtree(parts)
-    return out
-
-
-def _open_parts(out: Path, identity: str) -> Path:
-    """Return the folder of the finished chunks of a table; refuse that of another sweep or program."""
-    parts = out.with_name(f"{out.name}.parts")
-    known = parts / "sweep.json"
-    parts.mkdir(exist_ok=True)
-    if any(parts.iterdir()) and not (known.exists() and known.read_bytes() == identity.encode()):
-        expected = "a name of its own for each sweep (or remove this folder, which is of another one)"
-        raise ArgumentError("out", expected, quoted(str(parts)))
-    with whole_file(known) as file:
-        file.write(identity.encode())
-    return parts
-
-
-def compute_chunk(sweep: Sweep, rows: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
-    """Compute some variants of a sweep, and return their columns, with a row for each variant: its index in the
-    sweep, the varied numbers by key, the reductions, and why it cannot be computed, if so.
-    """
-    variants, numbers = sweep.variants, sweep.numbers[rows]
-    batches = [*variants.batches(numbers)]
-    reasons = [reason for batch in batches for reason in batch.reasons]
-    if sentence := lost_variants(variants.keys, numbers, reasons):
-        warnings.warn(f"variants {rows[0]} to {rows[-1]}: {sentence}", SweepWarning, stacklevel=2)
-    reduced = [batch.reduced(sweep.reductions, variants.scene.in_units(sweep.units)) for batch in batches]
-    columns = {"variant": rows, **dict(zip(variants.keys, numbers.T, strict=True))}
-    columns |= {name: np.concatenate([own[name] for own in reduced]) for name in reduced[0]}
-    return columns | {"reason": np.array(reasons)}
+            table.to_parquet(file, engine="pyarrow", index=False)

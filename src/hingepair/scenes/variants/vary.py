@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import json
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,18 +13,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.bodies.body import Body
 from hingepair.numeric.arrays import Float64Array, real_array
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes.bodies import read_body, read_mechanism
-from hingepair.scenes.load import load_scene, read_subject, scene_from_tables, with_constants_evaluated
+from hingepair.scenes.load import load_scene, read_subject, with_constants_evaluated
 from hingepair.scenes.motions.dynamics import read_dynamics
 from hingepair.scenes.motions.functions import read_function_motion
-from hingepair.scenes.motions.known import Known
-from hingepair.scenes.numbers import keep_motion, number_path, with_numbers
+from hingepair.scenes.motions.known import PSI, Known
+from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers, write_numbers
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.subject import Acting, Arrays, Subject, order_of
 from hingepair.scenes.tables import Table
-from hingepair.scenes.variants.reductions import Touches, check_reductions, reduce_arrays, touches_of
+from hingepair.scenes.variants.reductions import check_reductions, reduce_arrays
 from hingepair.symbolic.expressions import Expression
 from hingepair.tables.units import Columns
 
@@ -41,7 +40,6 @@ def vary(
     *,
     reduce: Iterable[str] = (),
     units: str | None = None,
-    client: Any = None,
 ) -> Any:
     """Compute a scene for all combinations of values of its numbers.
 
@@ -57,7 +55,6 @@ def vary(
         reduce: what is kept of each component over the instants, such as "absmax", "last" or "t_below(0.1)"; all
             instants by default.
         units: units of the results in place of SI units, such as "deg, mm"; by default those of the scene.
-        client: `dask.distributed.Client` on whose cluster the variants are computed; by default this process does.
 
     Returns:
         An xarray.Dataset: an axis for each key, then `time` unless `reduce` is given, and the components of vectors
@@ -86,7 +83,7 @@ def vary(
     numbers = np.stack([axis.ravel() for axis in np.meshgrid(*axes.values(), indexing="ij")], axis=-1)
     shape, columns = tuple(map(len, axes.values())), scene.in_units(units)
     xarray = require("xarray", "hp.vary")
-    batches = variants.batches(numbers) if client is None else _on_cluster(client, variants, numbers)
+    batches = variants.batches(numbers)
     if reductions:
         parts = [(batch.reduced(reductions, columns), batch.reasons) for batch in batches]
         found = {name: np.concatenate([own[name] for own, _ in parts]).reshape(shape) for name in parts[0][0]}
@@ -117,34 +114,14 @@ class Batch:
     t: Float64Array  # instants [s]; (samples,)
     arrays: Arrays  # outputs by name; (variants, samples, ...)
     reasons: list[str]  # why a variant is NaN, at some instants or at all; otherwise empty
-    touches: list[Touches]  # of each variant: coordinates at impacts, which lie between the instants
 
     def reduced(self, reductions: Sequence[str], columns: Columns) -> dict[str, Float64Array]:
         """Return the reductions of each component, (variants,) each, in units."""
-        return reduce_arrays(self.t, self.arrays, reductions, columns, self.touches)
-
-
-def _on_cluster(client: Any, variants: Variants, numbers: Float64Array) -> Iterator[Batch]:
-    """Yield the results of variants in their order, computed on the cluster of a Dask client."""
-    parts = np.array_split(numbers, min(len(numbers), 4 * max(len(client.scheduler_info()["workers"]), 1)))
-    for future in client.map(_all_batches, [variants] * len(parts), parts, pure=False):
-        yield from future.result()
-
-
-def _all_batches(variants: Variants, numbers: Float64Array) -> list[Batch]:
-    return [*variants.batches(numbers)]
-
-
-@functools.lru_cache(4)
-def _variants_again(path: str, tables: str, keys: tuple[str, ...], outputs: tuple[str, ...] | None) -> Variants:
-    """Return the computer of variants of a scene from the JSON text of its tables."""
-    values = with_constants_evaluated(Table(path, "", json.loads(tables), {}))
-    return Variants(scene_from_tables(values, Path(path)), keys, outputs)
+        return reduce_arrays(self.t, self.arrays, reductions, columns)
 
 
 class Variants:
-    """Computer of the outputs of a scene for any values of some of its numbers. A process to which it is sent reads
-    the scene once.
+    """Computer of the outputs of a scene for any values of some of its numbers.
 
     Args:
         scene: the scene.
@@ -160,10 +137,6 @@ class Variants:
         self.paths = [number_path(entry, scene.tables.values, key) for key in keys]
         if self.outputs is not None:
             scene.request(self.outputs)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        tables = json.dumps(self.scene.tables.values, default=str)  # in the order of the file
-        return _variants_again, (str(self.scene.path.absolute()), tables, self.keys, self.outputs)
 
     def scene_of(self, numbers: Sequence[float]) -> Scene:
         """Return the scene with these numbers."""
@@ -190,7 +163,7 @@ class Variants:
         for one in caught:
             if str(one.message) not in reasons:
                 warnings.warn_explicit(one.message, one.category, one.filename, one.lineno, registry=self._warned)
-        return Batch(scene.t, arrays, ["; ".join(dict.fromkeys(reasons))], [touches_of(scene.motion)])
+        return Batch(scene.t, arrays, ["; ".join(dict.fromkeys(reasons))])
 
     def _one(self, numbers: Sequence[float]) -> Batch:
         """Return the results of one variant; NaN and the reason if it cannot be computed."""
@@ -198,7 +171,7 @@ class Variants:
             return self.compute(numbers)
         except ArgumentError as error:
             lost = {name: np.full(array.shape, np.nan) for name, array in self._plain.arrays.items()}
-            return Batch(self._plain.t, lost, [str(error)], [{}])
+            return Batch(self._plain.t, lost, [str(error)])
 
     @lock_free_cached_property
     def _plain(self) -> Batch:
@@ -232,108 +205,80 @@ class Variants:
             return None
         given = {name: np.repeat(column, scene.samples) for name, column in zip(names, numbers.T, strict=True)}
         known = source.at(np.tile(scene.t, len(numbers)), level, given)
-        arrays = self._arrays(scene.subject, known, self.outputs)
+        arrays = self._arrays(scene.subject, known)
         if not all(np.isfinite(own).all() for own in arrays.values()):
             return None
         shape = (len(numbers), scene.samples)
         arrays = {name: own.reshape(*shape, *own.shape[1:]) for name, own in arrays.items()}
-        return Batch(scene.t, arrays, [""] * len(numbers), [{}] * len(numbers))
+        return Batch(scene.t, arrays, [""] * len(numbers))
 
-    def _arrays(self, subject: Subject, known: Known, names: tuple[str, ...] | None, backend: str = "auto") -> Arrays:
+    def _arrays(self, subject: Subject, known: Known) -> Arrays:
         """Return the outputs, and forces, of a subject along a known motion."""
-        scene, request = self.scene, self.scene.request(names)
+        scene, request = self.scene, self.scene.request(self.outputs)
         part = known.part(slice(None), order_of(request))
-        return subject.compute(request, part, Acting(scene.motion, slice(None), scene.gravity), backend).arrays
-
-    @lock_free_cached_property
-    def _known(self) -> Known:
-        return self.scene.known(slice(len(self.scene.t)), self.scene.motion.level)
+        return subject.compute(request, part, Acting(scene.motion, slice(None), scene.gravity), "auto").arrays
 
     def _of_subjects(self, numbers: Float64Array) -> Batch | None:
-        """Compute variants along one motion that differ in geometry or masses."""
-        subject = self.scene.subject
-        arrays = self._of_pairs(numbers) if subject.pair is not None else self._of_payloads(numbers)
-        if arrays is None:
-            return None
-        plain = self._plain.arrays
-        whole = {name: np.broadcast_to(own, (len(numbers), *plain[name].shape[1:])) for name, own in arrays.items()}
-        return Batch(self.scene.t, whole, [""] * len(numbers), [{}] * len(numbers))
-
-    def _of_pairs(self, numbers: Float64Array) -> Arrays | None:
-        """Return the outputs of pairs that differ in components of u1, u2 and n, and in masses, in which forces are
-        linear.
+        """Compute variants along one motion, whose geometry and masses are arrays with an axis of variants; None if
+        they differ in more than vectors and bodies of a pair, or in payloads.
         """
-        pair: Any = self.scene.pair
-        geometry: dict[str, NDArray[Any]] = {}
-        masses: dict[str, int] = {}
-        for column, path in enumerate(self.paths):
-            if len(path) == 3 and path[1] in ("u1", "u2", "n") and isinstance(path[2], int):
-                own = self._written(str(path[1]))
-                array = geometry.setdefault(str(path[1]), np.tile(own, (len(numbers), 1)))
-                array[:, path[2]] = numbers[:, column]
-            elif len(path) == 3 and path[1] in ("body1", "body2") and path[2] == "mass":
-                masses[str(path[1])] = column
-            else:
-                return None
-        pair = replace(pair, **{key: array[:, None] for key, array in geometry.items()}) if geometry else pair
-        known, names = self._known, self.outputs
-        if not masses:
-            return self._arrays(Subject(pair), known, names)
-        table = self.scene.tables.table("pair")
-        ends = {body: (numbers[:, column].min(), numbers[:, column].max()) for body, column in masses.items()}
-
-        def with_masses(**chosen: float) -> Arrays:
-            bodies = {
-                body: read_body(replace(table, values={body: {**table.values[body], "mass": chosen[body]}}), body)
-                for body in masses
-            }
-            return self._arrays(Subject(replace(pair, **bodies)), known, names)
-
-        least = {body: own[0] for body, own in ends.items()}
-        base = with_masses(**least)
-        arrays = dict(base)
-        for body, column in masses.items():
-            low, high = ends[body]
-            if low == high:
-                continue
-            other = with_masses(**(least | {body: high}))
-            share = (numbers[:, column] - low) / (high - low)
-            for name, array in base.items():
-                slope = other[name] - array
-                if slope.any():
-                    lead = share.reshape(-1, *[1] * (max(array.ndim, 1 + self._ndim(name)) - 1))
-                    arrays[name] = arrays[name] + lead * slope
-        return arrays
-
-    def _ndim(self, name: str) -> int:
-        """Return the number of axes of an output with an axis of instants."""
-        return self._plain.arrays[name].ndim - 1
-
-    def _written(self, key: str) -> Float64Array:
-        """Return u1, u2 or n as the file has it."""
-        table = self.scene.tables.table("pair")
-        return np.array(table.numbers(key, len(table.values[key])))
-
-    def _of_payloads(self, numbers: Float64Array) -> Arrays | None:
-        """Return the outputs of robots that differ in payloads."""
-        if any(path[:2] != ("mechanism", "payload") for path in self.paths):
+        scene = self.scene
+        places = dict.fromkeys(path[: 2 if path[0] == "pair" else 3] for path in self.paths)
+        if any(place[:2] not in _ARRAYS for place in places):
             return None
-        values, links = self.scene.tables.values, dict.fromkeys(str(path[2]) for path in self.paths)
-        others = {link: own for link, own in values["mechanism"]["payload"].items() if link not in links}
-        mechanism = {**values["mechanism"], "payload": others}
-        tables = replace(self.scene.tables, values={**values, "mechanism": mechanism})
-        robot = read_mechanism(tables, self.scene.path.parent, base=self.scene.subject.robot.base)
-        variants = [replace(tables, values=with_numbers(values, self.paths, row)) for row in numbers.tolist()]
-        for link in links:
-            bodies = [read_body(variant.table("mechanism").table("payload"), link) for variant in variants]
-            robot = robot.with_payload(
-                link,
-                mass=np.array([body.mass for body in bodies])[:, None],
-                centre_of_mass=np.array([body.centre_of_mass for body in bodies])[:, None],
-                inertia=np.array([body.inertia for body in bodies])[:, None],
+        varied, rows = with_numbers(scene.tables.values, self.paths, numbers[0]), []
+        for row in numbers.tolist():
+            write_numbers(varied, self.paths, row)
+            rows.append([_read_place(replace(scene.tables, values=varied), place) for place in places])
+        found = dict(zip(places, zip(*rows, strict=True), strict=True))
+        vectors = {str(place[1]): np.array(own)[:, None] for place, own in found.items() if place[1] in _VECTORS}
+        bodies = {str(place[-1]): own for place, own in found.items() if place[1] not in _VECTORS}
+        subject = scene.subject
+        if vectors:
+            subject = Subject(replace(subject.pair, **vectors))
+        if bodies and subject.pair is not None:
+            bare = Subject(replace(subject.pair, **dict.fromkeys(bodies, _MASSLESS))).robot.with_base(
+                subject.robot.base
             )
-        # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
-        return self._arrays(Subject(robot, self.scene.frames), self._known, self.outputs, "compiled")
+            links = {"body1": bare.links[0], "body2": PSI[0]}
+            subject = Subject(subject.pair)
+            subject.robot = _with_payloads(bare, {links[body]: own for body, own in bodies.items()})
+        elif bodies:
+            subject = Subject(_with_payloads(self._without_payloads([*bodies]), bodies), scene.frames)
+        arrays, plain = self._arrays(subject, scene.known(slice(None), scene.motion.level)), self._plain.arrays
+        whole = {name: np.broadcast_to(own, (len(numbers), *plain[name].shape[1:])) for name, own in arrays.items()}
+        return Batch(scene.t, whole, [""] * len(numbers))
+
+    def _without_payloads(self, links: Sequence[str]) -> Any:
+        """Return the robot without the payloads of some links."""
+        tables = self.scene.tables
+        mechanism = dict(tables.values["mechanism"])
+        mechanism["payload"] = {link: own for link, own in mechanism["payload"].items() if link not in links}
+        tables = replace(tables, values={**tables.values, "mechanism": mechanism})
+        return read_mechanism(tables, self.scene.path.parent, base=self.scene.subject.robot.base)
+
+
+_MASSLESS: Final = Body(1e-200, inertia=(1e-200,) * 3)  # nothing beside the bodies that are added to it
+_VECTORS: Final = ("u1", "u2", "n")
+_ARRAYS: Final = {("mechanism", "payload"), *(("pair", key) for key in (*_VECTORS, "body1", "body2"))}
+
+
+def _read_place(tables: Table, place: NumberPath) -> Any:
+    """Return the vector or the body of a scene at a place such as ("pair", "u1")."""
+    *outer, key = map(str, place)
+    for name in outer:
+        tables = tables.table(name)
+    return tables.numbers(key, len(tables.values[key])) if place[1] in _VECTORS else read_body(tables, key)
+
+
+def _with_payloads(robot: Any, bodies: Mapping[str, Sequence[Any]]) -> Any:
+    """Return the robot with a body for each variant at each of these links."""
+    for link, own in bodies.items():
+        keys = ("mass", "centre_of_mass", "inertia")
+        robot = robot.with_payload(
+            link, **{key: np.array([getattr(body, key) for body in own])[:, None] for key in keys}
+        )
+    return robot
 
 
 def lost_variants(keys: Sequence[str], numbers: Float64Array, reasons: Sequence[str]) -> str:
