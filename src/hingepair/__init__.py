@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from hingepair.rotations.matrices import skew as skew
     from hingepair.rotations.matrices import unskew as unskew
     from hingepair.scenes.derive import derive as derive
-    from hingepair.scenes.load import load_scene as load_scene
+    from hingepair.scenes.scene import load_scene as load_scene
     from hingepair.scenes.variants.search import search as search
     from hingepair.scenes.variants.vary import vary as vary
     from hingepair.tables.instants import MeasurementWarning as MeasurementWarning
@@ -121,7 +121,7 @@ _MODULES = {
         "rotations.euler": "euler_rate_matrix euler_rates euler_to_matrix matrix_to_euler",
         "rotations.matrices": "project_to_rotation rodrigues rotation_exp rotation_log skew unskew",
         "scenes.derive": "derive",
-        "scenes.load": "load_scene",
+        "scenes.scene": "load_scene",
         "scenes.variants.search": "search",
         "scenes.variants.vary": "vary",
         "tables.instants": "MeasurementWarning",

@@ -9,7 +9,6 @@ from __future__ import annotations
 import pytest
 
 import hingepair as hp
-from hingepair.scenes.tables import FORMER_KEYS
 
 TIME = "[time]\nstart = 0\nstop = 2\nsamples = 21\n"
 PAIR = "[pair]\nu1 = [0.5, 0.2, 0.1]\nu2 = [-0.25, 0.1, 0.3]\nn = [1, 0, 0]\n"
@@ -168,24 +167,6 @@ def test_a_scene_is_refused_by_its_place(tmp_path, row):
     assert ("my.toml" in message) != ("log.csv" in message.partition(": ")[0])
     assert "\n" not in message
     assert ("expected" in message and "got" in message) or "known: " in message
-
-
-@pytest.mark.parametrize(
-    ("scene", "table", "key"),
-    [
-        (scene, table, key)
-        for scene, table in (("panda", ""), ("panda", "mechanism"), ("log", "motion"), ("moved", "dynamics"))
-        for key in FORMER_KEYS[table]
-    ],
-)
-def test_a_former_key_is_refused_with_what_stands_in_its_place(tmp_path, scene, table, key):
-    heading = f"[{table}]\n" if table else ""
-    (tmp_path / "log.csv").write_text(LOGS["log"])
-    (tmp_path / "my.toml").write_text(SCENES[scene].replace(heading, f"{heading}{key} = 1\n", 1))
-    with pytest.raises(hp.SceneError) as caught:
-        hp.load_scene(tmp_path / "my.toml")
-    assert caught.value.loc == tuple(filter(None, (table, key)))
-    assert caught.value.expected == FORMER_KEYS[table][key]
 
 
 FILES = {

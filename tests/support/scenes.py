@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 
 import hingepair as hp
@@ -32,3 +33,10 @@ def logged(u1, u2, n, file="log.csv", **more):
 def scene_of(folder, text, name="scene.toml"):
     (folder / name).write_text(text, encoding="utf-8")
     return hp.load_scene(folder / name)
+
+
+def altered(scene, **properties):
+    """The scene with other values of some of its properties."""
+    other = copy.copy(scene)
+    other.__dict__.update(properties)
+    return other

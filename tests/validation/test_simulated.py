@@ -13,7 +13,7 @@ import hingepair as hp
 from hingepair.scenes.subject import Subject
 from hingepair.validation.cross_validate import compare_rates
 from hingepair.validation.report import MAX_LOAD_RATIO, MAX_RATIO
-from support.scenes import time, toml
+from support.scenes import altered, time, toml
 
 SPACE = (
     toml("pair", u1=[0.4, 0, 0.1], u2=[-0.25, 0.1, 0.05], n=[0, 1, 0.3])
@@ -95,7 +95,7 @@ def with_hinge(scene, change):
     """The scene, whose psi, psid and psidd are others."""
     given = scene.motion.source
     other = replace(given, joints=tuple((row,) for row in change(*given.hinge)))
-    return replace(scene, motion=replace(scene.motion, source=other))
+    return altered(scene, motion=replace(scene.motion, source=other))
 
 
 CHANGES = {
@@ -148,7 +148,7 @@ HARM = {
 
 
 def with_simulated(scene, **change):
-    return replace(scene, motion=replace(scene.motion, simulated=replace(scene.motion.simulated, **change)))
+    return altered(scene, motion=replace(scene.motion, simulated=replace(scene.motion.simulated, **change)))
 
 
 @pytest.mark.slow
@@ -158,9 +158,9 @@ def test_loads_of_another_pair_are_no_loads_of_this_motion(scenes, harm):
     motion = scene.motion.simulated
     assert all(row.ok for row in simulated(scene.cross_validate()))
     harmed = Subject(HARM[harm](scene.pair))
-    other = with_simulated(replace(scene, subject=harmed), robot=harmed.robot)
+    other = with_simulated(altered(scene, subject=harmed), robot=harmed.robot)
     assert not all(row.ok for row in simulated(other.cross_validate()))
-    assert not any(row.ok for row in simulated(replace(scene, gravity=(0, 0, -9.8)).cross_validate())[:3])
+    assert not any(row.ok for row in simulated(altered(scene, gravity=(0, 0, -9.8)).cross_validate())[:3])
     for name in ("force1", "torque1", "force_psi", "torque_psi", "tau"):
         loads = {**motion.loads, name: motion.loads[name] + 1e-9}
         assert not all(row.ok for row in simulated(with_simulated(scene, loads=loads).cross_validate())), name

@@ -10,10 +10,10 @@ import typer
 from hingepair.cli.options import SourceArgument, TextFileOption, split_names
 from hingepair.cli.output import check_output, write_text
 from hingepair.cli.sources import read_source
-from hingepair.errors import ArgumentError, HingePairError
+from hingepair.errors import HingePairError
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.plans.pairs import PLANE, SPACE
-from hingepair.scenes.load import SceneFile
+from hingepair.scenes.scene import Scene
 from hingepair.scenes.subject import FURTHER_OUTPUTS
 
 _DERIVED = ("omega1", "R2", "S2", "phi2", "v2", "omega2", "a2", "alpha2")
@@ -60,7 +60,7 @@ def derive_command(
     check_output(out, [source])
     symbols, names = split_names("symbolic", symbolic) or (), split_names("outputs", outputs)
     read = read_source(source, snap=_SNAP)
-    if isinstance(read.named, SceneFile):
+    if isinstance(read.named, Scene):
         read.named.refuse_linkage("closed forms are of trees of joints, or of a pair")
     forms, title, usual = _forms(read.subject, frame, symbols)
     names, short = usual if names is None else names, False if full else None
@@ -76,18 +76,13 @@ def derive_command(
 
 
 def _forms(subject: Any, frame: str | None, symbols: Any) -> tuple[Any, str, list[str] | None]:
-    """Return the formulas of a robot or of the scene file of a pair, their title, and the outputs to write."""
-    from hingepair.scenes.derive import derive, derive_any_motion
+    """Return the formulas of a robot or of the scene of a pair, their title, and the outputs to write."""
+    from hingepair.scenes.derive import derive
 
     if isinstance(subject, Mechanism):
         return derive(subject, symbols, frame), "", None
-    if frame is not None:
-        raise ArgumentError("frame", "a robot, whose frame it is", "the scene of a pair")
-    if subject.has_motion and not subject.is_simulated:
-        scene = subject.scene()
-        forms, title = derive(scene, symbols), scene.title
-        named = [name for name in scene.outputs or () if name not in FURTHER_OUTPUTS]
-    else:
-        forms, title, named = derive_any_motion(subject, symbols), subject.pair.name, []
+    forms = derive(subject, symbols, frame)
+    has_functions = subject.has_motion and not subject.is_simulated
+    named = [name for name in (subject.outputs if has_functions else None) or () if name not in FURTHER_OUTPUTS]
     points = [name for name in forms.names if name not in {*SPACE.levels, *PLANE.levels}]
-    return forms, title, named or [*(name for name in _DERIVED if name in forms.names), *points]
+    return forms, subject.title, named or [*(name for name in _DERIVED if name in forms.names), *points]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,15 +11,14 @@ import typer
 from hingepair.cli.options import JsonOption, SourceArgument, TextFileOption
 from hingepair.cli.output import check_output, write_text
 from hingepair.cli.sources import read_source
-from hingepair.errors import printable
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.xml_text import commented
 from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.scenes.load import SceneFile
-from hingepair.scenes.motions.dynamics import PRESCRIBED, default_gravity
+from hingepair.scenes.motions.dynamics import PRESCRIBED
+from hingepair.scenes.scene import Scene
 
 BaseOption = Annotated[
     str | None,
@@ -59,20 +57,19 @@ def _write_model(kind: str, text: str, out: Path | None, base: str | None, as_js
     """Write what SCENE names as URDF or MJCF."""
     source = read_source(text)
     subject, write = source.subject, to_urdf if kind == "URDF" else to_mjcf
-    if isinstance(source.named, SceneFile):
+    if isinstance(source.named, Scene):
         source.named.refuse_linkage(f"{kind} files are written of trees of joints alone")
-        for sentence in source.named.suspicions:
-            print(f"hingepair: note: {printable(sentence)}", file=sys.stderr)
     check_output(out, source.files)
     chosen: dict[str, Any] = {} if base is None else {"base": base}
     if isinstance(subject, Mechanism):
         return write_text(write(subject, **chosen), out, source.files, as_json)
-    pair, setup = subject.pair, subject.dynamics
+    pair: Any = subject.pair
+    setup = subject.dynamics
     if kind == "MJCF":
-        chosen["gravity"] = default_gravity(subject.subject) if setup is None else setup.gravity
+        chosen["gravity"] = setup.gravity
         chosen.setdefault("base", "fixed" if pair.body1 is None else "free")
     space = pair if isinstance(pair, HingePair) else pair.to_spatial()
-    if setup is None:
+    if "dynamics" not in subject.tables.values:
         return write_text(write(space, **chosen), out, source.files, as_json)
     if base is None:
         bases = {PRESCRIBED: "fixed", "pinned": "free" if kind == "URDF" else "pinned"}

@@ -72,7 +72,7 @@ def view_command(
     check_output(out, [source])
     read = read_source(source)
     if not isinstance(read.named, Mechanism) and read.named.has_motion:
-        shown: Any = read.named.scene()
+        shown: Any = read.named.checked()
     else:
         shown = read.subject if isinstance(read.subject, Mechanism) else read.subject.pair
     page = view(shown.to_spatial() if isinstance(shown, PlanarPair) else shown, meshes=meshes, units=units)

@@ -27,7 +27,7 @@ from hingepair.cli.summary import RunSummary
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.results import RESULT_FILE_SUFFIXES, result_file
 from hingepair.numeric.arrays import Float64Array
-from hingepair.scenes.load import SceneFile
+from hingepair.scenes.scene import Scene
 from hingepair.validation.cross_validate import cross_validate
 
 
@@ -84,8 +84,8 @@ def check_command(source: SourceArgument, as_json: JsonOption = False) -> None:
     read = read_source(source)
     heading: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    if isinstance(read.named, SceneFile) and (read.named.has_motion or read.named.mechanism is None):
-        scene = read.named.scene()
+    if isinstance(read.named, Scene) and (read.named.has_motion or read.named.mechanism is None):
+        scene = read.named.checked()
         heading, report = (scene.title, *scene.heading()), scene.cross_validate(scene.subject.max_check_instants)
         notes = (*scene.suspicions(), *scene.motion.notes)
     else:

@@ -10,19 +10,18 @@ from hingepair.cli.examples import example_hint
 from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.scenes.load import SceneFile
-from hingepair.scenes.scene import Scene
+from hingepair.scenes.scene import Scene, read_scene_file
 
 
 class Source(NamedTuple):
     """What SCENE names."""
 
-    named: SceneFile | Mechanism
+    named: Scene | Mechanism
     files: tuple[Path, ...]  # which are read
 
     @property
-    def subject(self) -> SceneFile | Mechanism:
-        """The robot, also that of a scene; or the scene file of a pair."""
+    def subject(self) -> Scene | Mechanism:
+        """The robot, also that of a scene; or the scene of a pair."""
         robot = None if isinstance(self.named, Mechanism) else self.named.mechanism
         return self.named if robot is None else robot
 
@@ -48,7 +47,7 @@ def read_source(text: str, snap: float | None = None) -> Source:
                 raise ArgumentError(text, f"a file{example_hint(text)}", "none of this name") from None
             raise type(error)(text, f"a file, or {error.expected}", "neither of them") from None
         return Source(load_robot(text, snap=snap), ())
-    scene = SceneFile(text)
+    scene = read_scene_file(text)
     return Source(scene, scene.files)
 
 
@@ -59,4 +58,4 @@ def read_scene(path: Path) -> Scene:
         key = "urdf" if source.files else "robot"
         expected = f"a scene file with a motion, and [mechanism] {key} = {str(path)!r}"
         raise ArgumentError(str(path), expected, "a robot, which alone has no motion (hingepair view shows it)")
-    return source.named.scene()
+    return source.named.checked()

@@ -99,7 +99,6 @@ _HINGE_KEYS: Final[Mapping[str, Key]] = {
     "name": Table.text,
     **_BODIES,
 }
-_ROBOT_HINGE_KEYS: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
 _NEEDED: Final = (
     "a table [pair] with u1, u2 and n, such as u1 = [0.5, 0, 0], u2 = [-0.5, 0, 0], n = [0, 0, 1], or a [mechanism] "
     "or [[joint]]; then [motion], such as psi = 'sin(t)', and [time] with start, stop and samples"
@@ -107,8 +106,8 @@ _NEEDED: Final = (
 
 
 def read_pair(tables: Table) -> HingePair | PlanarPair:
-    """Return the pair of the table [pair], which describes it or names a robot's hinge: a PlanarPair if the scene is
-    `planar`, otherwise a HingePair. Its name is the stem of the file's name unless the table has one.
+    """Return the pair of the table [pair]: a PlanarPair if the scene is `planar`, otherwise a HingePair. Its name is
+    the stem of the file's name unless the table has one.
     """
     if "pair" not in tables.values:
         tables.refuse("pair", _NEEDED, "nothing")
@@ -118,16 +117,8 @@ def read_pair(tables: Table) -> HingePair | PlanarPair:
     if planar:
         keys = {**dict.fromkeys(("u1", "u2"), numbers_key(2)), "name": Table.text, **_BODIES, **points}
         return construct_from_table(table, PlanarPair, name | table.read(keys, ("u1", "u2")))
-    if table.values.keys().isdisjoint(_ROBOT_HINGE_KEYS):
-        table.check_keys((*_HINGE_KEYS, *points, *_ROBOT_HINGE_KEYS))
-        read = table.read({**_HINGE_KEYS, **points}, ("u1", "u2", "n"))
-        return construct_from_table(table, HingePair, name | read)
-    from hingepair.formats.robots import load_robot_hinge
-
-    values = table.read({**_ROBOT_HINGE_KEYS, **_BODIES, **points}, _ROBOT_HINGE_KEYS)
-    pair = construct_from_table(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT_HINGE_KEYS})
-    with table.naming():
-        return replace(pair, **values)
+    read = table.read({**_HINGE_KEYS, **points}, ("u1", "u2", "n"))
+    return construct_from_table(table, HingePair, name | read)
 
 
 # ---- mechanisms

@@ -1,25 +1,19 @@
-"""Closed forms of a scene's motion, of any motion of a pair, or of a robot's frame."""
+"""Closed forms of a scene, of a pair, or of a frame of a robot."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from typing import Any
 
-import numpy as np
-
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.pairs.requests import constants_of
-from hingepair.plans.pairs import PLANE, SPACE
 from hingepair.rotations.euler import matrix_to_euler
-from hingepair.scenes.load import SceneFile
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.tables import Table
 from hingepair.symbolic.closed_forms import SYMBOLIC_CONSTANTS, frame_forms, pair_forms, point_key
 from hingepair.symbolic.exact import Expr, exact, to_sympy
-from hingepair.symbolic.writing import ClosedForms
 
 
 def derive(
@@ -32,8 +26,8 @@ def derive(
 
     The coordinates of a HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
     phi_z(t), and psi(t). The coordinates of a PlanarPair are x(t), y(t), phi(t), psi(t). The coordinates of a Scene
-    are the expressions in its file; a coordinate that the file defines by waypoints (instants and values) stays a
-    function of t.
+    are the expressions in its file; a coordinate that the file defines by waypoints (instants and values), and all of
+    a scene without a motion or with a simulated one, stay functions of t.
 
     All numbers are exact. An expression in a scene file, including those in the table [pair], is used as it is
     written. A float becomes the number that its shortest decimal form shows: 0.1 becomes 1/10. The components of a
@@ -100,35 +94,25 @@ def derive(
         scene, pair = scene_or_pair, scene_or_pair.subject.pair
         names = _symbolic_names(symbolic, pair, scene.constants)
         symbolic_constants = tuple(name for name in names if name in scene.constants)
-        motion = dict.fromkeys(scene.expressions, exact(0)) | scene.functions.expressions(symbolic_constants)
-        written = _exact_pair_values(pair, scene.tables, symbolic_constants)
-        return pair_forms(pair, motion, scene.sequence, names, written)
+        written = _exact_pair_values(scene.tables, symbolic_constants)
+        if scene.has_motion and not scene.is_simulated:
+            motion = dict.fromkeys(scene.expressions, exact(0)) | scene.functions.expressions(symbolic_constants)
+            return pair_forms(pair, motion, scene.sequence, names, written)
+        return pair_forms(pair, _fixed_body1(scene), symbolic=names, exact_values=written)
     pair = scene_or_pair
     if not isinstance(pair, HingePair | PlanarPair):
         raise ArgumentError("scene_or_pair", "a Scene, a HingePair, a PlanarPair or a Mechanism", quoted(pair))
     return pair_forms(pair, symbolic=_symbolic_names(symbolic, pair, ()))
 
 
-def derive_any_motion(file: SceneFile, symbolic: Iterable[str] = ()) -> ClosedForms:
-    """Return closed forms of the pair in a scene file with coordinates that are unspecified functions of t, those of
-    a fixed body 1 apart.
-
-    Args:
-        file: the scene file, whose motion is ignored.
-        symbolic: as for `derive`.
-    """
-    pair, setup = file.pair, file.dynamics
-    constants = file.tables.table("constants", required=False).values
-    names = _symbolic_names(symbolic, pair, constants)
-    symbolic_constants = tuple(name for name in names if name in constants)
-    motion: dict[str, Expr] = {}
-    if setup is not None and setup.base == "fixed" and setup.start is not None:
-        x, y, z, *phi = map(exact, (*setup.start.R.tolist(), *matrix_to_euler(setup.start.S).tolist()))
-        given = (x, y, phi[2]) if isinstance(pair, PlanarPair) else (x, y, z, *phi)
-        kind = PLANE if isinstance(pair, PlanarPair) else SPACE
-        motion = dict(zip(kind.coordinates[:-1], given, strict=True))
-    written = _exact_pair_values(pair, file.tables, symbolic_constants)
-    return pair_forms(pair, motion, symbolic=names, exact_values=written)
+def _fixed_body1(scene: Scene) -> dict[str, Expr]:
+    """Return the coordinates of body 1 where [dynamics] fixes it; otherwise nothing."""
+    start = scene.dynamics.start
+    if "dynamics" not in scene.tables.values or scene.dynamics.base != "fixed" or start is None:
+        return {}
+    x, y, z, *phi = map(exact, (*start.R.tolist(), *matrix_to_euler(start.S).tolist()))
+    given = (x, y, phi[2]) if scene.subject.planar else (x, y, z, *phi)
+    return dict(zip(scene.subject.kind.coordinates[:-1], given, strict=True))
 
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
@@ -144,17 +128,12 @@ def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: C
     return names
 
 
-def _exact_pair_values(
-    pair: HingePair | PlanarPair, tables: Table, symbolic_constants: tuple[str, ...]
-) -> dict[str, tuple[Expr, ...]]:
-    """Return u1, u2 and points as [pair] writes them, where the pair has the same numbers."""
-    numbers = {**constants_of(pair).arrays, **pair.points1, **pair.points2}
+def _exact_pair_values(tables: Table, symbolic_constants: tuple[str, ...]) -> dict[str, tuple[Expr, ...]]:
+    """Return u1, u2 and points as [pair] writes them."""
     table, found = tables.table("pair"), {}
     points = [table.table(key, required=False) for key in ("points1", "points2")]
     for part, names in ((table, ("u1", "u2")), *((part, tuple(part.values)) for part in points)):
         for name in names:
-            size = numbers[name].size if name in numbers else 0
-            if name in part.values and size and np.allclose(part.numbers(name, size), numbers[name], 1e-14, 1e-15):
-                written = part.expressions(name, size, symbolic_constants=symbolic_constants)
-                found[name if part is table else point_key(name)] = tuple(to_sympy(name, x) for x in written)
+            written = part.expressions(name, len(part.values[name]), symbolic_constants=symbolic_constants)
+            found[name if part is table else point_key(name)] = tuple(to_sympy(name, x) for x in written)
     return found

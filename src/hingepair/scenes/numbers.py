@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any, Final, TypeAlias
 
 from hingepair.errors import choices, nearest
-from hingepair.scenes.tables import FORMER_KEYS, Table
+from hingepair.scenes.tables import Table
 
 NumberPath: TypeAlias = tuple[str | int, ...]
 """Keys and indices that lead to a number of a scene file: ("pair", "u1", 0) of "pair.u1[0]"."""
@@ -31,11 +31,10 @@ def number_path(table: Table, values: Mapping[str, Any], key: str) -> NumberPath
         path.append(match[1])
         path += [int(place) for place in re.findall(r"\d+", match[2])]
     here: Any = values
-    for depth, step in enumerate(path):
+    for step in path:
         if isinstance(here, dict) and step not in here:
             known = tuple(map(str, here))
-            now = FORMER_KEYS.get(".".join(map(str, path[:depth])), {}).get(step)
-            table.refuse("key", now or f"{choices(known)} at this place{nearest(str(step), known)}", repr(step))
+            table.refuse("key", f"{choices(known)} at this place{nearest(str(step), known)}", repr(step))
         if isinstance(here, list) and (not isinstance(step, int) or step >= len(here)):
             table.refuse("key", f"a place in a list of {len(here)}, such as [0]", repr(step))
         if not isinstance(here, dict | list):
@@ -78,7 +77,8 @@ def keep_motion(paths: Sequence[NumberPath]) -> bool:
     """Return whether a given motion is the same whatever these numbers are: those of geometry and masses."""
     resting = ("u1", "u2", "n", "home", "body1", "body2", "torque_limit", "rate_limit")
     return all(
-        path[0] in ("pair", "outputs", "title")
+        path[0] in ("outputs", "title")
+        or (path[0] == "pair" and path[1] != "limits")  # where stops may be
         or path[:2] in (("mechanism", "payload"), ("mechanism", "frames"))
         or (path[0] == "joint" and len(path) > 2 and path[2] in resting)
         for path in paths

@@ -7,17 +7,18 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, VELOCITY
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, SceneError, quoted
 from hingepair.mechanism.bodies.hinge_load import HingeLoad, stop_range
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -26,21 +27,37 @@ from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK, Record
 from hingepair.motion.energy_balance import EnergyBalance
 from hingepair.motion.trajectory import describe_instants
 from hingepair.numeric.arrays import Float64Array, one_constant
+from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes import suspicions
+from hingepair.scenes.bodies import MECHANISM_TABLES, is_of_mechanism, read_mechanism, read_pair
 from hingepair.scenes.forces import SceneForces
+from hingepair.scenes.motions.dynamics import (
+    Dynamics,
+    read_dynamics,
+    read_simulated_motion,
+    simulated_motion,
+    simulates,
+)
+from hingepair.scenes.motions.functions import FunctionsOfTime, read_function_motion
 from hingepair.scenes.motions.known import Known, Rows
 from hingepair.scenes.motions.motion import Motion, limit_sentences, stop_sentences
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers
 from hingepair.scenes.subject import Acting, Computed, Request, Subject, order_of
-from hingepair.scenes.tables import Table
+from hingepair.scenes.tables import Table, read_let, read_tables
+from hingepair.symbolic.expressions import constant_name_fault, parse_constant
+from hingepair.tables.column_tables import column_table
 from hingepair.tables.sheets import instant_text
 from hingepair.tables.units import SI, Columns, Units, UnitsLike
 
 if TYPE_CHECKING:
     from hingepair.motion.simulated import SimulatedRobotMotion
-    from hingepair.scenes.motions.functions import FunctionsOfTime
     from hingepair.symbolic.exact import Expr
     from hingepair.validation.report import CrossValidation
+
+
+_COMMON: Final = ("title", "constants", "let", "motion", "dynamics", "time", "outputs")
+_OF_PAIRS: Final = (*_COMMON, "planar", "pair", "tolerances")
+_OF_MECHANISMS: Final = (*_COMMON, *MECHANISM_TABLES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,33 +154,151 @@ class SceneResult(Record):
         return f"SceneResult({describe_instants(self.t)}, {what})"
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
-class Scene:
-    """Scene as read from a scene file: what moves, how, and when to look."""
+def load_scene(path: str | os.PathLike[str], log: Any = None) -> Scene:
+    """Read a TOML scene file, whose format docs/scenes.md describes.
 
-    #: path of the scene file
-    path: Path
-    #: title of the scene, a sentence
-    title: str
-    #: what moves
-    subject: Subject
-    #: the motion and its instants
-    motion: Motion
-    #: acceleration of free fall, world axes [m/s^2]; (3,)
-    gravity: tuple[float, ...]
-    #: names of the outputs that `evaluate` computes by default; None for all of body 2, or for the motion of a
-    #: robot's frames and moving joints
-    outputs: tuple[str, ...] | None
-    #: constants of the file by name
-    constants: Mapping[str, float]
-    #: absolute paths of the files that the scene was read from
-    files: tuple[Path, ...]
-    #: contents of the file; expressions are kept as text
-    tables: Table
-    #: units of tables, plots and files unless others are asked for
-    units: Units = SI
-    #: function that returns the scene of other tables; None of a scene without a file
-    read: Callable[..., Any] | None = None
+    Args:
+        path: path of the scene file. Relative paths in the file start from the folder of the file.
+        log: recorded motion in place of the file that [motion] names: a pandas DataFrame, an xarray Dataset or a dict
+            of arrays with the columns of a log, or the path of another file. [motion] then needs no `file`; its other
+            keys count as for that file.
+
+    Returns:
+        A `Scene`. Its method `evaluate()` computes the outputs at the instants of the scene.
+
+    Raises:
+        SceneError: the file cannot be read as a scene. The message is one line; it names the file and, if a key of
+            the scene is wrong, the table and the key.
+        MissingDependencyError: the file names a robot of example-robot-data, and that package is not installed.
+    """
+    return read_scene_file(path, log).checked()
+
+
+def read_scene_file(path: str | os.PathLike[str], log: Any = None) -> Scene:
+    """Return a scene whose keys and motion are read when they are needed, as `load_scene`; it may have no motion."""
+    tables = read_tables(path)
+    if log is not None:
+        is_file = isinstance(log, str | os.PathLike)
+        file = os.path.abspath(log) if is_file else column_table("log", log)
+        motion = {**tables.table("motion", required=False).values, "file": file}
+        tables = replace(tables, values={**tables.values, "motion": motion})
+    return Scene(with_constants_evaluated(tables), Path(path))
+
+
+class Scene:
+    """Scene as read from a scene file: what moves, how, and when to look.
+
+    Args:
+        tables: contents of the file, with evaluated constants; expressions are kept as text.
+        path: path of the scene file.
+        made: properties that are known already, by name.
+    """
+
+    def __init__(self, tables: Table, path: Path, **made: Any) -> None:
+        self.tables, self.path = tables, path
+        self.__dict__.update(made)
+
+    def checked(self) -> Scene:
+        """Return the scene, once all of its keys are read and its motion is computed."""
+        _ = self.subject, self.dynamics, self.motion, self.title, self.units, self.outputs
+        return self
+
+    # ---- what the file says
+
+    @lock_free_cached_property
+    def subject(self) -> Subject:
+        """What moves."""
+        if not is_of_mechanism(self.tables):
+            return Subject(read_pair(self.tables))
+        frames = self.tables.table("mechanism", required=False).table("frames", required=False)
+        is_free = self.tables.table("dynamics", required=False).values.get("base") in ("free", "pinned")
+        robot = read_mechanism(self.tables, self.path.parent, base="free" if is_free else "fixed")
+        return Subject(robot, tuple(frames.values) or robot.tips)
+
+    @lock_free_cached_property
+    def dynamics(self) -> Dynamics:
+        """What the table [dynamics] says, or what counts without it."""
+        return read_dynamics(self.tables, self.subject)
+
+    @lock_free_cached_property
+    def motion(self) -> Motion:
+        """The motion and its instants."""
+        tables, subject, dynamics = self.tables, self.subject, self.dynamics
+        if self.is_simulated:
+            return read_simulated_motion(tables, subject, dynamics)
+        if "file" in tables.table("motion").values:
+            from hingepair.scenes.motions.sampled import read_log
+
+            motion = read_log(tables, self.path.parent, subject)
+        else:
+            motion = read_function_motion(tables, subject)
+        return replace(motion, loads=dynamics.loads, wrenches=dynamics.wrenches)
+
+    @lock_free_cached_property
+    def title(self) -> str:
+        """Title of the scene, a sentence."""
+        return self.tables.text("title", default=self.subject.name)
+
+    @lock_free_cached_property
+    def outputs(self) -> tuple[str, ...] | None:
+        """Names of the outputs that `evaluate` computes by default; None for all of body 2, or for the motion of a
+        robot's frames and moving joints.
+        """
+        outputs = self._outputs_table
+        names = outputs.names("names", 'a list of names such as ["R2", "v2"], of a robot ["R", "tau"]')
+        if names is not None:
+            with outputs.naming("names"):
+                self.subject.request(names, self.motion)
+        return names
+
+    @lock_free_cached_property
+    def units(self) -> Units:
+        """Units of tables, plots and files unless others are asked for."""
+        outputs = self._outputs_table
+        with outputs.naming("units"):
+            return Units(outputs.text("units")) if "units" in outputs.values else SI
+
+    @property
+    def _outputs_table(self) -> Table:
+        table = self.tables.table("outputs", required=False)
+        table.check_keys(("names", "units"))
+        return table
+
+    @lock_free_cached_property
+    def gravity(self) -> tuple[float, ...]:
+        """Acceleration of free fall, world axes [m/s^2]; (3,)."""
+        return self.dynamics.gravity
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Constants of the file by name."""
+        constants = self.tables.constants.items()
+        return {key: float(value) for key, value in constants if key not in self.tables.let}
+
+    @lock_free_cached_property
+    def files(self) -> tuple[Path, ...]:
+        """Absolute paths of the files that the scene is read from: its own, and those of its URDF and its log."""
+        named = (("mechanism", "urdf"), ("motion", "file"))
+        files = [self.tables.table(table, required=False).values.get(key) for table, key in named]
+        others = (self.path.parent / file for file in files if isinstance(file, str))
+        return tuple(file.absolute() for file in (self.path, *others))
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether there is [dynamics], [motion] with keys, or [motion] together with [time]."""
+        keys = self.tables.table("motion", required=False).values
+        return bool(keys) or "dynamics" in self.tables.values or {"motion", "time"} <= self.tables.values.keys()
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether [dynamics] simulates the motion."""
+        return simulates(self.tables, self.subject)
+
+    def refuse_linkage(self, reason: str) -> None:
+        """Raise a SceneError if the scene has loops or struts."""
+        for key in ("loop", "strut"):
+            if key in self.tables.values:
+                self.tables.refuse(f"[[{key}]]", f"no such table, since {reason}", "a linkage")
 
     # ---- what moves
 
@@ -293,14 +428,13 @@ class Scene:
 
     def changed(self, paths: Sequence[NumberPath], numbers: Sequence[Any]) -> Scene:
         """Return the scene with other numbers at these places of the file."""
-        if self.read is None:
-            raise ArgumentError("scene", "a scene that was read from a file", "a simulated motion")
-        tables = replace(self.tables, values=with_numbers(self.tables.values, paths, numbers))
-        roots = {path[0] for path in paths}
-        subject = self.subject if roots <= {"motion", "time", "outputs", "title"} else None
-        keeps_motion = self.motion.simulated is None and keep_motion(paths)
-        changed: Scene = self.read(tables, self.path, subject, self.motion if keeps_motion else None)
-        return changed
+        tables = replace(self.tables, values=with_numbers(self.tables.values, paths, numbers), constants={}, let={})
+        made: dict[str, Any] = {}
+        if {path[0] for path in paths} <= {"motion", "time", "outputs", "title"}:
+            made["subject"] = self.subject
+        if self.motion.simulated is None and keep_motion(paths):
+            made["motion"] = self.motion
+        return Scene(with_constants_evaluated(tables), self.path, **made).checked()
 
     # ---- results
 
@@ -517,10 +651,10 @@ class Scene:
         """Return sentences on numbers of the file, and on functions at up to 101 instants, that are probably in
         another unit, such as degrees or millimetres.
         """
-        rows, motion = self.spread(suspicions.MAX_JUDGED), self.motion
         limits = {joint.name: joint.position_limits for joint in self.subject.joints if joint.unit == "rad"}
         sentences = [*suspicions.file_suspicions(self.tables.values, limits)]
-        if motion.functions is not None:
+        if self.has_motion and self.motion.functions is not None:
+            rows, motion = self.spread(suspicions.MAX_JUDGED), self.motion
             step = (self.stop - self.start) / max(self.samples - 1, 1)
             sentences += suspicions.function_suspicions(motion.functions, np.asarray(motion.t[rows]), step, limits)
         return tuple(dict.fromkeys(sentences))
@@ -544,11 +678,28 @@ class Scene:
 
 def scene_of_simulation(found: SimulatedRobotMotion) -> Scene:
     """Return a simulated motion of a robot as a scene, for pictures; it has no file, and stops are not noted."""
-    from hingepair.scenes.motions.dynamics import simulated_motion
-
     robot = found.robot
     subject = Subject(robot, found.state().frames)
     return Scene(
-        path=Path(robot.name), title=found.described, subject=subject, motion=simulated_motion(subject, found, {}),
-        outputs=None, constants={}, files=(), tables=Table(robot.name, "", {}, {}), gravity=found.gravity,
+        Table(robot.name, "", {}, {}), Path(robot.name), title=found.described, subject=subject, files=(),
+        motion=simulated_motion(subject, found, {}), gravity=found.gravity,
     )  # fmt: skip
+
+
+def with_constants_evaluated(tables: Table) -> Table:
+    """Return a scene's top-level table with its constants and [let] evaluated, behind those that the table has
+    already; refuse a sweep and unknown tables.
+    """
+    if {"scene", "vary"} <= tables.values.keys():
+        raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
+    tables.check_keys(_OF_MECHANISMS if is_of_mechanism(tables) else (*_OF_PAIRS, "mechanism", "joint"))
+    constants = tables.table("constants", required=False)
+    values: dict[str, Any] = dict(tables.constants)
+    for key, value in constants.values.items():
+        fault = constant_name_fault(key)
+        if fault:
+            constants.refuse(key, fault, quoted(key))
+        with constants.naming(key):
+            values[key] = parse_constant(key, value, values) if isinstance(value, str) else constants.number(key)
+    tables = replace(tables, constants=values, let=tables.table("let", required=False).values)
+    return replace(tables, constants=read_let(tables, values))

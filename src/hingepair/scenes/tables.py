@@ -40,37 +40,6 @@ _KEY_PART = re.compile(r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?
 
 # Line and column in a message of the TOML parser.
 _POSITION = re.compile(r"\(at line (\d+), column (\d+)\)")
-_BARE_VALUE = re.compile(r"[=,\[]([^=,\[\]{}#\"']++)")  # what stands for a value
-# Bare text with a letter or an operator: an expression whose quotes are missing.
-_EXPRESSION = re.compile(r"(?=.*(?:[A-Za-z]|\d\s*[-+*/]))[\w.+*/() \t-]+")
-
-_DECIMAL_COMMA = re.compile(r"=\s*[-+]?\d+,\d+\s*(#.*)?$")  # mass = 80,5
-
-# What stands in the place of keys that scenes had before, by the name of their table.
-FORMER_KEYS: Final[Mapping[str, Mapping[str, str]]] = {
-    "": {"base": "x, y, z, phi_x, phi_y, phi_z and sequence in [motion]"},
-    "mechanism": {key: f"{key} in [dynamics]" for key in ("base", "gravity", "joint_loads")},
-    "motion": {
-        "differentiate": "smooth = true",
-        "unwrap": "no such key: angles of logs are unwrapped where they are wrapped",
-        **dict.fromkeys(("omega1", "psi_dot"), "a log of rates, file = ..., with integrate = true"),
-        "ignore": "a table [motion.columns], which may be empty: columns that it does not name are left out",
-    },
-    "dynamics": {
-        "psi_0": "q_0 in [dynamics.psi]",
-        "psid_0": "qd_0 in [dynamics.psi]",
-        "hinge_torque": "tau in [dynamics.psi]",
-        "force2": "force in [dynamics.wrenches.body2]",
-        "torque2": "torque in [dynamics.wrenches.body2]",
-        **{
-            key: f"{key} in the table of the joint, of a pair [dynamics.psi]"
-            for key in (
-                *("stiffness", "rest", "damping", "friction", "friction_rate"),
-                *("stops", "stop_stiffness", "stop_damping", "stop_restitution"),
-            )
-        },
-    },
-}
 
 _shown = reprlib.Repr()
 _shown.maxstring = _shown.maxother = 80
@@ -139,10 +108,7 @@ class Table(NamedSource):
                 self.refuse_key(key, known_keys)
 
     def refuse_key(self, key: str, known_keys: Collection[str], got: str = "an unknown key") -> NoReturn:
-        """Raise a SceneError on a key that is none of the `known_keys`, with its present place or the nearest one."""
-        now = FORMER_KEYS.get(self.name, {}).get(key)
-        if now is not None:
-            self.refuse(key, now, "a former key")
+        """Raise a SceneError on a key that is none of the `known_keys`, with the nearest one."""
         self.refuse(key, choices(tuple(known_keys)) + nearest(key, known_keys), got)
 
     def fail(self, key: str, expected: str) -> NoReturn:
@@ -374,20 +340,9 @@ def _toml_error(file: str, text: str, reason: str) -> SceneError:
     place = _POSITION.search(reason)
     if place is None:
         return SceneError(file, "valid TOML", reason)
-    column, line = int(place[2]), text.split("\n")[int(place[1]) - 1].rstrip("\r")
-    value = next(
-        (match for match in _BARE_VALUE.finditer(line) if match.start() < column <= match.end() + 1),
-        None,
-    )
-    hint, word = "", value[1].strip() if value and reason.startswith(("Invalid value", "Expected newline")) else ""
-    if word.lower() in {"true", "false"}:
-        hint = f"; it is written {word.lower()}"
-    elif _DECIMAL_COMMA.search(line):
-        hint = "; decimals follow a point"
-    elif len(word) <= _shown.maxstring and _EXPRESSION.fullmatch(word):
-        hint = f'; an expression stands in quotes: "{word}"'
+    hint = "; texts and expressions stand in quotes, decimals follow a point"
     error = SceneError(file, f"valid TOML{hint}", reason)
-    error.add_note(line_with_caret(line, column))
+    error.add_note(line_with_caret(text.split("\n")[int(place[1]) - 1].rstrip("\r"), int(place[2])))
     return error
 
 

@@ -13,9 +13,8 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import Float64Array
-from hingepair.scenes.load import load_scene
 from hingepair.scenes.numbers import number_at
-from hingepair.scenes.scene import Scene
+from hingepair.scenes.scene import Scene, load_scene
 from hingepair.scenes.variants.reductions import REDUCTIONS, reduction_ending
 from hingepair.scenes.variants.vary import Variants, lost_variants
 from hingepair.tables.sheets import align_columns, cell_text

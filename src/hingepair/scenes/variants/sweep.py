@@ -14,8 +14,8 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, MissingDependencyError, SceneError, quoted
 from hingepair.numeric.arrays import Float64Array
-from hingepair.scenes.load import load_scene
 from hingepair.scenes.numbers import number_path
+from hingepair.scenes.scene import load_scene
 from hingepair.scenes.tables import Table, read_tables
 from hingepair.scenes.variants.reductions import check_reductions
 from hingepair.scenes.variants.vary import Variants, lost_variants

@@ -17,12 +17,10 @@ from hingepair.mechanism.bodies.body import Body
 from hingepair.numeric.arrays import Float64Array, real_array
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes.bodies import read_body, read_mechanism
-from hingepair.scenes.load import load_scene, read_subject, with_constants_evaluated
-from hingepair.scenes.motions.dynamics import read_dynamics
 from hingepair.scenes.motions.functions import read_function_motion
 from hingepair.scenes.motions.known import PSI, Known
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers, write_numbers
-from hingepair.scenes.scene import Scene
+from hingepair.scenes.scene import Scene, load_scene, with_constants_evaluated
 from hingepair.scenes.subject import Acting, Arrays, Subject, order_of
 from hingepair.scenes.tables import Table
 from hingepair.scenes.variants.reductions import check_reductions, reduce_arrays
@@ -199,7 +197,7 @@ class Variants:
         tables = replace(scene.tables, values=values, constants={name: Expression(name) for name in names}, let={})
         try:
             tables = with_constants_evaluated(tables)
-            read_dynamics(tables, read_subject(tables, scene.path.parent))
+            _ = Scene(tables, scene.path).dynamics
             source: Any = read_function_motion(tables, scene.subject).source
         except (ArgumentError, TypeError):  # a symbol is no number
             return None
