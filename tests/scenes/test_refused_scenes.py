@@ -46,7 +46,6 @@ pair | n = [1, 0, 0] -> n = [0, 0, 0] | pair.n
 pair | n = [1, 0, 0] -> n = [1, 0, 0]\nhome = [[2,0,0],[0,1,0],[0,0,1]] | pair.home
 pair | n = [1, 0, 0] -> n = [1, 0, 0]\nhome = { axis = [1, 0, 0] } | pair.home
 pair | n = [1, 0, 0] -> n = [1, 0, 0]\nlimits = [2, 1] | pair.limits
-pair | n = [1, 0, 0] -> n = [1, 0, 0]\nrobot = "a1"\njoint = "b" | pair.u1
 pair | n = [1, 0, 0] -> n = [1, 0, 0]\nbody1 = { mass = -1 } | pair.body1.mass
 pair | n = [1, 0, 0] -> n = [1, 0, 0]\nbody1 = { shapes = [{ cone = 1 }] } | pair.body1.shapes[0]
 pair | y = 0.5 -> y = 1e999 | motion.y

@@ -23,11 +23,11 @@ from hingepair.cli.options import (
 )
 from hingepair.cli.output import check_output, show, table_lines
 from hingepair.cli.sources import read_scene, read_source
-from hingepair.cli.summary import RunSummary
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.results import RESULT_FILE_SUFFIXES, result_file
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.scene import Scene
+from hingepair.scenes.summary import Summary
 from hingepair.validation.cross_validate import cross_validate
 
 
@@ -53,18 +53,18 @@ def run_command(
     check_output(out, [scene_file], RESULT_FILE_SUFFIXES)
     scene, names = read_scene(scene_file), split_names("outputs", outputs)
     balance = scene.energy_balance() if energy else None
-    columns, summary = scene.in_units(units), RunSummary(scene, names, units)
+    columns, summary = scene.in_units(units), Summary(scene, units)
     with contextlib.ExitStack() as stack:
         file = None if out is None else result_file(out, scene.title, scene.files, columns)
         add = None if file is None else stack.enter_context(file)
         for part in scene.blocks(names):
-            summary.add(part)
+            summary.add(part.t, part.requested_arrays(), part.first)
             if add is not None:
                 add(part.t, part.recorded())
     notes = scene.notes(units)
     facts = scene.facts() | {"not_finite": summary.lost, "outputs": summary.ranges(), "notes": notes}
     facts |= {"file": out and str(out)} | ({"energy_balance": balance.facts()} if balance else {})
-    rows, left_out = summary.table()
+    rows, left_out = summary.table(hides_matrices=names is None and scene.outputs is None)
     lines = (scene.title, *scene.heading(), *table_lines(rows), *([balance] if balance else []), *left_out)
     show(as_json, facts, *lines, *_last_lines(notes, out))
 
@@ -124,8 +124,7 @@ def forces_command(
     hinge_force the force at the hinge point. All three are exerted by body 1 on body 2. force1 and torque1 act on
     body 1 at R1. Vectors are in world axes; |hinge_force| is the magnitude of hinge_force.
 
-    For a mechanism, the table shows the effort of each joint (N m of a hinge, N of a slider), its coordinate and its
-    rate with their limits.
+    For a mechanism, tau_NAME is what the motor of the joint NAME gives: the torque of a hinge, the force of a slider.
     force1 and torque1 act on the base about its reference point; for a fixed base they are the reaction.
     """
     check_output(out, [scene_file], RESULT_FILE_SUFFIXES)
@@ -136,10 +135,11 @@ def forces_command(
         result.save(out, units=units)
     notes = tuple(dict.fromkeys((*result.notes, *scene.notes(units))))
     facts = {"scene": str(scene.path), "samples": scene.samples, "file": out and str(out)}
+    facts |= {"gravity": list(result.gravity)}
     gravity_text = f"gravity = ({', '.join(f'{component:g}' for component in result.gravity)}) m/s^2"
-    tables = (line for rows in result.tables(units) for line in table_lines(rows))
-    lines = (scene.title, *scene.heading(), gravity_text, *tables, *_last_lines(notes, out))
-    show(as_json, facts | result.facts(units) | {"notes": notes}, *lines)
+    rows, left_out = result.table(units)
+    lines = (scene.title, *scene.heading(), gravity_text, *table_lines(rows), *left_out, *_last_lines(notes, out))
+    show(as_json, facts | {"outputs": result.ranges(units), "notes": notes}, *lines)
 
 
 def _last_lines(notes: tuple[str, ...], out: Path | None) -> list[str]:

@@ -573,9 +573,7 @@ class Scene:
 
             - tau, (N, dof): what motors exert, torques of hinges [N m] and forces of sliders [N];
             - force1 [N] and torque1 [N m], (N, 3): the load on the base about its reference point; of a fixed base,
-              its reaction;
-            - loads: a JointLoad for each joint with a coordinate of its own, with the rms and the largest value of
-              its effort, and its extremes beside its limits.
+              its reaction.
 
         Raises:
             ArgumentError: the motion has no accelerations, body 2 of a pair has no mass properties, or gravity is

@@ -208,13 +208,3 @@ def impact_sentences(impacts: Iterable[Impact], unit_of_joint: Mapping[str, str]
             f"{name} hits a rigid stop at t = {instant_text(hardest.t)} s ({rates}){more}: forces are without that "
             "of an impact; stop_stiffness in place of stop_restitution shows it"
         )
-
-
-def non_finite_sentences(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
-    """Yield one sentence with the number of instants at which any force is not finite; nothing if all are finite.
-    `arrays` holds the forces by name, the instants along the first axis.
-    """
-    finite = [np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in arrays.values()]
-    lost = int((~np.logical_and.reduce(finite)).sum())
-    if lost:
-        yield f"{lost} of {len(finite[0])} instants have forces that are not finite; ranges are those of the others"
