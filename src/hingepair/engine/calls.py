@@ -25,7 +25,7 @@ from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, empty, output_arrays
 from hingepair.engine.results import Results
 from hingepair.engine.slices import run_slices
 from hingepair.engine.ufunc import MAX_OPERANDS, Code, Operand, make_ufunc
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
 from hingepair.numeric.caching import lock_free_cached_property
 
@@ -199,7 +199,7 @@ class Call:
             return None
         if out is not None and not (type(out) is dict and out.keys() <= {*self.outputs}):
             return None
-        values, leads, chars = {}, {}, set()
+        values, shapes = {}, {}
         for value, (name, tail) in zip(arguments, self.argument_shapes.items(), strict=True):
             array = np.asarray(value) if type(value) in _NUMBERS else _row(value)
             if type(array) is not np.ndarray or array.ndim > MAX_AXES or array.dtype.char not in _READ_CHARACTERS:
@@ -207,14 +207,11 @@ class Call:
             axes = array.ndim - len(tail)
             if axes < 0 or array.shape[axes:] != tail:
                 return None
-            values[name], leads[name] = array, array.shape[:axes]
-            if type(value) not in _WEAK:
-                chars.add(array.dtype.char)
+            values[name], shapes[name] = value if type(value) in _WEAK else array, array.shape[:axes]
         try:
-            shape = np.broadcast_shapes(*leads.values(), self._shape)
-        except ValueError:
+            return self.run(values, shapes, out, workers)
+        except ShapeError:  # whose argument may have another name
             return None
-        return self._compute(values, shape, _FLOAT32 if chars == {"f"} else _FLOAT64, out, workers, values)
 
     # ---- any arguments
 
@@ -242,19 +239,6 @@ class Call:
         dtype = dtype or result_dtype(
             part for value in values.values() for part in (value if isinstance(value, tuple) else (value,))
         )
-        named = {(labels or {}).get(name, name): value for name, value in values.items()}
-        return self._compute(values, shape, dtype, out, workers, named)
-
-    def _compute(
-        self,
-        values: Mapping[str, Any],
-        shape: ArrayShape,
-        dtype: np.dtype[Any],
-        out: Out,
-        workers: int,
-        named: Mapping[str, Any],
-    ) -> Any:
-        """Return the results of samples of this shape; `named` are the values as messages name them."""
         samples = math.prod(shape)
         few, given = samples < _FEW_SAMPLES, [values[name] for name in self.argument_shapes]
         kernel = None
@@ -267,6 +251,7 @@ class Call:
                 if made is not None:
                     self._check_limits(made, given)
                     return self._result_of(made, shape, True)
+        named = {(labels or {}).get(name, name): value for name, value in values.items()}
         outputs = output_arrays(self.loop.outputs, shape, dtype, out, named, self.result is None)
         if kernel is not None:
             run_slices(kernel[0], given, [*outputs.values()], shape, workers)

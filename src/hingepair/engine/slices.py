@@ -46,36 +46,30 @@ def run_slices(
     function, first = _PROTOTYPE(code.kernel.address("kernel")), len(arrays) - len(outputs)
     constants = [[code.constants.ctypes.data, 0, 0]] if layout.constants else []
 
-    def call(rows: Sequence[NDArray[Any]], _kept: object = code) -> None:
-        """Compute samples that follow each other; keeps the machine code."""
+    def compute(block: Block, _kept: object = code) -> None:
+        """Compute a block, with copies of what does not lie as the kernel reads and writes it; keeps the code."""
+        index: tuple[Any, ...] = block
+        rows, copied = [], []
+        for k, (whole, tail) in enumerate(arrays):
+            part = whole[(*index, Ellipsis)]  # without axes too, an array and no copy
+            row = _rows(part, tail, dtype)
+            if row is None:
+                row = np.empty((part.size // math.prod(tail), math.prod(tail)), dtype)
+                if k < first:
+                    row.reshape(part.shape)[...] = part
+                else:
+                    copied.append((part, row))
+            rows.append(row)
         table = np.array(constants + [_table_row(one) for one in rows], np.int64)
         function(table.ctypes.data, len(rows[-1]))
+        for part, row in copied:
+            part[...] = row.reshape(part.shape)
 
-    def copy(block: Block) -> None:
-        """Compute a block, with copies of what does not lie as the kernel reads and writes it."""
-        index: tuple[Any, ...] = block
-        parts = [(one[(*index, Ellipsis)], tail) for one, tail in arrays]  # without axes too, an array and no copy
-        views = [_rows(one, tail, dtype) for one, tail in parts]
-        rows = [
-            np.empty((one.size // math.prod(tail), math.prod(tail)), dtype) if view is None else view
-            for view, (one, tail) in zip(views, parts, strict=True)
-        ]
-        for k, (one, _) in enumerate(parts[:first]):
-            if views[k] is None:
-                rows[k].reshape(one.shape)[...] = one
-        call(rows)
-        for k, (one, _) in enumerate(parts[first:], first):
-            if views[k] is None:
-                one[...] = rows[k].reshape(one.shape)
-
-    step = -(-size // workers)
-    whole = [view for one, tail in arrays if (view := _rows(one, tail, dtype)) is not None]
-    if len(whole) == len(arrays):
-        run_in_threads(call, [[one[k : k + step] for one in whole] for k in range(0, size, step)], workers)
-        return
-    along = all(_rows(one[(0,) * (len(shape) - 1)], tail, dtype) is not None for one, tail in arrays)  # the last axis
-    most = min(step, max(_COPIED_SAMPLES, shape[-1] if along else 0))
-    run_in_threads(copy, [*split_into_blocks(shape, most)], workers)
+    most = -(-size // workers)
+    if any(_rows(one, tail, dtype) is None for one, tail in arrays):
+        along = all(_rows(one[(0,) * (len(shape) - 1)], tail, dtype) is not None for one, tail in arrays)
+        most = min(most, max(_COPIED_SAMPLES, shape[-1] if along else 0))  # without copies, the whole last axis
+    run_in_threads(compute, [*split_into_blocks(shape, most)], workers)
 
 
 def _rows(array: NDArray[Any], tail: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any] | None:
