@@ -607,12 +607,12 @@ LINKED = {
     ],
     "goals": [
         ("base", A, lambda: LEGS.with_base("fixed").inverse_kinematics(GOAL, base="solve")),
-        ("q0", A, lambda: goal(held="left"), lambda: prepared_goal("left")((0, 0, 0), q0=np.full(2, NAN))),
-        ("held", A, lambda: goal(held="arm", q0=np.zeros(2))),
+        ("q0", A, lambda: prepared_goal("left")((0, 0, 0), q0=np.full(2, NAN))),
         ("relative_to", A, lambda: goal(relative_to={"right": "left"})),
-        ("coordinates", A, lambda: goal(coordinates={"arm": 1})),
+        ("coordinates", A, lambda: goal(coordinates={"arm": 1}), lambda: goal(coordinates=["left"])),
         ("coordinates['left']", A, lambda: goal(coordinates={"left": 2})),
-        ("frame", A, lambda: prepared_goal(frame="left")), ("outputs", A, lambda: prepared_goal(outputs=("q",))),
+        ("frames", A, lambda: prepared_goal(5)), ("frame", A, lambda: prepared_goal(frame="left")),
+        ("outputs", A, lambda: prepared_goal(outputs=("q",))),
         ("R", S, lambda: prepared_goal()((0, 0, 0))),
     ],
 }  # fmt: skip

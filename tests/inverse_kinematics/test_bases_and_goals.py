@@ -96,7 +96,7 @@ def test_a_base_that_stands_right_does_not_move():
 
 def test_centre_of_mass_coordinates_and_held_joints():
     centre = ROBOT.centre_of_mass(HOME, base_motion=START) + np.array((0.03, 0.02, -0.04))
-    goals = {"centre_of_mass": centre, "coordinates": {"left_b": 0.55}, "held": "right_a"}
+    goals = {"centre_of_mass": centre, "coordinates": {"left_b": 0.55, "right_a": HOME[3]}}
     s = ROBOT.inverse_kinematics(wanted(), q0=HOME, base="solve", base_motion=START, **goals)
     assert s.ok
     np.testing.assert_allclose(ROBOT.centre_of_mass(s.q, base_motion=found_base(s)), centre, rtol=0, atol=2 * POSE)

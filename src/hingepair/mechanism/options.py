@@ -69,7 +69,6 @@ class SearchOptions(TypedDict, total=False):
     centre_of_mass: Any
     coordinates: Mapping[str, ArrayLike] | None
     q0: Coordinates | None
-    held: str | Iterable[str]
     base: str
     limits: bool | ArrayLike
     prefer: str | Coordinates | None
@@ -84,7 +83,6 @@ SEARCH_DEFAULTS: Final[dict[str, Any]] = {
     **dict.fromkeys(("frame", "direction")),
     "axis": (0, 0, 1),
     **dict.fromkeys(("relative_to", "centre_of_mass", "coordinates", "q0")),
-    "held": (),
     "base": "hold",
     "limits": True,
     "prefer": None,

@@ -161,8 +161,10 @@ class PreparedInverseKinematics:
         if frames is None and len(tree.tips) == 1:
             frames = tree.tips[0]
         self._single = isinstance(frames, str)  # one frame by its name: targets and errors have no axis of frames
-        given = tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
-        self.frames: tuple[str, ...] = given
+        given = tree.tips if frames is None else (frames,) if isinstance(frames, str) else frames
+        self.frames: tuple[str, ...] = tuple(given) if isinstance(given, Iterable) else ()
+        if not self.frames:
+            raise ArgumentError("frames", "names of links or joints", quoted(frames))
         self._queries: dict[tuple[bool, bool], Query] = {}
 
     def _query(self, has_R: bool, has_S: bool) -> Query:
@@ -269,7 +271,7 @@ def read_query(
     posture = None if prefer is None or isinstance(prefer, str) else _read_posture("prefer", prefer, tree, False)
     shapes |= {name: one.shape[:-1] for name, one in (("q0", near), ("prefer", posture)) if one is not None}
     limits = _read_limits(given["limits"], tree)
-    fixed = _read_fixed(given["coordinates"], given["held"], tree, limits, near, path)
+    fixed = _read_fixed(given["coordinates"], tree, limits, path)
     shapes |= {label: value.shape for label, value in fixed.values()}
     if isinstance(prefer, str):
         check_choice("prefer", prefer, ("middle",))
@@ -307,22 +309,18 @@ def _rows_of(posture: Float64Array | None, shape: tuple[int, ...], size: int) ->
 
 
 def _read_fixed(
-    coordinates: Any, held: Any, tree: Tree, limits: Float64Array, q0: Float64Array | None, path: bool
+    coordinates: Any, tree: Tree, limits: Float64Array, path: bool
 ) -> dict[int, tuple[str, Float64Array]]:
     """Return the joints that do not move by column: the name of the argument that says so, and where they stand."""
-    names = (held,) if isinstance(held, str) else tuple(held)
-    if names and q0 is None:
-        raise ArgumentError("q0", "coordinates, at which joints are held", None)
-    columns = [tree.column("held", name) for name in names]
-    found = {} if q0 is None else {column: ("q0", q0[..., column]) for column in columns}
+    found = {}
+    if not isinstance(coordinates, Mapping | None):
+        raise ArgumentError("coordinates", "a dict of values by joint", quoted(coordinates))
     for name, value in (coordinates or {}).items():
         column, label = tree.column("coordinates", name), f"coordinates[{name!r}]"
-        found[column] = (
-            label,
-            np.asarray(finite_number(label, value) if path else real_array(label, value), np.float64),
-        )
+        array = np.asarray(finite_number(label, value) if path else real_array(label, value), np.float64)
+        found[column] = label, array
         low, high = limits[column]
-        if not ((low <= found[column][1]) & (found[column][1] <= high)).all():
+        if not ((low <= array) & (array <= high)).all():
             raise ArgumentError(label, f"values within the limits, {low:g} to {high:g}", quoted(value))
     return found
 

@@ -223,10 +223,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             axis: the axis of the frame that has the direction, in frame axes, shape (3,); a dict by frame.
             relative_to: name of a frame from whose origin and in whose axes the targets are given; a dict by frame.
             centre_of_mass: wanted positions of the centre of mass [m]; shape (..., 3).
-            coordinates: values at which joints stand, by joint, within the limits [rad or m]; shape (...) each, and
-                one number for a path.
+            coordinates: values at which joints stand and stay, by joint, within the limits [rad or m]; shape (...)
+                each, and one number for a path.
             q0: coordinates of the first start; those beyond a limit are put on it. By default, all starts are random.
-            held: name or names of joints that stay at q0.
             base: what a free base does: "hold" keeps it where `base_motion` says; "solve" finds its pose, base_R and
                 base_S, beside q, from there on.
             limits: whether the coordinates stay within `robot.position_limits`; or limits, shape (dof, 2).
