@@ -12,7 +12,7 @@ import xarray
 
 import hingepair as hp
 from hingepair.formats.recordings import Recording, read_recording, read_robot_recording
-from support.near import U
+from support.near import U, assert_near
 from support.recorded import recording
 
 MADE = recording(300, 1e-3, 2e-3)
@@ -64,6 +64,25 @@ def test_what_the_library_saved_is_read(tmp_path: Path) -> None:
         found = read_recording(Record(MADE.t, arrays).save(tmp_path / name))
         assert (found.body2.S == MADE.S2).all()
         assert (found.body1.R == MADE.R1).all()
+
+
+@pytest.mark.parametrize("ending", ["csv", "npz"])
+def test_trajectories_in_the_plane_are_read(tmp_path: Path, ending: str) -> None:
+    flat = hp.PlanarPair((1, 0.5), (-1, 0.2))
+    path = hp.integrate(flat, MADE.t[:30], 0.3, np.cos(MADE.t[:30]), R1=(1, 2)).save(tmp_path / f"a.{ending}")
+    found = read_recording(path)
+    assert_near(hp.fit(found.body1, found.body2).pair.u1, (1, 0.5, 0), 2**20)  # of 0.3 rad
+    assert_near(found.body1.R[-1], (1, 2, 0), 1)
+
+
+@pytest.mark.parametrize(("last", "place"), [("0.1", "line 5"), ("nan", "line 5")])
+def test_instants_that_are_none_are_named_by_their_line(tmp_path: Path, last: str, place: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,psi\n0.1,1\n\n0.2,1\n{last},2\n")
+    text = "[pair]\nu1 = [0, 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'a.csv'\n"
+    (tmp_path / "a.toml").write_text(text)
+    with pytest.raises(hp.SceneError, match=place):
+        hp.load_scene(tmp_path / "a.toml")
 
 
 @pytest.mark.slow

@@ -79,7 +79,7 @@ def test_a_data_frame_stands_for_the_file_of_a_scene(tmp_path: Path) -> None:
         np.testing.assert_array_equal(scene.evaluate().R2, from_file.evaluate().R2)
         kind = "DataFrame" if isinstance(log, pd.DataFrame) else "Dataset"
         assert any("columns that were not read: " in note and "Wetter" in note for note in scene.motion.notes), kind
-        assert any("the first in row 5, counted from 0" in note for note in scene.motion.notes)
+        assert any("the first in sample 5" in note for note in scene.motion.notes)
         assert scene.files == (path.absolute(),)
     with pytest.raises(hp.SceneError, match=r"motion\.columns\.psi: expected one of .* got 'Knick'"):
         hp.load_scene(path, log=frame.drop(columns="Knick"))

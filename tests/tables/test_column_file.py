@@ -49,6 +49,12 @@ def test_instants_keep_all_their_digits(tmp_path: Path) -> None:
     assert read(path, "t", exact="t")["t"].tolist() == stamps
 
 
+def test_dates_begin_with_the_year_or_the_day(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", "t;a\n23.11.2026 10:00:00,25;1\n2026-11-23 10:00:00,5;2\n")
+    expected = np.array(["2026-11-23T10:00:00.25", "2026-11-23T10:00:00.5"], "datetime64[ns]")
+    assert read(path, "t", exact="t")["t"].tolist() == expected.tolist()
+
+
 def test_the_decimal_mark_is_that_of_all_rows(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", "t;a\n0;0\n0,1;0,2\n0,2;1e-1\n")
     assert read(path)["a"].tolist() == [0.0, 0.2, 0.1]
@@ -149,7 +155,7 @@ def test_arrays_of_any_order_are_read(tmp_path: Path, save: object) -> None:
 def test_what_cannot_be_read_of_an_npz_is_named(tmp_path: Path, arrays: dict[str, np.ndarray], words: str) -> None:
     np.savez(tmp_path / "log.npz", **arrays)
     with pytest.raises(hp.ArgumentError, match=re.escape(words)):
-        read_recorded(file_table(tmp_path / "log.npz"), {}, Vocabulary((), lambda _: "1"), list)
+        read_recorded(file_table(tmp_path / "log.npz"), {}, Vocabulary("ab", lambda _: "1"))
 
 
 @pytest.mark.parametrize("ending", [".csv", ".npz", ".parquet"])

@@ -1,4 +1,4 @@
-"""Columns of recordings on one clock: late columns, rates of their own, frame numbers, units in headings."""
+"""Columns of recordings by the names of this package: frame numbers, units in headings."""
 
 from __future__ import annotations
 
@@ -16,39 +16,7 @@ T = np.arange(200) * 0.01
 def read(columns, entries):
     table = open_columns(columns)
     sources = read_sources(entries, VOCABULARY, table)
-    return read_recorded(table, sources, VOCABULARY, lambda names: names).columns
-
-
-def angle(t):
-    """Turns on through the jumps of a wrapped angle."""
-    return 3 * t + 0.2 * np.sin(5 * t)
-
-
-def test_a_late_column_is_shifted_to_its_instants():
-    late = np.angle(np.exp(1j * angle(T - 0.12)))
-    for delay in ("0.12 s", "120 ms", 0.12):
-        psi = read({"t": T, "enc": late}, {"psi": {"name": "enc", "delay": delay}})["psi"]
-        assert np.isnan(psi[-12:]).all()
-        error = psi[:-12] - angle(T[:-12])
-        assert_near(error - 2 * np.pi * np.round(error / (2 * np.pi)), 0, 16, 2 * np.pi)
-    assert read({"t": T, "enc": late}, {"psi": {"column": "enc", "delay": "0.12 s"}})["psi"][0] == psi[0]
-
-
-@pytest.mark.parametrize("between", ["empty", "repeated"])
-def test_a_column_of_its_own_rate_is_interpolated(between):
-    x = 2 * T + 1
-    rows = np.arange(T.size)
-    x = np.where(rows % 5 == 0, x, np.nan) if between == "empty" else x[rows - rows % 5]
-    found = read({"t": T, "x": x}, {"x": {"name": "x", "rate": "20 Hz"}})["x"]
-    assert_near(found[:196], (2 * T + 1)[:196], 8)
-    assert np.isnan(found[196:]).all()
-
-
-def test_what_is_missing_of_a_late_column_stays_missing():
-    x = np.where((T > 0.5) & (T < 0.7), np.nan, T)
-    found = read({"t": T, "x": x}, {"x": {"name": "x", "delay": 0.1}})["x"]
-    assert np.isnan(found[(T > 0.405) & (T < 0.595)]).all()
-    assert np.isfinite(found[(T < 0.395) | ((T > 0.605) & (T < 1.88))]).all()
+    return read_recorded(table, sources, VOCABULARY).columns
 
 
 def test_frame_numbers_with_a_rate_are_instants():
@@ -89,7 +57,7 @@ def test_a_compass_and_a_sign_in_brackets_count():
         for unit, expected in (("compass", np.pi / 3), ("-deg", -np.pi / 6), ("-mrad", -0.03)):
             table = open_columns({"t": T, f"psi [{unit}]": 30 + 0 * T})
             sources = read_sources({name: text.format(unit) for name, text in entries.items()}, vocabulary, table)
-            found = read_recorded(table, sources, vocabulary, lambda names: names)
+            found = read_recorded(table, sources, vocabulary)
             assert_near(found.columns["psi"], expected, 4)
             assert "psi" in found.stated
 

@@ -7,7 +7,6 @@ misspelt one is not missed; rates, angles and psi are passed over.
 from __future__ import annotations
 
 import contextlib
-import fnmatch
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -80,8 +79,12 @@ class _RecordedBody(NamedTuple):
     """Motion of one body, with what stands in its table; None for instants that it lacks."""
 
     motion: BodyMotion
-    t: NDArray[Any] | None
+    recorded: Recorded
     table: ColumnTable
+
+    @property
+    def t(self) -> NDArray[Any] | None:
+        return self.recorded.columns.get("t")
 
 
 def read_recording(
@@ -103,9 +106,7 @@ def read_recording(
         columns: names and units of columns that have others: {"t": "Zeit", "x1": {"name": "Ost", "unit": "mm"}}.
             The unit "compass" is that of headings: degrees, clockwise from north (y), of the angle that turns about
             z, which is phi_z1 unless `sequence` says otherwise. {"t": {"name": "Frame", "rate": "100 Hz"}} makes
-            instants of frame numbers. Of other columns, "delay" ("0.12 s") is how late they are, and "rate" says
-            how often they were sampled where rows between repeat the last sample or are empty; they are then
-            interpolated to the instants of the rows. Columns of names that are unknown are then not read.
+            instants of frame numbers. Columns of names that are unknown are then not read.
         ignore: names of columns that are not read; `*` stands for any text.
         gaps: longest time between samples over which one body is interpolated to the instants of the other [s].
         sequence: axes about which phi_x, phi_y, phi_z turn, such as "ZYX" of yaw, pitch and roll, in capitals about
@@ -147,17 +148,16 @@ def read_recording(
     has_angles = False
     for number, table in enumerate(tables, start=1):
         own = {name: place for name, place in places.items() if place.column in table.arrays}
-        known = {*_POSE_COLUMNS, *(place.column for place in own.values())}
-
-        def choose(names: list[str], known: set[str] = known) -> list[str]:
-            # Where columns are named the file is another's: the rest is not ours to know.
-            return [name for name in names if name in known] if places else _chosen(names, ignore)
-
         with _naming(table):
-            recorded = read_recorded(table, own, vocabulary, choose)
+            recorded = read_recorded(table, own, vocabulary, ignore)
+            # Where columns are named the file is another's: the rest is not ours to know.
+            _refuse_unknown(() if places else recorded.names)
             digits = [d for d, own in _BODIES.items() if not {*own["R"], *own["xyz"]}.isdisjoint(recorded.columns)]
             if "1" in digits and "" in digits:
                 digits.remove("")  # coordinates beside poses, as results are saved
+            of_coordinates = zip(_BODIES["1"]["phi"], _BODIES[""]["phi"], strict=True) if "1" in digits else ()
+            known = recorded.columns
+            known |= {name: known[own] for name, own in of_coordinates if own in known and name not in known}
             for digit in digits:
                 name = digit or str(number)
                 if name in bodies:
@@ -168,7 +168,7 @@ def read_recording(
                 unstated = {angle: recorded.columns[angle] for angle in angles if angle not in recorded.stated}
                 doubts = doubts_about_angles(unstated, lambda angle: _in_degrees(angle, headings))
                 warn_of_measurements(f"{table}: {doubt}" for doubt in doubts)
-                bodies[name] = _RecordedBody(motion, recorded.columns.get("t"), table)
+                bodies[name] = _RecordedBody(motion, recorded, table)
     for name in ("1", "2")[: 1 + (len(tables) == 2 or "2" in bodies)]:
         if name not in bodies:
             raise no_body_error(name, tables)
@@ -206,23 +206,21 @@ def _in_degrees(angle: str, headings: Sequence[str]) -> str:
     return stated + ' ("compass" in place of "deg" for headings clockwise from north)' * (angle in headings)
 
 
-def _chosen(names: Sequence[str], ignored: Sequence[str]) -> list[str]:
-    """Return the names to be read, without those that are ignored or of results; refuse unknown ones."""
-    names = [name for name in names if not any(fnmatch.fnmatchcase(name, pattern) for pattern in ignored)]
+def _refuse_unknown(names: Sequence[str]) -> None:
+    """Refuse columns that are neither of poses nor of results."""
     for name in names:
         if name not in _POSE_COLUMNS and not _IGNORED_COLUMNS.fullmatch(name):
             short = name[:40]
-            expected = (
-                f"columns of poses{nearest_column(name, _POSE_COLUMNS)}, columns={{'NAME': {short!r}}} (--column "
-            )
-            expected += f"'NAME={short}'), or ignore=[{short!r}] (--ignore)"
-            raise ArgumentError(repr(short), expected, "an unknown column")
-    return [name for name in names if name in _POSE_COLUMNS]
+            nearest_one = nearest_column(name, _POSE_COLUMNS)
+            said = f"columns={{'NAME': {short!r}}} (--column 'NAME={short}'), or ignore=[{short!r}] (--ignore)"
+            raise ArgumentError(repr(short), f"columns of poses{nearest_one}, {said}", "an unknown column")
 
 
 def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:
     """Return the names of the components of a vector or a matrix, in its shape; of anything else its own name."""
-    if sample_shape not in {(3,), (3, 3)}:
+    if not sample_shape:
+        return {"phi": "phi_z", "phi2": "phi_z2"}.get(name, name)  # of results in the plane
+    if sample_shape not in {(2,), (3,), (3, 3)}:
         return name
     return np.reshape(column_names({name: np.empty((1, *sample_shape))}), sample_shape)
 
@@ -280,7 +278,10 @@ def _on_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap: float) -
         stamps.append(body.t)
     if np.array_equal(stamps[0], stamps[1]):
         return Recording(first.motion, second.motion, first.t)
-    times = [increasing_seconds(f"{b.table}: t", t)[0] for b, t in zip((first, second), stamps, strict=True)]
+    times = [
+        increasing_seconds(f"{body.table}: t", t, body.recorded.lines)[0]
+        for body, t in zip((first, second), stamps, strict=True)
+    ]
     steps = [float(np.median(np.diff(time))) for time in times]
     if steps[0] >= steps[1]:
         body1, body2, t = first.motion, resample(stamps[1], second.motion, stamps[0], max_gap), stamps[0]
@@ -347,9 +348,7 @@ def _known_columns(
     with _naming(source):
         table = open_columns(source)
         places = read_sources(columns, vocabulary, table)
-        known = {*vocabulary.columns, *(place.column for place in places.values())}
-        found = read_recorded(table, places, vocabulary, lambda names: [name for name in names if name in known])
-    return found.columns, table
+        return read_recorded(table, places, vocabulary).columns, table
 
 
 # ---- inertial sensors

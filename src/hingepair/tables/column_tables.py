@@ -93,11 +93,7 @@ def number_in(cell: Any, mark: str = ".") -> float:
 
 
 def _iso_date(cell: str) -> str:
-    """Return a cell whose date, if it is DD.MM.YYYY, is written as in ISO 8601, with a decimal point.
-
-    >>> _iso_date("23.11.2026 10:00:00,25")
-    '2026-11-23 10:00:00.25'
-    """
+    """Return a cell whose date, if it is DD.MM.YYYY, is written as in ISO 8601, with a decimal point."""
     return re.sub(r"^(\d\d)\.(\d\d)\.(\d{4})\b", r"\3-\2-\1", cell.strip().replace(",", "."))
 
 

@@ -44,7 +44,14 @@ def _stamps(name: str, t: ArrayLike) -> NDArray[Any]:
     return stamps
 
 
-def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
+def sample_text(sample: int, lines: NDArray[Any] | None) -> str:
+    """Return where a sample is, for messages: its line in a file, if the lines of all samples are known."""
+    return f"sample {sample}" if lines is None else f"line {lines[sample]}"
+
+
+def elapsed_seconds(
+    name: str, t: ArrayLike, since: object = None, lines: NDArray[Any] | None = None
+) -> tuple[Float64Array, Any]:
     """Return the seconds since a reference instant, and this instant.
 
     Nothing is lost of datetime64 and of integers. Seconds since 1970 as floats are multiples of 2.4e-7 s, which is
@@ -54,6 +61,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
         name: of the argument, for messages.
         t: seconds as floats, datetime64, timedelta64, or integer nanoseconds since 1970; shape (N,).
         since: the instant to count from, as an earlier call returned it; the first of t unless given.
+        lines: lines of a file in which the instants stand; shape (N,).
 
     Raises:
         ArgumentError: not of one axis, empty, not finite, of another kind than `since`, or integers that may be
@@ -70,7 +78,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
         stamps = stamps.astype(np.int64)
     missing = np.flatnonzero(np.isnat(stamps) if stamps.dtype.kind in "mM" else ~np.isfinite(stamps))
     if missing.size:
-        raise ArgumentError(name, "finite instants", f"{stamps[missing[0]]} at index {missing[0]}")
+        raise ArgumentError(name, "finite instants", f"{stamps[missing[0]]} at {sample_text(missing[0], lines)}")
     if stamps.dtype.kind == "f":
         stamps = stamps.astype(np.float64)
         if np.abs(stamps).max() > _MAX_SECONDS:
@@ -86,24 +94,27 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
     return np.asarray(differences * 1e-9 if differences.dtype.kind == "i" else differences, dtype=np.float64), first
 
 
-def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
-    """Return the seconds since the first of the instants t, and this instant with its own type.
+def increasing_seconds(name: str, t: ArrayLike, lines: NDArray[Any] | None = None) -> tuple[Float64Array, Any]:
+    """Return the seconds since the first of the instants t, and this instant with its own type; `lines` are those of
+    the file in which they stand.
 
     Raises:
         ArgumentError: as `elapsed_seconds`, or two instants are the same or in the wrong order; names the first such.
     """
-    seconds, first = elapsed_seconds(name, t)
+    seconds, first = elapsed_seconds(name, t, lines=lines)
     steps = np.diff(seconds)
     bad = np.flatnonzero(~(steps > 0)) + 1
     if bad.size:
         i = int(bad[0])
         how = "the same stamp as" if steps[i - 1] == 0 else f"{-steps[i - 1]:.6g} s before"
         more = f", and {bad.size - 1} more" if bad.size > 1 else ""
-        raise ArgumentError(name, "instants that increase", f"sample {i} {how} the sample before it{more}")
+        raise ArgumentError(
+            name, "instants that increase", f"{sample_text(i, lines)} {how} the sample before it{more}"
+        )
     return seconds, first
 
 
-def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
+def instants_of(name: str, t: ArrayLike, order: int = 0, lines: NDArray[Any] | None = None) -> Float64Array:
     """Return instants as an array of seconds.
 
     datetime64, timedelta64 and integer nanoseconds since 1970 are counted from the first, and subtracted before they
@@ -113,6 +124,7 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
         name: of the argument, for messages.
         t: instants; shape (N,).
         order: of the finite differences that the instants are for; there must be more instants than that.
+        lines: lines of a file in which the instants stand; shape (N,).
 
     Raises:
         ShapeError, DtypeError, ArgumentError: not one axis of increasing instants; names the first that is wrong.
@@ -133,7 +145,7 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
         fewest = f" with at least {order + 1} samples" if order else ""
         raise ShapeError(name, f"shape (N,){fewest}", f"shape {stamps.shape}")
     seconds = stamps if clock else stamps.astype(np.float64)
-    since_first, _ = increasing_seconds(name, seconds)
+    since_first, _ = increasing_seconds(name, seconds, lines)
     return since_first if clock else seconds
 
 

@@ -6,6 +6,8 @@ columns that are not in it.
 
 from __future__ import annotations
 
+import contextlib
+import fnmatch
 import itertools
 import os
 import re
@@ -20,15 +22,16 @@ from hingepair.errors import ArgumentError, choices, nearest, nearest_name, quot
 from hingepair.numeric.arrays import Float64Array
 from hingepair.tables.column_file import file_table
 from hingepair.tables.column_tables import ColumnTable, column_table
-from hingepair.tables.instants import elapsed_seconds
 from hingepair.tables.suspicions import suspicions
 from hingepair.tables.units import COMPASS, SCALES, heading_unit, read_heading, scale_of, split_heading
-from hingepair.tables.wrapped_angles import is_wrapped, unwrap_if_wrapped
+from hingepair.tables.wrapped_angles import is_wrapped
 
 PlanarColumns: TypeAlias = Mapping[tuple[str, ...], tuple[str, ...]]
 """Columns that a log in the plane leaves out together, and those that it then has."""
 
-_ENTRY: Final = 'the name of a column, or { name = "Angle", unit = "deg", delay = "0.12 s", rate = "50 Hz" }'
+_ENTRY: Final = (
+    'the name of a column, or { name = "Angle", unit = "deg" }, of t also { name = "Frame", rate = "50 Hz" }'
+)
 
 
 class Vocabulary(NamedTuple):
@@ -43,18 +46,14 @@ class Vocabulary(NamedTuple):
 
 
 class ColumnSource(NamedTuple):
-    """Where a quantity stands in a recording that has names and units of its own."""
+    """Where a quantity stands in a recording."""
 
     column: str  # name in the recording
-    scale: float = 1.0  # factor to SI units
+    #: factor to SI units; NaN of a unit that the quantity cannot have
+    scale: float = 1.0
     compass: bool = False  # whether it is a heading in degrees, clockwise from north
-    delay: float = 0.0  # [s] by which the column is behind the instants of its rows
-    rate: float = 0.0  # [Hz] at which it was sampled; 0 for that of the rows
-
-    @property
-    def states_unit(self) -> bool:
-        """Whether the unit is another than the SI unit."""
-        return self.compass or self.scale != 1.0
+    stated: bool = False  # whether its unit is
+    place: tuple[int, ...] = ()  # of its numbers in samples of the column
 
     def converted(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the values in SI units; a heading as an angle from east (x) towards north (y)."""
@@ -64,11 +63,16 @@ class ColumnSource(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """Columns of a recording: arrays of one length by name."""
+    """Columns of a recording."""
 
+    #: arrays of one length by name
     columns: dict[str, NDArray[Any]]
     #: names of those whose unit was stated, by their heading or an entry
     stated: frozenset[str]
+    #: names of all columns, by which what is not read is known
+    names: tuple[str, ...]
+    #: of the file in which the samples stand
+    lines: NDArray[Any] | None
 
 
 def open_columns(source: Any, name: str = "sources") -> ColumnTable:
@@ -82,7 +86,7 @@ def read_sources(entries: Any, vocabulary: Vocabulary, *tables: ColumnTable) -> 
     """Return where quantities stand in recordings, by their names.
 
     Args:
-        entries: for each quantity the name of its column, or a dict of `name`, `unit`, `delay` and `rate`.
+        entries: for each quantity the name of its column, or a dict of `name` and `unit`; of t also `rate`.
         vocabulary: names that quantities may have.
         tables: the recordings; one of them has the column.
 
@@ -100,24 +104,22 @@ def read_sources(entries: Any, vocabulary: Vocabulary, *tables: ColumnTable) -> 
         if name not in known:
             raise ArgumentError(f"columns.{name}", f"{choices(known)}{nearest(str(name), known)}", "no such name")
         given: Any = {"name": entry} if isinstance(entry, str) else entry
-        if isinstance(given, Mapping) and "column" in given and "name" not in given:
-            given = {"name": given["column"], **{key: value for key, value in given.items() if key != "column"}}
-        if not isinstance(given, Mapping) or not {*given} <= {"name", "unit", "delay", "rate"}:
-            raise ArgumentError(f"columns.{name}", _ENTRY, quoted(entry))
-        if not all(isinstance(given.get(key, ""), str) for key in ("name", "unit")):
+        keys = {"name", "unit", "rate"} if name == "t" else {"name", "unit"}
+        if not isinstance(given, Mapping) or not all(
+            k in keys and isinstance(text, str) for k, text in given.items()
+        ):
             raise ArgumentError(f"columns.{name}", _ENTRY, quoted(entry))
         column = given.get("name", name)
-        delay, rate = (_number_with_unit(name, key, given[key]) if key in given else 0.0 for key in ("delay", "rate"))
         if column not in present:
             raise ArgumentError(f"columns.{name}", f"{choices(present)}{nearest(column, present)}", quoted(column))
-        if name == "t" and rate:  # frame numbers
-            sources[name] = ColumnSource(column, 1.0 / rate)
+        if "rate" in given:
+            sources[name] = ColumnSource(column, 1.0 / _rate(given["rate"]))
             continue
         unit = given.get("unit") or units.get(column) or heading_unit(column)
         if name == "t" and "unit" not in given and unit not in ("", "s", *SCALES["s"]):
             table = next(table for table in tables if column in table.arrays)
             unit = "" if table.instants(column).dtype.kind in "mM" else unit  # "Time [UTC]" of dates
-        sources[name] = _with_unit(name, unit, vocabulary)._replace(column=column, delay=delay, rate=rate)
+        sources[name] = _with_unit(name, unit, vocabulary)._replace(column=column)
     return sources
 
 
@@ -125,10 +127,10 @@ def _with_unit(name: str, unit: str, vocabulary: Vocabulary) -> ColumnSource:
     """Return the source of a quantity in a unit; one without a unit is in its SI unit."""
     own, headings = vocabulary.unit_of(name), vocabulary.headings
     if unit == COMPASS and name in headings:
-        return ColumnSource("", compass=True)
+        return ColumnSource("", compass=True, stated=True)
     scale = scale_of(unit or own, own)
     if scale is not None:
-        return ColumnSource("", scale)
+        return ColumnSource("", scale, stated=scale != 1.0)
     units = (own, *SCALES.get(own, {}), *((COMPASS,) if name in headings else ()))
     expected = f"{choices(units)}, or one of them with a - before it"
     if unit == COMPASS and own == "rad":
@@ -137,31 +139,18 @@ def _with_unit(name: str, unit: str, vocabulary: Vocabulary) -> ColumnSource:
     raise ArgumentError(f"columns.{name}.unit", expected, quoted(unit))
 
 
-def _number_with_unit(name: str, key: str, value: object) -> float:
-    """Return a delay [s] or a rate [Hz], a number or a text such as "120 ms"; refuse rates that are not above 0."""
-    units = {"s": 1.0, **SCALES["s"]} if key == "delay" else {"Hz": 1.0, "kHz": 1e3}
-    match = re.fullmatch(r"\s*([-+\d.eE]+)\s*([a-zA-Z]*)\s*", value if isinstance(value, str) else repr(value))
-    try:
-        number = float(match[1]) * units[match[2] or next(iter(units))] if match else np.nan
-    except (KeyError, ValueError):
-        number = np.nan
-    if not np.isfinite(number) or (key == "rate" and number <= 0):
-        expected = 'a time such as "0.12 s"' if key == "delay" else 'a rate above 0, such as "50 Hz"'
-        raise ArgumentError(f"columns.{name}.{key}", expected, quoted(value))
-    return float(number)
+def _rate(value: str) -> float:
+    """Return the rate of frame numbers [Hz], a text such as "120 Hz"."""
+    number, _, unit = value.strip().partition(" ")
+    with contextlib.suppress(ValueError):
+        rate = float(number) * {"Hz": 1.0, "kHz": 1e3, "": 1.0}.get(unit.strip(), np.nan)
+        if 0 < rate < np.inf:
+            return rate
+    raise ArgumentError("columns.t.rate", 'a rate above 0, such as "50 Hz"', quoted(value))
 
 
-class _Column(NamedTuple):
-    """What a column of a table holds."""
-
-    names: NDArray[Any]  # of its components, in the shape of a sample
-    #: to SI units; its scale is NaN of a unit that the quantity cannot have
-    unit: ColumnSource = ColumnSource("")
-    stated: bool = False  # whether its unit is
-
-
-def _named(table: ColumnTable, heading: str, vocabulary: Vocabulary) -> _Column:
-    """Return what a column holds that no entry names."""
+def _named(table: ColumnTable, heading: str, vocabulary: Vocabulary) -> list[tuple[str, ColumnSource]]:
+    """Return what a column holds that no entry names: names, each with its source."""
     is_index, unit = heading == table.row_index and "t" not in table.arrays, table.units.get(heading, "")
     own = "t" if is_index else heading
     full = f"{own} [{unit}]" if unit else own
@@ -173,62 +162,60 @@ def _named(table: ColumnTable, heading: str, vocabulary: Vocabulary) -> _Column:
     elif unit and name != own:
         name, factor = own, np.nan
     names = np.asarray(vocabulary.components(name, table.arrays[heading].shape[1:]))
-    return _Column(names, ColumnSource("", factor, compass), not is_index and bool(unit or name != heading))
+    source = ColumnSource(heading, factor, compass, not is_index and bool(unit or name != heading))
+    return [(str(names[place]), source._replace(place=place)) for place in np.ndindex(names.shape)]
 
 
 def read_recorded(
-    table: ColumnTable,
-    sources: Mapping[str, ColumnSource],
-    vocabulary: Vocabulary,
-    choose: Callable[[list[str]], list[str]],
+    table: ColumnTable, sources: Mapping[str, ColumnSource], vocabulary: Vocabulary, ignore: Sequence[str] = ()
 ) -> Recorded:
-    """Return chosen columns of a table by the names of this package, in SI units: float64 but for `t`, whose integers
-    and dates stay as they are.
+    """Return the columns of a table that a vocabulary knows, by the names of this package, in SI units: float64 but
+    for `t`, whose integers and dates stay as they are.
 
     Args:
         table: the columns.
         sources: quantities whose columns have names of their own, all of which the table has.
-        vocabulary: names of other columns.
-        choose: from the names of all columns to those to read; may raise an error.
+        vocabulary: names of columns.
+        ignore: patterns of names of columns that are passed over, such as `R2_*`.
 
     Raises:
         ArgumentError: a column cannot be read, has another unit than it may have, or comes twice; columns differ in
             length or are empty; a column with a unit has dates.
     """
     taken = {source.column for source in sources.values()}
-    held = {h: _Column(np.asarray(h)) if h in taken else _named(table, h, vocabulary) for h in table.arrays}
-    wanted = choose([name for h in (*held, *table.doubled) for name in held[h].names.ravel().tolist()])
-    for name in wanted:
-        if wanted.count(name) > 1:
-            raise ArgumentError(name, "a column once", "a second one")
-    for name, source in sources.items():
-        if name in wanted and name not in taken and source.column in wanted:
+    found = [*sources.items()]
+    for heading in table.arrays:
+        found += [] if heading in taken else _named(table, heading, vocabulary)
+    found = [one for one in found if not any(fnmatch.fnmatchcase(one[0], pattern) for pattern in ignore)]
+    arrays, columns = dict[str, NDArray[Any]](), dict[str, NDArray[Any]]()
+    for name, source in found:
+        heading, place = source.column, source.place
+        if name not in vocabulary.columns:
+            continue
+        if name in columns and name in sources:
             raise ArgumentError(name, f"{name} once, from columns or from a column of this name", "both")
-    clock = sources["t"].column if "t" in sources else next((h for h in held if held[h].names.tolist() == "t"), "")
-    columns: dict[str, NDArray[Any]] = {}
-    for heading, (names, unit, _) in held.items():
-        if not {*wanted}.isdisjoint(names.ravel().tolist()):
-            if np.isnan(unit.scale):
-                expected = "the unit of this quantity, as a log may state it"
-                raise ArgumentError(heading, expected, repr(table.units[heading]))
-            array = table.instants(heading) if heading == clock else table.numbers(heading)
-            if array.shape[1:] != names.shape or not array.ndim:
-                expected = "shape " + str(("N", *names.shape)).replace("'", "")
-                raise ArgumentError(heading, expected, f"shape {array.shape}")
-            parts = array.reshape(len(array), names.size).T
-            columns |= {
-                name: unit.converted(np.array(part)) for name, part in zip(names.ravel().tolist(), parts, strict=True)
-            }
-    columns = {name: columns[name] for name in wanted if name in columns}
+        if name in columns or heading in table.doubled:
+            raise ArgumentError(name, "a column once", "a second one")
+        if np.isnan(source.scale):
+            expected = "the unit of this quantity, as a log may state it"
+            raise ArgumentError(heading, expected, repr(table.units[heading]))
+        if heading not in arrays:
+            arrays[heading] = table.instants(heading) if name == "t" else table.numbers(heading)
+        array = arrays[heading]
+        if array.ndim != 1 + len(place):
+            raise ArgumentError(heading, f"shape (N,{' 3,' * len(place)})", f"shape {array.shape}")
+        if array.dtype.kind in "mM" and source.scale != 1.0:
+            raise ArgumentError(name, "no unit, since the column has dates", "a unit")
+        at: Any = (..., *place)
+        columns[name] = source.converted(np.array(array[at]))
     counts = {column.size for column in columns.values()}
     if len(counts) > 1:
         lengths = ", ".join(f"{name}: {column.size}" for name, column in columns.items())
         raise ArgumentError("", "columns of one length", lengths)
     if 0 in counts:
         raise ArgumentError("", "at least one sample", "none")
-    stated = {name for column in held.values() if column.stated for name in column.names.ravel().tolist()}
-    stated |= {name for name, source in sources.items() if source.states_unit}
-    return Recorded(_in_own_names(columns, sources, vocabulary), frozenset(stated))
+    stated = frozenset(name for name, source in found if source.stated)
+    return Recorded(columns, stated, tuple(name for name, _ in found), table.lines)
 
 
 _TIMES: Final = frozenset({"time", "times", "timestamp", "stamp", "seconds", "sec", "zeit"})  # what others call t
@@ -238,47 +225,6 @@ def nearest_column(name: str, known_names: Collection[str]) -> str:
     """Return a remark on the known column that an unknown one probably stands for, or nothing."""
     plain = re.sub(r"\s*[(\[].*", "", name).strip().lower()  # "Time (Seconds)"
     return " (nearest: t)" if plain in _TIMES else nearest(name, known_names)
-
-
-def _in_own_names(
-    columns: Mapping[str, NDArray[Any]], sources: Mapping[str, ColumnSource], vocabulary: Vocabulary
-) -> dict[str, NDArray[Any]]:
-    """Return columns by the names of this package, in SI units, on the clock of the rows."""
-    taken = {source.column for source in sources.values()}
-    found = {name: column for name, column in columns.items() if name not in taken}
-    for name, source in sources.items():
-        column = columns[source.column]
-        if column.dtype.kind in "mM" and source.scale != 1.0:
-            raise ArgumentError(name, "no unit, since the column has dates", "a unit")
-        found[name] = source.converted(column)
-    for name, source in sources.items():
-        if source.delay or source.rate:
-            if "t" not in found:
-                raise ArgumentError(f"columns.{name}", "a column t beside a delay or a rate", "none")
-            angle = vocabulary.unit_of(name) == "rad"
-            found[name] = _at_the_rows(elapsed_seconds("t", found["t"])[0], found[name], source, angle)
-    return found
-
-
-def _at_the_rows(t: Float64Array, values: Float64Array, source: ColumnSource, angle: bool) -> Float64Array:
-    """Return a column that is late, or was sampled at a rate of its own, at the instants of the rows, by straight
-    lines between its samples; NaN where these are missing.
-    """
-    known = np.isfinite(values)
-    if source.rate:  # rows between repeat the last sample, or are empty; what stays the same counts now and then
-        last, value = -np.inf, np.nan
-        for row in np.flatnonzero(known):
-            known[row] = values[row] != value or t[row] - last >= 1.5 / source.rate
-            last, value = (t[row], values[row]) if known[row] else (last, value)
-    if known.sum() < 2:
-        raise ArgumentError(source.column, "at least two samples beside a delay or a rate", f"{known.sum()}")
-    at, samples = t[known] - source.delay, values[known]
-    samples = unwrap_if_wrapped(samples) if angle else samples
-    usual = 1.0 / source.rate if source.rate else float(np.median(np.diff(at)))
-    after = np.clip(np.searchsorted(at, t), 1, at.size - 1)
-    missing = (at[after] - at[after - 1] > 2.5 * usual) & (t > at[after - 1]) & (t < at[after])
-    found = np.interp(t, at, samples, left=np.nan, right=np.nan)
-    return np.where(missing, np.nan, found)
 
 
 # ---- angles

@@ -6,12 +6,11 @@ docs/scenes.md lists the columns. Others are refused: a misspelt one would be mi
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Set
+from collections.abc import Set
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.errors import choices
 from hingepair.numeric.arrays import Float64Array, read_only
@@ -21,9 +20,8 @@ from hingepair.scenes.motions.known import RATE_SUFFIXES
 from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import NamedSource, Table
 from hingepair.tables.column_tables import ColumnTable
-from hingepair.tables.instants import gap_sentences, instants_of
+from hingepair.tables.instants import gap_sentences, instants_of, sample_text
 from hingepair.tables.recorded_columns import (
-    ColumnSource,
     Vocabulary,
     doubts_about_angles,
     headings_among,
@@ -34,6 +32,7 @@ from hingepair.tables.recorded_columns import (
     read_sources,
 )
 from hingepair.tables.suspicions import suspicions
+from hingepair.tables.units import split_heading
 
 LOG_ARRAYS: Final[dict[str, tuple[str, ...]]] = {
     "R1": ("x", "y", "z"),
@@ -97,7 +96,6 @@ class Log(NamedSource):
 
     def __init__(self, path: Path | ColumnTable, subject: Subject, table: Table) -> None:
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
-        self._has_lines = isinstance(path, Path) and path.suffix.lower() == ".csv"
         self._subject, self._sequence = subject, table.values.get("sequence", "XYZ")
         self.notes: list[str] = []
         arrays = dict(LOG_ARRAYS) if subject.base_names else {}
@@ -118,17 +116,14 @@ class Log(NamedSource):
         with table.naming():
             sources = read_sources(table.values.get("columns", {}), vocabulary, columns)
         with self.naming():
-            translated = "columns" in table.values
-            self.columns, stated = read_recorded(
-                columns, sources, vocabulary, lambda names: self._chosen(names, sources, translated)
-            )
+            self.columns, stated, self._file_columns, self._lines = read_recorded(columns, sources, vocabulary)
+            self._note_unknown("columns" in table.values)
             if "t" not in self.columns:
                 self.refuse("t", "a column", "no such column")
-            kept = self._without_repeated_stamps()
-            self._kept_rows = np.flatnonzero(kept)
+            self._leave_out_repeated_stamps()
             self._complete_planar_columns("no column was named for" if sources else "the log has no")
             stamps = self.columns["t"]
-            t = instants_of("t", stamps)
+            t = instants_of("t", stamps, lines=self._lines)
             dated = stamps.dtype.kind in "mM"
             if dated or float(stamps[0]) != t[0]:
                 unit = "" if dated else " ns"
@@ -146,26 +141,26 @@ class Log(NamedSource):
         """Return the SI unit of a column."""
         return self._subject.unit(column)
 
-    def _chosen(self, names: list[str], sources: Mapping[str, ColumnSource], translated: bool) -> list[str]:
-        """Return the columns of the file to read; leave unknown ones out if names are `translated`, and otherwise
-        refuse them.
-        """
-        self._file_columns = names
-        known = (*self._known, *(source.column for source in sources.values()))
-        unknown = [name for name in names if name not in known]
+    def _note_unknown(self, translated: bool) -> None:
+        """Say which columns of the file are not read if names are `translated`, and otherwise refuse them."""
+        unknown = [name for name in self._file_columns if name not in self._known]
         if translated and unknown:  # the file is another's: what else it has is not ours to know
-            self.notes.append(f"columns that were not read: {', '.join(unknown[:20])}")
+            note = f"columns that were not read: {', '.join(unknown[:20])}"
+            for name in unknown:
+                bare, unit = split_heading(name)
+                if unit and bare in self._known:
+                    note += f'; {bare} = {{ name = "{name}", unit = "{self.unit_of(bare)}" }} reads it in that unit'
+            self.notes.append(note)
         elif unknown:
-            name, got = unknown[0], f"an unknown column{nearest_column(unknown[0], known)}"
+            name, got = unknown[0], f"an unknown column{nearest_column(unknown[0], self._known)}"
             item = self._subject.item(name)
             if item is not None and item.of != "joint":
                 got = f"a column of results, which are no motion ({_WRITING})"
             expected = (
-                f'{choices(known)}; [motion.columns] names the columns of another program, such as t = "Time", and '
-                "leaves others out, even as an empty table"
+                f'{choices(self._known)}; [motion.columns] names the columns of another program, such as t = "Time", '
+                "and leaves others out, even as an empty table"
             )
             self.refuse(repr(name[:40]), expected, got)
-        return [name for name in names if name in known]
 
     def _judge_units(self, stated: Set[str]) -> None:
         """Add notes on columns that are probably not in SI units, unless they are in `stated`."""
@@ -184,18 +179,17 @@ class Log(NamedSource):
                 rows = values if len(names) > 1 else values[:, 0]
                 self.notes += suspicions(quantity, name, rows, radians=_DEGREES.replace("deg", "deg/s"))
 
-    def _without_repeated_stamps(self) -> NDArray[np.bool_]:
-        """Take rows with the stamp of the row before out of `columns`, and return which rows are kept."""
+    def _leave_out_repeated_stamps(self) -> None:
+        """Take rows with the stamp of the row before out of `columns`."""
         stamps = self.columns["t"]
         kept = np.append(True, stamps[1:] != stamps[:-1])
         if not kept.all():
-            self.columns = {name: column[kept] for name, column in self.columns.items()}
             first, count = int(np.argmin(kept)), int((~kept).sum())
-            place = f"line {first + 2}" if self._has_lines else f"row {first}, counted from 0"
             rows, verb = ("row has", "was") if count == 1 else ("rows have", "were")
-            sentence = f"{count} {rows} the stamp of the row before and {verb} left out, the first in {place}"
-            self.notes.append(sentence)
-        return kept
+            place = sample_text(first, self._lines)
+            self.notes.append(f"{count} {rows} the stamp of the row before and {verb} left out, the first in {place}")
+            self.columns = {name: column[kept] for name, column in self.columns.items()}
+            self._lines = None if self._lines is None else self._lines[kept]
 
     def _complete_planar_columns(self, absence: str) -> None:
         """Add what a log of a motion in the plane leaves out, as zeros; a note on them starts with `absence`."""
@@ -225,8 +219,7 @@ class Log(NamedSource):
         """Refuse an array, which is to be integrated, with a number that is not finite."""
         columns = array.reshape(len(array), -1)
         for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
-            line = f", line {self._kept_rows[sample] + 2} of the file" if self._has_lines else ""
-            got = f"{columns[sample, i]} at sample {sample}{line}, t = {self.t[sample]:.10g} s"
+            got = f"{columns[sample, i]} at {sample_text(sample, self._lines)}, t = {self.t[sample]:.10g} s"
             self.refuse(self.columns_of(name)[i], "finite numbers, to be integrated", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
