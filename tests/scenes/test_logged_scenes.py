@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import hingepair as hp
-from hingepair.numeric.arrays import columns_by_name
+from hingepair.plans.arguments import CoordinateNames
 from support.scenes import logged as described
 from support.scenes import moved, toml
 from support.states import coordinates, generator
@@ -140,7 +140,7 @@ def test_a_log_of_the_library_is_coordinates_and_rates_at_once(tmp_path):
         velocity = scene.pair.forward_kinematics(log[[*EULER, "t"]], given)
         np.testing.assert_allclose(velocity.v2, found.v2, rtol=0, atol=256 * 2.0**-53 * np.abs(found.v2).max())
     frame = pd.DataFrame({name: column for name, column in columns.items() if name != "t"})
-    taken = columns_by_name("q", frame, [EULER], {*RATES, *SECOND})
+    taken = CoordinateNames(EULER, {"q": EULER, "qd": RATES, "qdd": SECOND}).of_table("q", frame)
     assert all(np.shares_memory(array, frame[name].to_numpy()) for name, array in taken.items())
 
 

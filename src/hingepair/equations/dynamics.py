@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from hingepair.equations.derivatives import Entries
-from hingepair.equations.spatial import Matrix, Scalar, Vector, add, compose, cross, dot, scale, subtract
+from hingepair.equations.spatial import Entries, Matrix, Scalar, Vector, add, compose, cross, dot, scale, subtract
 
 
 def factor_symmetric(A: Entries) -> tuple[list[list[Scalar]], Entries]:

@@ -184,7 +184,8 @@ def attribute_texts(
     for name in names:
         text, unit, shape, _ = QUANTITIES[name]
         sizes = [
-            "dof" if part == "coordinates" else str(part) for part in (shape if shapes is None else shapes[name])
+            "dof" if part in ("coordinates", "velocities") else str(part)
+            for part in (shape if shapes is None else shapes[name])
         ]
         inner = ", ".join((leading, *sizes)) if sizes else f"{leading},"
         texts[name] = f"{text}; ({inner}){'' if unit == '1' else f' {unit}'}."

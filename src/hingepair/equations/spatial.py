@@ -24,8 +24,12 @@ Vector: TypeAlias = tuple[Scalar, Scalar, Scalar]
 HingeTrig: TypeAlias = tuple[Scalar, ...]  # (sin psi, 1 - cos psi); what follows is not looked at
 Matrix: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]
 
+Entries: TypeAlias = tuple[Scalar, ...]  # of a matrix, row by row
+
 ZERO_VECTOR: Vector = (0.0, 0.0, 0.0)
 """The vector of three zeros."""
+WORLD_UNIT_VECTORS: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Unit vectors along the world's axes."""
 
 
 def add(a: Vector, b: Vector) -> Vector:
@@ -74,6 +78,11 @@ def compose(A: Matrix, B: Matrix) -> Matrix:
         d * j + e * m + f * p, d * k + e * n + f * q, d * l + e * o + f * r,
         g * j + h * m + i * p, g * k + h * n + i * q, g * l + h * o + i * r,
     )  # fmt: skip
+
+
+def matrix_from_columns(*columns: Entries) -> Entries:
+    """Return the matrix with these columns, each a tuple of numbers, as a flat tuple row by row."""
+    return tuple(entry for row in zip(*columns, strict=True) for entry in row)
 
 
 def hinge_rotation(n: Vector, hinge_trig: HingeTrig) -> Matrix:

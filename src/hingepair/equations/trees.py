@@ -41,6 +41,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from hingepair.equations.joints import HINGE, SLIDER, Axis
 from hingepair.equations.spatial import (
+    WORLD_UNIT_VECTORS,
     ZERO_VECTOR,
     Matrix,
     Scalar,
@@ -280,9 +281,9 @@ def base_jacobian_columns(d: Vector) -> list[tuple[Vector, Vector]]:
     unit omega1 about each world axis, of the base (E8). The vector d leads from R1 of the base to the point.
     """
     x, y, z = d
-    units = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    units = WORLD_UNIT_VECTORS
     turning = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
-    return [(unit, ZERO_VECTOR) for unit in units] + list(zip(turning, units, strict=True))
+    return [*((unit, ZERO_VECTOR) for unit in units), *zip(turning, units, strict=True)]
 
 
 # ---- symmetric matrices
@@ -435,18 +436,13 @@ def sum_inward(
     return sums
 
 
-def along_axes(links: Sequence[Link], wrenches: Sequence[Wrench]) -> list[Scalar]:
-    """Return what the wrench of each joint does along its coordinate (T3); the wrench on the base is skipped."""
-    return [link.axis.effort(*wrench) for link, wrench in zip(links, wrenches[1:], strict=True)]
-
-
 def driving_efforts(links: Sequence[Link], wrenches: Sequence[Wrench], qdd: Sequence[Scalar]) -> list[Scalar]:
     """Return a list with the effort of each joint's motor: the sum of the wrench's component along the axis and of
     armature times q'', the inertial effort of the motor's own rotor (T3, T10). `wrenches` begins with the wrench on
     the base.
     """
-    loads = along_axes(links, wrenches)
-    return [load + link.armature * change for link, load, change in zip(links, loads, qdd, strict=True)]
+    joints = zip(links, wrenches[1:], qdd, strict=True)
+    return [link.axis.effort(*wrench) + link.armature * change for link, wrench, change in joints]
 
 
 def spring_and_damper_effort(load: JointLoad, q: Scalar, qd: Scalar) -> Scalar:

@@ -519,14 +519,11 @@ def loop_wrenches(
     columns = _following(closure)
     A = np.swapaxes(jacobian[..., columns], -1, -2)
     finite = np.asarray(np.isfinite(A).all(axis=(-1, -2)))
-    U, singular, Vh = np.linalg.svd(np.where(finite[..., None, None], A, 0.0))
-    rank = singular.shape[-1]
-    known = singular > _NO_RANK * singular[..., :1]
-    inverse = np.where(known, 1 / np.where(known, singular, 1.0), 0.0)
-    along = np.einsum("...ji,...j->...i", U[..., :rank], efforts[..., columns]) * inverse
-    multipliers = np.einsum("...ji,...j->...i", Vh[..., :rank, :], along)
+    A = np.where(finite[..., None, None], A, 0.0)
+    inverse = np.linalg.pinv(A, rcond=_NO_RANK)
+    multipliers = (inverse @ efforts[..., columns, None])[..., 0]
     # Combinations of conditions that act on no joint: redundant conditions share forces in ways that stay open.
-    idle = np.concatenate((np.where(known[..., None], 0.0, Vh[..., :rank, :]), Vh[..., rank:, :]), axis=-2)
+    idle = np.eye(A.shape[-1]) - inverse @ A
     wrenches, start = {}, 0
     for loop in closure.loops:
         end = start + CONDITIONS[loop.kind]

@@ -14,7 +14,7 @@ from hingepair.errors import ArgumentError, UnknownOutputError, choices, nearest
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_of_rotations
 from hingepair.numeric.arrays import FloatArray, check_choice
 from hingepair.plans.pairs import PLANE, POINT_ENDINGS, SPACE, unit_among
-from hingepair.plans.trees import FRAME_OUTPUTS
+from hingepair.plans.trees import DYNAMICS_MATRICES, FRAME_OUTPUTS
 from hingepair.tables.data_frames import column_names, sample_rows, split_columns
 from hingepair.tables.sheets import Sheet, align_columns, cell_text
 
@@ -231,18 +231,11 @@ class MechanismAccelerations(JointResults):
 class MechanismDerivatives(Results):
     """Derivatives of the torques or accelerations of a robot by its coordinates, their rates and accelerations or
     torques: a row for each torque or acceleration, a column for each coordinate, shape (..., dof, dof); with a free
-    base (..., 6 + dof, 6 + dof), the base first. Those that were not computed are None. Only hingepair calls the
-    constructor.
+    base (..., 6 + dof, 6 + dof), the base first. tau_qdd is the mass matrix and qdd_tau its inverse; those that were
+    not computed are None. Only hingepair calls the constructor.
     """
 
-    __slots__ = {  # noqa: RUF023 (the order of the documentation)
-        "tau_q": "Derivatives of tau by q; (..., dof, dof).",
-        "tau_qd": "Derivatives of tau by qd; (..., dof, dof).",
-        "tau_qdd": "Derivatives of tau by qdd, which are the mass matrix; (..., dof, dof).",
-        "qdd_q": "Derivatives of qdd by q; (..., dof, dof).",
-        "qdd_qd": "Derivatives of qdd by qd; (..., dof, dof).",
-        "qdd_tau": "Derivatives of qdd by tau, which are the inverse of the mass matrix; (..., dof, dof).",
-    }
+    __slots__ = attribute_texts(DYNAMICS_MATRICES)
 
     tau_q: FloatArray
     tau_qd: FloatArray

@@ -127,10 +127,14 @@ def _law(force: Any, stiffness: float, free_length: float | None, damping: float
     if length is None and (k or isinstance(force, GasSpring)):
         expected = "the length [m] at which the spring is free, or the gas spring extended"
         raise ArgumentError("free_length", expected, None)
-    law, zero = Law(at_zero=k * (length or 0.0), slope=-k, damping=d), length or 0.0
+    zero = length or 0.0
+    law = Law(at_zero=k * zero, slope=-k, damping=d)
     if isinstance(force, GasSpring):
-        law = _gas_law(law, force, zero)
+        law = law._replace(at_zero=law.at_zero + force.friction / 2, friction=force.friction / 2)
+        force = (zero - force.stroke, zero), (force.F2, force.F1)
     elif force is not None:
+        zero = float(_table(force)[0][0])
+    if force is not None:
         lengths, forces = _table(force)
         slopes = np.diff(forces) / np.diff(lengths)
         law = law._replace(
@@ -138,18 +142,7 @@ def _law(force: Any, stiffness: float, free_length: float | None, damping: float
             slope=law.slope + float(slopes[0]),
             knots=tuple(zip(lengths[1:-1].tolist(), np.diff(slopes).tolist(), strict=True)),
         )
-        zero = float(lengths[0])
     return law._replace(energy=law.energy + law.at_zero * zero + law.slope * zero * zero / 2)
-
-
-def _gas_law(law: Law, gas: GasSpring, extended: float) -> Law:
-    """Return a law with the force of a gas spring."""
-    slope = (gas.F2 - gas.F1) / gas.stroke
-    return law._replace(
-        at_zero=law.at_zero + gas.friction / 2 + gas.F1 + slope * extended,
-        slope=law.slope - slope,
-        friction=gas.friction / 2,
-    )
 
 
 def _table(force: ArrayLike) -> tuple[Any, Any]:

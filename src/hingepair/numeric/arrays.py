@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import FrozenInstanceError, fields
 from typing import Any, Final, TypeAlias, TypeGuard
 
@@ -68,15 +68,6 @@ def _is_of_other_library(value: object) -> bool:
     return hasattr(value, "__array_namespace__") or type(value).__module__.partition(".")[0] == "torch"
 
 
-def is_square_list(value: object, count: int) -> bool:
-    """Return whether a list or tuple holds `count` NumPy arrays of `count` numbers: samples, or components."""
-    return (
-        isinstance(value, list | tuple)
-        and len(value) == count
-        and all(isinstance(part, np.ndarray) and part.shape == (count,) for part in value)
-    )
-
-
 def vectors(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[Any]:
     """Return a value as an array whose last axes have a given shape, such as 3, 3."""
     array = real_array(name, value)
@@ -90,37 +81,6 @@ def vectors(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[Any]:
 def is_table(value: object) -> TypeGuard[Any]:
     """Return whether a value is a data frame of any package, that is, has named columns."""
     return hasattr(value, "columns") and hasattr(value, "to_numpy")
-
-
-def columns_by_name(
-    name: str,
-    table: Any,
-    families: Sequence[tuple[str, ...]],
-    optional_names: Collection[str] = (),
-    last_family: tuple[str, ...] = (),
-) -> dict[str, NDArray[Any]]:
-    """Return columns of a data frame by name. No column is copied where the table holds its columns one by one.
-
-    Args:
-        name: of the argument, for messages.
-        table: a data frame.
-        families: the names of the columns that are needed; the first family that the table has is taken.
-        optional_names: names of columns that may be there as well, beside t and those of the other families.
-        last_family: a family that is taken only where the table has no other columns.
-
-    Raises:
-        ArgumentError: no family is complete, a name comes twice, or a column has another name.
-    """
-    names = [str(column) for column in table.columns]
-    known = {"t", *optional_names}.union(*families)
-    family = next((family for family in families if set(family) <= set(names)), None)
-    if family is None and set(last_family) == set(names):
-        family, known = last_family, set(last_family)
-    if family is None or len(set(names)) < len(names) or not known.issuperset(names):
-        wanted = " or ".join(", ".join(family) for family in families)
-        expected = f"the columns {wanted}, in any order (without names: .to_numpy())"
-        raise ArgumentError(name, expected, f"the columns {', '.join(names)}")
-    return {column: np.asarray(table[table.columns[names.index(column)]].to_numpy()) for column in family}
 
 
 def constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.float64]:

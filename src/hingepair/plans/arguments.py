@@ -12,8 +12,6 @@ from hingepair.engine.binding import ArrayShape
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.numeric.arrays import (
     broadcast_shape,
-    columns_by_name,
-    is_square_list,
     is_table,
     is_zero,
     real_array,
@@ -54,8 +52,16 @@ class CoordinateNames(NamedTuple):
         families = [tuple(f"{one}{ending}" for one in self.names) for ending in endings]
         if self.columns:
             families = [*dict.fromkeys((self.columns[name], *families))]
-        optional = {column for family in self.columns.values() for column in family}
-        return columns_by_name(name, table, families, optional, last_family=self.names)
+        names = [str(column) for column in table.columns]
+        if {*names} == {*self.names}:  # as results have them, whose qdd is called by the names of the joints
+            families.append(self.names)
+        known = {"t"}.union(*self.columns.values(), *families)
+        family = next((family for family in families if {*family} <= {*names}), None)
+        if family is None or len({*names}) < len(names) or not known.issuperset(names):
+            wanted = " or ".join(", ".join(family) for family in families)
+            expected = f"the columns {wanted}, in any order (without names: .to_numpy())"
+            raise ArgumentError(name, expected, f"the columns {', '.join(names)}")
+        return {column: np.asarray(table[table.columns[names.index(column)]].to_numpy()) for column in family}
 
 
 class Arguments(NamedTuple):
@@ -128,10 +134,10 @@ def read_coordinates(name: str, value: Any, coordinates: CoordinateNames) -> tup
         _check_keys(name, value, coordinates)
         return _components({f"{name}[{one!r}]": value[one] for one in names})
     is_tuple = isinstance(value, tuple) and len(value) == len(names)
-    if len(names) > 1 and (
-        (is_tuple and all(isinstance(part, list | tuple) and len(part) == len(names) for part in value))
-        or (isinstance(value, list) and is_square_list(value, len(names)))
-    ):
+    kinds = (list, tuple) if is_tuple else np.ndarray  # lists in a tuple and arrays in a list can be either
+    rows = [part for part in value if isinstance(part, kinds)] if isinstance(value, list | tuple) else []
+    is_square = all(getattr(row, "ndim", 1) == 1 and len(row) == len(names) for row in rows)
+    if rows and is_square and len(rows) == len(value) == len(names) > 1:
         expected = f"an array of states (numpy.array(...)), or a tuple of arrays, one for each of {coordinates.noun}"
         raise ShapeError(name, expected, f"{len(names)} sequences of {len(names)} numbers, which could be either")
     if is_tuple:
@@ -253,12 +259,8 @@ def chosen_names(argument: str, names: Iterable[Any], accepted: Collection[str])
     Raises:
         ArgumentError: another name, or none.
     """
-    if argument != "wrt" and not isinstance(names, Mapping):
-        raise ArgumentError(argument, f"a dict of arrays, with names out of {', '.join(accepted)}", quoted(names))
-    chosen = [*names] if isinstance(names, Iterable) else []
-    for name in chosen:
-        if name not in accepted:
-            raise ArgumentError(argument, f"names out of {', '.join(accepted)}", quoted(name))
-    if not chosen:
-        raise ArgumentError(argument, f"at least one of {', '.join(accepted)}", quoted(names))
+    kind, text = (Iterable, "names") if argument == "wrt" else (Mapping, "a dict of arrays, with names")
+    chosen = [*names] if isinstance(names, kind) else []
+    if not chosen or not all(name in accepted for name in chosen):
+        raise ArgumentError(argument, f"{text} out of {', '.join(accepted)}", quoted(chosen or names))
     return tuple(name for name in accepted if name in chosen)

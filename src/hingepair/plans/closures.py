@@ -19,8 +19,17 @@ from typing import Any, Final, NamedTuple
 from hingepair.engine.derivatives import pushforward, variables
 from hingepair.engine.trace import arc_tangent, square_root, where_less
 from hingepair.equations import trees as eq
-from hingepair.equations.derivatives import WORLD_UNIT_VECTORS
-from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, cross, dot, rotate, scale, subtract
+from hingepair.equations.spatial import (
+    WORLD_UNIT_VECTORS,
+    ZERO_VECTOR,
+    Scalar,
+    Vector,
+    cross,
+    dot,
+    rotate,
+    scale,
+    subtract,
+)
 from hingepair.numeric.blocks import cosine, sine
 
 # Loops with a larger gap, over the size of the mechanism, count as open; of float32 and float64. At an angle of many

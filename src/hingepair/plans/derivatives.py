@@ -24,11 +24,7 @@ from hingepair.plans.functions import (
     sum_of,
     with_variables,
 )
-from hingepair.plans.trees import (
-    TreeForm,
-    axes_shape,
-    changes_of_bodies,
-)
+from hingepair.plans.trees import BODY_CONSTANTS, TreeForm, axes_shape, changes_of_bodies
 
 
 class Derivative(NamedTuple):
@@ -64,7 +60,7 @@ def derivative_loop(plain: Loop, derivative: Derivative) -> Loop:
     if derivative.entries:
         changes = dict((*plain.outputs, *derivative.arguments))
     inputs, names = dict(plain.inputs), [name for name, _ in derivative.arguments]
-    if isinstance(plain.form, TreeForm) and not body_constants(0, False).keys().isdisjoint(names):
+    if isinstance(plain.form, TreeForm) and not BODY_CONSTANTS.keys().isdisjoint(names):
         inputs["axes"] = axes_shape(plain.form.form)
     outputs = {} if derivative.entries else dict(plain.outputs)
     if derivative.kind == "jacobian":
@@ -155,12 +151,7 @@ def _variables(
     values, arguments = dict(given), [*arguments]
     of_bodies = Moves()
     if "axes" in values:
-        of_bodies = changes_of_bodies(_tree_of(plain), values, {name for name, _ in arguments})
+        tree: Any = plain.form
+        of_bodies = changes_of_bodies(tree, values, {name for name, _ in arguments})
     values, moves = with_variables(values, [one for one in arguments if one[0] not in of_bodies], entries)
     return values, of_bodies | moves
-
-
-def _tree_of(plain: Loop) -> TreeForm:
-    if not isinstance(plain.form, TreeForm):
-        raise TypeError(f"{plain.name} is no loop of a robot")
-    return plain.form

@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Final
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.trace import square_root
-from hingepair.equations.derivatives import matrix_from_columns
 from hingepair.equations.spatial import (
     ZERO_VECTOR,
     Vector,
@@ -18,6 +17,7 @@ from hingepair.equations.spatial import (
     compose,
     cross,
     dot,
+    matrix_from_columns,
     rotate,
     scale,
     subtract,

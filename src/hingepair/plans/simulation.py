@@ -14,7 +14,7 @@ from hingepair.engine.binding import ArrayShape
 from hingepair.engine.loops import Loop
 from hingepair.equations import trees as eq
 from hingepair.equations.dynamics import cayley_attitude, cayley_rate, solve_symmetric
-from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross, dot, scale, subtract
+from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross, scale, subtract
 from hingepair.plans.trees import (
     OUTPUTS,
     Form,
@@ -78,24 +78,14 @@ def _outputs(form: Form, request: Request, pinned: bool, outputs: tuple[str, ...
 
 def _base_rates(still: TreeQuantities, centre: Vector, P: Vector, L: Vector, pinned: bool) -> tuple[Vector, Vector]:
     """Return omega1 and v1 from the momenta; `still` has a base at rest."""
-    matter = still.composites[0]
-    *_, x, y, z = eq.base_mass_rows(still.values["S1"], matter)
-    inertia = [*x[3:], *y[3:], *z[3:]]  # about R1, on and below the diagonal
+    rows = eq.base_mass_rows(still.values["S1"], still.composites[0])  # about R1
     P_joints, L_joints = still.momentum
-    L = subtract(L, L_joints)
-    if not pinned:
-        first = scale(centre, matter.mass)
-        steiner = dot(first, centre)
-        inertia = [
-            entry - (steiner * (i == j) - first[i] * centre[j])
-            for entry, (i, j) in zip(inertia, ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)), strict=True)
-        ]
-        L = add(L, cross(centre, P_joints))
-    omega1: Any = solve_symmetric(tuple(inertia), L)[0]
     if pinned:
+        omega1: Any = solve_symmetric(tuple(x for row in rows[3:] for x in row[3:]), subtract(L, L_joints))[0]
         return omega1, ZERO_VECTOR
-    velocity = scale(subtract(P, P_joints), 1 / matter.mass)
-    return omega1, subtract(velocity, cross(omega1, centre))
+    momentum = (*subtract(P, P_joints), *subtract(add(L, cross(centre, P)), L_joints))
+    *v1, x, y, z = solve_symmetric(tuple(x for row in rows for x in row), momentum)[0]
+    return (x, y, z), (v1[0], v1[1], v1[2])
 
 
 def _rates(

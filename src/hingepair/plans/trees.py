@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Final, NamedTuple
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.derivatives import Solution, jacobian, pushforward, variables
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import Operand, square_root, where_less
+from hingepair.engine.trace import square_root, where_less
 from hingepair.equations import trees as eq
 from hingepair.equations.dynamics import factor_symmetric, solve_factored, solve_symmetric
 from hingepair.equations.joints import Axis
@@ -31,6 +31,7 @@ from hingepair.equations.spatial import (
     add,
     cross,
     dot,
+    matrix_from_columns,
     rotate,
     scale,
     subtract,
@@ -56,6 +57,10 @@ JOINT_SHAPES: Final = {
     "min_pivot": (),
 }
 PIVOT_SHAPES: Final = {"min_force_pivot": (), "min_torque_pivot": ()}  # of a free base; less is rounding
+# Constants by which outputs can be differentiated: their names among those of a body or its joint, and their numbers.
+BODY_CONSTANTS: Final = {
+    "masses": ("mass", 1), "first_moments": ("first", 3), "inertias": ("second", 6), "lengths": ("u", 3)
+}  # fmt: skip
 FRAME_SHAPES: Final = {"R": (3,), "S": (9,)}  # of each frame, in the axes of its body
 LOAD_SHAPES: Final = {"stiffness": (), "rest": (), "damping": (), "friction": ()}
 """Shapes of the constants of the load of each joint. The vector of constants holds those of the base, then those of
@@ -329,7 +334,7 @@ class TreeQuantities:
                     [(rotate(transpose(pose.S), v), rotate(transpose(pose.S), omega)) for v, omega in part]
                     for part in (columns, on_base)
                 )
-            entries += _matrix_rows(self._jacobian_columns(columns, on_base))
+            entries += matrix_from_columns(*self._jacobian_columns(columns, on_base))
         return tuple(entries)
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
@@ -748,9 +753,8 @@ class TreeQuantities:
         """
         centre, matter = self.centre_from_base, self.composites
         on_base = eq.base_momentum_columns(self.values["S1"], matter[0], centre) if self.request.free else ()
-        return _matrix_rows(
-            self._jacobian_columns(eq.momentum_columns(self.links, self.poses, matter, centre), on_base)
-        )
+        of_joints = eq.momentum_columns(self.links, self.poses, matter, centre)
+        return matrix_from_columns(*self._jacobian_columns(of_joints, on_base))
 
     @lock_free_cached_property
     def velocities_in_own_axes(self) -> list[eq.Rates]:
@@ -823,52 +827,32 @@ def constant_place(body: int, name: str) -> int:
 
 
 def changes_of_bodies(tree: TreeForm, values: dict[str, Any], names: Iterable[str]) -> Moves:
-    """Return the changes of constants with these names, and put all constants, with variables in their place, among
-    the values as "numbers".
+    """Return changes from 0 of constants with these names, in the axes of the bodies; put all constants, with these
+    changes, among the values as "numbers".
     """
     form, request = tree
     numbers = complete_numbers(form, request, values)
-    axes = [values["axes"][9 * k : 9 * k + 9] for k in range(len(form.parents) + 1)]
-    bodies = [k for k in range(len(axes)) if k or request.free]
-    changes: dict[str, list[list[tuple[int, Operand]]]] = {}
-    if "masses" in names:
-        changes["masses"] = [[(constant_place(k, "mass"), 1.0)] for k in bodies]
-    if "first_moments" in names:
-        places = [(axes[k], constant_place(k, "first")) for k in bodies]
-        changes["first_moments"] = [_along(P, j, place) for P, place in places for j in range(3)]
-    if "lengths" in names:
-        joints = [(axes[parent], constant_place(k, "u")) for k, parent in enumerate(form.parents, 1)]
-        changes["lengths"] = [_along(P, j, place) for P, place in joints for j in range(3)]
-    if "inertias" in names:
-        places = [(axes[k], constant_place(k, "second")) for k in bodies]
-        pairs = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Pinocchio's order
-        changes["inertias"] = [_of_inertia(P, *pair, place) for P, place in places for pair in pairs]
-    used = sorted({k for group in changes.values() for change in group for k, _ in change})
-    others = [x for k, x in enumerate(numbers) if k not in {*used}]
-    others += [x for group in values.values() for x in components(group)]
-    for k, variable in zip(used, variables([numbers[k] for k in used], others), strict=True):
-        numbers[k] = variable
+    axes = [values["axes"][k : k + 9] for k in range(0, len(values["axes"]), 9)]
+    moves = Moves()
+    for name in BODY_CONSTANTS.keys() & {*names}:
+        constant, size = BODY_CONSTANTS[name]
+        moves[name] = []
+        for k in range(1 - (request.free and name != "lengths"), len(axes)):
+            change = variables((0.0,) * size)
+            moves[name] += [[(x, 1.0)] for x in change]
+            back = transpose(axes[form.parents[k - 1] if name == "lengths" else k])
+            moved: Any = change
+            if size == 3:
+                moved = rotate(back, moved)
+            elif size == 6:  # an inertia J in Pinocchio's order; the second moment is tr(J)/2 - J
+                xx, xy, yy, xz, yz, zz = change
+                half = 0.5 * (xx + yy + zz)
+                moved = eq.conjugate(back, (half - xx, -xy, -xz, half - yy, -yz, half - zz))
+            place = constant_place(k, constant)
+            for at, x in enumerate(moved, place):
+                numbers[at] = numbers[at] + x
     values["numbers"] = numbers
-    return {name: [[(numbers[k], rate) for k, rate in change] for change in group] for name, group in changes.items()}
-
-
-def _along(P: Sequence[Operand], j: int, place: int) -> list[tuple[int, Operand]]:
-    """Return the change of the vector that begins at a place where its j-th component in a body's axes changes; P
-    converts from the program's axes to these.
-    """
-    return [(place + i, P[3 * j + i]) for i in range(3)]
-
-
-def _of_inertia(P: Sequence[Operand], a: int, b: int, place: int) -> list[tuple[int, Operand]]:
-    """Return the change of the second moment, trace(J)/2 - J, that begins at a place where the entry (a, b) of the
-    inertia J changes; P is that of `_along`.
-    """
-    x, y = P[3 * a : 3 * a + 3], P[3 * b : 3 * b + 3]
-    changes: list[tuple[int, Operand]] = []
-    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
-        half = 0.5 if a == b and i == j else 0.0
-        changes.append((place + k, half - (x[i] * x[j] if a == b else x[i] * y[j] + y[i] * x[j])))
-    return changes
+    return moves
 
 
 def _take_numbers(numbers: Any, shapes: Mapping[str, ArrayShape]) -> dict[str, Any]:
@@ -882,11 +866,6 @@ def _take_numbers(numbers: Any, shapes: Mapping[str, ArrayShape]) -> dict[str, A
 def _chain_vectors(vectors: Iterable[Sequence[Scalar]]) -> tuple[Scalar, ...]:
     """Return the components of all vectors as one flat tuple."""
     return tuple(part for vector in vectors for part in vector)
-
-
-def _matrix_rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
-    """Return the entries of a matrix, given by its columns, as a flat tuple row by row."""
-    return _chain_vectors(zip(*columns, strict=True))
 
 
 def axes_shape(form: Form) -> ArrayShape:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
-from hingepair.equations.derivatives import matrix_from_columns
 from hingepair.errors import GimbalLockError
 from hingepair.numeric.arrays import (
     FloatArray,
@@ -101,7 +100,7 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
            [0., 0., 1.]])
     """
     return _matrices_of_angles(
-        phi, sequence, lambda order, trig: matrix_from_columns(*order.columns(order.axes(trig)))
+        phi, sequence, lambda order, trig: eq.matrix_from_columns(*order.columns(order.axes(trig)))
     )
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
-from hingepair.equations.derivatives import matrix_from_columns
 from hingepair.equations.joints import HINGE
 from hingepair.equations.quantities import QUANTITIES
 from hingepair.errors import ArgumentError, quoted
@@ -238,7 +237,7 @@ def _hinge_frames(constants: Constants) -> HingeFrames:
             n = polar(axis)[0]
             least: Any = numbers(least_axis(constants.arrays["n"]))
             e2: Any = polar(tuple(c + 0.0 for c in eq.cross(axis, least)))[0]
-            axes = matrix_from_columns(eq.cross(e2, n), e2, n)
+            axes = eq.matrix_from_columns(eq.cross(e2, n), e2, n)
             turn = eq.transpose(axes)
             if constants.has_home:
                 home = tuple(map(Twofold, numbers(constants.arrays["home"], 2)))
