@@ -36,28 +36,6 @@ def test_a_site_is_found_beside_a_body_and_a_joint_of_its_name():
     np.testing.assert_array_equal(found - found[0], [(0, 0, 0), (1, 0, 0), (0, 0, 0), (0, 2, 0)])
 
 
-def test_two_equalities_of_one_joint_leave_one_coordinate():
-    bodies = "".join(
-        link(name, "0 1 0", 1, joint=f"j{name}", more=f'ref="{ref}"')
-        for name, ref in zip("abc", (0, 20, 0), strict=True)
-    )
-    rules = "".join(
-        f'<joint joint1="ja" joint2="j{x}" polycoef="{c} {k} 0 0 0"/>' for x, c, k in (("b", 0.1, 2), ("c", 0, 3))
-    )
-    robot = hp.Mechanism.from_mjcf(EMPTY.format(bodies, f"<equality>{rules}</equality>"))
-    assert robot.names == ("jb",)
-    jb, ref = 0.7, np.radians(20)
-    ja = 0.1 + 2 * (jb - ref)
-    turned = robot.forward_kinematics([jb], frames=("ja", "jb", "jc")).S
-    expected = [hp.rotation_exp((0, angle, 0)) for angle in (ja, jb - ref, ja / 3)]
-    np.testing.assert_allclose(
-        turned @ np.swapaxes(turned, -1, -2)[[1]],
-        expected @ np.swapaxes(expected, -1, -2)[[1]],
-        rtol=0,
-        atol=16 * 2.0**-53,
-    )
-
-
 def test_what_stands_beside_a_free_base_and_acts_at_it_is_told():
     free = '<joint type="free" damping="2" armature="0.1"/>' + GEOM.format(1)
     base = f'<body name="base">{free}{link("arm", "0 1 0", 1)}</body>'

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -67,15 +67,6 @@ def _compiled(model: Any) -> Any:
         raise ArgumentError("model", "MJCF that MuJoCo can read", str(error)) from None
 
 
-class _BodyFrame(NamedTuple):
-    """A frame of a body that the model has no site for."""
-
-    name: str
-    body: int
-    position: Any
-    quat_wxyz: Any
-
-
 class _Reader:
     """Reader of the bodies and joints of an MjModel, in MuJoCo's order, which is depth-first.
 
@@ -107,8 +98,9 @@ class _Reader:
         for body in self._bodies():
             if body != root:
                 number, pose = places[int(model.body_parentid[body])]
-                pose = pose.placed(self._pose_of(body))
-                for joint in self._joints(body):
+                pose = pose.placed(_pose(model.body_pos[body], model.body_quat[body]))
+                first = int(model.body_jntadr[body])
+                for joint in range(first, first + int(model.body_jntnum[body])):
                     joints.append(self._joint(joint, number, pose))
                     masses.append([])
                     number, pose = len(joints), _pose(-model.jnt_pos[joint])
@@ -119,9 +111,9 @@ class _Reader:
             for site in np.flatnonzero(model.site_bodyid == body).tolist():
                 own = _pose(model.site_pos[site], model.site_quat[site])
                 frames[self._site_names[site]] = framed(number, pose.placed(own))
-            for end in (end for _, ends in self._loops for end in ends):
-                if end.body == body:
-                    frames[end.name] = framed(number, pose.placed(_pose(end.position, end.quat_wxyz)))
+            for name, place, own in (end for _, ends in self._loops for end in ends):
+                if place == body:
+                    frames[name] = framed(number, pose.placed(own))
         self._warn()
         carrying = {self._body_names[model.body_parentid[body]] for body in self._bodies() if body}
         base, *bodies = (mass_properties(self._title(), own) for own in masses)
@@ -155,13 +147,6 @@ class _Reader:
         for body in range(self._model.nbody):
             if self.root == 0 or self._model.body_rootid[body] == self.root:
                 yield body
-
-    def _joints(self, body: int) -> range:
-        first = int(self._model.body_jntadr[body])
-        return range(first, first + int(self._model.body_jntnum[body]))
-
-    def _pose_of(self, body: int) -> FramePose:
-        return _pose(self._model.body_pos[body], self._model.body_quat[body])
 
     def _masses(self, body: int) -> MassProperties:
         """Return the mass properties of a body in its own axes; the world has none."""
@@ -198,27 +183,15 @@ class _Reader:
         return replace(own, u=seat.origin, S=seat.rotation)
 
     def _mimic_rules(self) -> dict[int, MimicRecord]:
-        """Return the rules by which joints follow others.
-
-        An equality of two joints, of which one follows another already, makes that other one follow instead.
-        """
-        model, leaders, rules = self._model, dict[int, int](), dict[int, MimicRecord]()
+        """Return the rules by which joints follow others; of a joint with several, the first."""
+        model, rules = self._model, dict[int, MimicRecord]()
         for number in range(model.neq):
             joint, leader = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
             constant, factor, *curve = model.eq_data[number, :5].tolist()
             linear = model.eq_type[number] == _JOINT_EQUALITY and leader >= 0 and factor and not any(curve)
-            if not linear or not model.eq_active0[number]:
-                continue
-            own, its = (float(model.qpos0[model.jnt_qposadr[one]]) for one in (joint, leader))
-            offset = constant + own - factor * its
-            if joint in leaders:
-                joint, leader, factor, offset = leader, joint, 1 / factor, -offset / factor
-            last = leader
-            while last in leaders:
-                last = leaders[last]
-            if joint not in leaders and last != joint:
-                leaders[joint] = leader
-                rules[joint] = MimicRecord(self._joint_names[leader], factor, offset)
+            if linear and model.eq_active0[number] and joint not in rules:
+                own, its = (float(model.qpos0[model.jnt_qposadr[one]]) for one in (joint, leader))
+                rules[joint] = MimicRecord(self._joint_names[leader], factor, constant + own - factor * its)
         return rules
 
     def _warn(self) -> None:
@@ -228,8 +201,8 @@ class _Reader:
             (model.neq - len(self._rules) - len(self._loops), "equality constraints"),
             (model.ntendon, "tendons"), (model.nu, "actuators"),
             (np.count_nonzero(model.body_gravcomp), "bodies with gravity compensation"),
-            (np.count_nonzero(getattr(model, "dof_dampingpoly", ())), "damping polynomials"),
-            (np.count_nonzero(getattr(model, "jnt_stiffnesspoly", ())), "stiffness polynomials"),
+            (np.count_nonzero(getattr(model, "dof_dampingpoly", ())), "polynomials of damping"),
+            (np.count_nonzero(getattr(model, "jnt_stiffnesspoly", ())), "polynomials of stiffness"),
         ) if count]  # fmt: skip
         read = {0, *self._bodies()}
         if standing := [name for body, name in enumerate(self._body_names) if body not in read]:
@@ -262,8 +235,12 @@ def _pose(origin: Any = (0.0, 0.0, 0.0), quat_wxyz: Any = (1.0, 0.0, 0.0, 0.0)) 
     return FramePose(exact_quarter_turns(S), np.array(origin, np.float64))
 
 
-def _read_loops(model: Any, names: Sequence[str], sites: Sequence[str]) -> Iterator[tuple[Loop, list[_BodyFrame]]]:
-    """Yield the loops of a model, with the frames that they need: active equalities `connect` and `weld`."""
+def _read_loops(
+    model: Any, names: Sequence[str], sites: Sequence[str]
+) -> Iterator[tuple[Loop, list[tuple[str, int, FramePose]]]]:
+    """Yield the loops of a model, active equalities `connect` and `weld`, with the frames that they need: name, body
+    and pose.
+    """
     for number, name in enumerate(names):
         kind, data = _LOOP_KINDS.get(int(model.eq_type[number])), model.eq_data[number]
         if kind is None or not model.eq_active0[number]:
@@ -272,8 +249,8 @@ def _read_loops(model: Any, names: Sequence[str], sites: Sequence[str]) -> Itera
         if model.eq_objtype[number] == _SITE:
             yield Loop(sites[first], sites[second], kind, name=name), []
         else:
-            places, turn = (data[:3], data[3:6]), (1.0, 0.0, 0.0, 0.0)
-            one, other = places if kind == "ball" else places[::-1]
-            own = data[6:10] if kind == "weld" else turn
-            frames = [_BodyFrame(f"{name}_1", first, one, own), _BodyFrame(f"{name}_2", second, other, turn)]
-            yield Loop(frames[0].name, frames[1].name, kind, name=name), frames
+            one, other = _pose(data[:3]), _pose(data[3:6])
+            if kind == "weld":
+                one, other = _pose(data[3:6], data[6:10]), _pose(data[:3])
+            ends = f"{name}_1", f"{name}_2"
+            yield Loop(*ends, kind, name=name), [(ends[0], first, one), (ends[1], second, other)]

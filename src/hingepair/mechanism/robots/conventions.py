@@ -13,11 +13,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, ShapeError
+from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion, motion_inputs
 from hingepair.mechanism.robots.computations import base_inputs
 from hingepair.mechanism.tree import Tree
-from hingepair.numeric.arrays import Float64Array, vectors
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, vectors
 from hingepair.plans.arguments import Coordinates
 from hingepair.rotations.matrices import matrix_to_quaternion, quaternion_to_matrix
 
@@ -43,27 +43,23 @@ MUJOCO: Final = Convention(scalar_first=True, local_velocity=False)
 
 def continuous_columns(tree: Tree) -> list[int]:
     """Return the columns in q of the continuous hinges, which Pinocchio's models of URDF have as two numbers."""
-    joints = enumerate(tree.coordinates)
-    return [
-        k
-        for k, one in joints
-        if one.kind == "hinge" and one.continuous and not np.isfinite(one.position_limits).any()
-    ]
+    turning = (one.kind == "hinge" and one.continuous for one in tree.coordinates)
+    free = (not np.isfinite(one.position_limits).any() for one in tree.coordinates)
+    return [k for k, both in enumerate(zip(turning, free, strict=True)) if all(both)]
 
 
 def written_q(
     convention: Convention, q: Float64Array, base: BodyMotion | None, free: bool, turning: list[int]
 ) -> Float64Array:
     """Return q as a package writes it, a free base first; the columns in `turning` become cosine and sine."""
-    parts = []
-    if free:
-        R, S = _of_base(base, "R1", "S1")
-        quat = matrix_to_quaternion(S)
-        parts += [R, quat if convention.scalar_first else np.roll(quat, -1, axis=-1)]
-    for k in range(q.shape[-1]):
-        angle = q[..., k : k + 1]
-        parts += [np.cos(angle), np.sin(angle)] if k in turning else [angle]
-    return _joined(parts) if parts else q
+    wide = np.repeat(q, [1 + (k in turning) for k in range(q.shape[-1])], axis=-1)
+    for place in np.array(turning, dtype=np.intp) + np.arange(len(turning)):
+        wide[..., place], wide[..., place + 1] = np.cos(wide[..., place]), np.sin(wide[..., place])
+    if not free:
+        return wide
+    R, S = _of_base(base, "R1", "S1")
+    quat = matrix_to_quaternion(S)
+    return _joined([R, quat if convention.scalar_first else np.roll(quat, -1, axis=-1), wide])
 
 
 def written_v(convention: Convention, qd: Float64Array, base: BodyMotion | None, free: bool) -> Float64Array:
@@ -92,15 +88,10 @@ def read_state(
     first, width = 7 * free, array.shape[-1] if array.ndim else 0
     pairs = turning if width == first + dof + len(turning) else []
     columns = vectors("q", q, first + dof + len(pairs)).astype(np.float64)
-    places, angles = first, []
-    for k in range(dof):
-        if k in pairs:
-            angles.append(np.arctan2(columns[..., places + 1], columns[..., places]))
-            places += 1
-        else:
-            angles.append(columns[..., places])
-        places += 1
-    rows = np.stack(angles, axis=-1) if angles else columns[..., first:first]
+    places = [first + k + sum(one < k for one in pairs) for k in range(dof)]  # of the joints' first columns
+    rows = columns[..., places]
+    for k in pairs:
+        rows[..., k] = np.arctan2(columns[..., places[k] + 1], columns[..., places[k]])
     rates = None if v is None else vectors("v", v, 6 * free + dof).astype(np.float64)
     if not free:
         return State(rows, rates, None)
@@ -165,15 +156,13 @@ class StateConventions:
         ((6,), [0.0, 0.0, 1.0])
         """
         turning = continuous_columns(self._tree)
-        dof = len(self._tree.coordinates)
-        return read_state(PINOCCHIO, q, v, self.base == "free", dof, turning)
+        return read_state(PINOCCHIO, q, v, self.base == "free", len(self._tree.coordinates), turning)
 
     def from_mujoco_state(self, qpos: ArrayLike, qvel: ArrayLike | None = None) -> State:
         """Return (q, qd, base_motion) of a state that MuJoCo has written, for joints in the order of `names`;
         base_motion is None unless the base is free.
         """
-        dof = len(self._tree.coordinates)
-        return read_state(MUJOCO, qpos, qvel, self.base == "free", dof, [])
+        return read_state(MUJOCO, qpos, qvel, self.base == "free", len(self._tree.coordinates), [])
 
     def _written(
         self,
@@ -212,10 +201,6 @@ def _turned(S: Float64Array, v: Float64Array) -> Float64Array:
 
 def _joined(parts: list[Float64Array]) -> Float64Array:
     """Return parts joined along the last axis, with their leading axes broadcast."""
-    try:
-        shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
-    except ValueError:
-        raise ShapeError(
-            "base_motion", "samples that broadcast against q", f"{[one.shape for one in parts]}"
-        ) from None
+    base = np.broadcast_shapes(*(part.shape[:-1] for part in parts[:-1]))
+    shape = broadcast_shape({"base_motion": base, "q": parts[-1].shape[:-1]})
     return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)
