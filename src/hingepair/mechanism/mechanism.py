@@ -65,8 +65,8 @@ class Mechanism(MechanismMethods):
       By default they do not, and the first call of a robot that has any says so in a DynamicsWarning.
     - out: array into which the result is written; of methods with several outputs, arrays by output name.
     - workers: number of threads; -1 for one thread per core.
-    - backend: "numpy"; "compiled", machine code that the first call compiles (0.1 to 0.3 s, or milliseconds where it
-      is on disk); or "auto", which compiles.
+    - backend: "numpy"; "compiled", machine code that the first call compiles (0.1 to 0.3 s; derivatives of twenty
+      joints take seconds; milliseconds where it is on disk); or "auto", which compiles.
 
     Results are float32 if all arrays given are float32, else float64, which rollouts and inverse kinematics always
     are. The first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given or is
@@ -621,39 +621,44 @@ class Mechanism(MechanismMethods):
 
     def _sheet(self) -> Sheet:
         """Return the printed table of the moving joints; armature and loads have columns if a joint has them."""
-        joints, columns = self._tree.joints, dict[str, list[str]]()
+        tree, joints, closure = self._tree, self._tree.joints, self._tree.closure
         names = ["base", *(joint.name for joint in joints)]  # of what carries a joint
-        columns["joint"], columns["kind"] = names[1:], [joint.kind for joint in joints]
-        columns["carried by"] = [names[joint.parent] for joint in joints]
-        columns["axis (joint axes)"] = [" ".join(f"{x:g}" for x in joint.n.round(3) + 0.0) for joint in joints]
-        limits = ((*one.position_limits, one.rate_limit, one.effort_limit) for one in joints)
-        shown = [["" if np.isinf(limit) else cell_text(limit) for limit in row] for row in limits]
-        for row, joint in zip(shown, joints, strict=True):
-            if joint.effort_range is not None:
-                row[-1] = " to ".join(map(cell_text, joint.effort_range))
-        columns |= {name: [row[k] for row in shown] for k, name in enumerate(("least", "greatest", "rate", "effort"))}
-        columns["mass [kg]"] = [cell_text(joint.body.mass) for joint in joints]
-        columns["follows"] = [str(joint.mimic or "") for joint in joints]
+        ranges = (one.effort_range or (one.effort_limit,) for one in joints)
+        columns = {
+            "joint": names[1:],
+            "kind": [joint.kind for joint in joints],
+            "carried by": [names[joint.parent] for joint in joints],
+            "axis (joint axes)": [" ".join(f"{x:g}" for x in joint.n.round(3) + 0.0) for joint in joints],
+            "least": [_finite(joint.position_limits[0]) for joint in joints],
+            "greatest": [_finite(joint.position_limits[1]) for joint in joints],
+            "rate": [_finite(joint.rate_limit) for joint in joints],
+            "effort": [" to ".join(map(_finite, one)) for one in ranges],
+            "mass [kg]": [cell_text(joint.body.mass) for joint in joints],
+            "follows": [str(joint.mimic or "") for joint in joints],
+        }
         extra = {"armature": [joint.armature for joint in joints]}
         extra |= {name: [getattr(joint.load, name) for joint in joints] for name in LOAD_FIELDS}
         columns |= {name: [*map(cell_text, values)] for name, values in extra.items() if any(values)}
         rows = [tuple(columns), *zip(*columns.values(), strict=True)]
         title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
-        note = loads_note(self._tree)
-        notes = self._tree.mass_notes(self.base == "free")
-        notes += [f"dynamics: {note}, unless joint_loads=True"] if note else []
-        if self._tree.samples is not None:
-            notes.append(f"payloads or lengths differ from sample to sample, shape {self._tree.samples.shape}")
-        closure = self._tree.closure
+        notes = tree.mass_notes(self.base == "free")
+        if note := loads_note(tree):
+            notes.append(f"dynamics: {note}, unless joint_loads=True")
+        if tree.samples is not None:
+            notes.append(f"payloads or lengths differ from sample to sample, shape {tree.samples.shape}")
         if closure is not None:
             loops = ", ".join(f"{loop.name} ({loop.kind})" for loop in closure.loops)
             notes.append(f"closed loops: {loops}; coordinates: {', '.join(closure.names)}")
             if closure.redundant:
                 notes.append(f"conditions of the loops that are redundant: {closure.redundant}")
-        if self._tree.struts:
-            ends = ", ".join(f"{strut.name} ({strut.ends[0]} to {strut.ends[1]})" for strut in self._tree.struts)
+        if tree.struts:
+            ends = ", ".join(f"{strut.name} ({strut.ends[0]} to {strut.ends[1]})" for strut in tree.struts)
             notes.append(f"struts: {ends}")
         return Sheet(title, rows, notes)
+
+
+def _finite(limit: float) -> str:
+    return "" if np.isinf(limit) else cell_text(limit)
 
 
 def tree_of(robot: Mechanism) -> Tree:
