@@ -141,7 +141,7 @@ def test_what_a_file_holds_is_not_obeyed_by_the_terminal(short_scene: Path, tmp_
 def test_an_error_that_is_none_of_ours_is_no_failed_check(
     error: str, code: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail() -> None:
+    def fail(**_: object) -> None:
         raise getattr(builtins, error)("unforeseen")
 
     monkeypatch.setattr("hingepair.cli.main.app", fail)
@@ -240,3 +240,10 @@ def test_the_joints_of_a_robot_are_those_of_its_mechanism(name: str) -> None:
     for row in report["joints"]:
         assert row["kind"] == ("slider" if isinstance(robot[row["joint"]], hp.Slider) else "hinge")
     assert report["dof"] == robot.dof
+
+
+@pytest.mark.parametrize("typed", ["run no_such.toml", "run", "run --no-such-option", "no_such_command", "sweep ."])
+def test_a_command_that_fails_says_so_in_json_too(typed):
+    error = json.loads(run_command(*typed.split(), "--json", code=2).stdout)["error"]
+    assert error["message"]
+    assert (error["type"] in {"ArgumentError", "SceneError"}) == ("expected" in error)

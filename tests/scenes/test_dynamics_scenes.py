@@ -117,3 +117,14 @@ def test_a_scene_has_rigid_stops_and_breaks(tmp_path):
     slow, quick = (float(found.qdd[found.t.searchsorted(t), 0]) for t in (0.2, 0.3))
     assert quick == pytest.approx(4 * slow, rel=16 * U)
     assert found.q.max() <= 1
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_mass_that_does_not_count_is_not_assumed(tmp_path):
+    shaped = toml("pair.body1", shapes=[{"cylinder": 0.1, "length": 1}]).replace('": ', '" = ')
+    pair = toml("pair", u1=[0, 0, 0], u2=[-0.5, 0, 0], n=[0, 1, 0]) + toml("pair.body2", mass=1, inertia=[1, 1, 1])
+    forces = scene_of(tmp_path, pair + shaped + toml("dynamics", base="fixed") + time(0, 1, 3)).forces()
+    assert "force1" not in forces.recorded()
+    given = shaped.replace("[pair.body1]", "[pair.body1]\nmass = 2\ninertia = [1, 1, 1]")
+    forces = scene_of(tmp_path, pair + given + toml("dynamics", base="fixed") + time(0, 1, 3)).forces()
+    assert forces.force1[0, 2] == pytest.approx(2 * 9.81 + forces.hinge_force[0, 2])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import os
 import signal
 import sys
@@ -16,7 +17,7 @@ import typer
 import typer.core
 
 from hingepair import __version__
-from hingepair.errors import HingePairError, printable
+from hingepair.errors import ArgumentError, HingePairError, printable, shorten
 
 BAD_INPUT = 2
 """Exit code of bad input and of output that cannot be written; 1 means that a check failed."""
@@ -124,21 +125,37 @@ def main() -> None:
 def _run_app() -> int:
     """Run the command that the process's arguments name, and return the exit code."""
     try:
-        app()
+        return app(standalone_mode=False) or 0
     except HingePairError as error:
-        print("\n".join((f"hingepair: {error}", *getattr(error, "__notes__", ()))), file=sys.stderr)
-        return BAD_INPUT
+        return _failed(f"hingepair: {error}", error)
     except MemoryError as error:
-        print(f"hingepair: not enough memory ({error})", file=sys.stderr)
-        return BAD_INPUT
+        return _failed(f"hingepair: not enough memory ({error})", error)
     except OSError:
         raise
-    except Exception:
-        traceback.print_exc()
-        return INTERNAL_ERROR
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 0
-    return 0
+    except Exception as error:
+        if hasattr(error, "show"):  # an option or argument that is wrong or missing, which Typer tells
+            error.show()
+            return _failed("", error)
+        traceback.print_exc()
+        return _failed("", error, INTERNAL_ERROR)
+
+
+def _failed(text: str, error: Exception, code: int = BAD_INPUT) -> int:
+    """Print why a command failed: text on standard error and, with --json, an object on standard output. Return the
+    exit code.
+    """
+    notes = getattr(error, "__notes__", ())
+    if text:
+        print("\n".join((text, *notes)), file=sys.stderr)
+    if "--json" in sys.argv:
+        message = str(error) or getattr(error, "message", "")
+        facts = {"type": type(error).__name__, "message": message, "notes": list(notes)}
+        if isinstance(error, ArgumentError):
+            facts |= {"name": error.name, "expected": error.expected, "got": shorten(error.got), "loc": error.loc}
+        print(json.dumps({"error": facts}, indent=2))
+    return code
 
 
 def set_up_process() -> None:

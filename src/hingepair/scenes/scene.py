@@ -208,11 +208,11 @@ class Scene:
     @lock_free_cached_property
     def subject(self) -> Subject:
         """What moves."""
+        base = self.tables.table("dynamics", required=False).values.get("base")
         if not is_of_mechanism(self.tables):
-            return Subject(read_pair(self.tables))
+            return Subject(read_pair(self.tables), is_fixed=base == "fixed")
         frames = self.tables.table("mechanism", required=False).table("frames", required=False)
-        is_free = self.tables.table("dynamics", required=False).values.get("base") in ("free", "pinned")
-        robot = read_mechanism(self.tables, self.path.parent, base="free" if is_free else "fixed")
+        robot = read_mechanism(self.tables, self.path.parent, base="free" if base in ("free", "pinned") else "fixed")
         return Subject(robot, tuple(frames.values) or robot.tips)
 
     @lock_free_cached_property

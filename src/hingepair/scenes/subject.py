@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hingepair.equations.quantities import ACCELERATION, POSE, QUANTITIES, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
@@ -133,21 +134,31 @@ class Subject:
     Args:
         moving: the pair, or the mechanism with the frames and the payload of the file.
         frames: frames of a mechanism that are computed by default, those of the file or else the last links.
+        is_fixed: whether body 1 of a pair is fixed, so that its mass counts only if it is given.
     """
 
-    def __init__(self, moving: HingePair | PlanarPair | Mechanism, frames: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, moving: HingePair | PlanarPair | Mechanism, frames: tuple[str, ...] = (), *, is_fixed: bool = False
+    ) -> None:
         self.mechanism = moving if isinstance(moving, Mechanism) else None
         self.pair: Any = None if isinstance(moving, Mechanism) else moving
         self.planar = isinstance(moving, PlanarPair)
         self.frames, self.name, self.kind = frames, moving.name, PLANE if self.planar else SPACE
+        self._is_fixed = is_fixed
 
     @lock_free_cached_property
     def robot(self) -> Mechanism:
         """The mechanism; of a pair that with the joint and link psi, in the plane with its planar dynamics."""
         if self.mechanism is not None:
             return self.mechanism
-        space = replace(dynamics_in_space(self.pair), name=PSI[0])
+        space = replace(dynamics_in_space(self.pair), name=PSI[0], body1=self._body1)
         return Mechanism([space], base="fixed" if space.body1 is None else "free", name=self.name)
+
+    @property
+    def _body1(self) -> Body | None:
+        """Body 1 of a pair, if its masses count."""
+        body: Body | None = self.pair.body1
+        return None if body is not None and self._is_fixed and body.assumed else body
 
     @property
     def space(self) -> HingePair:
@@ -428,7 +439,7 @@ class Subject:
             motor = torque - sum(of_hinge.values()) if simulated is None else acting.loads()["motor"][:, 0]
             forces |= {f"{name}_torque": part for name, part in {"motor": motor, **of_hinge}.items()}
         forces |= {"bearing_torque": wrench.torque - axis * torque[..., None], "hinge_force": wrench.force}
-        if self.pair.body1 is not None:
+        if self._body1 is not None:
             forces |= self.robot.inverse_dynamics(*arguments, outputs=_OF_BASE, **options).arrays()
         if self.planar:
             in_plane: dict[str, Any] = {"hinge_force": slice(2), "force1": slice(2), "torque1": 2}
