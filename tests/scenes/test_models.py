@@ -22,7 +22,6 @@ EXPORTS = {".urdf": "urdf", ".xml": "mjcf"}
 NUMBER = re.compile(r"-?\d+\.\d+(?:e[-+]?\d+)?")
 
 
-@pytest.mark.filterwarnings("ignore:.* cannot express these keys:hingepair.DynamicsWarning")
 @pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
 @pytest.mark.parametrize("ending", EXPORTS)
 @pytest.mark.parametrize("scene", sparse(SCENES, 4, lambda path: path.stem))

@@ -67,8 +67,6 @@ class Dynamics(NamedTuple):
     gravity: tuple[float, ...]
     #: further arguments of `simulate` by name, as far as the table has them
     options: dict[str, Any]
-    #: the keys of the table, those of joints as psi.damping
-    keys: tuple[str, ...]
 
 
 def default_gravity(subject: Subject) -> tuple[float, ...]:
@@ -141,7 +139,6 @@ def read_dynamics(tables: Table, subject: Subject) -> Dynamics:
         wrenches=options.pop("wrenches", {}),
         gravity=(*options.pop("gravity", default_gravity(subject)), 0.0)[:3],
         options=options,
-        keys=tuple(keys),
     )
 
 
