@@ -12,7 +12,7 @@ from hingepair.cli.options import JsonOption, SceneArgument, UnitsOption, out_op
 from hingepair.cli.output import new_file, show, table_lines
 from hingepair.cli.sources import read_scene
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.pairs.tolerances import DEVIATIONS, LIMITS
+from hingepair.mechanism.pairs.tolerances import LIMITS
 from hingepair.scenes.variants.search import Range, search
 from hingepair.scenes.variants.sweep import STORE_SUFFIXES, load_sweep, run_sweep
 from hingepair.scenes.variants.tolerance import study_tolerances
@@ -25,8 +25,7 @@ def tolerance_command(
         typer.Option(
             metavar="NAME=LIMIT",
             help='Tolerance of u1, u2, axis, home or a point, such as "u1=+-0.2 mm", "axis=+-0.1 deg uniform" or '
-            '"handle=+-0.5 mm"; or a standard deviation [m, rad], such as u1_std=0.001 or handle=0.001; three for '
-            "three components, separated by commas. May be repeated.",
+            '"handle=+-0.5 mm"; three for three components, separated by commas. May be repeated.',
         ),
     ] = None,
     units: UnitsOption = None,
@@ -43,31 +42,18 @@ def tolerance_command(
     scene = read_scene(scene_file)
     scene.in_units(units)  # refuses unknown ones before anything is computed
     given: dict[str, Any] = {}
-    for name, value in map(_parse, tolerance or ()):
-        (given if name in (*LIMITS, *DEVIATIONS) else given.setdefault("points", {}))[name] = value
+    for name, equals, limit in (text.partition("=") for text in tolerance or ()):
+        if not (name.strip() and equals and limit.strip()):
+            raise ArgumentError("tolerance", 'NAME=LIMIT, such as "u1=+-0.2 mm"', quoted(name))
+        own = given if name.strip() in LIMITS else given.setdefault("points", {})
+        own[name.strip()] = limit.strip()
     study = study_tolerances(scene, **given)
     shown = {**study.tolerances, **study.tolerances.get("points", {})}
     shown.pop("points", None)
-    sizes = (
-        f"{name} = {', '.join(map(str, value)) if isinstance(value, list) else value}"
-        f"{' m' * name.startswith('u') + ' rad' * (name[0] in 'ah') if name in DEVIATIONS else ''}"
-        for name, value in shown.items()
-    )
+    sizes = (f"{name} = {own if isinstance(own, str) else ', '.join(own)}" for name, own in shown.items())
     heading = (study.title, f"{len(study.t)} instants; {'; '.join(sizes)}")
     notes = (f"note: {note}" for note in study.notes)
     show(as_json, study.facts(units), *heading, *table_lines(study.table(units)), *notes)
-
-
-def _parse(text: str) -> tuple[str, Any]:
-    """Return the name of a dimension or a point, and its limits as text or standard deviations as numbers."""
-    name, _, value = (part.strip() for part in text.partition("="))
-    if not (name and value):
-        raise ArgumentError("tolerance", 'NAME=LIMIT, such as "u1=+-0.2 mm"', repr(text))
-    try:
-        numbers = [float(part) for part in value.split(",")]
-    except ValueError:
-        return name, value
-    return name, numbers[0] if len(numbers) == 1 else numbers
 
 
 def sweep_command(

@@ -236,18 +236,9 @@ class _Tried:
         """Yield sentences on what was found at numbers x: why conditions do not hold, numbers at an end of their
         range, results that do not change, and variants that cannot be computed.
         """
-        units, one_key = self._in_units.units, len(self.keys) == 1
-        stop = units.factor("s") * self.variants.scene_of(x.tolist()).stop
-        near = [got for key, got in self.known.items() if np.allclose(np.frombuffer(key), x, rtol=1e-9, atol=0.0)]
         for place, name in enumerate(self._names if not held else ()):
             if not any(math.isfinite(got[place]) for got in self.known.values()):
-                span = f"anywhere in {self.low[0]:g}..{self.high[0]:g}"
-                yield f"{name} has no value {span if one_key and self.has_ranges else 'at any of the numbers tried'}"
-        for place, one in enumerate(self.conditions if not held else ()):
-            if self._columns[place][1].startswith("t_") and one.value >= stop:
-                yield f"{one} is not within the motion, which ends at t = {stop:.6g} {units.unit('s')} (time.stop)"
-            if one_key and {-1.0, 1.0} <= {np.sign(one.miss(got[place])) for got in near}:
-                yield f"{one.result} jumps past {one.value:.6g} at {self.keys[0]} = {x[0]:.6g}"
+                yield f"{name} has no value at any of the numbers tried"
         for key, value, low, high in zip(self.keys, x, self.low, self.high, strict=True) if is_aim else ():
             if min(value - low, high - value) < 1e-6 * (high - low):
                 yield f"{key} = {value:.6g} is at an end of its range"
@@ -259,18 +250,13 @@ class _Tried:
 
 
 def _output_in(scene: Scene, column: str, argument: str) -> str:
-    """Return the output whose component a column is: the longest name that the scene has."""
-    parts, refusal = column.split("_"), None
-    for count in range(len(parts), 0, -1):
-        output = "_".join(parts[:count])
-        try:
-            scene.request((output,))
-        except ArgumentError as error:
-            refusal = refusal or error
-        else:
-            return output
-    expected = f"a component of an output of the scene ({refusal.expected if refusal else ''})"
-    raise ArgumentError(argument, expected, quoted(column))
+    """Return the output whose component, or the magnitude of which, a column is."""
+    item = scene.subject.item(column)
+    if item is None:
+        raise ArgumentError(
+            argument, f"a component of an output of the scene{nearest(column, scene.subject.items)}", quoted(column)
+        )
+    return item.name
 
 
 def _column(name: str, argument: str) -> tuple[str, str]:

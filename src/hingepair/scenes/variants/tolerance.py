@@ -12,7 +12,7 @@ from hingepair.equations.quantities import POSE
 from hingepair.errors import SceneError
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.requests import constants_of
-from hingepair.mechanism.pairs.tolerances import DEVIATIONS, LIMITS, point_scatter, read_limits
+from hingepair.mechanism.pairs.tolerances import LIMITS, point_scatter, read_limits
 from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.scenes.scene import Scene
 from hingepair.tables.sheets import instant_text
@@ -40,9 +40,9 @@ class ToleranceStudy(Frozen):
     std: Mapping[str, Float64Array]
     #: by component, the variances that dimensions cause alone, by name of the dimension; (N,) each
     contributions: Mapping[str, Mapping[str, Float64Array]]
-    #: limits, such as "+-0.2 mm", and standard deviations of the geometry, by argument of `propagate_covariance`
+    #: limits of the geometry, such as "+-0.2 mm", by argument of `propagate_covariance`
     tolerances: Mapping[str, Any]
-    #: sentences on what limits mean, on standard deviations in doubtful units, and on instants that are left out
+    #: sentences on what limits mean, and on instants that are left out
     notes: tuple[str, ...] = ()
     #: units of tables unless others are asked for
     units: Units = SI
@@ -86,23 +86,14 @@ class ToleranceStudy(Frozen):
 def read_tolerances(scene: Scene) -> dict[str, Any]:
     """Return the table [tolerances] of a scene, by argument of `propagate_covariance`; empty if there is none."""
     table = scene.tables.table("tolerances", required=False)
-    table.check_keys((*LIMITS, *DEVIATIONS, "points"))
-    tolerances: dict[str, Any] = {}
-    for name, value in table.values.items():
-        if name == "points":
-            with table.naming():
-                point_scatter(_point_names(scene), value)
-            tolerances[name] = value
-        elif name in LIMITS:
-            with table.naming(name):
-                read_limits(name, value)
-            if f"{name}_std" in table.values:
-                table.refuse(f"{name}_std", f"no such key beside {name}, which gives the tolerance", "a value")
-            tolerances[name] = value
-        else:
-            several = isinstance(value, list) and name != "axis_std"
-            tolerances[name] = table.numbers(name, 3) if several else table.number(name)
-    return tolerances
+    table.check_keys((*LIMITS, "points"))
+    for name in LIMITS:
+        with table.naming(name):
+            if name in table.values:
+                read_limits(name, table.values[name])
+    with table.naming():
+        point_scatter(_point_names(scene), table.values.get("points"))
+    return dict(table.values)
 
 
 def _point_names(scene: Scene) -> list[str]:
@@ -115,15 +106,12 @@ def study_tolerances(scene: Scene, **tolerances: Any) -> ToleranceStudy:
 
     Args:
         scene: scene of a pair; at most 101 of its instants are taken, evenly spread.
-        **tolerances: limits such as u1="+-0.2 mm" and standard deviations such as u1_std=0.001, by argument name of
-            `propagate_covariance`, in place of those of [tolerances]; points={"handle": "+-0.5 mm"} beside others.
+        **tolerances: limits such as u1="+-0.2 mm", by argument name of `propagate_covariance`, beside or in place of
+            those of [tolerances]; points={"handle": "+-0.5 mm"} likewise.
     """
     pair, of_scene = scene.space, read_tolerances(scene)
-    own = tolerances.pop("points", None)
-    point_scatter(_point_names(scene), own)  # checked before it is merged
-    of_points = {**of_scene.pop("points", {}), **(own or {})}
-    replaced = {other for name in tolerances for other in (f"{name}_std", name.removesuffix("_std"))}
-    of_scene = {name: value for name, value in of_scene.items() if name not in replaced}
+    point_scatter(_point_names(scene), tolerances.get("points"))  # checked before it is merged
+    of_points = {**of_scene.get("points", {}), **(tolerances.get("points") or {})}
     tolerances = {**of_scene, **tolerances} | ({"points": of_points} if of_points else {})
     if not tolerances:
         expected = 'tolerances, such as [tolerances] u1 = "+-0.2 mm", or --tolerance "u1=+-0.2 mm"'
@@ -159,8 +147,7 @@ def study_tolerances(scene: Scene, **tolerances: Any) -> ToleranceStudy:
 
 def _notes(tolerances: Mapping[str, Any], lost: int, count: int) -> tuple[str, ...]:
     """Return sentences on what limits mean, and on instants without a pose."""
-    limits = [str(value) for name, value in tolerances.items() if name in LIMITS]
-    limits += [str(own) for own in tolerances.get("points", {}).values() if np.asarray(own).dtype.kind == "U"]
-    assumed = [_LIMITS_NOTE] * any("normal" not in text and "uniform" not in text for text in limits)
+    limits = [str(value) for value in (*tolerances.values(), *tolerances.get("points", {}).values())]
+    assumed = [_LIMITS_NOTE] * any("+-" in text and "normal" not in text and "uniform" not in text for text in limits)
     left_out = [f"{lost} of {count} instants have no pose and are left out"] * bool(lost)
     return (*assumed, *left_out)
