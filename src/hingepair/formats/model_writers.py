@@ -10,7 +10,6 @@ frame (R2, S2).
 
 from __future__ import annotations
 
-import math
 import warnings
 from dataclasses import fields, replace
 from typing import Any
@@ -21,21 +20,21 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.robot_mjcf import robot_to_mjcf
 from hingepair.formats.robot_writer import robot_to_urdf
-from hingepair.mechanism.bodies.body import Body, Box, Cylinder, DynamicsWarning, Shape
+from hingepair.formats.simple_bodies import robot_size, simple_bodies
+from hingepair.mechanism.bodies.body import Body, DynamicsWarning
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
-from hingepair.mechanism.bodies.shapes import Drawing
+from hingepair.mechanism.bodies.shapes import Drawing, placed_shapes
 from hingepair.mechanism.building.pairs import tree_of_pair
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.requests import check_pair, check_single_pair
-from hingepair.mechanism.tree import Tree
+from hingepair.mechanism.tree import NO_LOAD, Tree
 from hingepair.numeric.arrays import Float64Array, check_choice
 from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties
 
 _BLUE, _ORANGE = (0.30, 0.50, 0.75, 1.0), (0.85, 0.60, 0.30, 1.0)  # RGBA of the bodies, as in README's figure
-_DRAWABLE = (1e-9, 1e9)  # m; beyond, viewers show nothing, and shapes have the size of one metre
 _INERTIA_MARGIN = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
 
@@ -65,10 +64,10 @@ def to_urdf(
     A URDF joint with any limit must state effort and velocity. For a missing torque_limit, effort="1000.0" [N m or N]
     is written, and for a missing rate_limit velocity="100.0" [rad/s or m/s]. For a body of a pair without mass
     properties, 1 kg and the inertia 0.01 kg m^2 about each axis are written, unless it is the fixed base. A
-    `DynamicsWarning` and a comment in the text say what is made up. For a body without shapes, a box, a rod to the
-    hinge point and a cylinder along the hinge axis are written. Simulators reject a body if one principal moment of
-    inertia exceeds the sum of the other two. Rounding can cause this for a flat body; the moments are then written
-    slightly larger, so that simulators accept them.
+    `DynamicsWarning` and a comment in the text say what is made up. For a body without shapes, rods to the hinge
+    point and the reference point, and a drum at the hinge are written. Simulators reject a body if one principal
+    moment of inertia exceeds the sum of the other two. Rounding can cause this for a flat body; the moments are then
+    written slightly larger, so that simulators accept them.
 
     For a `Mechanism`, the text has all links and joints, with masses, limits and mimic rules. If hingepair or
     Pinocchio reads the text, q has the same order as before. Fixed and locked joints are written as fixed joints, and
@@ -111,7 +110,7 @@ def to_urdf(
             "body1", f'None, since a model with base="{base}" does not hold the pose of body 1', quoted(body1)
         )
     hinge_load = _checked_load("URDF", hinge_torque, ("damping", "friction", "stops"))
-    tree, sentences = _tree_of_pair(pair, hinge_load, is_fixed=base == "fixed")
+    tree, sentences = drawn_pair(pair, hinge_load, is_fixed=base == "fixed")
     return robot_to_urdf(tree, base, pose=None if body1 is None else _checked_pose(body1), sentences=sentences)
 
 
@@ -135,7 +134,7 @@ def to_mjcf(
     Points of the pair are sites. With a free base, qpos is (R1, quat_wxyz of S1, psi), and qvel is (v1, S1^T omega1,
     psi'). The bodies do not collide. For a body without mass properties, 1 kg and the inertia 0.01 kg m^2 about each
     axis are written, unless it is the fixed base; a `DynamicsWarning` and a comment in the text say so. For a body
-    without shapes, a box, a rod to the hinge point and a cylinder along the hinge axis are written.
+    without shapes, rods to the hinge point and the reference point, and a drum at the hinge are written.
 
     For a `Mechanism`, the model has all links as bodies, added frames as sites, and joints in the order of q with
     limits of position and effort, loads (`joint_loads`) and armatures; mimic joints are joint equalities. Joints with
@@ -186,7 +185,7 @@ def to_mjcf(
     base = "free" if base is None else base
     check_choice("base", base, ("free", "pinned", "fixed"))
     hinge_load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
-    tree, sentences = _tree_of_pair(pair, hinge_load, is_fixed=base == "fixed")
+    tree, sentences = drawn_pair(pair, hinge_load, is_fixed=base == "fixed")
     pose = None if body1 is None else _checked_pose(body1)
     return robot_to_mjcf(tree, base, gravity, pose=pose, sentences=sentences)
 
@@ -217,9 +216,9 @@ def _checked_pose(body1: BodyMotion) -> FramePose:
     return FramePose(np.asarray(body1.S, np.float64), np.asarray(body1.R, np.float64))
 
 
-def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-    """Return the shapes of both bodies, in their axes. A body without shapes gets a box at the reference point, a rod
-    to the hinge point and a cylinder along the hinge axis: a pin for body 1, a wider sleeve for body 2.
+def drawn_pair(pair: HingePair, load: HingeLoad = NO_LOAD, *, is_fixed: bool = False) -> tuple[Tree, list[str]]:
+    """Return a pair as the record of a robot of one joint, with the shapes of its bodies or simple ones, and
+    sentences on assumed masses. A body that moves gets 1 kg if it has none.
 
     Raises:
         ArgumentError: no pair.
@@ -227,23 +226,10 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
     """
     check_pair(pair)
     check_single_pair(pair)
-    reach = math.hypot(*pair.u1) + math.hypot(*pair.u2)
-    size = reach if _DRAWABLE[0] <= reach <= _DRAWABLE[1] else 1.0
-    pin = Cylinder(_round_for_drawing(0.04 * size), _round_for_drawing(0.3 * size), pair.u1, pair.n)
-    sleeve = Cylinder(_round_for_drawing(0.06 * size), _round_for_drawing(0.15 * size), pair.u2, _axis_in_body2(pair))
-    one = pair.body1.shapes if pair.body1 else ()
-    two = pair.body2.shapes if pair.body2 else ()
-    return one or (*_arm_shapes(pair.u1, size), pin), two or (*_arm_shapes(pair.u2, size), sleeve)
-
-
-def _tree_of_pair(pair: HingePair, load: HingeLoad, *, is_fixed: bool) -> tuple[Tree, list[str]]:
-    """Return a pair as the record of a robot of one joint, and sentences on assumed masses. A body that moves gets
-    1 kg if it has none.
-    """
-    one, two = drawn_shapes(pair)
+    bodies = ("body1", pair.body1, np.zeros(3)), ("body2_at_hinge", pair.body2, pair.u2)
     sentences: list[str] = []
     masses: list[MassProperties] = []
-    for link, body, origin in (("body1", pair.body1, np.zeros(3)), ("body2_at_hinge", pair.body2, pair.u2)):
+    for link, body, origin in bodies:
         moves = link != "body1" or not is_fixed
         if body is None and moves:
             sentences.append(
@@ -253,19 +239,18 @@ def _tree_of_pair(pair: HingePair, load: HingeLoad, *, is_fixed: bool) -> tuple[
             continue
         sentences += [f"{link}: {sentence}" for sentence in (body.assumed if body and moves else ())]
         masses.append(ZERO_MASS_PROPERTIES if body is None else _mass_properties(body, origin))
-    hung = tuple(replace(shape, center=shape.center - pair.u2) for shape in two)
-    drawings = (Drawing(visuals=one, colour=_BLUE), Drawing(visuals=hung, colour=_ORANGE))
-    return tree_of_pair(pair, load, masses, drawings), sentences
+    tree, drawings = tree_of_pair(pair, load, masses), list[Drawing]()
+    simple = simple_bodies(tree, robot_size(tree))
+    for (_, body, origin), colour, own in zip(bodies, (_BLUE, _ORANGE), simple, strict=True):
+        given = placed_shapes(body.shapes, FramePose(np.eye(3), 0.0 - origin)) if body else []
+        shapes = tuple(given or (*own.links, *own.joints))
+        drawings.append(Drawing(shapes, shapes, colour=colour))
+    return replace(tree, drawings=tuple(drawings)), sentences
 
 
 def _mass_properties(body: Body, origin: Float64Array) -> MassProperties:
     """Return the mass properties of a body from another origin in it, so that simulators accept them."""
     return MassProperties(body.mass, body.centre_of_mass - origin, _raise_flat_inertia(body.inertia))
-
-
-def _axis_in_body2(pair: HingePair) -> Float64Array:
-    axis: Float64Array = pair.home.T @ pair.n
-    return axis
 
 
 def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
@@ -275,16 +260,3 @@ def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
     *smaller, largest = map(float, np.linalg.eigvalsh(inertia))
     lift = _INERTIA_MARGIN * largest + largest - sum(smaller)
     return inertia + lift * np.eye(3) if lift > 0 else inertia
-
-
-def _arm_shapes(u: Float64Array, size: float) -> tuple[Shape, ...]:
-    """Return a box at the reference point, and a rod to the hinge point unless it is too short or long to be seen."""
-    box = Box(np.full(3, _round_for_drawing(0.12 * size)))
-    length = math.hypot(*u)
-    if not 0.01 * size < length < _DRAWABLE[1]:
-        return (box,)
-    return box, Cylinder(_round_for_drawing(0.025 * size), length, u / 2, u)
-
-
-def _round_for_drawing(length: float) -> float:
-    return float(f"{length:.2g}")

@@ -9,15 +9,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from hingepair.formats.model_writers import drawn_shapes
-from hingepair.mechanism.bodies.body import Box, Shape, Sphere
-from hingepair.mechanism.bodies.shapes import Drawing, Mesh, placed_shapes
-from hingepair.mechanism.mechanism import Mechanism, tree_of
-from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.tree import Frame, Joint, Tree
-from hingepair.pictures.curves import check_drawable
-from hingepair.pictures.meshes import MeshPiece, read_meshes
-from hingepair.pictures.simple_bodies import (
+from hingepair.formats.model_writers import drawn_pair
+from hingepair.formats.simple_bodies import (
     SimpleBody,
     axes_along,
     drawn_limits,
@@ -25,7 +18,13 @@ from hingepair.pictures.simple_bodies import (
     robot_size,
     simple_bodies,
 )
-from hingepair.urdf.rigid import FramePose
+from hingepair.mechanism.bodies.body import Box, Shape, Sphere
+from hingepair.mechanism.bodies.shapes import Drawing, Mesh
+from hingepair.mechanism.mechanism import Mechanism, tree_of
+from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.tree import Frame, Joint, Tree
+from hingepair.pictures.curves import check_drawable
+from hingepair.pictures.meshes import MeshPiece, read_meshes
 
 BODY1_COLOUR, BODY2_COLOUR, AXIS_COLOUR = "#4477aa", "#ee7733", "#222222"  # of a pair
 POINT_COLOUR: Final = "#d62839"  # of the points of bodies, and of their paths
@@ -86,18 +85,17 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
     """
     for name in ("u1", "u2"):
         check_drawable(name, getattr(pair, name))
-    one, two = drawn_shapes(pair)
+    drawings = drawn_pair(pair)[0].drawings
     size = float(np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)) or 1.0
-    still, moved = np.eye(3), placed_shapes(two, FramePose(np.eye(3), 0.0 - pair.u2))
     places = {"body 1": (0, np.zeros(3)), "hinge": (1, np.zeros(3)), "body 2": (1, 0.0 - pair.u2)}
     points = {name: (1, position - pair.u2) for name, position in pair.points2.items()}
     points |= {name: (0, position) for name, position in pair.points1.items()}
     return robot_model(Mechanism([pair]), title)._replace(
         bodies=[
-            DrawnBody("body1", BODY1_COLOUR, [(BODY1_COLOUR, shape) for shape in one]),
-            DrawnBody("body2", BODY2_COLOUR, [(BODY2_COLOUR, shape) for shape in moved]),
+            DrawnBody(name, colour, [(colour, shape) for shape in drawing.shapes or ()])
+            for name, colour, drawing in zip(("body1", "body2"), (BODY1_COLOUR, BODY2_COLOUR), drawings, strict=True)
         ],
-        frames={name: Frame(body, R, still) for name, (body, R) in (places | points).items()},
+        frames={name: Frame(body, R, np.eye(3)) for name, (body, R) in (places | points).items()},
         frame=next(iter(points), "body 2"),
         path_colours={
             **{"body 1": BODY1_COLOUR, "hinge": AXIS_COLOUR, "body 2": BODY2_COLOUR},

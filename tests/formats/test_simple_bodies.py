@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.formats.simple_bodies import robot_size, simple_bodies
 from hingepair.mechanism.mechanism import tree_of
 from hingepair.pictures.page_model import robot_model
-from hingepair.pictures.simple_bodies import robot_size, simple_bodies
 from support.near import U
 
 BASE = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="base joint")

@@ -131,11 +131,11 @@ def _rod_radius(mass: float, length: float, size: float) -> float:
     is_drawn = length > _SHORTEST * size
     least = min(thinnest, thickest_of_short_rods) if is_drawn else thinnest
     if not mass > 0:
-        return max(least, min(0.02 * size, thickest_of_short_rods))
+        return float(f"{max(least, min(0.02 * size, thickest_of_short_rods)):.2g}")
     density = 2000.0  # [kg/m^3] of metal, motors and air
     joint_length = 0.25 * size  # of the parts of a body besides its rods
     radius = math.sqrt(mass / (math.pi * density * (length + joint_length)))
-    return min(max(radius, least), thickest)
+    return float(f"{min(max(radius, least), thickest):.2g}")
 
 
 def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape]:
