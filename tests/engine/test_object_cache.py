@@ -141,7 +141,7 @@ def test_code_is_kept_under_the_sources_that_made_it(tmp_path):
 
 
 @pytest.mark.slow(3)
-def test_a_process_killed_while_it_writes_leaves_nothing_that_is_read(folder, monkeypatch):
+def test_a_process_killed_while_it_writes_leaves_nothing_that_is_read(folder):
     kill = """
 import os, signal
 from hingepair.engine.llvm import object_cache
@@ -150,13 +150,8 @@ object_cache.Path.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
     killed = start(kill)
     killed.communicate(timeout=HANG)
     assert killed.returncode == -9
-    (left,) = folder.iterdir()
+    assert len([*folder.iterdir()]) == 1
     assert printed(start())[0] == printed(start(HINGEPAIR_CACHE="off"))[0]
-    assert left.exists()  # it may still be written
-    os.utime(left, (0, 0))
-    monkeypatch.setattr(object_cache, "_looked", False)
-    object_cache.write_object("0a", b"code")
-    assert not left.exists()
 
 
 @pytest.mark.slow(3)

@@ -12,7 +12,6 @@ import functools
 import hashlib
 import os
 import stat
-import time
 import warnings
 from pathlib import Path
 from typing import Final
@@ -26,10 +25,7 @@ TRACED_PACKAGES: Final = ("engine", "equations", "inverse_kinematics", "numeric"
 _TRIMMED: Final = 0.75  # share of the limit to which a folder past it is trimmed
 _MAGIC: Final = b"hingepair object 1\n"  # begins a file; then come the digest and the value
 _DIGEST_BYTES: Final = 32  # of SHA-256
-_PREFIX, _SUFFIX = "hingepair-", ".object"
-_UNFINISHED: Final = ".part"  # suffix of a file that is being written
-_MAX_WRITE: Final = 3600.0  # s; an unfinished file that is older was left by a process that was killed
-_MIN_USE: Final = 86400.0  # s; a use is noted at most once a day
+_PREFIX: Final = "hingepair-"  # of names of files
 _OFF: Final = {"off", "0"}  # values of HINGEPAIR_CACHE
 
 _looked = False  # whether this process has looked at how full the folder is
@@ -95,15 +91,14 @@ def read_object(key: str) -> bytes | None:
         return None
     path = _path(folder, key)
     try:
-        content, used = path.read_bytes(), path.stat().st_mtime
+        content = path.read_bytes()
     except OSError:
         return None
     value = content[len(_MAGIC) + _DIGEST_BYTES :]
     if content[: -len(value) or None] != _MAGIC + _digest(key, value):
         return None  # damaged: it is made again, and replaced
-    if time.time() - used > _MIN_USE:
-        with contextlib.suppress(OSError):
-            os.utime(path)
+    with contextlib.suppress(OSError):
+        os.utime(path)  # of the last use
     return value
 
 
@@ -112,7 +107,7 @@ def write_object(key: str, value: bytes) -> None:
     folder = cache_folder()
     if folder is None:
         return
-    path = folder / f"{_PREFIX}{uuid4().hex}{_UNFINISHED}"
+    path = folder / f"{_PREFIX}{uuid4().hex}.part"
     try:
         folder.mkdir(mode=0o755, parents=True, exist_ok=True)
         path.write_bytes(_MAGIC + _digest(key, value) + value)
@@ -125,30 +120,28 @@ def write_object(key: str, value: bytes) -> None:
 
 
 def _trim(folder: Path) -> None:
-    """Delete what was not used for the longest time, where the folder has become too large, and what processes that
-    were killed have left. A process looks at its first write.
+    """Delete what was not used for the longest time, where the folder has become too large, of what processes that
+    were killed have left too. A process looks at its first write.
     """
     global _looked  # noqa: PLW0603 (of the process; that two threads look is no harm)
     if _looked:
         return
     _looked = True
-    files, now = list[tuple[float, int, Path]](), time.time()  # time of last use [s], bytes, path
+    files = list[tuple[float, int, Path]]()  # time of last use [s], bytes, path
     for path in folder.glob(f"{_PREFIX}*"):
-        if path.suffix in {_SUFFIX, _UNFINISHED}:
-            with contextlib.suppress(OSError):
-                status = path.lstat()
-                files.append((status.st_mtime, status.st_size, path))
+        with contextlib.suppress(OSError):
+            files.append((path.lstat().st_mtime, path.lstat().st_size, path))
     total = sum(size for _, size, _ in files)
     most = MAX_BYTES if total <= MAX_BYTES else _TRIMMED * MAX_BYTES
-    for used, size, path in sorted(files):
-        if now - used > _MAX_WRITE if path.suffix == _UNFINISHED else total > most:
+    for _, size, path in sorted(files):
+        if total > most:
             with contextlib.suppress(OSError):
                 path.unlink()
                 total -= size
 
 
 def _path(folder: Path, key: str) -> Path:
-    return folder / f"{_PREFIX}{key}{_SUFFIX}"
+    return folder / f"{_PREFIX}{key}.object"
 
 
 def _digest(key: str, value: bytes) -> bytes:
