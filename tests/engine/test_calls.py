@@ -11,10 +11,11 @@ import time
 import numpy as np
 import pytest
 
-from hingepair.engine import direct, ufunc
+from hingepair.engine import ufunc
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind, bind_constant
 from hingepair.engine.calls import Call
+from hingepair.engine.llvm import direct
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, CompilationError

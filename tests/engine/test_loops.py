@@ -7,9 +7,8 @@ import platform
 import numpy as np
 import pytest
 
-from hingepair.engine import slices
 from hingepair.engine.backend import Execution
-from hingepair.engine.llvm import native
+from hingepair.engine.llvm import kernels, native
 from hingepair.engine.llvm.ir import LANES
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
@@ -121,7 +120,7 @@ SHAPES = [
 @pytest.mark.parametrize(("one", "other"), SHAPES, ids=str)
 @pytest.mark.parametrize("workers", [1, 2])
 def test_axes_that_do_not_fill_the_lanes(one, other, workers, monkeypatch):
-    monkeypatch.setattr(slices, "_MIN_WORK", 1)
+    monkeypatch.setattr(kernels, "_MIN_WORK", 1)
     rng = np.random.default_rng(6)
     values = {"u": rng.normal(size=(*one, 3)), "angle": rng.normal(size=other), "more": 0.5}
     shape = np.broadcast_shapes(one, other)

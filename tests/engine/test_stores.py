@@ -7,9 +7,8 @@ import functools
 import numpy as np
 import pytest
 
-from hingepair.engine import slices
 from hingepair.engine.backend import Execution
-from hingepair.engine.llvm import arithmetic, ir, schedule
+from hingepair.engine.llvm import arithmetic, ir, kernels, schedule
 from hingepair.engine.llvm.builder import CACHE_LINE
 from hingepair.engine.llvm.memory import MAX_STREAMED
 from hingepair.engine.llvm.schedule import MAX_NARROW
@@ -66,7 +65,7 @@ def test_every_width_at_every_offset(dtype, stores):
 @pytest.mark.parametrize("width", [3, 20, 37])
 def test_threads_share_cache_lines(width, stores, monkeypatch):
     """Where the samples of one thread end amid a line, the other thread's begin."""
-    monkeypatch.setattr(slices, "_MIN_WORK", 1)
+    monkeypatch.setattr(kernels, "_MIN_WORK", 1)
     for shift in SHIFTS:
         check_doubled(doubled(width, stores), (1003, width), ..., shift, F8, workers=3)
 

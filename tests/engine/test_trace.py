@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from hingepair.engine.interpreter import interpreter
+from hingepair.engine.loops import interpreter
 from hingepair.engine.trace import (
     Trace,
     arc_tangent,

@@ -20,17 +20,13 @@ operations that no output needs are left out. The others run as machine code for
 nothing is compiled as NumPy in blocks of samples; `backend` chooses. The modules:
 
     trace, derivatives       values that record operations, or fold them; derivatives in the same trace
-    binding, loops           which inputs are known, constant or arrays; a traced program for each pattern
-    interpreter              its operations one after the other, by NumPy
-    llvm                     its LLVM code, and the machine code, which is kept on disk
-    ufunc                    a kernel's arrays; a kernel as a ufunc of NumPy
-    direct                   its call by Python itself, for plain arrays
-    slices, threads          its call for any arrays, in blocks, by threads
-    scans                    a program that is repeated in steps, and passes a state from step to step
+    binding, loops           which inputs are known, constant or arrays; a traced program for each pattern, run by NumPy
+    llvm                     its machine code, which is kept on disk, and the calls of it by Python
     calls, outputs, results  a loop with its constants; arrays to write into; results
-    jax_torch                a call as a function of JAX and PyTorch; kernels in JAX
+    scans                    a program that is repeated in steps, and passes a state from step to step
+    ufunc, jax_torch         a call as a ufunc of NumPy; as a function of JAX and PyTorch
     exports                  a program as a function in C and of CasADi
-    backend                  what computes a call, and by how many threads
+    backend, threads         what computes a call, and by how many threads; the threads
 
 Derivatives are recorded in the same trace, and fold and compile as all else:
 

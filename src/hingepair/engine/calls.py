@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape, Constant, NamedShapes, bind, bind_constant
-from hingepair.engine.direct import Direct, direct_calls
+from hingepair.engine.llvm.direct import Direct, direct_calls
+from hingepair.engine.llvm.kernels import Code, Operand, run_slices
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, empty, output_arrays
 from hingepair.engine.results import Results
-from hingepair.engine.slices import run_slices
-from hingepair.engine.ufunc import MAX_OPERANDS, Code, Operand, make_ufunc
+from hingepair.engine.ufunc import MAX_OPERANDS, make_ufunc
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
 from hingepair.numeric.caching import lock_free_cached_property

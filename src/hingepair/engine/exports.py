@@ -13,8 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.engine.binding import NamedShapes
-from hingepair.engine.interpreter import FUNCTIONS, interpreter
-from hingepair.engine.loops import Program
+from hingepair.engine.loops import FUNCTIONS, Program, interpreter
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.blocks import VERSINE_SWITCH
 from hingepair.numeric.optional import require

@@ -25,8 +25,8 @@ from hingepair.engine.backend import compiler_lock
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.calls import Call
 from hingepair.engine.llvm.builder import FunctionBuilder
+from hingepair.engine.llvm.kernels import Layout, begin_table, store_row
 from hingepair.engine.llvm.native import Kernel
-from hingepair.engine.ufunc import Layout, begin_table, store_row
 from hingepair.errors import ArgumentError, DtypeError, ShapeError
 from hingepair.numeric.arrays import real_array
 from hingepair.numeric.optional import require

@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -20,24 +21,38 @@ from numpy.typing import NDArray
 
 from hingepair.engine.backend import Execution, compiler_lock
 from hingepair.engine.binding import ArrayShape, Bound, InputPattern, NamedShapes, bind
-from hingepair.engine.direct import direct_ir
-from hingepair.engine.interpreter import Interpreter, interpreter
 from hingepair.engine.llvm import object_cache
+from hingepair.engine.llvm.direct import direct_ir
 from hingepair.engine.llvm.ir import kernel_ir
+from hingepair.engine.llvm.kernels import FLOAT_TYPES, Code, Layout, Operand, run_slices
 from hingepair.engine.llvm.native import Kernel, can_fuse
 from hingepair.engine.llvm.scan import scan_ir
 from hingepair.engine.llvm.schedule import ComponentGroup, Schedule
-from hingepair.engine.slices import run_slices
 from hingepair.engine.threads import run_in_threads
 from hingepair.engine.trace import Operand as TracedOperand
 from hingepair.engine.trace import Trace, TracedValue, needed_values
-from hingepair.engine.ufunc import FLOAT_TYPES, Code, Layout, Operand
 from hingepair.errors import ShapeError
 from hingepair.numeric.arrays import Block, split_into_blocks
-from hingepair.numeric.blocks import components, fill_blocks
+from hingepair.numeric.blocks import components, fill_blocks, versines
 from hingepair.numeric.caching import lock_free_cached_property
 
 Buffers: TypeAlias = Mapping[str, NDArray[Any]]
+
+FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "negative": operator.neg,
+    "<": operator.lt,
+    "sin": np.sin,
+    "cos": np.cos,
+    "versine": versines,
+    "sqrt": np.sqrt,
+    "arctan2": np.arctan2,
+    "hypot": np.hypot,
+    "where": np.where,
+}
 
 _BLOCK: Final = 2048  # samples that NumPy computes at a time: 16 kB for each component
 _HELD_NUMBERS: Final = 30_000_000  # of values that NumPy holds at a time, 240 MB
@@ -240,6 +255,59 @@ class Program:
                 )
         ordered = tuple(tuple(columns[k] for k in sorted(columns)) for _, columns in sorted(arrays.items()))
         return TracedFunction(tuple(constants), ordered, outputs)
+
+
+class Interpreter(NamedTuple):
+    """A program as a function of its inputs, numbers or arrays of NumPy, that returns the results."""
+
+    run: Callable[..., list[Any]]
+    width: int  # how many values it holds at a time, about
+
+
+def interpreter(
+    inputs: Sequence[TracedValue],
+    results: Sequence[TracedOperand],
+    functions: Mapping[str, Callable[..., Any]] = FUNCTIONS,
+) -> Interpreter:
+    """Return the function of a trace; `functions` compute its operations.
+
+    A register holds each value until its last use, and then another one: a block's arrays stay in the cache.
+    """
+    lines = [value for value in needed_values(results) if value.operation != "input"]
+    # The versine is computed from the sine and the cosine, which are recorded before it.
+    operands = {id(v): v.operands[v.operation == "versine" :] for v in lines}
+    last = {id(one): k for k, value in enumerate(lines) for one in operands[id(value)]}
+    last |= {id(one): len(lines) for one in results}
+    registers: list[Any] = [None] * len(inputs)
+    places = {id(value): k for k, value in enumerate(inputs)}
+    free: list[int] = []
+    program: list[tuple[Callable[..., Any], int, Callable[[Any], Any], bool]] = []
+
+    def place_of(one: TracedOperand) -> int:
+        """Return the register of a value, or of a number, which has one of its own."""
+        if isinstance(one, TracedValue):
+            return places[id(one)]
+        registers.append(float(one))
+        return len(registers) - 1
+
+    for k, value in enumerate(lines):
+        own = operands[id(value)]
+        read = tuple(map(place_of, own))
+        free += {places[id(one)] for one in own if isinstance(one, TracedValue) and last[id(one)] == k}
+        if not free:
+            registers.append(None)
+            free.append(len(registers) - 1)
+        places[id(value)] = free.pop()
+        program.append((functions[value.operation], places[id(value)], operator.itemgetter(*read), len(read) == 1))
+    ends, rest = [*map(place_of, results)], registers[len(inputs) :]
+
+    def run(*given: Any) -> list[Any]:
+        values = [*given, *rest]
+        for function, target, operands_of, is_single in program:
+            values[target] = function(operands_of(values)) if is_single else function(*operands_of(values))
+        return [values[k] for k in ends]
+
+    return Interpreter(run, len(registers))
 
 
 def _views(array: NDArray[Any], tail: ArrayShape) -> list[NDArray[Any]]:

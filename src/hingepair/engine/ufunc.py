@@ -1,5 +1,4 @@
-"""The arrays of a kernel, and kernels as generalised ufuncs of NumPy, which then reads the arrays: broadcasting,
-strides, dtypes, `out`.
+"""Kernels as generalised ufuncs of NumPy, which then reads the arrays: broadcasting, strides, dtypes, `out`.
 
 NumPy's C interface makes a ufunc of the address of an inner loop. The loop, a function of machine code, gets
 addresses and strides of arrays, and fills the kernel's table with them.
@@ -13,87 +12,28 @@ import functools
 import itertools
 import math
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.engine.llvm.builder import LANES, NUMBER_BYTES, FunctionBuilder
 from hingepair.engine.llvm.ir import ROW_WORDS
+from hingepair.engine.llvm.kernels import (
+    FLOAT_TYPES,
+    TYPE_NUMBERS,
+    Code,
+    Layout,
+    begin_table,
+    numpy_function,
+    store_row,
+)
 from hingepair.engine.llvm.native import Kernel
 from hingepair.errors import CompilationError
 
 MAX_OPERANDS: Final = 64  # that a ufunc takes and returns (NPY_MAXARGS)
-TYPE_NUMBERS: Final = {"f": 11, "d": 12}  # NPY_FLOAT, NPY_DOUBLE
 
 _LOOP = "(ptr %args, ptr %dims, ptr %steps, ptr %data)"  # parameters of NumPy's inner loops
 _CREATE_UFUNC = 31  # entry of NumPy's table of functions, frozen in its ABI: PyUFunc_FromFuncAndDataAndSignature
-
-
-# ---- the arrays of a kernel
-#
-# The table that tells a kernel where its arrays are has a row for the constants, if there are any, and one for each
-# array: its address, and the bytes between samples and between components.
-
-FLOAT_TYPES: Final = {"d": "double", "f": "float"}  # LLVM's name of a type, by the character of the dtype
-
-
-class Operand(NamedTuple):
-    """An array that a kernel reads or writes."""
-
-    sample_shape: tuple[int, ...]  # of one sample: the core dimensions
-    used: bool = True  # whether the kernel has a row for it; others broadcast, but nothing reads them
-
-
-class Layout(NamedTuple):
-    """The arrays of a kernel, in order."""
-
-    inputs: tuple[Operand, ...]
-    outputs: tuple[Operand, ...]
-    constants: bool  # whether the kernel takes constants, before all others
-
-    @property
-    def operands(self) -> tuple[Operand, ...]:
-        """Inputs, then outputs."""
-        return (*self.inputs, *self.outputs)
-
-    @property
-    def signature(self) -> str:
-        """Signature of the ufunc; sizes are fixed, so that NumPy refuses arrays that are shorter.
-
-        >>> Layout((Operand((7,)), Operand(())), (Operand((3, 3)),), False).signature
-        '(7),()->(3,3)'
-        """
-        groups = ([f"({','.join(map(str, one.sample_shape))})" for one in g] for g in (self.inputs, self.outputs))
-        return "->".join(map(",".join, groups))
-
-    @property
-    def rows(self) -> dict[int, int]:
-        """Rows of the kernel's table, by the place of an operand that the kernel reads or writes."""
-        used = (k for k, one in enumerate(self.operands) if one.used)
-        return {k: row for row, k in enumerate(used, int(self.constants))}
-
-
-def begin_table(f: FunctionBuilder, layout: Layout, constants: str, number_bytes: int) -> str:
-    """Return the address of the kernel's table, in which the row of the constants is filled."""
-    table = f.buffer(8 * ROW_WORDS * (len(layout.rows) + layout.constants))
-    if layout.constants:
-        store_row(f, table, 0, f.put(f"ptrtoint ptr {constants} to i64"), "0", str(number_bytes))
-    return table
-
-
-def store_row(f: FunctionBuilder, table: str, row: int, *values: str) -> None:
-    """Store the integers of a row of the kernel's table."""
-    for k, value in enumerate(values):
-        f.store_word(value, table, 8 * (ROW_WORDS * row + k))
-
-
-class Code(NamedTuple):
-    """A kernel, its arrays and its constants."""
-
-    kernel: Kernel
-    layout: Layout
-    constants: NDArray[Any]
 
 
 def make_ufunc(name: str, codes: Mapping[str, Code], doc: str) -> np.ufunc:
@@ -139,19 +79,6 @@ def _loop(char: str, code: Code) -> Kernel:
     name = f"hingepair.{code.kernel.key}"
     ir = functools.partial(_loop_ir, code.layout, FLOAT_TYPES[char], name)
     return Kernel("ufunc", ir, imports={name: code.kernel.address("kernel")})
-
-
-def numpy_function(table: str, entry: int) -> int:
-    """Return the address of a function out of one of NumPy's tables, which are private; 0 if it is not there."""
-    try:
-        import numpy._core._multiarray_umath as umath  # type: ignore[import-not-found,unused-ignore]
-
-        get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
-        get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_char_p)
-        functions = ctypes.cast(get_pointer(getattr(umath, table), None), ctypes.POINTER(ctypes.c_void_p))
-    except (ImportError, AttributeError, ValueError):
-        return 0
-    return functions[entry] or 0
 
 
 def _loop_ir(layout: Layout, float_type: str, name: str) -> str:

@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from hingepair.engine.llvm.builder import NUMBER_BYTES, FunctionBuilder
-from hingepair.engine.ufunc import TYPE_NUMBERS, Code, Layout, begin_table, numpy_function, store_row
+from hingepair.engine.llvm.kernels import TYPE_NUMBERS, Code, Layout, begin_table, numpy_function, store_row
 from hingepair.numeric.arrays import MAX_AXES
 
 # Offsets [bytes] in an object of Python and in an array of NumPy; `_offsets_are_known` checks them.
