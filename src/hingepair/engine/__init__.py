@@ -20,7 +20,7 @@ operations that no output needs are left out. The others run as machine code for
 nothing is compiled as NumPy in blocks of samples; `backend` chooses. The modules:
 
     trace, derivatives       values that record operations, or fold them; derivatives in the same trace
-    binding, loops           which inputs are known, constant or arrays; a traced program for each pattern, run by NumPy
+    binding, loops           which inputs are known, constant or arrays; a traced program for each pattern; NumPy
     llvm                     its machine code, which is kept on disk, and the calls of it by Python
     calls, outputs, results  a loop with its constants; arrays to write into; results
     scans                    a program that is repeated in steps, and passes a state from step to step
