@@ -58,7 +58,7 @@ def test_lengths_and_angles_are_in_the_units_that_are_asked_for(tmp_path):
     assert re.search(r"by 1\d mm rms", fit(doubtful, "--units", "mm", code=1))  # findings, too
     heading, *rows = out.read_text(encoding="utf-8").splitlines()
     assert heading == "t [s],psi [mrad],psi_std [mrad],gap [mm],tilt [mrad],weight"
-    assert float(rows[0].split(",")[3]) == pytest.approx(1e3 * fitted.gap[0], rel=1e-9)
+    assert float(rows[0].split(",")[3]) == pytest.approx(1e3 * fitted.gap[0], rel=4 * U)
     (line,) = hp.plot(fitted, units="um").axes[1].get_lines()
     np.testing.assert_allclose(line.get_ydata(), 1e6 * fitted.gap, rtol=64 * U)
     assert "--units: expected one of" in refused(file, "--units", "degrees")
@@ -85,7 +85,7 @@ def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
     inside = slice(50, -50)
     assert np.sqrt(np.mean((result.R2 - made.R2)[inside] ** 2)) < 2e-3  # m, of the noise, as below
     exact = recording(600)
-    assert np.sqrt(np.mean((result.R2 - exact.R2)[inside] ** 2)) < 1e-3
+    assert np.sqrt(np.mean((result.R2 - exact.R2)[inside] ** 2)) < 1e-3  # m, of noise of 1 mm in both bodies
     slopes = np.gradient(exact.R2, exact.t, axis=0)
     assert np.sqrt(np.mean((result.v2 - slopes)[inside] ** 2)) < 0.05
     checked = json.loads(run_command("check", scene, "--json").stdout)
@@ -108,7 +108,7 @@ def test_a_point_is_fitted_reported_and_moved_in_a_scene(tmp_path):
     fit(file, "--out", scene, "--out", out)
     assert "tilt" not in np.genfromtxt(out, delimiter=",", names=True).dtype.names
     result = hp.load_scene(scene).evaluate(outputs=("R2",))
-    assert np.sqrt(np.nanmean((result.R2 - recording(600).R2)[50:-50] ** 2)) < 3e-3
+    assert np.sqrt(np.nanmean((result.R2 - recording(600).R2)[50:-50] ** 2)) < 3e-3  # m, of the noise of a point
 
 
 @pytest.mark.parametrize("existing", ["door.toml", "door.csv"])
@@ -135,7 +135,7 @@ def test_two_files_of_inertial_sensors_tell_the_hinge(tmp_path):
         files.append(tmp_path / name)
     names = [f"--column=omega_{c}=gyr_{c}:deg/s" for c in "xyz"]
     told = json.loads(fit(*files, *names, "--json"))
-    assert np.abs(np.array(told["n"]) - (0, 1, 0)).max() < 1e-3
+    assert np.abs(np.array(told["n"]) - (0, 1, 0)).max() < 1e-3  # rad, of the noise of the readings
     assert abs(told["clock_offset"]) < 5 * told["std"]["clock_offset"]
     out, plot = tmp_path / "psi.csv", tmp_path / "psi.svg"
     assert "hinge of two inertial sensors" in fit(*files, *names, "--out", out, "--out", plot)

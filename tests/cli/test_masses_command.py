@@ -48,7 +48,9 @@ def test_masses_of_a_urdf_file_are_fitted_and_written(files: tuple[Path, Path], 
     assert "\nok\n" in printed
     assert f"written: {out}\n" in printed
     fitted, heavier, q = hp.Mechanism.from_urdf(out), arm(1.0), np.array((0.3, 0.7))
-    np.testing.assert_allclose(fitted.gravity_forces(q), heavier.gravity_forces(q), rtol=0, atol=0.02)
+    np.testing.assert_allclose(
+        fitted.gravity_forces(q), heavier.gravity_forces(q), rtol=0, atol=0.02
+    )  # N m, of the noise
     assert abs(fitted.joint_loads["elbow"].damping - 0.3) < 0.02
     report = json.loads(run_command("masses", *files, "--joint-terms", "viscous, coulomb", "--json").stdout)
     assert report["ok"]

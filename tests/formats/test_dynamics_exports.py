@@ -11,6 +11,7 @@ import pytest
 
 import hingepair as hp
 from support.commands import run_command
+from support.near import U
 from support.scenes import time, toml
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
@@ -45,7 +46,7 @@ def moved_by_mujoco(text, t, qvel):
     data.qvel[:] = qvel
     found = []
     for instant in t:
-        while data.time < instant - 5e-4:
+        while data.time < instant - 5e-4:  # half a step
             mujoco.mj_step(model, data)
         found.append(data.qpos[-1])
     return np.array(found)
@@ -92,9 +93,7 @@ def test_urdf_holds_damping_friction_and_stops(tmp_path):
     assert (model.lowerPositionLimit[0], model.upperPositionLimit[0]) == (-1, 1)
     S = hp.rodrigues((1, 2, 0.5), np.deg2rad(70))
     place = model.jointPlacements[1]
-    np.testing.assert_allclose(
-        place.translation, np.array([1, 2, 3]) + S @ (0.3, 0.1, 0.2), rtol=0, atol=16 * 2.0**-53
-    )
+    np.testing.assert_allclose(place.translation, np.array([1, 2, 3]) + S @ (0.3, 0.1, 0.2), rtol=0, atol=16 * U)
 
 
 @pytest.mark.parametrize(

@@ -209,8 +209,8 @@ def test_euler_angles_are_attitudes(sequence: str) -> None:
     columns["phi_y1"][5] = np.nan
     found = hp.read_recording(columns, sequence=None if sequence == "XYZ" else sequence)
     assert np.isnan(found.body1.S[5]).all()
-    assert np.abs(np.delete(found.body1.S - MADE.S1, 5, axis=0)).max() < 12 * 2.0**-53
-    assert np.abs(found.body2.S - MADE.S2).max() < 12 * 2.0**-53
+    assert np.abs(np.delete(found.body1.S - MADE.S1, 5, axis=0)).max() < 12 * U
+    assert np.abs(found.body2.S - MADE.S2).max() < 12 * U
 
 
 def test_headings_are_read_as_in_scenes(tmp_path: Path) -> None:
@@ -226,15 +226,15 @@ def test_headings_are_read_as_in_scenes(tmp_path: Path) -> None:
     flat = hp.read_recording(path, columns={"x": "Ost", "y": "Nord", "phi_z": compass})
     expected = hp.load_scene(tmp_path / "flat.toml").evaluate(("R1", "S1"))
     assert np.array_equal(flat.body1.R, expected.R1)
-    assert np.abs(flat.body1.S - expected.S1).max() < 2 * 8 * 2.0**-53  # the promise of S1, by either backend
+    assert np.abs(flat.body1.S - expected.S1).max() < 2 * 8 * U  # the promise of S1, by either backend
     forward = flat.body1.S[:, :, 0]
-    assert np.abs(forward[:, 0] - np.sin(np.radians(course))).max() < 4 * 2.0**-53
+    assert np.abs(forward[:, 0] - np.sin(np.radians(course))).max() < 4 * U
     # As yaw, with a pitch that is positive upwards, and no roll.
     columns = {"x": "Ost", "y": "Nord", "z": "psi", "phi_x": compass, "phi_z": "psi"}
     columns |= {"phi_y": {"name": "Nick", "unit": "-deg"}}
     whole = hp.read_recording(log | {"Null": 0 * t}, columns=columns | {"z": "Null"}, sequence="ZYX")
-    assert np.abs(whole.body1.S[:, 2, 0] - np.sin(np.radians(pitch))).max() < 4 * 2.0**-53
-    assert np.abs(whole.body1.S[:, 0, 0] - np.cos(np.radians(pitch)) * forward[:, 0]).max() < 8 * 2.0**-53
+    assert np.abs(whole.body1.S[:, 2, 0] - np.sin(np.radians(pitch))).max() < 4 * U
+    assert np.abs(whole.body1.S[:, 0, 0] - np.cos(np.radians(pitch)) * forward[:, 0]).max() < 8 * U
     with pytest.raises(hp.ArgumentError, match=r"sequence: expected a sequence that ends in Z.*no z, phi_x, phi_y"):
         hp.read_recording(path, columns={"x": "Ost", "y": "Nord", "phi_z": compass | {"unit": "deg"}}, sequence="ZYX")
     (tmp_path / "flat.toml").write_text(
@@ -251,7 +251,7 @@ def test_angles_in_degrees_are_noticed() -> None:
         found = hp.read_recording(log)
     assert len(said) == 1
     assert said[0].filename == __file__
-    assert np.abs(found.body2.S[:, 0, 0] - np.cos(np.radians(3000 * t))).max() < 256 * 2.0**-53
+    assert np.abs(found.body2.S[:, 0, 0] - np.cos(np.radians(3000 * t))).max() < 256 * U
     with pytest.raises(hp.ArgumentError, match=r"phi_z1: expected angles in radians, .*, got jumps by nearly 360"):
         hp.read_recording(log | {"phi_z1": 150 * t % 360})
     with warnings.catch_warnings():
@@ -275,6 +275,6 @@ def test_columns_of_other_names_are_those_of_ours(tmp_path: Path) -> None:
     t, found = read_robot_recording(path, ARM, columns={"q_elbow": {"name": "Winkel", "unit": "deg"}})
     rows = np.arange(9.0)
     assert np.array_equal(t, rows)
-    np.testing.assert_allclose(found["q"][:, 0], np.radians(2 * rows), rtol=4 * 2.0**-53, atol=0)
-    np.testing.assert_allclose(found["tau"][:, 0], 5e-3 * rows, rtol=4 * 2.0**-53, atol=0)
+    np.testing.assert_allclose(found["q"][:, 0], np.radians(2 * rows), rtol=4 * U, atol=0)
+    np.testing.assert_allclose(found["tau"][:, 0], 5e-3 * rows, rtol=4 * U, atol=0)
     assert np.array_equal(found["qd"][:, 0], 3 * rows)

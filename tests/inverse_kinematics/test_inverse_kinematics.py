@@ -167,7 +167,7 @@ def test_nearest_is_the_nearest_of_all_solutions_and_turns(q0):
     nearest = min(both, key=lambda q: np.linalg.norm(q - q0))
     found = arm.inverse_kinematics(target, frame="tip", q0=np.array(q0), select="nearest")
     assert found.ok
-    assert np.abs(found.q - nearest).max() <= 1e-7
+    assert np.abs(found.q - nearest).max() <= 100 * POSE
 
 
 @pytest.mark.slow
@@ -288,7 +288,7 @@ def test_a_posture_is_approached_where_the_frame_leaves_it_free():
     jacobian, way = robot.jacobian(found.q, "panda_hand"), middle - found.q
     left = [z - np.linalg.pinv(J) @ (J @ z) for J, z in zip(jacobian[inside], way[inside], strict=True)]
     assert inside.mean() >= 0.5
-    assert (np.abs(left).max(axis=1) <= 1e-5).mean() >= 0.97
+    assert (np.abs(left).max(axis=1) <= 1e4 * POSE).mean() >= 0.97
 
 
 def test_several_solutions_are_all_of_a_wrist():

@@ -83,7 +83,7 @@ def test_thirty_percent_of_outliers_are_survived(kind: str, loss: str) -> None:
     if kind == "moved":
         made.R2[off] += (0.1, 0.2, -0.3)
     found = hp.fit(*bodies(made), loss=loss)
-    assert np.abs(errors(found)).max() < 1e-3
+    assert np.abs(errors(found)).max() < 1e-3  # m and rad, a noise of 700 samples
     assert found.ok
     assert "of the samples are outliers; they count little" in " ".join(found.findings)
     assert 0.25 < (found.weights < 0.1).mean() < 0.35
@@ -185,7 +185,7 @@ def test_fewer_than_two_samples_show_no_hinge(count: int) -> None:
 def test_play_of_the_hinge_point_is_measured_beside_the_levers() -> None:
     found = hp.fit(*bodies(recording(2000, 1e-3, 2e-3, slip=0.01 * SLOW[:, None] * N1)))
     size, share = re.search(r"along the axis by ([\d.]+) m rms, ([\d.]+) % of the levers", found.findings[0]).groups()
-    assert float(size) == pytest.approx(0.01 * np.std(SLOW), rel=0.05)
+    assert float(size) == pytest.approx(0.01 * np.std(SLOW), rel=0.05)  # of the digits that are shown, and noise
     lever = max(np.linalg.norm(truth(1.0)[0]), np.linalg.norm(truth(1.0)[1]))
     assert 0.3 < float(share) / (100 * float(size) / lever) <= 1.05
 

@@ -71,7 +71,7 @@ def test_masses_and_friction_are_found_whatever_was_described():
     exact = np.concatenate((fit.base.matrix @ heavier.inertial_parameters, VISCOUS, COULOMB))
     assert (np.abs(fit.values - exact) < 5 * fit.std).all()
     assert np.abs(fit.values - fit.described).max() > 100 * fit.std.min()
-    np.testing.assert_allclose(fit.noise, NOISE, rtol=0.1)
+    np.testing.assert_allclose(fit.noise, NOISE, rtol=0.1)  # of 1000 samples: 2.2 %
     assert (fit.rms_described > 2 * fit.rms).all()
     other = q[::100], -0.5 * qd[::100], qdd[::100]
     tau = torques(heavier, *other)
@@ -150,7 +150,7 @@ def test_rotors_and_offsets_are_found_where_asked_for():
     assert "Of panda_joint1, the armature term is not determined by this motion." in fit.findings
     known = hp.fit_masses(real, q, qd, qdd, tau, joint_terms=("viscous", "coulomb", "offset"))
     assert known.ok
-    np.testing.assert_allclose(known.robot.armature, rotors)
+    np.testing.assert_array_equal(known.robot.armature, rotors)
     assert not hp.fit_masses(panda(), q, qd, qdd, tau, joint_terms=("viscous",)).ok
 
 
@@ -235,7 +235,9 @@ def test_masses_that_torques_do_not_determine_stay_near_those_described(size):
     assert fit.ok, fit.findings
     p, described = (one.inertial_parameters.reshape(-1, 10) for one in (fit.robot, robot))
     np.testing.assert_allclose(p[:, 0], described[:, 0], rtol=8192 * U + min(1.5 * size, 0.3))
-    np.testing.assert_allclose(p[:, 1:4] / p[:, :1], described[:, 1:4] / described[:, :1], atol=1e-9 + 0.4 * size)
+    np.testing.assert_allclose(
+        p[:, 1:4] / p[:, :1], described[:, 1:4] / described[:, :1], atol=9e6 * U + 0.4 * size
+    )  # m
 
 
 @pytest.mark.slow
@@ -349,7 +351,7 @@ def test_torques_that_are_late_are_found_with_their_delay(samples):
     (found,) = (finding for finding in fit.findings if finding.name == "delay")
     said = re.search("torques that are (late|early)(?: by ([0-9.]+) samples?)?", found)
     assert said[1] == ("late" if samples > 0 else "early")
-    assert float(said[2]) == pytest.approx(abs(samples), abs=0.25)
+    assert float(said[2]) == pytest.approx(abs(samples), abs=0.25)  # what the limit of half a sample needs
 
 
 def test_a_robot_that_stands_still_is_not_said_to_have_other_units():
@@ -417,6 +419,6 @@ def test_a_payload_alone_is_fitted_beside_what_is_described():
     still = np.ones(described.inertial_parameters.size, dtype=bool)
     still[fit.base.columns] = False
     np.testing.assert_allclose(
-        fit.robot.inertial_parameters[still], described.inertial_parameters[still], rtol=0, atol=1e-9
+        fit.robot.inertial_parameters[still], described.inertial_parameters[still], rtol=0, atol=9e6 * U
     )
     assert np.abs(fit.torques(q, qd, qdd) - loaded.inverse_dynamics(q, qd, qdd, joint_loads=True).tau).max() < 0.2

@@ -64,8 +64,8 @@ def test_that_covariance_is_what_noise_leaves() -> None:
     S1, S2 = (turns(4e-3 * rng.standard_normal(shape)) @ S for S in (made.S1, made.S2))
     poses = compute_relative_poses(R1, S1, R2, S2)
     sizes = evaluate(BodyModel(TRUE, Noise(2e-8, 32e-6)), poses, STILL, None).squares
-    assert sizes.mean() == pytest.approx(5, rel=0.01)
-    assert sizes.var() == pytest.approx(10, rel=0.03)
+    assert sizes.mean() == pytest.approx(5, rel=0.01)  # of 50,000: 0.3 %
+    assert sizes.var() == pytest.approx(10, rel=0.03)  # of 50,000: 1 %
 
 
 def units(count: int, seed: int) -> np.ndarray:
@@ -160,8 +160,8 @@ def test_losses_are_those_of_scipy(name: str) -> None:
 def test_the_covariance_of_a_mean_is_that_of_its_noise() -> None:
     noise = 0.3 * np.random.default_rng(1).standard_normal((1, 20_000))
     inverse = np.array([[1 / noise.size]])
-    assert sandwich(inverse, noise)[0][0, 0] == pytest.approx(0.09 / noise.size, rel=0.05)
+    assert sandwich(inverse, noise)[0][0, 0] == pytest.approx(0.09 / noise.size, rel=0.05)  # of 20,000: 1 %
     assert sandwich(inverse, noise, prior=0.09 * noise.size)[0][0, 0] == pytest.approx(0.18 / noise.size, rel=0.05)
     # A sample tells less of itself than of others.
     few = np.array([[1.0, -1.0]])
-    assert sandwich(np.array([[0.5]]), few)[0][0, 0] == pytest.approx(1.0)
+    assert sandwich(np.array([[0.5]]), few)[0][0, 0] == pytest.approx(1.0, rel=8 * U)

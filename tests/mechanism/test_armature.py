@@ -63,9 +63,11 @@ def test_a_follower_hands_the_effort_of_its_rotor_to_its_leader(mode):
     np.testing.assert_allclose(M, P.T @ N @ P, rtol=0, atol=256 * U * np.abs(M).max())
     np.testing.assert_allclose(robot.energy(q, qd).kinetic, alone.energy(*every[:2]).kinetic, rtol=256 * U)
     loads = {"force1": forces.force1, "torque1": forces.torque1} if base else {}
-    np.testing.assert_allclose(robot.forward_dynamics(q, qd, forces.tau, **loads).qdd, qdd, atol=1e-9)
+    np.testing.assert_allclose(
+        robot.forward_dynamics(q, qd, forces.tau, **loads).qdd, qdd, rtol=0, atol=1e6 * U
+    )  # of the condition of M
     coordinates = hp.Mechanism.__dict__["armature"].fget(robot)
-    np.testing.assert_allclose(coordinates, np.array(rotors) @ (P * P))
+    assert_near(coordinates, np.array(rotors) @ (P * P), 4)
 
 
 def test_a_joint_without_mass_is_held_by_its_rotor():
@@ -79,7 +81,7 @@ def test_a_joint_without_mass_is_held_by_its_rotor():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = robot.forward_dynamics((0.1, 0.2), (0.3, 0.4), (0.0, 0.5)).qdd
-    assert found[1] == pytest.approx(0.5 / 0.02)
+    assert found[1] == pytest.approx(0.5 / 0.02, rel=64 * U)
 
 
 def test_what_is_made_of_a_robot_keeps_its_rotors(model):

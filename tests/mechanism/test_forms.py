@@ -67,8 +67,8 @@ def test_a_free_base_needs_no_acceleration_where_it_is_not_computed_with():
             moves.qdd,
             base_motion=hp.BodyMotion(R=(0, 0, 0), S=S, v=v, omega=omega, a=moves.a1, alpha=moves.alpha1),
         )
-        np.testing.assert_allclose(forces.tau, q, rtol=0, atol=1e-11)
-        np.testing.assert_allclose(forces.force1, 0.0, atol=1e-10)
+        assert_near(forces.tau, q, 2**16)
+        assert_near(forces.force1, 0.0, 2**16, 10)  # N
         biases = (
             robot.bias_forces(q, q, base_motion=base),
             robot.acceleration_bias(q, q, tip, base_motion=base),
@@ -309,4 +309,4 @@ def test_calls_after_the_first_see_what_has_changed(robot):
         robot.forward_kinematics(q, frames="panda_hand", out=out)
     rest = robot.inverse_dynamics(q, 0 * q, 0 * q).tau
     loaded = robot.inverse_dynamics(q, 0 * q, 0 * q, wrenches={"panda_hand": ((0.0, 0.0, 50.0), (0.0, 0.0, 0.0))}).tau
-    assert not np.allclose(rest, loaded)
+    assert np.abs(rest - loaded).max() > 1  # N m

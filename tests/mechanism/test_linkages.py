@@ -269,7 +269,7 @@ def test_springs_and_dampers_act_at_joints_that_follow() -> None:
     total = energy.kinetic + energy.potential + 25 * (q[:, 2] - 1.5) ** 2 + 1.5 * q[:, 0] ** 2
     assert np.ptp(total) < TOL * np.ptp(energy.kinetic)
     damped = hp.simulate(FOUR_BAR, [0, 1], [0.3], [1.0], loads={"coupler": hp.HingeLoad(damping=9.0)})
-    assert (np.diff(FOUR_BAR.energy(damped.q, damped.qd, gravity=(0, 0, 0)).kinetic) < -0.01).all()
+    assert (np.diff(FOUR_BAR.energy(damped.q, damped.qd, gravity=(0, 0, 0)).kinetic) < -0.01).all()  # J
 
 
 def excavator() -> tuple[hp.Mechanism, hp.Mechanism]:

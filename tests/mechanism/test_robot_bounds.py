@@ -17,6 +17,7 @@ from support.exact import Exact
 from support.trees import Robot, inertia_of
 from support.truths import largest_errors
 
+TRUTH = 1e-50  # error of 60 digits
 GRAVITY = (1.5, -2.0, -9.0)
 LINKS = ("tip", "middle")
 FORCES = ("force1", "torque1", "tau")
@@ -57,12 +58,12 @@ def check_robot(robot, coordinates, backend):
         exact = truth.motion_of(tree_of(robot).links[link])
         for name, bound in bounds.items():
             off = largest_errors(getattr(state, name)[:, k], exact[name], 2 if name == "S" else 1)
-            assert (off <= bound[:, k] + 1e-50).all(), (link, name, off, bound[:, k])
+            assert (off <= bound[:, k] + TRUTH).all(), (link, name, off, bound[:, k])
     forces = robot.inverse_dynamics(*coordinates, gravity=GRAVITY, backend=backend)
     bounds = robot.error_bounds(*coordinates, outputs=FORCES, gravity=GRAVITY)
     for name, exact in zip(FORCES, truth.forces, strict=True):
         off = largest_errors(getattr(forces, name), exact, 1)
-        assert (off <= bounds[name] + 1e-50).all(), (name, off, bounds[name])
+        assert (off <= bounds[name] + TRUTH).all(), (name, off, bounds[name])
 
 
 def check_random(seed, backend):

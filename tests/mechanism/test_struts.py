@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.near import TOL, assert_near
 from support.sparse import sparse
 
 U = 2.0**-53
@@ -65,7 +66,7 @@ def test_energy_is_what_the_force_along_the_length_leaves(kind: str) -> None:
         middle = (steps[1:] + steps[:-1]) / 2
         still = 10.0 if kind == "gas" else 0.0  # half of the friction, at rest
         work = ((by_hand(kind, middle, np.zeros_like(middle)) + still) * np.diff(steps)).sum()
-        assert abs(stored[k] - stored[k + 1] - work) < 1e-6 * abs(work) + 1e-9
+        assert abs(stored[k] - stored[k + 1] - work) < 1e-6 * abs(work) + 1e-9  # J, of 20,000 intervals
     if kind in FREE:
         q = np.linspace(-1.4, 0.3, 20_001)
         near = q[np.abs(arm(q)[0] - (FREE[kind] - 1e-4)).argmin(), None]
@@ -77,7 +78,7 @@ def test_a_spring_keeps_the_energy_of_a_motion() -> None:
     robot = HATCH.with_strut("a", "b", "strut", stiffness=900, free_length=0.5)
     motion = hp.simulate(robot, np.linspace(0, 1, 21), [-0.6], [0.0])
     energy = robot.energy(motion.q, motion.qd)
-    assert np.ptp(energy.kinetic + energy.potential) < 1e-9 * np.ptp(energy.kinetic)
+    assert np.ptp(energy.kinetic + energy.potential) < 10 * TOL * np.ptp(energy.kinetic)
 
 
 def test_a_strut_between_moving_bodies_pushes_both() -> None:
@@ -96,7 +97,7 @@ def test_a_strut_between_moving_bodies_pushes_both() -> None:
     for k in range(2):
         step = np.eye(2)[k] * h
         lever = (robot.struts(q + step)["strut"].length - robot.struts(q - step)["strut"].length) / (2 * h)
-        assert np.abs(tau[:, k] - force * lever).max() < 1e-8 * np.abs(force).max()
+        assert np.abs(tau[:, k] - force * lever).max() < 1e-8 * np.abs(force).max()  # of differences of steps h
     base = arm.inverse_dynamics(q, qd, qdd).force1, robot.inverse_dynamics(q, qd, qdd).force1
     assert np.abs(base[0] - base[1]).max() < 64 * U * np.abs(base[0]).max()  # the base feels nothing of it
 
@@ -142,7 +143,7 @@ def test_the_stroke_of_a_gas_spring_is_its_limits() -> None:
         robot = HATCH.with_strut("a", "b", "strut", **strut).closed(coordinates="strut", at={"lid": -0.6})
         return robot.position_limits[0].tolist()
 
-    assert np.allclose(limits(**FORCES["gas"]), (0.1, 0.7))
+    assert_near(limits(**FORCES["gas"]), (0.1, 0.7), 8)
     assert limits(limits=(0.2, 0.7), **FORCES["gas"]) == [0.2, 0.7]
 
 

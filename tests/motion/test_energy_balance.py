@@ -45,7 +45,7 @@ def test_the_energies_of_a_pair_grow_by_the_work_of_its_loads(base, stop):
     assert np.abs(balance.residual).max() <= 10 * TOL * size
     others = {*on_body1} | ({"base"} if base == "carried" else set())
     assert {*balance.work} == {"motor", "spring", "damper", "friction", "force2", "torque2", stop} | others
-    assert max(balance.work[loss][-1] for loss in ("damper", "friction", stop)) < -1e-3
+    assert max(balance.work[loss][-1] for loss in ("damper", "friction", stop)) < -1e-3  # J
     assert np.diff(balance.work["friction"]).max() <= TIGHT
 
 

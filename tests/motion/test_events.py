@@ -154,7 +154,7 @@ def test_impacts_of_a_free_pair_keep_momenta_and_elastic_ones_energy(restitution
         np.testing.assert_allclose(energy, energy[0], rtol=TOL)
     else:
         assert np.diff(energy).max() < 10 * TOL * energy[0]
-        assert (np.diff(energy) < -1e-3 * energy[0]).sum() >= 3
+        assert (np.diff(energy) < -1e-3 * energy[0]).sum() >= 3  # impacts
 
 
 def test_a_rigid_stop_lets_go_what_is_pulled_away():
@@ -221,7 +221,7 @@ def test_a_load_that_chatters_is_named_within_bounded_work():
         hp.errors.SimulationError, match=r"hinge_torque jumps from 0\.5 to -0\.5 at psi' = .*friction"
     ) as found:
         turned(wheel(), [0, 4], 0.0, 1.0, rub)
-    assert found.value.t == pytest.approx(2.0, abs=0.01)
+    assert found.value.t == pytest.approx(2.0, abs=0.01)  # s: where the search gave up
     assert len(calls) < 150_000
 
 
@@ -295,7 +295,7 @@ def test_a_rate_that_comes_to_zero_ends_the_motion_before_the_impact(load, end):
         found = turned(wheel(), [0.0, 4.0], 0.0, 1.0, load, until=lambda _t, now, power=power: now.psid**power)
         assert found.ended_by_event
         assert found.t[-1] == pytest.approx(end, rel=512 * U if power == 1 else 1e-6)
-        assert found.psid[-1] == pytest.approx(1.0 if end == 1.2 else 0.0, abs=1e-5)
+        assert found.psid[-1] == pytest.approx(1.0 if end == 1.2 else 0.0, abs=1e-5)  # rad/s: the cube of it is 0
 
 
 def test_an_event_that_is_undefined_from_some_angle_on_is_no_event():

@@ -35,7 +35,7 @@ def test_samples_keep_order_6(spin, even):
         t = np.linspace(0, 1, count + 1)
         t = t if even else t + 0.3 * (t * (1 - t))
         errors.append(spin.error(t, attitudes(spin, t, spin.omega(t)).S1))
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(6, abs=0.5)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(6, abs=0.5)  # the order, of steps that are not 0
     assert errors[1] < 8192 * U
 
 
@@ -85,7 +85,7 @@ def test_error_estimate_of_samples_sees_gaps_jumps_and_too_few_samples():
         motion = hp.integrate(PAIR, t, rates, rate(t), outputs=())
         off = np.abs(motion.psi - (turn(t) - turn(t[0]))).max()
         assert off <= 5 * motion.psi_error_estimate <= 100 * off
-        assert motion.error_estimate == pytest.approx(motion.psi_error_estimate, rel=1e-6)
+        assert motion.error_estimate == pytest.approx(motion.psi_error_estimate, rel=1e-6)  # of two estimates
     with pytest.raises(hp.ArgumentError, match="tol: expected at least the error that is left, nan rad"):
         hp.integrate(PAIR, t[:3], (0, 0, 0), t[:3], tol=1.0, outputs=())
 

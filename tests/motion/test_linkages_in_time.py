@@ -34,7 +34,7 @@ def test_a_motion_ends_where_its_coordinate_comes_to_a_dead_point(rate):
     other = hp.simulate(
         by_crank, t, q0[:1], qd0[:1], until=lambda _, now: by_crank.all_coordinates(now.q, now.qd)[1][:, 2], **given
     )
-    assert 0 < other.t[-1] - found.t[-1] < 5e-3
+    assert 0 < other.t[-1] - found.t[-1] < 5e-3  # s: the crank comes nearer to the dead point
     rows = len(found.t) - 1
     np.testing.assert_allclose(by_crank.all_coordinates(other.q)[:rows, 2], found.q[:rows, 0], rtol=0, atol=10 * TOL)
 
@@ -105,5 +105,5 @@ def test_a_hatch_comes_to_rest_by_the_friction_of_its_gas_spring():
     lid = hatch(force=gas, free_length=0.5, limits=(0.2, 0.6)).with_strut("foot", "eye", "stops", **STOPS)
     found = hp.simulate(lid, np.linspace(0, 4, 41), [-0.5])
     assert found.steps < 2000
-    assert np.abs(lid.struts(found.q[-5:], found.qd[-5:])["gas"].rate).max() < 1e-4
+    assert np.abs(lid.struts(found.q[-5:], found.qd[-5:])["gas"].rate).max() < 1e-4  # m/s, as said
     assert np.abs(found.energy_balance().residual).max() < 100 * TOL

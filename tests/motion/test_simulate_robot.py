@@ -64,7 +64,7 @@ class Reference:
         choices = [(int(np.sign(x)),) if abs(x) > 1e-13 else (-1, 0, 1) for x in qd]
         for mode in itertools.product(*choices):
             qdd, holding = self.accelerations(t, q, qd, mode)
-            sticks = all(abs(holding[k]) <= self.friction[k] + 1e-9 for k in (0, 1) if mode[k] == 0)
+            sticks = all(abs(holding[k]) <= self.friction[k] + 10 * TOL for k in (0, 1) if mode[k] == 0)
             slips = all(abs(qd[k]) > 1e-13 or mode[k] * qdd[k] > 0 for k in (0, 1) if mode[k])
             if sticks and slips:
                 return mode
@@ -73,7 +73,7 @@ class Reference:
     def run(self, t, q, qd):
         """Return q at the instants."""
         now, y, found, mode = t[0], np.array([*q, *qd], float), [], None
-        while now < t[-1] - 1e-12:
+        while now < t[-1] - TIGHT:
             mode = mode or self.mode(now, y[:2], y[2:])
             events = []
             for k in (0, 1):
@@ -236,7 +236,7 @@ def test_the_accelerations_are_those_of_forward_dynamics_and_the_energies_grow_b
     )  # fmt: skip
     balance = found.energy_balance()
     size = 1 + np.abs(balance.kinetic).max() + np.abs(balance.potential).max()
-    assert np.abs(balance.residual).max() <= 2e-10 * size
+    assert np.abs(balance.residual).max() <= 2 * TOL * size
     wrenches = {"j2": (found.loads["force_j2"], found.loads["torque_j2"])}
     if base == "pinned":
         needed = found.reactions()

@@ -135,4 +135,4 @@ def test_the_bound_of_a_sine_covers_what_its_angle_is_off(function: str) -> None
             bounded = getattr(Bounded(angle, off), function)()
             for other in (angle - off, angle + off):
                 exact = known[function](other)
-                assert abs(float(bounded.value) - exact) <= float(bounded.error) * (1 + 1e-9) + 1e-17
+                assert abs(float(bounded.value) - exact) <= float(bounded.error) * (1 + 1e-9) + 1e-17  # in doubles

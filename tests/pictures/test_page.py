@@ -120,7 +120,7 @@ def test_shapes_are_drawn_where_they_are():
         np.testing.assert_array_equal(placed[:, :3, 3], centers + center)
         np.testing.assert_allclose(placed[0, :3, 1], np.array([1, 2, -2]) / 3, rtol=8 * U)
         np.testing.assert_allclose(placed[0, :3, :3] @ placed[0, :3, :3].T, np.eye(3), atol=8 * U)
-        assert np.linalg.det(placed[0]) == pytest.approx(1)
+        assert np.linalg.det(placed[0]) == pytest.approx(1, abs=8 * U)
         np.testing.assert_array_equal(placed[1:, :3, :3], [axes, np.eye(3)])
 
 
@@ -237,7 +237,7 @@ def test_a_page_has_the_units_of_the_scene_and_an_offset_of_late_instants(tmp_pa
     assert own["units"]["m/s"] == ["mm/s", 1000]
     assert own["angle"] == ["rad", 1]
     assert other["units"]["m"] == ["km", 1e-3]
-    assert other["angle"] == ["deg", pytest.approx(180 / np.pi)]
+    assert other["angle"] == ["deg", pytest.approx(180 / np.pi, rel=2 * U)]
     assert own["since"] == {"offset": 1718000000, "name": "t - 1718000000 s"}
 
 
@@ -283,7 +283,9 @@ def test_sliders_move_the_robot_and_reset_brings_it_back(tmp_path):
     assert found["spoken"] == "0.0360 m"
     tool = content_of(hp.view(robot))["frame"]
     R = robot.forward_kinematics(q, frames=tool)[tool].R
-    np.testing.assert_allclose(list(map(float, found["position"].split()[1:4])), R, atol=1e-4)
+    np.testing.assert_allclose(
+        list(map(float, found["position"].split()[1:4])), R, atol=1e-4
+    )  # m: four digits are shown
     assert found["keyboard"]
     assert found["controls"]
     assert found["asked"] == []

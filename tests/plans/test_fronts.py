@@ -11,6 +11,7 @@ import hingepair as hp
 from hingepair.plans.constraints import CONSTRAINTS
 from hingepair.plans.fronts import Front, needed_names
 from hingepair.plans.pairs import PLANE, SPACE, PairRequest, Point
+from support.near import U
 
 MOTION = ("R1", "v1", "omega1", "a1", "alpha1")
 HINGE = ("psi", "psid", "psidd")
@@ -94,4 +95,4 @@ def test_all_fronts_lead_to_the_same_body_2(sequence):
     again = pair.forward_kinematics_from_body1(given, q[:, 6], qd[:, 6])
     for name in ("R2", "S2", "v2", "omega2"):
         size = np.abs(state[name]).max()
-        np.testing.assert_allclose(again[name], state[name], rtol=0, atol=32 * 2.0**-53 * size)
+        np.testing.assert_allclose(again[name], state[name], rtol=0, atol=32 * U * size)

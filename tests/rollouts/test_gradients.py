@@ -93,7 +93,7 @@ def test_gradients_are_those_of_central_differences(case, method):
         e = 1e-5
         ahead, behind = (losses(**arguments | {name: moved(name, value, s * e * change)}) for s in (1, -1))
         rate = (gradient[name] * change).reshape(MOTIONS, -1).sum(axis=1)
-        np.testing.assert_allclose(rate, (ahead - behind) / (2 * e), rtol=1e-6, atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(rate, (ahead - behind) / (2 * e), rtol=1e-6, atol=1e-6, err_msg=name)  # of steps e
 
 
 @pytest.mark.parametrize("method", ["semi_implicit", "rk4"])
@@ -111,7 +111,7 @@ def test_gradients_hold_where_a_base_does_not_turn(method):
     gradient = still.vjp({"S1": np.cross(still.S1, weights, axis=-2).sum(axis=-1)}, wrt="omega1")["omega1"]
     change = 1e-6 * np.eye(3)
     ahead, behind = ([(rollout(s * x).S1 * weights).sum() for x in change] for s in (1, -1))
-    np.testing.assert_allclose(gradient, (np.array(ahead) - behind) / 2e-6, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(gradient, (np.array(ahead) - behind) / 2e-6, rtol=1e-6, atol=1e-7)  # of steps of 1e-6
 
 
 def test_gradients_of_many_motions_are_those_of_each(monkeypatch):

@@ -135,10 +135,10 @@ def test_a_log_of_the_library_is_coordinates_and_rates_at_once(tmp_path):
     assert list(log.columns) == ["t", *EULER, *RATES, *SECOND]
     found = scene.pair.forward_kinematics(log, log, log)
     for output, array in scene.evaluate().state.arrays().items():
-        np.testing.assert_allclose(found[output], array, rtol=0, atol=256 * 2.0**-53 * (1 + np.abs(array).max()))
+        np.testing.assert_allclose(found[output], array, rtol=0, atol=256 * U * (1 + np.abs(array).max()))
     for given in (log[[*RATES]], log[["t", *RATES]], log[[*reversed(RATES)]]):
         velocity = scene.pair.forward_kinematics(log[[*EULER, "t"]], given)
-        np.testing.assert_allclose(velocity.v2, found.v2, rtol=0, atol=256 * 2.0**-53 * np.abs(found.v2).max())
+        np.testing.assert_allclose(velocity.v2, found.v2, rtol=0, atol=256 * U * np.abs(found.v2).max())
     frame = pd.DataFrame({name: column for name, column in columns.items() if name != "t"})
     taken = CoordinateNames(EULER, {"q": EULER, "qd": RATES, "qdd": SECOND}).of_table("q", frame)
     assert all(np.shares_memory(array, frame[name].to_numpy()) for name, array in taken.items())

@@ -9,7 +9,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.mechanism.states import PlanarState
-from support.near import assert_near
+from support.near import U, assert_near
 from support.scenes import scene_of, time, toml
 
 PLANAR_MOTION_KIND = (
@@ -31,9 +31,9 @@ def test_is_the_scene_in_space(tmp_path):
     flat, space = (scene_of(tmp_path, text).evaluate() for text in (PLANAR_MOTION_KIND, in_space))
     assert isinstance(flat.state, PlanarState)
     for name in ("R2", "d", "v2", "a2"):
-        np.testing.assert_allclose(getattr(flat, name), getattr(space, name)[:, :2], rtol=0, atol=64 * 2.0**-53)
+        np.testing.assert_allclose(getattr(flat, name), getattr(space, name)[:, :2], rtol=0, atol=64 * U)
     for name in ("omega2", "alpha2"):
-        np.testing.assert_allclose(getattr(flat, name), getattr(space, name)[:, 2], rtol=0, atol=64 * 2.0**-53)
+        np.testing.assert_allclose(getattr(flat, name), getattr(space, name)[:, 2], rtol=0, atol=64 * U)
 
 
 def test_body_1_rests_at_the_origin_where_psi_is_given_alone(tmp_path):

@@ -97,8 +97,11 @@ def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: P
     np.testing.assert_allclose(psi[[0, 500, -1]], (0, -1, np.pi / 2), rtol=0, atol=16 * U)
     h, t = 1e-3, scene.t[1:-1]
     breaks = (0, 0.5, 2, *(i + j / 3 * (k - i) for i, k in ((0, 0.5), (0.5, 2)) for j in (1, 2)))
+    # Differences of steps h are off by h^2.
     inner = np.all([np.abs(t - at) > 1.5 * h for at in breaks], axis=0)
-    np.testing.assert_allclose(((psi[2:] - psi[:-2]) / 2 / h - psid[1:-1])[inner], 0, atol=100 * h * h)
+    np.testing.assert_allclose(
+        ((psi[2:] - psi[:-2]) / 2 / h - psid[1:-1])[inner], 0, atol=100 * h * h
+    )  # of steps h, as below
     np.testing.assert_allclose(((psid[2:] - psid[:-2]) / 2 / h - psidd[1:-1])[inner], 0, atol=1000 * h * h)
     if profile != "linear":
         assert np.abs(psid[[0, -1]]).max() <= 64 * U

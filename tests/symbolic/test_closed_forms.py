@@ -11,6 +11,7 @@ import sympy
 
 import hingepair as hp
 from support.commands import run_command
+from support.near import U
 from support.scenes import scene_of, time, toml
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -68,7 +69,7 @@ TURNS = {
 def test_turns_of_a_file_are_rotations_by_the_same_numbers(text, expected, tmp_path):
     scene = (MODELS / "reference_3d.toml").read_text().replace("[pair]", f"[pair]\nhome = {text}")
     home = scene_of(tmp_path, scene).pair.home
-    np.testing.assert_allclose(home, expected(), rtol=4 * 2.0**-53, atol=2 * 2.0**-53)
+    np.testing.assert_allclose(home, expected(), rtol=4 * U, atol=2 * U)
     assert (home - np.eye(3)).any()
 
 

@@ -13,6 +13,7 @@ import hingepair as hp
 from hingepair.scenes.subject import Subject
 from hingepair.validation.cross_validate import compare_rates
 from hingepair.validation.report import MAX_LOAD_RATIO, MAX_RATIO
+from support.near import U
 from support.scenes import altered, time, toml
 
 SPACE = (
@@ -135,7 +136,7 @@ def test_rates_of_slow_motions_are_judged_as_those_of_quick_ones():
         compare_rates(factor * t, (q, qd / factor, qdd / factor**2), ("psi",))[0] for factor in (1.0, 1024.0)
     )
     assert not quick.ok
-    assert slow.max_ratio == pytest.approx(quick.max_ratio, rel=1024 * 2.0**-53)
+    assert slow.max_ratio == pytest.approx(quick.max_ratio, rel=1024 * U)
 
 
 HARM = {

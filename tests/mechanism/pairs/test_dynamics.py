@@ -110,9 +110,8 @@ def test_an_inertia_that_was_not_given_is_warned_of_and_shapes_give_one():
     assert_near(shaped.centre_of_mass, (0, 0, middle), 4)
     assert shaped.inertia[0, 0] == pytest.approx(about, rel=8 * U)
     assert shaped.inertia[2, 2] == pytest.approx(m[0] * 5 / 12 + 0.1 * m[1], rel=8 * U)
-    np.testing.assert_allclose(
-        hp.Body(1, shapes=[hp.Cylinder(1, 2, axis=(1, 0, 0))]).inertia.diagonal(), (1 / 2, 7 / 12, 7 / 12)
-    )
+    lying = hp.Body(1, shapes=[hp.Cylinder(1, 2, axis=(1, 0, 0))])
+    assert_near(lying.inertia.diagonal(), (1 / 2, 7 / 12, 7 / 12), 4)
 
 
 @pytest.mark.slow

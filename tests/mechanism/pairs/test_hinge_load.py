@@ -47,9 +47,9 @@ def test_the_parts_of_a_load_that_is_the_motor_are_added_to_those_of_the_load():
     parts = hp.HingeLoad(damping=0.3, stops=(-1, 1), stop_stiffness=100, motor=inner).parts(T, PSI, PSID)
     assert list(parts) == ["motor", "spring", "damper", "stop"]
     assert parts["motor"] == 5
-    np.testing.assert_allclose(parts["spring"], -PSI)
-    np.testing.assert_allclose(parts["damper"], -0.3 * PSID)
-    np.testing.assert_allclose(parts["stop"], [50 + 3, 0, -20])
+    np.testing.assert_array_equal(parts["spring"], -PSI)
+    assert_near(parts["damper"], -0.3 * PSID, 2)
+    assert_near(parts["stop"], [50 + 3, 0, -20], 8)
 
 
 def test_a_stop_pushes_until_the_hinge_leaves_it_quicker_than_its_spring():
@@ -74,7 +74,7 @@ def test_a_simulated_motion_has_the_parts_of_the_hinge_torque_among_its_loads():
     parts = load.parts(t, found.psi, found.psid)
     for name, torque in parts.items():
         np.testing.assert_array_equal(found.loads[f"{name}_torque"], np.broadcast_to(torque, t.shape))
-    np.testing.assert_allclose(sum(found.loads[f"{name}_torque"] for name in parts), found.loads["hinge_torque"])
+    assert_near(sum(found.loads[f"{name}_torque"] for name in parts), found.loads["hinge_torque"], 8)
     plain = hp.simulate(pair, t, start, 0.2, 0.0, base="fixed", hinge_torque=lambda *args: -args[1])
     assert "spring_torque" not in plain.loads
     np.testing.assert_array_equal(plain.loads["motor_torque"], plain.loads["hinge_torque"])

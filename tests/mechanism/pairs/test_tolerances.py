@@ -89,7 +89,7 @@ def test_uniform_tolerances_stay_within_their_limits_and_fill_them():
     off, turn = made.u1 - pair.u1, hp.rotation_log(made.home @ pair.home.T)
     tilt = np.linalg.norm(np.cross(pair.n, made.n), axis=1)
     for sizes, limit in ((np.abs(off), 2e-3), (tilt, np.sin(3e-3)), (np.abs(turn[:, 1]), 1e-3)):
-        assert 0.999 * limit < sizes.max() < (1 + 1e-9) * limit
+        assert 0.999 * limit < sizes.max() < (1 + 1024 * U) * limit
     assert np.abs(turn[:, 2]).max() > 1.2e-3  # a normal distribution has no end
     assert np.abs(np.quantile(off, (0.25, 0.75), axis=0) / 1e-3 - np.array([[-1], [1]])).max() < 0.02
     assert abs((tilt < 3e-3 / 2).mean() - 0.25) < 0.01  # as areas of disks
