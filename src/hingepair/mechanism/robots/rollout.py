@@ -5,14 +5,13 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.engine import jax_torch
 from hingepair.engine.backend import execution_of
-from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
@@ -20,6 +19,7 @@ from hingepair.mechanism.options import DEFAULT_GRAVITY, ROLLOUT, Options, check
 from hingepair.mechanism.requests import ask, read_gravity
 from hingepair.mechanism.robots.computations import RESTING_BASE, base_inputs, read_wrenches
 from hingepair.mechanism.robots.requests import RobotRequests
+from hingepair.mechanism.states import Named, with_names
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
 from hingepair.plans.arguments import Coordinates, check_out
@@ -29,7 +29,7 @@ from hingepair.rollouts.motions import Motions
 from hingepair.rollouts.tracks import Feedback, Track, control_tracks, count_steps, track
 
 
-class Rollout(Results):
+class Rollout(Named):
     """Motions of a robot at the recorded steps, the start first. Only hingepair calls the constructor."""
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
@@ -40,8 +40,6 @@ class Rollout(Results):
         "v1": "Velocity of R1; (..., steps + 1, 3) m/s.",
         "omega1": "Angular velocity of a free base, world axes; (..., steps + 1, 3) rad/s.",
         "_motions": "",
-        "_t": "",
-        "_joints": "",
     }
 
     q: FloatArray
@@ -50,31 +48,16 @@ class Rollout(Results):
     S1: FloatArray
     v1: FloatArray
     omega1: FloatArray
-    _motions: Motions | None
-    _t: FloatArray | None
-    _joints: tuple[tuple[str, str], ...]
-
-    def __init__(
-        self,
-        arrays: Mapping[str, FloatArray],
-        shape: tuple[int, ...],
-        motions: Motions | None = None,
-        t: FloatArray | None = None,
-        joints: tuple[tuple[str, str], ...] = (),  # names and units of the coordinates
-    ) -> None:
-        super().__init__(arrays, shape)
-        for name, value in (("_motions", motions), ("_t", t), ("_joints", joints)):
-            object.__setattr__(self, name, value)
-
-    def __reduce__(self) -> tuple[type[Rollout], tuple[Any, ...]]:
-        return type(self), (self.arrays(), self.shape, None, self._t, self._joints)
+    _motions: Motions  # not of copies, and not of arrays of JAX and PyTorch
+    _step: ClassVar[float | None] = None  # from one record to the next [s]
+    _joints: ClassVar[tuple[tuple[str, str], ...]] = ()  # names and units of the coordinates
 
     def _recorded(self) -> dict[str, Any]:
         """Return t, and of a joint `elbow` elbow and elbowd, and the motion of a free base."""
         arrays = self.arrays()
-        if self._t is None:
+        if self.t is None:
             return arrays
-        columns: dict[str, Any] = {"t": np.broadcast_to(self._t, self.shape)}
+        columns: dict[str, Any] = {"t": np.broadcast_to(self.t, self.shape)}
         for ending, name in (("", "q"), ("d", "qd")):
             columns |= {joint + ending: arrays[name][..., k] for k, (joint, _) in enumerate(self._joints)}
         return columns | {name: array for name, array in arrays.items() if name not in ("q", "qd")}
@@ -116,7 +99,7 @@ class Rollout(Results):
         >>> motion.vjp({"q": weights}, wrt="tau")["tau"].shape
         (50, 6)
         """
-        if self._motions is None:
+        if getattr(self, "_motions", None) is None:
             raise ArgumentError(
                 "rollout", "the result of a call in this process", "a copy, or arrays of JAX or PyTorch"
             )
@@ -125,7 +108,7 @@ class Rollout(Results):
     @property
     def t(self) -> FloatArray | None:
         """Instants of the recorded states, from 0 [s]; (steps + 1,). None for arrays of JAX and PyTorch."""
-        return self._t
+        return None if self._step is None else np.arange(self.shape[-1]) * self._step
 
     @property
     def base_motion(self) -> BodyMotion | None:
@@ -255,10 +238,11 @@ def roll_out(
     step, workers = RolloutStep(form, request._replace(outputs=()), method, control), options.get("workers", 1)
     count = count_steps(tracks, steps)
     motions = Motions(step, known, starts, tracks, count, int(every), execution_of("auto", workers).workers)
-    t = np.arange(motions.records + 1) * (motions.every * known["h"])
     joints = tuple((joint.name, joint.unit) for joint in tree.coordinates)
+    made: Any = with_names(Rollout, (("_joints", joints), ("_step", motions.every * known["h"])))
     arrays = motions.run(check_out(options.get("out"), tuple(starts)))
-    result = Rollout(arrays, (*motions.shape, motions.records + 1), motions, t, joints)
+    result: Rollout = made(arrays, (*motions.shape, motions.records + 1))
+    object.__setattr__(result, "_motions", motions)
     lost = np.isnan(result.q[..., -1, :]).any(axis=-1)
     if robot.constants.may_be_singular and lost.any():
         ask(robot, "forward_dynamics", (q0, qd0, np.zeros(dof)), {"joint_loads": False})  # which warns
