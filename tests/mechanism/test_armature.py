@@ -175,6 +175,4 @@ def test_bounds_of_efforts_may_differ():
     model = hp.to_pinocchio(robot).model
     assert (model.lowerEffortLimit.tolist(), model.upperEffortLimit.tolist()) == ([-5, -2], [0, 2])
     assert hp.Mechanism.from_pinocchio(model).effort_bounds.tolist() == [[-5, 0], [-2, 2]]
-    with pytest.raises(hp.errors.ArgumentError, match=r"effort_limits: .*'a'"):
-        robot.rollout([0, 0], [0, 0], np.zeros((3, 2)), 0.01, effort_limits=True)
     assert hp.Mechanism.from_pinocchio(pin.buildSampleModelManipulator()).effort_bounds[0].tolist() == [-10, 10]

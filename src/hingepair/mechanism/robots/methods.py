@@ -500,7 +500,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         method: str = "semi_implicit",
         steps: int | None = None,
         every: int = 1,
-        effort_limits: bool | ArrayLike = False,
+        effort_limits: ArrayLike | None = None,
         **options: Unpack[Options],
     ) -> Rollout:
         """Step motions of the robot in time: forward dynamics (T5, T6) and a step of constant length, one compiled
@@ -520,7 +520,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
                 classical method of order 4, four times as long).
             steps: number of steps; needed where no argument has an axis of steps.
             every: record every so many steps.
-            effort_limits: True clips the efforts to `robot.effort_limits`; or largest efforts in the forms of tau.
+            effort_limits: largest efforts, such as `robot.effort_limits`, to which efforts are clipped; forms of tau.
             wrenches: as at `Mechanism`, of shape (3,) or (..., steps, 3) each.
             joint_loads: as at `Mechanism`. Dry friction stops a joint within a step at most, so that the joint then
                 rests. With "semi_implicit", dampers act with the rate at the end of the step, which is stable for any

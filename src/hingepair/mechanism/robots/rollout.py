@@ -20,7 +20,6 @@ from hingepair.mechanism.requests import ask, read_gravity
 from hingepair.mechanism.robots.computations import RESTING_BASE, base_inputs, read_wrenches
 from hingepair.mechanism.robots.requests import RobotRequests
 from hingepair.mechanism.states import Named, with_names
-from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
 from hingepair.plans.arguments import Coordinates, check_out
 from hingepair.plans.rollouts import BASE_STATE, METHODS, RolloutStep
@@ -219,7 +218,7 @@ def roll_out(
     known["h"] = finite_number("dt", dt)
     if known["h"] <= 0:
         raise ArgumentError("dt", "a number above 0", quoted(dt))
-    control, tracks = control_tracks(tau, dof, _limits(tree, effort_limits))
+    control, tracks = control_tracks(tau, dof, effort_limits)
     tracks |= {name: track(label, value, 3) for name, (value, label) in loads.items()}
     base = base_inputs(base_motion, BASE_STATE if request.free else ("S1",))
     if request.free:
@@ -251,14 +250,3 @@ def roll_out(
         count_of = f"{int(lost.sum())} of {lost.size} motions"
         warn_of_dynamics(f"{tree.name}: {count_of} become NaN, as at a dead point or by too long steps")
     return result
-
-
-def _limits(tree: Tree, effort_limits: Any) -> Any:
-    """Return the argument `effort_limits` as numbers; None where efforts are not clipped."""
-    if not isinstance(effort_limits, bool):
-        return effort_limits
-    uneven = next((joint.name for joint in tree.coordinates if joint.effort_range), None)
-    if effort_limits and uneven is not None:
-        expected = f"numbers, since the bounds of {uneven!r} differ (`effort_bounds`)"
-        raise ArgumentError("effort_limits", expected, effort_limits)
-    return np.array([joint.effort_limit for joint in tree.coordinates]) if effort_limits else None
