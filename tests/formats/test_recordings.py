@@ -146,7 +146,7 @@ def test_a_data_frame_is_read_like_its_file(tmp_path: Path) -> None:
     by_index = frame.set_index("t")
     for source in (frame, columns, by_index, xarray.Dataset.from_dataframe(by_index)):
         same_recording(hp.read_recording(source), expected)
-    same_recording(hp.read_recording(nullable, ignore=["weather"]), expected)
+    same_recording(hp.read_recording(nullable), expected)
     first, second = ([name for name in columns if digit not in name] for digit in "21")
     same_recording(hp.read_recording(frame[first], frame[second]), expected)
 

@@ -137,8 +137,7 @@ rates | + S1_0 = [[2,0,0],[0,1,0],[0,0,1]] | motion.S1_0
 rates | csv: psid -> psidd | psid
 rates | csv: omega1_z -> alpha1_z | omega1_z
 rates | csv: 0.3,0, -> 0.3,nan, | omega1_x
-robot log | csv: boom -> bom | 'bom'
-robot log | csv: boom -> R_ram_x | 'R_ram_x'
+robot log | csv: boom -> bom | boom
 robot log | csv: boom -> stickd | stick
 """
 

@@ -41,9 +41,6 @@ def fit_command(
     loss: Annotated[
         str, typer.Option(help=f"Loss function: {', '.join(LOSSES)}. Choose cauchy if there may be outliers.")
     ] = "linear",
-    ignore: Annotated[
-        list[str] | None, typer.Option(metavar="COLUMN", help="Column that is not read; * matches any text.")
-    ] = None,
     column: ColumnOption = None,
     sequence: Annotated[
         str | None,
@@ -100,7 +97,7 @@ def fit_command(
                     raise ArgumentError(name, "recordings of poses", "inertial sensors")
             fitted = fit_imus(*read_imus(files, columns))
         else:
-            recording = read_recording(*files, columns=columns, ignore=ignore or (), gaps=_GAPS, sequence=sequence)
+            recording = read_recording(*files, columns=columns, gaps=_GAPS, sequence=sequence)
             body1, body2, t = recording.body1, recording.body2, recording.t
             if scenes and t is None:
                 raise ArgumentError("out", "a recording with a column t for a scene", "none")

@@ -1,14 +1,12 @@
 """Recordings of two bodies, and of the joints of a robot: from files or tables in memory, brought to one clock.
 
-Results that were saved with R1, S1, R2, S2 can be read as they are. Columns of no concern have to be named, so that a
-misspelt one is not missed; rates, angles and psi are passed over.
+Results that were saved with R1, S1, R2, S2 can be read as they are. Other columns are passed over.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -34,16 +32,12 @@ from hingepair.tables.recorded_columns import (
     Vocabulary,
     doubts_about_angles,
     headings_among,
-    nearest_column,
     open_columns,
     planar_zeros,
     read_recorded,
     read_sources,
 )
 from hingepair.tables.units import read_heading
-
-# Columns that results have and a recording of poses does not need.
-_IGNORED_COLUMNS = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
 
 
 def _columns_of(digit: str) -> dict[str, tuple[str, ...]]:
@@ -90,7 +84,6 @@ class _RecordedBody(NamedTuple):
 def read_recording(
     *sources: Any,
     columns: Mapping[str, str | Mapping[str, str]] | None = None,
-    ignore: Sequence[str] = (),
     gaps: float = 0.05,
     sequence: str | None = None,
 ) -> Recording:
@@ -106,8 +99,7 @@ def read_recording(
         columns: names and units of columns that have others: {"t": "Zeit", "x1": {"name": "Ost", "unit": "mm"}}.
             The unit "compass" is that of headings: degrees, clockwise from north (y), of the angle that turns about
             z, which is phi_z1 unless `sequence` says otherwise. {"t": {"name": "Frame", "rate": "100 Hz"}} makes
-            instants of frame numbers. Columns of names that are unknown are then not read.
-        ignore: names of columns that are not read; `*` stands for any text.
+            instants of frame numbers.
         gaps: longest time between samples over which one body is interpolated to the instants of the other [s].
         sequence: axes about which phi_x, phi_y, phi_z turn, such as "ZYX" of yaw, pitch and roll, in capitals about
             the body's own axes; by default "XYZ".
@@ -119,7 +111,7 @@ def read_recording(
 
     Raises:
         ArgumentError: a file or a column cannot be used.
-        MeasurementWarning: angles are probably in degrees.
+        MeasurementWarning: angles are probably in degrees, or a body is a point beside columns that were not read.
         MissingDependencyError: a source is a .parquet file and PyArrow is not installed.
 
     >>> import numpy as np
@@ -149,9 +141,7 @@ def read_recording(
     for number, table in enumerate(tables, start=1):
         own = {name: place for name, place in places.items() if place.column in table.arrays}
         with _naming(table):
-            recorded = read_recorded(table, own, vocabulary, ignore)
-            # Where columns are named the file is another's: the rest is not ours to know.
-            _refuse_unknown(() if places else recorded.names)
+            recorded = read_recorded(table, own, vocabulary)
             digits = [d for d, own in _BODIES.items() if not {*own["R"], *own["xyz"]}.isdisjoint(recorded.columns)]
             if "1" in digits and "" in digits:
                 digits.remove("")  # coordinates beside poses, as results are saved
@@ -167,6 +157,9 @@ def read_recording(
                 has_angles |= bool(angles)
                 unstated = {angle: recorded.columns[angle] for angle in angles if angle not in recorded.stated}
                 doubts = doubts_about_angles(unstated, lambda angle: _in_degrees(angle, headings))
+                unread = [column for column in recorded.names if column not in recorded.columns]
+                if motion.S is None and unread:
+                    doubts.append(f"body {name} is taken for a point; not read are {', '.join(unread[:20])}")
                 warn_of_measurements(f"{table}: {doubt}" for doubt in doubts)
                 bodies[name] = _RecordedBody(motion, recorded, table)
     for name in ("1", "2")[: 1 + (len(tables) == 2 or "2" in bodies)]:
@@ -204,16 +197,6 @@ def _in_degrees(angle: str, headings: Sequence[str]) -> str:
     """Return how a user states that an angle is in degrees, and one of `headings` one of a compass."""
     stated = f"columns={{{angle!r}: {{'name': 'COLUMN', 'unit': 'deg'}}}} (--column {angle}=COLUMN:deg)"
     return stated + ' ("compass" in place of "deg" for headings clockwise from north)' * (angle in headings)
-
-
-def _refuse_unknown(names: Sequence[str]) -> None:
-    """Refuse columns that are neither of poses nor of results."""
-    for name in names:
-        if name not in _POSE_COLUMNS and not _IGNORED_COLUMNS.fullmatch(name):
-            short = name[:40]
-            nearest_one = nearest_column(name, _POSE_COLUMNS)
-            said = f"columns={{'NAME': {short!r}}} (--column 'NAME={short}'), or ignore=[{short!r}] (--ignore)"
-            raise ArgumentError(repr(short), f"columns of poses{nearest_one}, {said}", "an unknown column")
 
 
 def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:

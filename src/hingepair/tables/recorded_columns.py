@@ -7,10 +7,8 @@ columns that are not in it.
 from __future__ import annotations
 
 import contextlib
-import fnmatch
 import itertools
 import os
-import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -166,9 +164,7 @@ def _named(table: ColumnTable, heading: str, vocabulary: Vocabulary) -> list[tup
     return [(str(names[place]), source._replace(place=place)) for place in np.ndindex(names.shape)]
 
 
-def read_recorded(
-    table: ColumnTable, sources: Mapping[str, ColumnSource], vocabulary: Vocabulary, ignore: Sequence[str] = ()
-) -> Recorded:
+def read_recorded(table: ColumnTable, sources: Mapping[str, ColumnSource], vocabulary: Vocabulary) -> Recorded:
     """Return the columns of a table that a vocabulary knows, by the names of this package, in SI units: float64 but
     for `t`, whose integers and dates stay as they are.
 
@@ -176,7 +172,6 @@ def read_recorded(
         table: the columns.
         sources: quantities whose columns have names of their own, all of which the table has.
         vocabulary: names of columns.
-        ignore: patterns of names of columns that are passed over, such as `R2_*`.
 
     Raises:
         ArgumentError: a column cannot be read, has another unit than it may have, or comes twice; columns differ in
@@ -186,7 +181,6 @@ def read_recorded(
     found = [*sources.items()]
     for heading in table.arrays:
         found += [] if heading in taken else _named(table, heading, vocabulary)
-    found = [one for one in found if not any(fnmatch.fnmatchcase(one[0], pattern) for pattern in ignore)]
     arrays, columns = dict[str, NDArray[Any]](), dict[str, NDArray[Any]]()
     for name, source in found:
         heading, place = source.column, source.place
@@ -216,15 +210,6 @@ def read_recorded(
         raise ArgumentError("", "at least one sample", "none")
     stated = frozenset(name for name, source in found if source.stated)
     return Recorded(columns, stated, tuple(name for name, _ in found), table.lines)
-
-
-_TIMES: Final = frozenset({"time", "times", "timestamp", "stamp", "seconds", "sec", "zeit"})  # what others call t
-
-
-def nearest_column(name: str, known_names: Collection[str]) -> str:
-    """Return a remark on the known column that an unknown one probably stands for, or nothing."""
-    plain = re.sub(r"\s*[(\[].*", "", name).strip().lower()  # "Time (Seconds)"
-    return " (nearest: t)" if plain in _TIMES else nearest(name, known_names)
 
 
 # ---- angles

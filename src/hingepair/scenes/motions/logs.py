@@ -1,6 +1,6 @@
 """Logs of scenes: the columns of a file of samples, or of a table in its place, read and checked.
 
-docs/scenes.md lists the columns. Others are refused: a misspelt one would be missed.
+docs/scenes.md lists the columns. A note names others, which are not read.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from hingepair.errors import choices
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.pairs import SPACE
 from hingepair.rotations.matrices import quaternion_to_matrix
@@ -25,7 +24,6 @@ from hingepair.tables.recorded_columns import (
     Vocabulary,
     doubts_about_angles,
     headings_among,
-    nearest_column,
     open_columns,
     planar_zeros,
     read_recorded,
@@ -51,7 +49,6 @@ QUATERNION: Final = ("quat_xyzw", "omega1", "alpha1")
 HINGE_NAMES: Final = ("psi", "psid", "psidd")
 """Names of the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
 
-_WRITING: Final = "run --outputs q,qd,qdd --out FILE writes what is read here"
 _DEGREES: Final = 'unit = "deg" for {} in [motion.columns]'  # for messages
 _HEADINGS: Final = f'{_DEGREES} (unit = "compass" for headings clockwise from north)'
 _PLANAR: Final = {  # columns that a log in the plane leaves out together, and those that it then has
@@ -117,9 +114,8 @@ class Log(NamedSource):
             sources = read_sources(table.values.get("columns", {}), vocabulary, columns)
         with self.naming():
             self.columns, stated, self._file_columns, self._lines = read_recorded(columns, sources, vocabulary)
-            self._note_unknown("columns" in table.values)
-            if "t" not in self.columns:
-                self.refuse("t", "a column", "no such column")
+            self._note_unknown()
+            self._require("t")
             self._leave_out_repeated_stamps()
             self._complete_planar_columns("no column was named for" if sources else "the log has no")
             stamps = self.columns["t"]
@@ -141,26 +137,16 @@ class Log(NamedSource):
         """Return the SI unit of a column."""
         return self._subject.unit(column)
 
-    def _note_unknown(self, translated: bool) -> None:
-        """Say which columns of the file are not read if names are `translated`, and otherwise refuse them."""
+    def _note_unknown(self) -> None:
+        """Say which columns of the file are not read."""
         unknown = [name for name in self._file_columns if name not in self._known]
-        if translated and unknown:  # the file is another's: what else it has is not ours to know
+        if unknown:
             note = f"columns that were not read: {', '.join(unknown[:20])}"
             for name in unknown:
                 bare, unit = split_heading(name)
                 if unit and bare in self._known:
                     note += f'; {bare} = {{ name = "{name}", unit = "{self.unit_of(bare)}" }} reads it in that unit'
             self.notes.append(note)
-        elif unknown:
-            name, got = unknown[0], f"an unknown column{nearest_column(unknown[0], self._known)}"
-            item = self._subject.item(name)
-            if item is not None and item.of != "joint":
-                got = f"a column of results, which are no motion ({_WRITING})"
-            expected = (
-                f'{choices(self._known)}; [motion.columns] names the columns of another program, such as t = "Time", '
-                "and leaves others out, even as an empty table"
-            )
-            self.refuse(repr(name[:40]), expected, got)
 
     def _judge_units(self, stated: Set[str]) -> None:
         """Add notes on columns that are probably not in SI units, unless they are in `stated`."""
@@ -207,13 +193,16 @@ class Log(NamedSource):
             columns = self.columns_of(name)
             present = [column for column in columns if column in self.columns]
             for column in columns if present or not order else ():
-                if column not in self.columns:
-                    since = f", since the log has {present[0]}" if present else ""
-                    expected = f'a column{since}, or {column} = "NAME" in [motion.columns], which names it'
-                    self.refuse(column, expected, f"no such column among {', '.join(self._file_columns[:20])}")
+                self._require(column, f", since the log has {present[0]}" if present else "")
             array = np.stack([self.columns[column] for column in columns], axis=-1) if present else None
             found.append(array if array is None or name in self._arrays else array[:, 0])
         return found
+
+    def _require(self, column: str, since: str = "") -> None:
+        """Refuse a log without a column."""
+        if column not in self.columns:
+            expected = f'a column{since}, or {column} = "NAME" in [motion.columns], which names it'
+            self.refuse(column, expected, f"no such column among {', '.join(self._file_columns[:20])}")
 
     def check_finite(self, name: str, array: Float64Array) -> None:
         """Refuse an array, which is to be integrated, with a number that is not finite."""
