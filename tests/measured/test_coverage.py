@@ -72,14 +72,15 @@ def poses(
     gaps: bool = False,
     outliers: float = 0.0,
     late: float = 0.0,
+    count: int = COUNT,
 ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
     """Instants, [R1, S1, R2, S2] and psi; the clock of body 2 is late."""
     rng = np.random.default_rng(seed)
-    t = 0.05 * np.arange(COUNT)
+    t = 6 / count * np.arange(count)
 
     R1, S1, _, _ = motion(t, fixed)
     _, _, R2, S2 = motion(t + late, fixed)
-    noise = [coloured(rng, (COUNT, 3), share) * np.reshape(sizes, (-1, 1)) for _ in range(4)]
+    noise = [coloured(rng, (count, 3), share) * np.reshape(sizes, (-1, 1)) for _ in range(4)]
     if planar:
         noise = [
             part * along for part, along in zip(noise, ((1, 1, 0), (1, 1, 0), (0, 0, 1), (0, 0, 1)), strict=True)
@@ -89,7 +90,7 @@ def poses(
         S * Rotation.from_rotvec(size * part) for S, size, part in zip((S1, S2), attitudes, noise[2:], strict=True)
     )
     made = [R1, S1.as_matrix(), R2, S2.as_matrix()]
-    off = rng.random(COUNT) < outliers
+    off = rng.random(count) < outliers
     made[2][off] += 0.5 * rng.standard_normal((off.sum(), 3))
     if gaps:
         made[2][30:45] = made[0][80:90] = np.nan
@@ -163,9 +164,17 @@ def test_errors_of_a_few_fits_are_within_their_intervals(name: str, what: str) -
     judge_fits(name, what, 25)
 
 
-def judge_fits(name: str, what: str, runs: int) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["body", "point"])
+@pytest.mark.parametrize("count", [10, 16])
+def test_errors_of_short_recordings_are_within_their_intervals(count: int, what: str) -> None:
+    judge_fits("equal", what, 100, count)
+
+
+def judge_fits(name: str, what: str, runs: int, count: int = COUNT) -> None:
     """Fit so many recordings of a kind, and judge the errors."""
     made, told = (KINDS | FEW)[name]
+    made = made | {"count": count}
     if what == "point":
         told = {key: value for key, value in told.items() if not key.startswith("noise")}
     scores: dict[str, list[np.ndarray]] = {}

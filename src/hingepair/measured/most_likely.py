@@ -51,6 +51,7 @@ class Evaluation(NamedTuple):
     gradient: Float64Array  # J^T W r; (k,)
     slope: Float64Array  # derivative of the gradient; (k, k)
     scores: Float64Array  # weighted J^T r of each sample; (k, N)
+    J: Float64Array | None  # weighted derivatives of the residuals of few samples; (k, components, N)
     prior: Float64Array  # precisions of the unknowns before the recording; (k,)
 
     @property
@@ -61,15 +62,21 @@ class Evaluation(NamedTuple):
     @property
     def covariance(self) -> tuple[Float64Array, int]:
         """Covariance (k, k) of the unknowns, and the lag of `sandwich`."""
-        inverse = solve_semidefinite(self.slope, np.eye(self.slope.shape[0]))
-        return sandwich(inverse, self.scores, self.whitened.shape[0], np.diag(self.prior))
+        inverse, scores = solve_semidefinite(self.slope, np.eye(self.slope.shape[0])), self.scores
+        if self.J is not None:
+            # Residuals are small where a sample decides on the unknowns: what it would leave without doing so is
+            # (1 - J A J^T)^-1 r, A the inverse of J^T J (Bell and McCaffrey, Survey Methodology 28 (2002), 169-181).
+            own = np.einsum("krn,lrn->nkl", self.J, self.J)
+            left = (1 + 1e-3) * np.eye(len(inverse)) - own @ solve_semidefinite(self.normal, np.eye(len(inverse)))
+            scores = np.linalg.solve(left, scores.T[..., None])[..., 0].T
+        return sandwich(inverse, scores, np.diag(self.prior))
 
 
 def most_likely(
     start: Model, poses_at: PosesAt, clock: Float64Array, loss: Loss | None
 ) -> tuple[Estimate, RelativePoses]:
     """Return the most likely model near `start` and `clock`, and the poses of all samples at its clock."""
-    model, has_converged = start, False
+    model, has_converged, share, last, sizes = start, False, 1.0, None, list[float]()
     for _ in range(_MAX_ROUNDS):
         poses = poses_at(clock, _SOME)
         if len(poses.by_clock) and poses.samples < MIN_PIECE:  # the clock left the recording
@@ -77,10 +84,16 @@ def most_likely(
         model = model.with_noise(poses, loss)
         seen = evaluate(model, poses, clock, loss)
         step = -solve_semidefinite(seen.normal, seen.gradient)
-        model, clock = model.moved(step[: model.parameters]), clock + _of_clock(model, step)
+        sizes.append(float(np.sqrt(step @ seen.normal @ step)))
+        if last is not None and last @ seen.normal @ step < -0.5 * sizes[-1] * np.sqrt(last @ seen.normal @ last):
+            share /= 2  # steps to and fro, of which noise and weights change with each
+        last = step
+        model, clock = model.moved(share * step[: model.parameters]), clock + share * _of_clock(model, step)
         scales = np.ones(step.size)
         scales[model.angles : model.parameters] = max(poses.size, 1e-300)
-        if step @ seen.normal @ step < _AT_REST**2 or (np.abs(step) < _SMALL * scales).all():
+        if len(sizes) > 12 and sizes[-1] > 0.5 * min(sizes[:-6]):
+            break  # it goes in circles
+        if sizes[-1] < _AT_REST or (np.abs(step) < _SMALL * scales).all():
             has_converged = True
             break
     # A last step with all samples.
@@ -112,9 +125,10 @@ def evaluate(model: Model, poses: RelativePoses, clock: Float64Array, loss: Loss
         rows = model.rows(block)
         weight, bend = loss_weights(loss, (rows[-1] ** 2).sum(axis=0), model.components)
         score = np.einsum("kri,ri->ki", rows[:-1], rows[-1])
-        J = (rows[:-1] * np.sqrt(weight)).reshape(prior.size, -1)
-        normal = normal + J @ J.T
-        slope = slope + J @ J.T + 2 * (score * bend) @ score.T
+        J = rows[:-1] * np.sqrt(weight)
+        products = np.einsum("krn,lrn->kl", J, J, optimize=True)
+        normal = normal + products
+        slope = slope + products + 2 * (score * bend) @ score.T
         residuals.append(rows[-1])
         weights.append(weight)
         scores.append(weight * score)
@@ -127,6 +141,7 @@ def evaluate(model: Model, poses: RelativePoses, clock: Float64Array, loss: Loss
         gradient=gradient,
         slope=slope,
         scores=all_scores,
+        J=J if poses.samples <= FEW_SAMPLES else None,
         prior=prior,
     )
 

@@ -104,7 +104,7 @@ def solve_semidefinite(matrix: Float64Array, right_hand_side: Float64Array) -> F
 
 
 def sandwich(
-    inverse: Float64Array, scores: Float64Array, components: int = 1, prior: Float64Array | float = 0.0
+    inverse: Float64Array, scores: Float64Array, prior: Float64Array | float = 0.0
 ) -> tuple[Float64Array, int]:
     """Return the covariance A^-1 B A^-T of parameters (Huber, Robust Statistics, 1981, 6.3), and the lag of
     `score_scatter`.
@@ -112,14 +112,10 @@ def sandwich(
     Args:
         inverse: A^-1, of the derivative of the sum of scores; (k, k).
         scores: of the samples, whose scatter is B; (k, N).
-        components: residuals of a sample.
         prior: scatter that priors add to B.
     """
     scatter, lag = score_scatter(scores)
-    # A sample tells less of itself than of others, by its part of the parameters.
-    count = components * scores.shape[1]
-    free = count / max(count - scores.shape[0], 1)
-    return free * inverse @ (scatter + prior) @ inverse.T, lag
+    return inverse @ (scatter + prior) @ inverse.T, lag
 
 
 def neighbour_correlation(rows: Float64Array, lag: int = 1) -> float:

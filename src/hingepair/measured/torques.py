@@ -196,7 +196,8 @@ def _least_squares_with(recording: Recording, weights: Float64Array) -> Found:
     for part in recording.blocks():
         weighted = weights[part] * left[part] / noise**2
         scores.append(np.einsum("nik,ni->kn", recording.rows(part), weighted) / unit[:, None])
-    covariance, lag = sandwich(inverse, np.concatenate(scores, axis=1), robot.dof)
+    covariance, lag = sandwich(inverse, np.concatenate(scores, axis=1))
+    covariance *= count * robot.dof / max(count * robot.dof - width, 1)
     std = np.sqrt(np.diagonal(covariance)) / unit
     std[(lengths == 0) | (np.abs(vectors[:, ~seen]) > 1e-3).any(axis=1)] = np.inf
     factor = np.sqrt(np.where(seen, sizes, 0.0))[:, None] * vectors.T * unit
