@@ -156,6 +156,7 @@ def test_a_gap_is_left_out_and_adds_no_whole_turns(seconds: float) -> None:
 CONTRADICTIONS = {
     "degrees a second": lambda o1, f1, o2, f2: (np.degrees(o1), f1, np.degrees(o2), f2),
     "multiples of g": lambda o1, f1, o2, f2: (o1, f1 / 9.80665, o2, f2 / 9.80665),
+    "a gyroscope 1 % off": lambda o1, f1, o2, f2: (o1, f1, 1.01 * o2, f2),
     "axes exchanged": lambda o1, f1, o2, f2: (o1, f1[:, [1, 0, 2]], o2, f2),
     "no hinge": lambda o1, f1, o2, f2: (
         o1,

@@ -148,9 +148,10 @@ def _model_findings(found: Found, robot: Mechanism) -> list[Finding]:
     most = max(shown)
     alike = [each for each in shown if each[0] > 0.9 * most[0]]
     causes, most_shift = " or ".join(text for *_, text in alike), max(each[1] for each in alike)
-    text = f"A probable cause of what is left of the torques is {causes}: parameters are wrong by "
-    text += f"about {most_shift:.2g} standard deviations."
     harmless = most_shift <= _SHIFTED and not any(each[2] for each in alike)
+    text = f"A probable cause of what is left of the torques is {causes}, which "
+    text += "hardly changes" if harmless else "makes wrong"
+    text += f" the parameters, by about {most_shift:.2g} standard deviations."
     return exceeded(Finding(alike[0][3], most[0], _SHOWN, text, harmless=harmless))
 
 
@@ -161,8 +162,9 @@ def _errors_of_model(found: Found, robot: Mechanism, part: slice) -> Iterator[tu
     recording = found.recording
     q, qd, qdd = (recording.values[name][part] for name in ("q", "qd", "qdd"))
     delay, change = _delay(found, part)
-    text = f"torques that are {'late' if delay > 0 else 'early'}"
-    yield "delay", f"{text} by {abs(delay):.2g} sample{'s' * (abs(delay) > 1)}", "", change
+    step = float((np.diff(q, axis=0) * qd[1:]).sum() / max((qd[1:] ** 2).sum(), 1e-300))  # [s]
+    text = f"torques that are {'late' if delay > 0 else 'early'} by {1e3 * abs(delay * step):.2g} ms "
+    yield "delay", f"{text}({abs(delay):.2g} samples)", "", change
     size = float(np.linalg.norm(recording.gravity))
     if size:
         across = size * np.linalg.svd(np.reshape(recording.gravity, (1, 3)))[2][1:]
