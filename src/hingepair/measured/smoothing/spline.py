@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError
 from hingepair.measured.smoothing.angular_velocity import lagrange_weights
 from hingepair.measured.smoothing.resample import interpolated
-from hingepair.measured.statistics import OUTLIER, Loss, loss_weights, median_variance
+from hingepair.measured.statistics import OUTLIER, Loss, every_kth, loss_weights, median_variance
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
 
@@ -223,8 +223,11 @@ def _choose_model(
     """
     weight_by_row = np.full(t.size, np.nan)
     weight_by_row[np.concatenate(pieces)] = weights
-    if sum(piece.size for piece in pieces) > _STRETCH * _STRETCHES:
-        pieces = _representative_stretches(pieces)
+    count = sum(piece.size for piece in pieces)
+    if count > _STRETCH * _STRETCHES:
+        apart, last = count // _STRETCHES, MIN_PIECE - 1
+        stretches = [piece[k : k + _STRETCH] for piece in pieces for k in range(0, piece.size - last, apart)]
+        pieces = stretches[every_kth(len(stretches), 2 * _STRETCHES)]
     times = [t[piece] - t[piece[0]] for piece in pieces]
     used = np.concatenate(pieces)
     values, weights = columns[used], weight_by_row[used]
@@ -320,20 +323,6 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
     best = int(np.argmin(costs))
     gain = 0.5 * columns * (costs[0] - costs[best])  # half of the terms of a tapered spectrum are independent
     return float(_CORRELATIONS[best]) if gain > 5.0 else 0.0
-
-
-def _representative_stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """Return evenly spread stretches of a long record, none of which extends over two pieces."""
-    all_rows = np.concatenate(pieces)
-    owners = np.repeat(np.arange(len(pieces)), [piece.size for piece in pieces])
-    stretches = []
-    length = _STRETCH
-    for start in np.linspace(0, all_rows.size - length, _STRETCHES).astype(np.intp):
-        stretch, owner = all_rows[start : start + length], owners[start : start + length]
-        stretches += [
-            part for part in np.split(stretch, np.flatnonzero(np.diff(owner)) + 1) if part.size >= MIN_PIECE
-        ]
-    return stretches
 
 
 class SmoothingSpline:
