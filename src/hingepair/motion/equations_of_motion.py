@@ -275,14 +275,12 @@ class RobotMotion:
 
     def rates(self, t: Array, states: Array) -> Array:
         """Return the time derivatives of states, (m, k), on the present branches of the loads."""
+        states, given = self._with_driven(t, states)
         now = self._now(t, states)
         on_bodies = self.loads.on_bodies(t, now) if self.loads.acts_on_bodies else None
         tau, known = self.loads.efforts_at(t, now, self.side), self.held | self._known[self._of_joints]
-        some_known = bool(known.any())
-        if some_known and not self.held.all():
+        if known.any() and not self.held.all():
             tau = tau + self._solved(t, states)[2][:, self._of_joints]
-        if self._driven:
-            states = self._with_driven(t, states)
         if self.has_momenta:
             inputs = {"tau": tau, "state": states, "S0": np.repeat(self._S0, len(t), axis=0)}
             rates: Array = self._programs.rates(inputs, on_bodies)
@@ -290,9 +288,9 @@ class RobotMotion:
             base = self._given_base.at(t) if self._given_base is not None else {}
             qdd = self._programs.rates({"tau": tau, "q": now.q, "qd": now.qd, **base}, on_bodies)
             rates = np.concatenate([now.qd, qdd], axis=1)
-        if some_known:
+        if known.any():
             rates = rates.copy()
-            rates[:, self._qd] = np.where(known, self._joints(t, states)[2], rates[:, self._qd])
+            rates[:, self._qd] = np.where(known, given, rates[:, self._qd])
         return rates
 
     def joint_accelerations(self, t: float, state: Array) -> Array:
@@ -385,9 +383,9 @@ class RobotMotion:
 
     def _terms(self, t: Array, states: Array, S0: Array | None = None) -> _Terms:
         """Return the terms in n states whose steps begin at attitudes S0, (n, 3, 3); None: of the present step."""
-        q, qd, qdd = self._joints(t, states)
+        states, qdd = self._with_driven(t, states)
+        q, qd = states[:, self.q], states[:, self._qd]
         if self.has_momenta:
-            states = self._with_driven(t, states) if self._driven else states
             S0 = np.repeat(self._S0, len(t), axis=0) if S0 is None else S0
             found, jacobians = self._programs.terms(state=states, S0=S0)
             now = MotionAtInstants(q, qd, *(found[name] for name in MOTION))
@@ -401,9 +399,8 @@ class RobotMotion:
 
     def _now(self, t: Array, states: Array, *, with_base: bool = False) -> MotionAtInstants:
         """Return the motion in states of the present step; of the base only if loads or `with_base` ask for it."""
+        states, _ = self._with_driven(t, states)
         q, qd = states[:, self.q], states[:, self._qd]
-        if self._driven:
-            q, qd, _ = self._joints(t, states)
         if not (with_base or self.loads.callables):
             return MotionAtInstants(q, qd, *(_ZERO,) * 4)
         if not self.has_momenta:
@@ -411,21 +408,14 @@ class RobotMotion:
         found = self._programs.motion(states, np.repeat(self._S0, len(t), axis=0))
         return MotionAtInstants(q, qd, *(found[name] for name in MOTION))
 
-    def _joints(self, t: Array, states: Array) -> tuple[Array, Array, Array]:
-        """Return q and q', and q'' of joints that move as given; (n, dof) each."""
-        q, qd = states[:, self.q], states[:, self._qd]
-        qdd = np.zeros_like(q)
+    def _with_driven(self, t: Array, states: Array) -> tuple[Array, Array]:
+        """Return states in which joints that move as given are where they move, and q'' of these, 0 of others."""
+        qdd = np.zeros((len(t), self.dof))
         if self._driven:
-            q, qd = q.copy(), qd.copy()
+            states = states.copy()
             for k, joint in self._driven.items():
-                q[:, k], qd[:, k], qdd[:, k] = joint.at(t).values()
-        return q, qd, qdd
-
-    def _with_driven(self, t: Array, states: Array) -> Array:
-        """Return states in which joints that move as given are where they move."""
-        states = states.copy()
-        states[:, self.q], states[:, self._qd], _ = self._joints(t, states)
-        return states
+                states[:, self.q.start + k], states[:, self._qd.start + k], qdd[:, k] = joint.at(t).values()
+        return states, qdd
 
     def _base_inputs(self, t: Array) -> dict[str, Array]:
         """Return the motion of a base that rests or moves as given, arrays of n rows by name."""

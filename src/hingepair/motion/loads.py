@@ -136,14 +136,18 @@ class Loads:
 
     def efforts_at(self, t: Array, motion: MotionAtInstants, side: Side) -> Array:
         """Return the efforts at the joints, (n, dof); `side` selects the branches of HingeLoads."""
-        efforts = self.efforts.at(t, motion)
-        if self._acting:
-            efforts = efforts.copy()
-        angles, rates = side
+        motor, *others = self._parts_at(t, motion, side).values()
+        return sum(others, motor)
+
+    def _parts_at(self, t: Array, motion: MotionAtInstants, side: Side) -> dict[str, Array]:
+        """Return the parts of the efforts by name, the first "motor", (n, dof) each."""
+        parts, (angles, rates) = {"motor": self.efforts.at(t, motion).copy()}, side
         for k, label, load in self._acting:
-            value = load.smooth((angles[..., k], rates[..., k]), t, motion.q[:, k], motion.qd[:, k])
-            efforts[:, k] += broadcast_load(label, value, t.shape)
-        return efforts
+            of_joint = load.parts(t, motion.q[:, k], motion.qd[:, k], (angles[..., k], rates[..., k]))
+            for part, value in of_joint.items():
+                parts.setdefault(part, np.zeros(motion.q.shape))
+                parts[part][:, k] += broadcast_load(label, value, t.shape)
+        return parts
 
     def on_bodies(self, t: Array, motion: MotionAtInstants) -> Array:
         """Return force1, torque1, and the force and the torque on each link, (n, 2 + 2 links, 3)."""
@@ -162,16 +166,8 @@ class Loads:
         dof); forces and torques, (n, 3). `holding` are the efforts that hold joints or drive those in `driven`, (n,
         dof).
         """
-        angles, rates = side
-        motor = self.efforts.at(t, motion).copy()
-        parts = {"motor": motor}
-        for k, label, load in self._acting:
-            of_joint = load.parts(t, motion.q[:, k], motion.qd[:, k], (angles[..., k], rates[..., k]))
-            for part, value in of_joint.items():
-                parts.setdefault(part, np.zeros(motor.shape))
-                parts[part][:, k] += broadcast_load(label, value, t.shape)
-        motor[:, driven] += holding[:, driven]
-        held = holding.copy()
+        parts, held = self._parts_at(t, motion, side), holding.copy()
+        parts["motor"][:, driven] += holding[:, driven]
         held[:, driven] = 0.0
         friction = np.array([load.sticking_friction for load in self.joint_loads.values()])
         sticking = np.clip(held, -friction, friction)
@@ -179,7 +175,7 @@ class Loads:
             if part in parts:
                 parts[part] = parts[part] + value
         named: dict[str, Array] = {name: parts[name] for name in TORQUE_PARTS if name in parts}
-        return {"tau": sum(parts.values(), np.zeros(motor.shape)), **named, **self._vectors_at(t, motion)}
+        return {"tau": sum(parts.values(), np.zeros(held.shape)), **named, **self._vectors_at(t, motion)}
 
     def wrenches_of(self, loads: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
         """Return the wrenches by link out of the result of `all_at`."""
