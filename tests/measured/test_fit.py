@@ -144,9 +144,9 @@ OTHERS = {
     ),
     "two parallel hinges": (
         {"Q": ROLL @ turns(0.8 * SLOW[:, None] * N1) @ HOME, "slip": ROLL @ np.array([0.2, 0, 0]) - (0.2, 0, 0)},
-        "Two parallel hinges one after the other",
+        "two parallel hinges one after the other",
     ),
-    "sliding hinge": ({"slip": 0.1 * SLOW[:, None] * N1}, "Body 2 slides along the axis, by 0.07 m rms"),
+    "sliding hinge": ({"slip": 0.1 * SLOW[:, None] * N1}, "Body 2 slides along the axis by 0.07 m rms"),
     "screw": ({"slip": 0.02 * PSI[:, None] * N1}, "a sliding hinge, or a screw"),
     "little turning": ({"turn": 0.01, "metres": 1e-3, "radians": 2e-3}, "little relative to attitude errors of"),
 }

@@ -199,22 +199,14 @@ def _outlier_findings(fitted: Fitted) -> list[Finding]:
 def _judge_circle(fitted: Fitted) -> list[Finding]:
     """Return findings on the hinge of a body and a point: residuals that are not at random, and certainty."""
     findings, radius = _outlier_findings(fitted), fitted.model.radius
-    words = (
-        (
-            "leaves the plane of the circle",
-            "it slides along the axis, or the axis tilts",
-            "The point moves along the axis",
-        ),
-        ("is off the circle", "its distance from the axis changes", "The point's distance from the axis changes"),
+    ways = (
+        ("The point leaves the plane of the circle", "a point that slides along the axis, or an axis that tilts"),
+        ("The point leaves the circle", "a point whose distance from the axis changes"),
     )
     correlations = [fitted.correlation(slice(k, k + 1)) for k in (0, 1)]
-    for correlation, square, (off, why, play) in zip(correlations, fitted.gap**2 @ fitted.shares, words, strict=True):
-        rms = float(np.sqrt(square))
-        if correlation > RANDOM_CORRELATION and rms > _LEAST_PLAY * radius:
-            text = f"The point {off} by {rms:.2g} m rms, and not at random: {why}."
-            findings.append(
-                _play_finding(rms, rms, radius, text, play, "radius", "the hinge is that of the mean circle")
-            )
+    for correlation, square, (what, why) in zip(correlations, fitted.gap**2 @ fitted.shares, ways, strict=True):
+        if correlation > RANDOM_CORRELATION:
+            findings += _play_findings(what, float(np.sqrt(square)), radius, "radius", why)
     findings += _certainty_findings(fitted, fitted.reach, "point turn further")
     if max(correlations) <= RANDOM_CORRELATION:  # hardly an arc explains all else
         p = fitted.poses.p.T[(fitted.seen.weights > 0) & ~fitted.is_outlier()]
@@ -226,14 +218,13 @@ def _judge_circle(fitted: Fitted) -> list[Finding]:
     return findings
 
 
-def _play_finding(size: float, rms: float, reach: float, no_hinge: str, play: str, parts: str, mean: str) -> Finding:
-    """Return a finding on a hinge that moves by so much [m]: it is none (`no_hinge`), or has play in parts of
-    `reach` [m].
-    """
-    if size >= _MAX_PLAY * reach:
-        return Finding("play", size, _MAX_PLAY * reach, no_hinge)
-    text = f"{play} by {rms:.2g} m rms, {percent(rms / reach)} of the {parts}, and not at random: {mean}."
-    return Finding("play", size, _LEAST_PLAY * reach, text, harmless=True)
+def _play_findings(what: str, rms: float, reach: float, parts: str, why: str) -> list[Finding]:
+    """Return a finding on a hinge that moves by so much [m] beside `reach` [m]: it is none, or has play."""
+    limit = _MAX_PLAY * reach if rms >= _MAX_PLAY * reach else _LEAST_PLAY * reach
+    is_play = limit < _MAX_PLAY * reach
+    text = f"{what} by {rms:.2g} m rms, {percent(rms / reach)} of the {parts}, and not at random: "
+    text += "the fit is that of the mean." if is_play else f"no hinge, but {why}."
+    return exceeded(Finding("play", rms, limit, text, harmless=is_play))
 
 
 def _split_findings(fitted: Fitted) -> list[Finding]:
@@ -300,26 +291,20 @@ def _point_findings(fitted: Fitted) -> list[Finding]:
     x, y, z = (fitted.gap**2 @ fitted.shares).tolist()
     across, along = (x + y) / 2, z
     attitude = fitted.model.noise.attitude / 2 * float(fitted.shares @ (poses.p**2).sum(axis=0)) / 3
-    rms = size = float(np.sqrt(x + y + z))
+    size = float(np.sqrt(x + y + z))
     is_systematic = fitted.correlation(slice(2, None)) > RANDOM_CORRELATION
-    if size < max(1e-9 * poses.size, _LEAST_PLAY * reach) or not (is_systematic or size > 0.1 * reach):
+    if size < 1e-9 * poses.size or not (is_systematic or size > 0.1 * reach):
         return []
     if along > 9 * across:
-        rms, play = float(np.sqrt(along)), "Body 2 moves along the axis"
-        no_hinge = f"Body 2 slides along the axis, by {rms:.2g} m rms: a sliding hinge, or a screw."
+        what, why, size = "Body 2 slides along the axis", "a sliding hinge, or a screw", float(np.sqrt(along))
     elif across - along > 4 * (along + attitude):
-        rms, play = float(np.sqrt(x + y)), "The axis moves sideways"
-        no_hinge = (
-            f"They turn about one direction, but no point stays: it is off by {rms:.2g} m rms across the axis. Two "
-            "parallel hinges one after the other, or an axis that wanders."
-        )
+        what, why = "The axis moves sideways", "two parallel hinges one after the other, or an axis that wanders"
     elif is_systematic:
-        play = "The hinge point moves"
-        no_hinge = f"No hinge point stays in both bodies: it is off by {size:.2g} m rms, and not at random."
+        what, why = "The hinge point moves", "bodies that no point joins"
     else:
         text = f"The hinge point is off by {size:.2g} m rms at random: noise that is large relative to the levers."
-        return [Finding("play", size, 0.1 * reach, text)]
-    return [_play_finding(size, rms, reach, no_hinge, play, "levers", "u1 and u2 name its mean place")]
+        return exceeded(Finding("play", size, 0.1 * reach, text))
+    return _play_findings(what, size, reach, "levers", why)
 
 
 def _angle_scatter(psi: Float64Array, weights: Float64Array) -> float:

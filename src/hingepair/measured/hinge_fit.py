@@ -294,19 +294,13 @@ def _most_turned_in_a_gap(psi: Float64Array, instants: NDArray[Any]) -> float:
     Nine tenths of the mean rates over an eighth of the gap do not exceed it: over single samples, noise is faster.
     """
     steps = np.diff(instants).astype(np.float64)
-    usual_step = float(np.median(steps))
-    is_gap = steps > 3 * usual_step
-    if not is_gap.any():
+    longest, usual = float(steps.max()), float(np.median(steps))
+    grid = np.arange(instants[0], instants[-1], max(longest / 8, usual))
+    gaps_before = np.interp(grid, instants, np.append(0, np.cumsum(steps > 3 * usual)))
+    turned = np.abs(np.diff(np.interp(grid, instants, psi)))[np.diff(gaps_before) == 0]
+    if longest <= 3 * usual or not turned.size:
         return 0.0
-    longest, gaps_before = float(steps.max()), np.concatenate(([0], np.cumsum(is_gap)))
-    count = min(max(int(longest / (8 * usual_step)), 1), psi.size - 1)
-    # Of most of the samples, or at least of single steps, there is no gap in between.
-    while count > 1 and 2 * (gaps_before[count:] == gaps_before[:-count]).sum() < psi.size:
-        count //= 2
-    whole = gaps_before[count:] == gaps_before[:-count]
-    turned, lasted = (np.asarray(array[count:] - array[:-count], dtype=np.float64) for array in (psi, instants))
-    rates = (np.abs(turned) / lasted)[whole]
-    return float(np.quantile(rates, 0.9)) * longest if rates.size else 0.0
+    return float(np.quantile(turned, 0.9)) * longest / float(grid[1] - grid[0])
 
 
 def _unwrap_angles(psi: Float64Array, is_good: NDArray[np.bool_]) -> Float64Array:
