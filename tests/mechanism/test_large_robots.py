@@ -29,6 +29,9 @@ def test_what_is_recorded_has_a_limit(monkeypatch):
     call = chain(24).prepare("inverse_dynamics", outputs=("tau",), backend="numpy")
     with pytest.raises(hp.ArgumentError, match="program: expected at most 50,000 operations"):
         call.jacobian(tuple(np.zeros((3, 24))))
+    monkeypatch.setattr("hingepair.engine.trace.MAX_OPERATIONS", 500)  # of a mass matrix, before it is recorded
+    with pytest.raises(hp.ArgumentError, match="program: expected at most 500 operations"):
+        chain(24).mass_matrix(np.zeros(24))
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ from hingepair.engine.llvm.scan import scan_ir
 from hingepair.engine.llvm.schedule import ComponentGroup, Schedule
 from hingepair.engine.threads import run_in_threads
 from hingepair.engine.trace import Operand as TracedOperand
-from hingepair.engine.trace import Trace, TracedValue, needed_values
+from hingepair.engine.trace import Trace, TracedValue, check_size, needed_values
 from hingepair.errors import ShapeError
 from hingepair.numeric.arrays import Block, split_into_blocks
 from hingepair.numeric.blocks import components, fill_blocks, versines
@@ -228,6 +228,7 @@ class Program:
     @lock_free_cached_property
     def traced(self) -> TracedFunction:
         """The loop's function traced for this pattern of inputs."""
+        check_size(sum(math.prod(tail) for _, tail in self.loop.outputs))
         trace, sources = Trace(), iter(self.pattern)
         constants: list[TracedValue] = []
         arrays: dict[int, dict[int, TracedValue]] = {}

@@ -22,6 +22,13 @@ MAX_OPERATIONS: Final = 1_000_000
 """Most operations that are recorded: LLVM compiles them in about a minute, with more than a gigabyte."""
 
 
+def check_size(count: int) -> None:
+    """Refuse a program of so many operations, or numbers among its results."""
+    if count > MAX_OPERATIONS:
+        expected = f"at most {MAX_OPERATIONS:,} operations, as fewer joints, outputs or derivatives take"
+        raise ArgumentError("program", expected, "more")
+
+
 class TracedValue:
     """An input, or the result of a recorded operation. Arithmetic with it records further operations."""
 
@@ -123,8 +130,7 @@ class Trace:
             value = self._recorded.get((operation, operands[1], operands[0]))
         if value is None:
             if len(self._recorded) >= MAX_OPERATIONS:
-                expected = f"at most {MAX_OPERATIONS:,} operations, as fewer joints, outputs or derivatives take"
-                raise ArgumentError("program", expected, "more")
+                check_size(len(self._recorded) + 1)
             value = self._recorded[key] = TracedValue(self, operation, operands)
         return value
 
