@@ -163,6 +163,25 @@ def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:
     return subtract(add(R1, r1), add(R2, r2))
 
 
+def tilt(f1: Vector, f2: Vector, h2: Vector) -> tuple[Scalar, Scalar]:
+    """Return the tilt of a hinge, two numbers: the components of h1 x h2 along f1 and f2, -f2 . h2 and f1 . h2. The
+    unit vectors f1 and f2 are fixed in body 1, h1 = f1 x f2 is the hinge axis in body 1, and h2 that in body 2. The
+    norm is the sine of the angle between the axes, which E5 keeps at 0: E2 forbids turns about f1 and f2.
+    """
+    return -dot(f2, h2), dot(f1, h2)
+
+
+def hinge_angle_terms(f_axes: tuple[Vector, Vector], g1: Vector, g2: Vector) -> tuple[Scalar, Scalar]:
+    """Return the pair (sin psi, cos psi) times a common positive factor. f_axes = (f1, f2) are unit vectors of body 1
+    across the hinge axis, and g1 and g2 those of body 2 that coincide with them at psi = 0, all in world axes.
+
+    From Sh = S1^T S2 C^-1 (E5, E6). The factor is 1 + h1 . h2, which is 2 unless the hinge is tilted.
+    Of a tilted hinge, psi is the twist about the axis.
+    """
+    f1, f2 = f_axes
+    return dot(f2, g1) - dot(f1, g2), dot(f1, g1) + dot(f2, g2)
+
+
 def unskew(W: Matrix) -> Vector:
     """Return the vector w with [w]x equal to the antisymmetric part of the matrix W, which has nine entries."""
     return (W[7] - W[5]) * 0.5, (W[2] - W[6]) * 0.5, (W[3] - W[1]) * 0.5

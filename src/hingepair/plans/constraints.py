@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from hingepair.engine.derivatives import pushforward
 from hingepair.engine.trace import arc_tangent, hypotenuse
-from hingepair.equations import constraints as ce
 from hingepair.equations import spatial as eq
 from hingepair.equations.spatial import Scalar, Vector
+from hingepair.numeric.blocks import components
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.attitudes import rotation_defect
-
-Two = tuple[Scalar, Scalar]
+from hingepair.plans.functions import sum_of, with_variables
 
 
 class ConstraintQuantities:
@@ -29,11 +30,6 @@ class ConstraintQuantities:
     def _turned(self, k: int, name: str) -> Vector:
         """Return a constant vector of body k in world axes."""
         return eq.rotate(self.values[f"S{k}"], self.values[name])
-
-    def _motion(self, letter: str) -> tuple[Any, Any]:
-        return self.values[f"{letter}1"], self.values[f"{letter}2"]
-
-    # ---- poses
 
     @lock_free_cached_property
     def arms(self) -> tuple[Vector, Vector]:
@@ -55,13 +51,13 @@ class ConstraintQuantities:
 
     def gap(self) -> Vector:
         """Return the gap between the hinge points of both bodies."""
-        (R1, R2), (r1, r2) = self._motion("R"), self.arms
-        return eq.hinge_gap(R1, r1, R2, r2)
+        (r1, r2), values = self.arms, self.values
+        return eq.hinge_gap(values["R1"], r1, values["R2"], r2)
 
     @lock_free_cached_property
-    def tilt(self) -> Two:
+    def tilt(self) -> tuple[Scalar, Scalar]:
         """Tilt of the axes."""
-        return ce.tilt(*self.f, self.h[1])
+        return eq.tilt(*self.f, self.h[1])
 
     def tilt_angle(self) -> Scalar:
         """Return the angle between the axes."""
@@ -69,81 +65,55 @@ class ConstraintQuantities:
 
     def psi(self) -> Scalar:
         """Return the hinge angle."""
-        return arc_tangent(*ce.hinge_angle_terms(self.f, self._turned(2, "e1_in_2"), self._turned(2, "e2_in_2")))
+        return arc_tangent(*eq.hinge_angle_terms(self.f, self._turned(2, "e1_in_2"), self._turned(2, "e2_in_2")))
 
-    # ---- rates
-
-    @lock_free_cached_property
-    def tilt_axes(self) -> tuple[Vector, Vector]:
-        """Axes about which a relative rate tilts."""
-        return ce.tilt_axes(*self.f, self.h[1])
-
-    @lock_free_cached_property
-    def relative_omega(self) -> Vector:
-        """Return omega2 - omega1."""
-        return ce.relative_rate(*self._motion("omega"))
-
-    def gap_rate(self) -> Vector:
-        """Return the time derivative of the gap."""
-        (v1, v2), (omega1, omega2), (r1, r2) = self._motion("v"), self._motion("omega"), self.arms
-        return ce.gap_rate(v1, omega1, r1, v2, omega2, r2)
-
-    def tilt_rate(self) -> Two:
-        """Return the time derivative of the tilt."""
-        return ce.tilt_rate(self.tilt_axes, self.relative_omega)
-
-    @lock_free_cached_property
     def psid(self) -> Scalar:
-        """Hinge rate."""
-        numerator, denominator = ce.hinge_rate(*self.h, self.relative_omega)
-        return numerator / denominator
+        """Return the hinge rate (E2), of tilted hinges too."""
+        (h1, h2), values = self.h, self.values
+        relative = eq.subtract(values["omega2"], values["omega1"])
+        return eq.dot(relative, eq.add(h1, h2)) / (1.0 + eq.dot(h1, h2))
 
-    @lock_free_cached_property
-    def tilt_bias(self) -> Two:
-        """Second derivative of the tilt without accelerations."""
-        return ce.tilt_bias(self.f, self.h[1], *self._motion("omega"), self.relative_omega)
+    def in_time(
+        self, function: Callable[[ConstraintQuantities], Any], order: int, times: int | None = None
+    ) -> tuple[Scalar, ...]:
+        """Return the first or the second time derivative of what a function makes of both attitudes (E3); the
+        derivative once of what it makes of attitudes and angular velocities, with the order 2 and `times` 1.
+        """
+        parts = [(f"{letter}{k}", tail) for letter, tail in (("S", (3, 3)), ("omega", (3,)))[:order] for k in "12"]
+        variables, moves = with_variables({name: self.values[name] for name, _ in parts}, parts)
+        given: Any = self.values  # those of fronts are computed where they are read
+        values = ChainMap(variables, given)
+        rates = {"S1": "omega1", "S2": "omega2", "omega1": "alpha1", "omega2": "alpha2"}
+        change = sum_of(pair for name, _ in parts for pair in zip(values[rates[name]], moves[name], strict=True))
+        found = [*components(function(ConstraintQuantities(values)))]
+        for _ in range(times or order):
+            found = pushforward(found, change)
+        return tuple(found)
 
-    # ---- accelerations
-
-    @lock_free_cached_property
-    def relative_alpha(self) -> Vector:
-        """Return alpha2 - alpha1."""
-        return ce.relative_rate(*self._motion("alpha"))
-
-    def gap_acceleration(self) -> Vector:
-        """Return the second time derivative of the gap."""
-        both = zip(self._motion("omega"), self._motion("alpha"), self.arms, strict=True)
-        turned1, turned2 = (eq.point_acceleration(*one) for one in both)
-        a1, a2 = self._motion("a")
-        return ce.gap_acceleration(a1, turned1, a2, turned2)
-
-    def tilt_acceleration(self) -> Two:
-        """Return the second time derivative of the tilt."""
-        return ce.tilt_acceleration(self.tilt_axes, self.relative_alpha, self.tilt_bias)
-
-    def psidd(self) -> Scalar:
-        """Return the second time derivative of the hinge angle."""
-        numerator, denominator = ce.hinge_acceleration(
-            self.h, self._motion("omega"), self.relative_omega, self.relative_alpha, self.psid
-        )
-        return numerator / denominator
+    def gap_in_time(self, order: int) -> Vector:
+        """Return the first or the second time derivative of the gap (E1)."""
+        letter, values = "va"[order - 1], self.values
+        x, y, z = self.in_time(lambda c: eq.subtract(*c.arms), order)
+        return eq.add(eq.subtract(values[f"{letter}1"], values[f"{letter}2"]), (x, y, z))
 
 
-_AXES: Final = ("S1", "S2", "e1", "e2", "n", "n_in_2")
-_SPINS: Final = (*_AXES, "omega1", "omega2")
-_ARMS: Final = ("S1", "S2", "u1", "u2")
 _C = ConstraintQuantities
+_ARMS: Final = ("S1", "S2", "u1", "u2")
+_HINGES: Final = ("S1", "S2", "n", "n_in_2")
+_AXES: Final = (*_HINGES, "e1", "e2")
+_OMEGA: Final = ("omega1", "omega2")
+_ALPHA: Final = (*_OMEGA, "alpha1", "alpha2")
 CONSTRAINTS: Final[Mapping[str, tuple[tuple[str, ...], Callable[[ConstraintQuantities], Any]]]] = {
     "gap": ((*_ARMS, "R1", "R2"), _C.gap),
     "tilt": (_AXES, lambda c: c.tilt),
     "tilt_angle": (_AXES, _C.tilt_angle),
     "psi": ((*_AXES, "e1_in_2", "e2_in_2"), _C.psi),
-    "gap_rate": ((*_ARMS, "v1", "v2", "omega1", "omega2"), _C.gap_rate),
-    "tilt_rate": (_SPINS, _C.tilt_rate),
-    "psid": (("S1", "S2", "n", "n_in_2", "omega1", "omega2"), lambda c: c.psid),
-    "gap_acceleration": ((*_ARMS, "omega1", "omega2", "a1", "a2", "alpha1", "alpha2"), _C.gap_acceleration),
-    "tilt_acceleration": ((*_SPINS, "alpha1", "alpha2"), _C.tilt_acceleration),
-    "psidd": (("S1", "S2", "n", "n_in_2", "omega1", "omega2", "alpha1", "alpha2"), _C.psidd),
+    "gap_rate": ((*_ARMS, *_OMEGA, "v1", "v2"), lambda c: c.gap_in_time(1)),
+    "tilt_rate": ((*_AXES, *_OMEGA), lambda c: c.in_time(lambda moved: moved.tilt, 1)),
+    "psid": ((*_HINGES, *_OMEGA), _C.psid),
+    "gap_acceleration": ((*_ARMS, *_ALPHA, "a1", "a2"), lambda c: c.gap_in_time(2)),
+    "tilt_acceleration": ((*_AXES, *_ALPHA), lambda c: c.in_time(lambda moved: moved.tilt, 2)),
+    "psidd": ((*_HINGES, *_ALPHA), lambda c: c.in_time(_C.psid, 2, times=1)),
     "S2_check": (("S2",), lambda c: rotation_defect(c.values["S2"])),
 }
 """All that can be computed of two motions: the names of the values that it depends on, and how."""
