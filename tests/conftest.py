@@ -11,7 +11,6 @@ import pytest
 # Tests run side by side: threads of linear algebra would wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import hingepair
 from hingepair.engine.llvm import native
 
 PROCESSORS = {"haswell": "+fma", "x86-64": ""}  # with AVX2 and without AVX: LLVM's names and features
@@ -58,11 +57,14 @@ def pytest_collection_finish():
 @pytest.fixture(params=["compiled", pytest.param("numpy", marks=pytest.mark.slow)])
 def each_backend(request, monkeypatch):
     """Every call that names no backend goes to this one; in the fast tests to the one that users' calls take."""
-    execution_of = hingepair.mechanism.pairs.hinge_pair.execution_of
+    from hingepair.mechanism import requests
+    from hingepair.mechanism.pairs import hinge_pair
+
+    execution_of = hinge_pair.execution_of
 
     def forced(backend, workers):
         return execution_of(request.param if backend == "auto" else backend, workers)
 
-    for module in (hingepair.mechanism.pairs.hinge_pair, hingepair.mechanism.requests):
+    for module in (hinge_pair, requests):
         monkeypatch.setattr(module, "execution_of", forced)
     return request.param

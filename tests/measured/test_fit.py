@@ -335,3 +335,24 @@ def test_noise_of_attitudes_belongs_to_the_body_that_has_it(fixed: bool) -> None
         scores.append([(found.pair.u1 - u1) / found.std["u1"], (found.pair.u2 - u2) / found.std["u2"]])
     assert np.abs(np.mean(scores, axis=0)).max() < 4 / np.sqrt(12)
     assert np.mean(np.square(scores)) < 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("point", [False, True], ids=["body", "point"])
+def test_the_noise_of_short_recordings_is_what_repeated_ones_show(point: bool) -> None:
+    """Eight samples have hardly more numbers than the hinge: what is left of them is less than their noise."""
+    squares = []
+    for seed in range(100):
+        body1, body2 = bodies(recording(8, 1e-3, 0.0 if point else 2e-3, seed))
+        found = hp.fit(body1, hp.BodyMotion(R=body2.R) if point else body2)
+        squares.append((found.noise_position / 1e-3) ** 2)
+        if not point:
+            squares[-1] = (squares[-1], (found.noise_angle / 2e-3) ** 2)
+    assert np.abs(np.mean(squares, axis=0) / 2 - 1).max() < 0.15  # of 100 times some ten numbers: 4 %
+
+
+@pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy", "arctan"])
+def test_outliers_are_not_counted_as_noise(loss: str) -> None:
+    found = hp.fit(*bodies(recording(1000, 1e-3, 2e-3, outliers=0.2)), loss=loss)
+    assert found.noise_position == pytest.approx(np.sqrt(2) * 1e-3, rel=0.08)  # medians of 800 samples, 200 far off
+    assert found.noise_angle == pytest.approx(np.sqrt(2) * 2e-3, rel=0.08)

@@ -162,3 +162,16 @@ def test_the_covariance_of_a_mean_is_that_of_its_noise() -> None:
     inverse = np.array([[1 / noise.size]])
     assert sandwich(inverse, noise)[0][0, 0] == pytest.approx(0.09 / noise.size, rel=0.05)  # of 20,000: 1 %
     assert sandwich(inverse, noise, prior=0.09 * noise.size)[0][0, 0] == pytest.approx(0.18 / noise.size, rel=0.05)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_outliers_hardly_change_how_badly_a_model_fits(name: str) -> None:
+    """By medians, of which a fifth of outliers moves the square by less than 2: clock offsets are compared so."""
+    clean, spoiled = (
+        compute_relative_poses(made.R1, made.S1, made.R2, made.S2)
+        for made in (recording(1000, 1e-3, 2e-3, outliers=outliers) for outliers in (0.0, 0.2))
+    )
+    one, other = (MODELS[name].misfit(poses, LOSSES["cauchy"]) for poses in (clean, spoiled))
+    assert abs(one - other) < 2.5 * np.log(2)
+    far = recording(1000, 1e-2, 2e-2)
+    assert MODELS[name].misfit(compute_relative_poses(far.R1, far.S1, far.R2, far.S2), LOSSES["cauchy"]) > one + 2

@@ -10,6 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, exactly
+from hingepair.engine.trace import needed_values
 from support import states, truths
 from support.hinged import made, pair_of
 from support.near import U
@@ -79,10 +80,10 @@ def test_points_cost_nothing_where_no_output_is_of_them():
     pair, _ = pointed(1)
     plain = replace(pair, points1={}, points2={})
     asked = ("R2", "v2", "arm_v")
-    calls = [
-        one.prepare("velocity", outputs=asked[: 2 + more])._call for one, more in ((plain, 0), (pair, 0), (pair, 1))
-    ]
-    counts = [len(call.program_with_numbers()[0].needed_values) for call in calls]
+    counts = []
+    for one, more in ((plain, 0), (pair, 0), (pair, 1)):
+        program, _ = one.prepare("velocity", outputs=asked[: 2 + more])._call.program_with_numbers()
+        counts.append(len([*needed_values(program.traced.results)]))
     assert counts[0] == counts[1] < counts[2]
     assert pair.forward_kinematics(np.zeros(7)).outputs == plain.forward_kinematics(np.zeros(7)).outputs
 
