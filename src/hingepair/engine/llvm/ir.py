@@ -16,7 +16,6 @@ than at LLVM's choice, so that the bits of a result do not depend on what else i
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import Final
 
@@ -100,11 +99,16 @@ class KernelBuilder:
         rows = self.begin_kernel(ROW_WORDS)
         readers = [InputReader(self, g, row) for g, row in enumerate(rows[: len(self.inputs)])]
         writers = [_OutputWriter(self, g, row) for g, row in enumerate(rows[len(self.inputs) :])]
-        # Complete blocks, whose rows go directly into all outputs if these take them, and the others.
-        direct = functools.reduce(lambda x, y: f.put(f"and i1 {x}, {y}"), [one.takes_rows for one in writers], "true")
-        whole = f.put(f"select i1 {direct}, i64 {f.put(f'and i64 %samples, -{LANES}')}, i64 0")
-        self.write_blocks(readers, writers, "0", whole, direct=True)
-        self.write_blocks(readers, writers, whole, "%samples", direct=False)
+        with f.loop("%samples", step=str(LANES)) as i:
+            left = f.put(f"sub i64 %samples, {i}")
+            for writer in writers:
+                writer.begin_samples(i, left)
+            for reader in readers:
+                reader.prefetch(i)
+                reader.read(reader.address(i), left)
+            self.call_steps()
+            for writer in writers:
+                writer.write_samples()
         for writer in writers:
             writer.end()
         for writer in writers:
@@ -113,25 +117,6 @@ class KernelBuilder:
                     f.do("fence seq_cst")
         restore()
         f.do("ret void")
-
-    def write_blocks(
-        self, readers: Sequence[InputReader], writers: Sequence[_OutputWriter], start: str, stop: str, *, direct: bool
-    ) -> None:
-        """Write the loop over the blocks from one sample to another."""
-        f = self.f
-        with f.loop(stop, start=start, step=str(LANES)) as i:
-            left = str(LANES) if direct else f.put(f"sub i64 %samples, {i}")
-            for writer in writers:
-                writer.begin_samples(i, left, direct)
-            for reader in readers:
-                reader.prefetch(i)
-                reader.read(reader.address(i), left)
-            self.call_steps()
-            for writer in writers:
-                if not direct:
-                    writer.write_samples()
-                elif not writer.group.narrow:
-                    writer.write_rows(writer.to, "false")
 
     def begin_kernel(self, row_words: int) -> list[list[str]]:
         """Load the address of the constants; make the frame, and store the constants that have slots there. Return
@@ -262,7 +247,6 @@ class _OutputWriter:
 
     Attributes:
         dense: the condition that the output's samples are contiguous.
-        takes_rows: the condition that rows of samples can be written directly into it.
         streamed: the condition that it is written past the caches; "false" if it never is.
     """
 
@@ -283,21 +267,17 @@ class _OutputWriter:
                 large = f.put(f"icmp sge i64 {f.multiply('%samples', self.row_bytes)}, {MIN_STREAMED_BYTES}")
                 aligned = f.put(f"icmp eq i64 {f.put(f'and i64 {self.start}, {number_bytes - 1}')}, 0")
                 self.streamed = f.put(f"and i1 {self.dense}, {f.put(f'and i1 {large}, {aligned}')}")
-        self.takes_rows = self.dense
-        if self.streamed != "false":
-            self.takes_rows = f.put(f"and i1 {self.dense}, {f.put(f'xor i1 {self.streamed}, true')}")
+        self.takes_rows = f.put(f"and i1 {self.dense}, {f.put(f'xor i1 {self.streamed}, true')}")
         buffer = f.buffer(CACHE_LINE + LANES * self.row_bytes)
         self.stage = f.pointer_at(buffer, CACHE_LINE)  # behind the rest of a line that is not full yet
 
-    def begin_samples(self, i: str, samples_left: str, direct: bool) -> None:
+    def begin_samples(self, i: str, samples_left: str) -> None:
         """Choose where the rows of the block at i are written: into the output, or first into the stage."""
         f = self.f
         self.i, self.to, self.rest = i, f.pointer_at(self.base, f.multiply(i, self.stride)), samples_left
-        place = self.to
-        if not direct:
-            self.direct = f.put(f"and i1 {self.takes_rows}, {f.put(f'icmp sge i64 {samples_left}, {LANES}')}")
-            place = f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}")
-        f.do(f"store ptr {place}, ptr {f.pointer_at('%places', 8 * self.index)}, align 8")  # for the steps
+        self.direct = f.put(f"and i1 {self.takes_rows}, {f.put(f'icmp sge i64 {samples_left}, {LANES}')}")
+        self.place = f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}")
+        f.do(f"store ptr {self.place}, ptr {f.pointer_at('%places', 8 * self.index)}, align 8")  # for the steps
 
     def flush(self, i: str, count: str, is_last: str) -> None:
         """Stream `count` samples from the stage to the output, from sample i on."""
@@ -305,11 +285,6 @@ class _OutputWriter:
         at = f.put(f"add i64 {self.start}, {f.multiply(i, self.row_bytes)}")
         block = f"ptr {self.stage}, i64 {at}, i64 {f.multiply(count, self.row_bytes)}"
         self.kernel.call_shared("flush", block, f"i64 {self.start}, i1 {is_last}")
-
-    def write_rows(self, to: str, is_filled: str) -> None:
-        """Store a block's rows from the frame; `is_filled` says that the rows there contain the constants already."""
-        target = f"ptr {to}, i64 {self.row_bytes}, i1 {is_filled}"
-        self.kernel.call_shared("rows", f"ptr %frame, ptr {self.tiles}, i64 {self.count}, {target}")
 
     def write_samples(self) -> None:
         """Bring the rows of the block of `begin_samples` into the output, unless the steps have written them. With
@@ -323,7 +298,8 @@ class _OutputWriter:
                 filled = f.put(f"and i1 {self.streamed}, {f.put(f'icmp ne i64 {self.i}, 0')}")
                 with f.when(filled):
                     self.flush(f.put(f"sub i64 {self.i}, {LANES}"), str(LANES), "false")
-            self.write_rows(f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}"), filled)
+            target_rows = f"ptr {self.place}, i64 {self.row_bytes}, i1 {filled}"  # filled: with the constants already
+            self.kernel.call_shared("rows", f"ptr %frame, ptr {self.tiles}, i64 {self.count}, {target_rows}")
         done = f.put(f"or i1 {self.direct}, {self.streamed}")
         with f.when(f.put(f"xor i1 {done}, true")):
             self.kernel.call_shared("scatter", f"ptr {self.stage}, i64 {self.count}", target)
