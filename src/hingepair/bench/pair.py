@@ -30,6 +30,8 @@ Array: TypeAlias = NDArray[Any]
 Job: TypeAlias = Callable[[], Any]
 """A call that is timed; it returns the outputs."""
 
+COPY, PINOCCHIO = "copying the outputs (the floor)", "Pinocchio, Python loop"  # names of methods
+
 _OUTPUTS = ("R2", "S2", "v2", "omega2")
 _U1, _U2, _N = (0.5, 0.2, 0.1), (-0.25, 0.1, 0.3), (1.0, 2.0, -0.5)
 _HOME = np.array([[2, -2, -1], [1, 2, -2], [2, 1, 2]]) / 3
@@ -47,47 +49,48 @@ class Row(NamedTuple):
     error: float | None  # largest on random and on hard states [u * scale]; infinite where a result is not finite
 
 
-class _Task(NamedTuple):
-    """Coordinates and rates of a pair, (N, 7) each, at which the outputs are computed."""
-
-    pair: HingePair
-    q: Array
-    qd: Array
-
-    @property
-    def arguments(self) -> tuple[Array, Array]:
-        """The motion; that of a single state without the leading axis."""
-        return (self.q[0], self.qd[0]) if len(self.q) == 1 else (self.q, self.qd)
-
-    def buffers(self) -> dict[str, Array]:
-        """Return arrays for the outputs that have been written, so that no page fault is timed."""
-        return {name: np.ones((len(self.q), 3, 3) if name == "S2" else (len(self.q), 3)) for name in _OUTPUTS}
-
-
 _read = attrgetter(*_OUTPUTS)
 
 
-def _call_job(task: _Task, *, reuse: bool = False) -> Job:
-    """Return the job of `forward_kinematics`, into new arrays or into the same ones each time."""
-    call, arguments, out = task.pair.forward_kinematics, task.arguments, task.buffers() if reuse else None
-    return lambda: _read(call(*arguments, outputs=_OUTPUTS, out=out))
+def jobs(q: Array, qd: Array) -> dict[str, Job]:
+    """Return the methods that suit so many states by name; what a user sets up once is set up here and not timed.
+
+    Args:
+        q: coordinates of the pair, (N, 7).
+        qd: their rates.
+    """
+    pair, lead = _pair(), q.shape[:-1] if len(q) > 1 else ()
+    motion = q.reshape(*lead, 7), qd.reshape(*lead, 7)
+    call, prepared = pair.forward_kinematics, pair.prepare("velocity", outputs=_OUTPUTS)
+    # Arrays that have been written, so that no page fault is timed.
+    out = {name: np.ones((*lead, 3, 3) if name == "S2" else (*lead, 3)) for name in _OUTPUTS}
+    copies = [(array, np.ones_like(array)) for array in out.values()]
+
+    def copy() -> None:
+        for target, source in copies:
+            np.copyto(target, source)
+
+    found: dict[str, Job] = {
+        "hingepair": lambda: _read(call(*motion, outputs=_OUTPUTS)),
+        "hingepair, prepared": lambda: _read(prepared(*motion)),
+        "hingepair, out=": lambda: _read(call(*motion, outputs=_OUTPUTS, out=out)),
+    }
+    if len(q) <= 10**4:
+        found[PINOCCHIO] = _pinocchio_job(pair, q, qd, tuple(out.values()))
+    if len(q) <= 10**5:
+        found["NumPy and SciPy, 3 x 3"] = _numpy_job(pair, q, qd)
+    return found | {COPY: copy}
 
 
-def _prepared_job(task: _Task) -> Job:
-    call, arguments = task.pair.prepare("velocity", outputs=_OUTPUTS), task.arguments
-    return lambda: _read(call(*arguments))
-
-
-def _pinocchio_job(task: _Task) -> Job:
+def _pinocchio_job(pair: HingePair, q: Array, qd: Array, out: tuple[Array, ...]) -> Job:
     """Return the job of Pinocchio's functions, one state after the other; its coordinates are made before."""
     import pinocchio as pin
 
-    state = task.pair.forward_kinematics(task.q, task.qd, outputs=("R1", "S1", "v1", "omega1"))
+    state = pair.forward_kinematics(q, qd, outputs=("R1", "S1", "v1", "omega1"))
     body1 = BodyMotion(R=state.R1, S=state.S1, v=state.v1, omega=state.omega1)
-    twin = to_pinocchio(task.pair)
-    psi, psid = task.q[:, 6], task.qd[:, 6]
-    configurations: Any = twin.configuration(body1, psi)
-    velocities: Any = twin.velocity(body1, psi, psid)
+    twin = to_pinocchio(pair)
+    configurations: Any = twin.configuration(body1, q[:, 6])
+    velocities: Any = twin.velocity(body1, q[:, 6], qd[:, 6])
     model, frame, world = twin.model, twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
     data = model.createData()
 
@@ -97,24 +100,18 @@ def _pinocchio_job(task: _Task) -> Job:
         twist = pin.getFrameVelocity(model, data, frame, world)
         return place.translation, place.rotation, twist.linear, twist.angular
 
-    if len(psi) == 1:
-        return lambda: compute(configurations[0], velocities[0])
-    out = tuple(task.buffers().values())
-
     def loop() -> tuple[Array, ...]:
         for i, one in enumerate(zip(configurations, velocities, strict=True)):
             for array, value in zip(out, compute(*one), strict=True):
                 array[i] = value
         return out
 
-    return loop
+    return loop if len(q) > 1 else lambda: compute(configurations[0], velocities[0])
 
 
-def _numpy_job(task: _Task) -> Job:
+def _numpy_job(pair: HingePair, q: Array, qd: Array) -> Job:
     """Return the job of NumPy on stacks of 3 x 3 matrices by SciPy, with @ and numpy.cross."""
     from scipy.spatial.transform import Rotation
-
-    pair, q, qd = task
 
     def compute() -> tuple[Array, ...]:
         S1 = Rotation.from_euler("XYZ", q[:, 3:6]).as_matrix()
@@ -129,36 +126,6 @@ def _numpy_job(task: _Task) -> Job:
     return compute
 
 
-def _copy_job(task: _Task) -> Job:
-    """Return a job that copies as many numbers as the outputs have: no method is faster."""
-    pairs = [(array, np.ones_like(array)) for array in task.buffers().values()]
-
-    def copy() -> None:
-        for target, source in pairs:
-            np.copyto(target, source)
-
-    return copy
-
-
-class Method(NamedTuple):
-    """A way to compute the outputs."""
-
-    make_job: Callable[[_Task], Job]  # what a user sets up once is set up here and not timed
-    min_count: int = 1  # smallest number of states for which it is measured
-    max_count: int = 10**7
-
-
-COPY = "copying the outputs (the floor)"
-METHODS = {
-    "hingepair": Method(_call_job),
-    "hingepair, prepared": Method(_prepared_job),
-    "hingepair, out=": Method(lambda task: _call_job(task, reuse=True), min_count=2),
-    "Pinocchio, Python loop": Method(_pinocchio_job, max_count=10**4),
-    "NumPy and SciPy, 3 x 3": Method(_numpy_job, max_count=10**5),
-    COPY: Method(_copy_job, min_count=2),
-}
-
-
 def bench(counts: Sequence[int], repeats: int) -> Iterator[Row]:
     """Measure all methods for several numbers of states.
 
@@ -168,7 +135,7 @@ def bench(counts: Sequence[int], repeats: int) -> Iterator[Row]:
     """
     rng = np.random.default_rng(20)
     q, qd = np.concatenate((random_states(rng, 40), hard_states(rng)), axis=1)
-    errors = largest_errors(q, qd)
+    errors = largest_errors(q, qd, jobs(q, qd))
     for count in counts:
         times = [_times_of_process(count) for _ in range(repeats)]
         for method in times[0]["methods"]:
@@ -191,17 +158,15 @@ def print_times(count: int) -> None:
     Pinocchio's calls for one state, and of copying.
     """
     q, qd = random_states(np.random.default_rng(21), count)
-    task, one = _Task(_pair(), q, qd), _Task(_pair(), q[:1], qd[:1])
-    jobs = {name: m.make_job(task) for name, m in METHODS.items() if m.min_count <= count <= m.max_count}
-    first = {name: _time_of(job, 1) for name, job in jobs.items()}
-    references = {"pin": _pinocchio_job(one), "floor": _copy_job(task)}
-    later: dict[str, list[float]] = {name: [] for name in (*jobs, *references)}
+    methods, pin = jobs(q, qd), jobs(q[:1], qd[:1])[PINOCCHIO]
+    first = {name: _time_of(job, 1) for name, job in methods.items()}
+    later: dict[str, list[float]] = {name: [] for name in (*methods, "pin")}
     for _ in range(3):  # in turn, so that disturbances meet all alike
-        for name, job in (jobs | references).items():
+        for name, job in {**methods, "pin": pin}.items():
             later[name].append(_time_of(job, max(1, int(2e-3 / max(_time_of(job, 1), 1e-7)))))
     times = {name: min(own) for name, own in later.items()}
-    methods = {name: (first[name], times[name]) for name in jobs}
-    print(json.dumps({"methods": methods} | {name: times[name] for name in references}))
+    pairs = {name: (first[name], times[name]) for name in methods}
+    print(json.dumps({"methods": pairs, "pin": times["pin"], "floor": times[COPY]}))
 
 
 def _time_of(job: Job, calls: int) -> float:
@@ -238,15 +203,14 @@ def hard_states(rng: np.random.Generator) -> Array:
     return motion
 
 
-def largest_errors(q: Array, qd: Array, methods: Mapping[str, Method] = METHODS) -> dict[str, float]:
+def largest_errors(q: Array, qd: Array, methods: Mapping[str, Job]) -> dict[str, float]:
     """Return the largest error of any output of each method but the copy [u * scale], against 60 digits."""
     pair, errors = _pair(), {}
     truth = from_euler((pair.u1, pair.u2, np.array(_N), pair.home), q, qd)
     for name, method in methods.items():
-        if name != COPY and method.min_count <= len(q):
+        if name != COPY:
             with np.errstate(all="ignore"):
-                found = method.make_job(_Task(pair, q, qd))()
-            pairs = zip(_OUTPUTS, found, strict=True)
+                pairs = zip(_OUTPUTS, method(), strict=True)
             errors[name] = float(max(truth.errors(output, value).max() for output, value in pairs))
     return errors
 
