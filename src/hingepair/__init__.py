@@ -63,11 +63,11 @@ if TYPE_CHECKING:
     from hingepair.pictures.page import view as view
     from hingepair.pictures.plot import plot as plot
     from hingepair.rollouts.tracks import Feedback as Feedback
-    from hingepair.rotations.angular_velocity import angular_velocity as angular_velocity
     from hingepair.rotations.euler import euler_rate_matrix as euler_rate_matrix
     from hingepair.rotations.euler import euler_rates as euler_rates
     from hingepair.rotations.euler import euler_to_matrix as euler_to_matrix
     from hingepair.rotations.euler import matrix_to_euler as matrix_to_euler
+    from hingepair.rotations.matrices import angular_velocity as angular_velocity
     from hingepair.rotations.matrices import project_to_rotation as project_to_rotation
     from hingepair.rotations.matrices import rodrigues as rodrigues
     from hingepair.rotations.matrices import rotation_exp as rotation_exp
@@ -117,9 +117,8 @@ _MODULES = {
         "pictures.page": "view",
         "pictures.plot": "plot",
         "rollouts.tracks": "Feedback",
-        "rotations.angular_velocity": "angular_velocity",
         "rotations.euler": "euler_rate_matrix euler_rates euler_to_matrix matrix_to_euler",
-        "rotations.matrices": "project_to_rotation rodrigues rotation_exp rotation_log skew unskew",
+        "rotations.matrices": "angular_velocity project_to_rotation rodrigues rotation_exp rotation_log skew unskew",
         "scenes.derive": "derive",
         "scenes.scene": "load_scene",
         "scenes.variants.search": "search",

@@ -261,6 +261,19 @@ def test_float32_and_many_turns_are_judged_by_their_rounding() -> None:
         ]
 
 
+@pytest.mark.parametrize("lengths", [(1.02, 1.42, 1.4), (0.88, 0.93, 0.84), (1.25, 1.25, 0.87), (0.27, 0.9, 0.71)])
+def test_a_four_bar_is_closed_wherever_its_bars_reach(lengths: tuple[float, float, float]) -> None:
+    crank, coupler, rocker = lengths
+    linkage = open_four_bar(*lengths).closed(hp.Loop("a", "b"), at={"crank": 0.3, "coupler": 0.8, "rocker": 2.2})
+    q = np.linspace(-np.pi, np.pi, 4001)
+    far = np.sqrt(crank**2 + 1 - 2 * crank * np.cos(q))  # from the end of the crank to the foot of the rocker
+    reached = (far < coupler + rocker - 1e-3) & (far > abs(coupler - rocker) + 1e-3)  # m from the dead points
+    reached &= np.cumsum(~reached) == (~reached)[: np.searchsorted(q, 0.3)].sum()  # from where it is assembled
+    everything = linkage.all_coordinates(q[reached, None])
+    assert np.isfinite(everything).all()
+    assert np.abs(np.diff(np.sin(everything), axis=0)).max() < 0.2  # no sample is of another assembly
+
+
 def test_springs_and_dampers_act_at_joints_that_follow() -> None:
     loads = {"rocker": hp.HingeLoad(stiffness=50.0, rest=1.5), "crank": hp.HingeLoad(stiffness=3.0)}
     motion = hp.simulate(FOUR_BAR, np.linspace(0, 1, 11), [0.3], [1.0], gravity=GRAVITY, loads=loads)

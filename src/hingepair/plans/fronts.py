@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Final
 from hingepair.equations.spatial import Matrix, Scalar, Vector
 from hingepair.numeric.blocks import angle_terms, cosine, sine
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.plans.attitudes import quaternion_rotation, zero_quaternion_check
+from hingepair.plans.functions import quaternion_rotation, zero_quaternion_check
 from hingepair.plans.trees import TreeQuantities
 from hingepair.rotations.sequences import EulerSequence, find_sequence
 

@@ -1,17 +1,20 @@
-"""Results of a program as functions that can be differentiated, and how attitudes change.
+"""Results of a program as functions that can be differentiated; attitudes, how they change, and those that are given.
 
 A change of an attitude is a rotation about world axes: three numbers, not nine.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.derivatives import Change, variables, weighted_sum
-from hingepair.engine.trace import Operand
+from hingepair.engine.trace import Operand, square_root, where_less
+from hingepair.equations import spatial as eq
+from hingepair.equations.spatial import Matrix, Scalar
 from hingepair.numeric.blocks import components
 
 Parts: TypeAlias = Mapping[str, Sequence[Operand]]
@@ -108,3 +111,31 @@ def change_of(name: str, value: Sequence[Operand], rates: Sequence[Operand]) -> 
 def share_of(name: str) -> float:
     """Return the share of the changes of entries that makes a change: a rotation is read off two rows."""
     return 0.5 if name in _ATTITUDES else 1.0
+
+
+# ---- attitudes that are given
+
+
+def quaternion_rotation(quat: tuple[Any, ...]) -> Matrix:
+    """Return the rotation matrix of a quaternion (w, x, y, z) of any length but zero."""
+    scale = _largest_component(quat)
+    w, x, y, z = (c / scale for c in quat)
+    length = square_root(w * w + x * x + y * y + z * z)
+    return eq.quaternion_attitude((w / length, x / length, y / length, z / length))
+
+
+def rotation_defect(S: Matrix) -> Scalar:
+    """Return the largest entry of S S^T - I; 2 for a reflection."""
+    *errors, volume = eq.orthonormality_terms(S)
+    return where_less(volume, 0.0, 2.0, _largest_component(tuple(errors)))
+
+
+def zero_quaternion_check(quat: tuple[Any, ...]) -> Scalar:
+    """Return 2 for a quaternion of zeros, else 0."""
+    size = sum(where_less(c, 0.0, -c, c) for c in quat)
+    return where_less(0.0, size, 0.0, where_less(size, 1.0, 2.0, 0.0))
+
+
+def _largest_component(parts: tuple[Any, ...]) -> Scalar:
+    """Return the largest absolute value among the components."""
+    return functools.reduce(lambda a, b: where_less(a, b, b, a), (where_less(c, 0.0, -c, c) for c in parts))

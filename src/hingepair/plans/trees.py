@@ -39,9 +39,8 @@ from hingepair.equations.spatial import (
 )
 from hingepair.numeric.blocks import components
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.plans.attitudes import rotation_defect
 from hingepair.plans.closures import Chains, Closure, condition_count, placements
-from hingepair.plans.functions import Moves, group_of, sum_of, with_variables
+from hingepair.plans.functions import Moves, group_of, rotation_defect, sum_of, with_variables
 from hingepair.plans.struts import Strut, StrutForm, line_of_action
 
 # Shapes of the constants of the base.
