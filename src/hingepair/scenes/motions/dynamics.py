@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final, NamedTuple
@@ -27,7 +27,7 @@ from hingepair.motion.simulated import SimulatedRobotMotion
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.motions.functions import FunctionsOfTime, base_of, read_functions, read_sequence
 from hingepair.scenes.motions.known import PSI, RATE_SUFFIXES, EulerBase, Known
-from hingepair.scenes.motions.motion import LazyValue, Motion, impact_sentences, read_instants
+from hingepair.scenes.motions.motion import Motion, impact_sentences, read_instants
 from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 from hingepair.symbolic.expressions import number, parse_expression
@@ -358,6 +358,8 @@ def simulated_motion(
         except SimulationError:  # the second run, with a smaller tolerance, has an end of its own
             return math.nan
 
+    cause = "until ends the motion" if until else "the mechanism ends the motion, which a warning explains,"
+    ended = [f"{cause} at t = {instant_text(found.t[-1])} s"] * found.ended_by_event
     base: Any = _base_in_plane(found, phi_0) if subject.planar else found.base_motion if moves else None
     rows = tuple(tuple(rows.T) for rows in (found.q, found.qd, found.qdd))
     held = PRESCRIBED if found.base == "moving" else found.base
@@ -367,24 +369,12 @@ def simulated_motion(
         origin="simulated from what acts",
         how=f"simulated in {found.steps} steps, base {held}",
         moving=subject.names,
-        errors={unit: LazyValue(partial(error, unit)) for unit in sorted({*units.values(), *["rad"] * is_free})},
+        errors={unit: partial(error, unit) for unit in sorted({*units.values(), *["rad"] * is_free})},
         doubt="a second run with a smaller tolerance, which tells the error, cannot be followed",
-        notes=(*impact_sentences(found.impacts, units), *_end_notes(found, until)),
+        notes=(*impact_sentences(found.impacts, units), *ended),
         simulated=found,
         loads=loads,
     )
-
-
-def _end_notes(found: SimulatedRobotMotion, until: bool) -> Iterator[str]:
-    """Yield a sentence if `until` ended the motion, and one if its instants are too far apart to show it."""
-    if found.ended_by_event:
-        cause = "until ends the motion" if until else "the mechanism ends the motion, which a warning explains,"
-        yield f"{cause} at t = {instant_text(found.t[-1])} s"
-    # A motion is over before the third instant where less than a millionth of its way is left.
-    if len(found.t) > 20 and np.ptp(found.q, axis=0).max(initial=0) > 1e6 * np.ptp(found.q[2:], axis=0).max(
-        initial=0
-    ):
-        yield f"all rests after the first instants, steps of {found.t[1] - found.t[0]:.3g} s: is [time] in seconds?"
 
 
 def _base_in_plane(found: SimulatedRobotMotion, phi_0: float) -> EulerBase:

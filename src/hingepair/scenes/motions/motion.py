@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -15,7 +14,6 @@ from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.pairs.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
 from hingepair.mechanism.results import MAX_HELD_INSTANTS
 from hingepair.motion.run import Impact
-from hingepair.motion.trajectory import Deferred
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.scenes.motions.known import Known, Rows
 from hingepair.scenes.tables import Key, Table
@@ -45,25 +43,6 @@ def _read_sample_count(time: Table, key: str) -> int:
     if type(value) is not int or not 1 <= value <= MAX_HELD_INSTANTS:
         time.fail(key, f"an integer from 1 to {MAX_HELD_INSTANTS}")
     return value
-
-
-class LazyValue(Deferred):
-    """A number that is computed when it is first asked for.
-
-    >>> LazyValue(lambda: 6.0 * 7)()
-    42.0
-    """
-
-    def __init__(self, compute: Callable[[], float]) -> None:
-        self._compute = compute
-
-    @functools.cached_property
-    def _value(self) -> float:
-        return float(self._compute())
-
-    def __call__(self) -> float:
-        """Return the number."""
-        return self._value
 
 
 class MotionSource(Protocol):
@@ -101,8 +80,9 @@ class Motion:
     functions: Any = None
     #: sentences that every reader of the results should see
     notes: tuple[str, ...] = ()
-    #: estimates of the largest error over the instants, by unit; NaN if unknown. Empty for exact motion
-    errors: Mapping[str, LazyValue] = field(default_factory=dict)
+    #: functions that return estimates of the largest error over the instants, by unit; NaN if unknown. Empty for
+    #: exact motion
+    errors: Mapping[str, Callable[[], float]] = field(default_factory=dict)
     #: why an error is unknown, in words; otherwise empty
     doubt: str = ""
     #: the simulated motion, a SimulatedRobotMotion; None if the motion was not simulated

@@ -24,7 +24,7 @@ from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.motions.functions import base_of, read_functions
 from hingepair.scenes.motions.known import PSI, RATE_SUFFIXES, EulerBase, Known
 from hingepair.scenes.motions.logs import EULER, HINGE_NAMES, LOG_ARRAYS, POSITION, QUATERNION, Log, log_path
-from hingepair.scenes.motions.motion import LazyValue, Motion
+from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import Table
 from hingepair.tables.instants import MeasurementWarning, split_at_gaps
@@ -244,11 +244,10 @@ def _missing_sample_sentences(
             lost = f"{int((~known).sum())} of {len(t)} samples missing, {int((~known & filled).sum())} of them filled"
             alone = f"{int((known & ~filled).sum())} in series of fewer than {MIN_PIECE} between gaps left out"
             yield f"{name}: {lost}, {alone}; the first of these {count} at t = {t[~known | ~filled][0]:.6g} s"
-        if cuts := [f"{t[piece[0]]:.6g}" for piece in split_at_gaps(t, known, gaps)[1:]]:
-            more = f" and {len(cuts) - 3} times more" * (len(cuts) > 3)
+        if cuts := split_at_gaps(t, known, gaps)[1:]:
             yield (
-                f"{name}: smoothing is cut before t = {', '.join(cuts[:3])} s{more}; rates beside a cut are as "
-                "inaccurate as at the ends. gaps in [motion] is the longest time that is filled [s]"
+                f"{name}: smoothing is cut {len(cuts)} times, first before t = {t[cuts[0][0]]:.6g} s; rates beside a "
+                "cut are as inaccurate as at the ends. gaps in [motion] is the longest time that is filled [s]"
             )
 
 
@@ -284,7 +283,7 @@ def _integrated(table: Table, log: Log, subject: Subject) -> Motion:
         moving=PSI,
         origin="integrated from rates",
         how=f"omega1 and psi' integrated by {method}",
-        errors={"rad": LazyValue(lambda: float(np.maximum(found.error_estimate, found.psi_error_estimate)))},
+        errors={"rad": lambda: float(np.maximum(found.error_estimate, found.psi_error_estimate))},
         doubt="too few samples to tell how far the integration is off",
         notes=tuple(log.notes),
     )
