@@ -20,8 +20,8 @@ from hingepair.scenes.scene import Scene
 BaseOption = Annotated[
     str | None,
     typer.Option(
-        help="free; fixed: body 1 is fixed in the world; floating, of URDF: by a floating joint to a link `world`. "
-        "Default: that of [dynamics], otherwise free, of MJCF only if body 1 has a mass."
+        help="free; fixed: body 1 is fixed in the world; floating (URDF): a floating joint joins body 1 to a link "
+        "`world`. Default: that of [dynamics]; without it free, in MJCF fixed if body 1 has no mass."
     ),
 ]
 

@@ -119,10 +119,10 @@ def forces_command(
     """Compute and print the forces that a motion requires.
 
     The bodies of the pair must have masses. hinge_torque is the torque about the hinge axis; if the scene has a table
-    [dynamics], it is split into motor, spring, damper, friction and stop. Beside a psi that [motion] gives,
-    motor_torque is what the motion needs beside the others. bearing_torque is the torque perpendicular to the axis,
-    hinge_force the force at the hinge point. All three are exerted by body 1 on body 2. force1 and torque1 act on
-    body 1 at R1. Vectors are in world axes; |hinge_force| is the magnitude of hinge_force.
+    [dynamics], it is split into motor, spring, damper, friction and stop: where [motion] gives psi, the motor gives
+    what the others do not. bearing_torque is the torque perpendicular to the axis, hinge_force the force at the hinge
+    point. All three are exerted by body 1 on body 2. force1 and torque1 act on body 1 at R1. Vectors are in world
+    axes; |hinge_force| is the magnitude of hinge_force.
 
     For a mechanism, tau_NAME is what the motor of the joint NAME gives: the torque of a hinge, the force of a slider.
     force1 and torque1 act on the base about its reference point; for a fixed base they are the reaction.
