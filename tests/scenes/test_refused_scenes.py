@@ -53,7 +53,6 @@ pair | pi*t -> sine(t) | unknown name 'sine'
 pair | pi*t -> 2t | 2*t
 pair | [motion] -> [motion]\nsequence = "XXY" | motion.sequence
 pair | w = 2 -> w = 2\nsin = 3 | constants.sin
-pair | w = 2 -> w = "2*t" | constants.w
 pair | w = 2 -> w = [2] | constants.w
 pair | samples = 21 -> samples = 0 | time.samples
 pair | samples = 21 -> samples = 1000000000000 | time.samples

@@ -25,8 +25,7 @@ ROD = (
 )
 SWUNG = (
     toml("pair", u1=[0.5, 0.2, 0.1], u2=[-0.25, 0.1, 0.3], n=[1, 2, 0])
-    + toml("constants", speed=1.5, twice="2*speed")
-    + toml("let", swing="sin(speed*t)")
+    + toml("constants", speed=1.5, twice="2*speed", swing="sin(speed*t)")
     + moved(0, 3, 31, x="twice*t", phi_x="swing", phi_y="swing**2", psi="t")
 )
 PAYLOADS = {"mass": [0.5, 2], "centre_of_mass[1]": [0, 0.1], "inertia[2]": [0.01, 0.02]}
@@ -58,7 +57,7 @@ def test_variants_that_are_computed_together_are_those_of_the_scenes(kind, monke
             np.testing.assert_allclose(found[output].values[place], array, rtol=0, atol=size)
 
 
-def test_let_names_are_those_of_constants_and_time(tmp_path):
+def test_constants_may_depend_on_time(tmp_path):
     scene = scene_of(tmp_path, SWUNG)
     written = (
         SWUNG.replace('"swing"', '"sin(1.5*t)"').replace('"swing**2"', '"sin(1.5*t)**2"').replace("twice*t", "3*t")
@@ -68,7 +67,7 @@ def test_let_names_are_those_of_constants_and_time(tmp_path):
     found = hp.vary(scene, {"constants.speed": [0.5, 1.5]}, ["a2"])
     assert_near(found.a2.values[1], scene.evaluate().a2, 64)
     for old, new, message in (
-        ("sin(speed*t)", "sin(spede*t)", r"let\.swing: unknown name 'spede'"),
+        ("sin(speed*t)", "sin(spede*t)", r"constants\.swing: unknown name 'spede'"),
         ("u1 = [0.5,", 'u1 = ["swing",', r"pair\.u1: expected a number: an expression without t"),
     ):
         (tmp_path / "bad.toml").write_text(SWUNG.replace(old, new))

@@ -43,8 +43,7 @@ from hingepair.scenes.motions.known import Known, Rows
 from hingepair.scenes.motions.motion import Motion, limit_sentences, stop_sentences
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers
 from hingepair.scenes.subject import Acting, Computed, Request, Subject, order_of
-from hingepair.scenes.tables import Table, read_let, read_tables
-from hingepair.symbolic.expressions import constant_name_fault, parse_constant
+from hingepair.scenes.tables import Table, read_constants, read_tables
 from hingepair.tables.column_tables import column_table
 from hingepair.tables.sheets import instant_text
 from hingepair.tables.units import SI, Columns, Units, UnitsLike
@@ -55,7 +54,7 @@ if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
 
-_COMMON: Final = ("title", "constants", "let", "motion", "dynamics", "time", "outputs")
+_COMMON: Final = ("title", "constants", "motion", "dynamics", "time", "outputs")
 _OF_PAIRS: Final = (*_COMMON, "planar", "pair", "tolerances")
 _OF_MECHANISMS: Final = (*_COMMON, *MECHANISM_TABLES)
 
@@ -271,9 +270,9 @@ class Scene:
 
     @property
     def constants(self) -> dict[str, float]:
-        """Constants of the file by name."""
+        """Constants of the file by name, but those that depend on t."""
         constants = self.tables.constants.items()
-        return {key: float(value) for key, value in constants if key not in self.tables.let}
+        return {key: float(own) for key, own in constants if isinstance(own, float) or "t" not in own.names}
 
     @lock_free_cached_property
     def files(self) -> tuple[Path, ...]:
@@ -428,7 +427,7 @@ class Scene:
 
     def changed(self, paths: Sequence[NumberPath], numbers: Sequence[Any]) -> Scene:
         """Return the scene with other numbers at these places of the file."""
-        tables = replace(self.tables, values=with_numbers(self.tables.values, paths, numbers), constants={}, let={})
+        tables = replace(self.tables, values=with_numbers(self.tables.values, paths, numbers), constants={})
         made: dict[str, Any] = {}
         if {path[0] for path in paths} <= {"motion", "time", "outputs", "title"}:
             made["subject"] = self.subject
@@ -685,19 +684,11 @@ def scene_of_simulation(found: SimulatedRobotMotion) -> Scene:
 
 
 def with_constants_evaluated(tables: Table) -> Table:
-    """Return a scene's top-level table with its constants and [let] evaluated, behind those that the table has
+    """Return a scene's top-level table with its constants evaluated, behind those that the table has
     already; refuse a sweep and unknown tables.
     """
     if {"scene", "vary"} <= tables.values.keys():
         raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
     tables.check_keys(_OF_MECHANISMS if is_of_mechanism(tables) else (*_OF_PAIRS, "mechanism", "joint"))
-    constants = tables.table("constants", required=False)
-    values: dict[str, Any] = dict(tables.constants)
-    for key, value in constants.values.items():
-        fault = constant_name_fault(key)
-        if fault:
-            constants.refuse(key, fault, quoted(key))
-        with constants.naming(key):
-            values[key] = parse_constant(key, value, values) if isinstance(value, str) else constants.number(key)
-    tables = replace(tables, constants=values, let=tables.table("let", required=False).values)
-    return replace(tables, constants=read_let(tables, values))
+    tables = replace(tables, written=tables.table("constants", required=False).values)
+    return replace(tables, constants=read_constants(tables))

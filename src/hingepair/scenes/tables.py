@@ -89,10 +89,10 @@ class Table(NamedSource):
 
     #: values by key, as the TOML parser returns them
     values: dict[str, Any]
-    #: values by name of the constants that expressions may use, and the expressions of [let]
+    #: values by name of the constants that expressions may use: numbers, and expressions in t
     constants: Mapping[str, float | Expression]
-    #: names of the table [let] with their texts
-    let: Mapping[str, Any] = field(default_factory=dict)
+    #: what [constants] has, by name
+    written: Mapping[str, Any] = field(default_factory=dict)
 
     def read(self, reader_by_key: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
         """Return what the readers, functions of (table, key), make of the keys that the table has or that are
@@ -265,30 +265,16 @@ def _turn(axis: Any, angle: Any) -> Any:
     return eq.hinge_rotation(axis, (sine, versine))
 
 
-def names_in(table: Table, symbolic_constants: Collection[str] = ()) -> Mapping[str, float | Expression]:
-    """Return the constants and names of [let] of a scene, with names of [let] in terms of `symbolic_constants`."""
-    if not table.let or not symbolic_constants:
-        return table.constants
-    return read_let(
-        table, {key: value for key, value in table.constants.items() if key not in table.let}, symbolic_constants
-    )
-
-
-def read_let(
-    table: Table, constants: Mapping[str, float | Expression], symbols: Collection[str] = ()
-) -> dict[str, float | Expression]:
-    """Return constants and, behind them, the expressions of [let], which may use t and earlier names."""
-    found = dict(constants)
-    let = replace(table, name="let", values=dict(table.let))
-    for key, text in table.let.items():
-        fault = constant_name_fault(key)
-        if fault or key in constants:
-            let.refuse(key, fault or "another name: [constants] has it", quoted(key))
-        with let.naming(key):
+def read_constants(table: Table, symbols: Collection[str] = ()) -> dict[str, float | Expression]:
+    """Return the constants of a scene, which may use t and earlier ones; `symbols` are names that stay symbols."""
+    found = {key: value for key, value in table.constants.items() if key not in table.written}
+    constants = replace(table, name="constants", values=dict(table.written))
+    for key, value in table.written.items():
+        if (fault := constant_name_fault(key)) is not None:
+            constants.refuse(key, fault, quoted(key))
+        with constants.naming(key):
             found[key] = (
-                parse_expression(key, text, found, symbols)
-                if isinstance(text, str)
-                else exact_number(let.number(key))
+                parse_expression(key, value, found, symbols) if isinstance(value, str) else constants.number(key)
             )
     return found
 

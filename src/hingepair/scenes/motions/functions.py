@@ -17,7 +17,7 @@ from hingepair.scenes.motions.known import PSI, EulerBase, Known, Rows
 from hingepair.scenes.motions.motion import Motion, read_instants
 from hingepair.scenes.motions.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
 from hingepair.scenes.subject import Subject
-from hingepair.scenes.tables import Table, names_in
+from hingepair.scenes.tables import Table, read_constants
 from hingepair.symbolic.expressions import Expression, number, parse_expression
 from hingepair.symbolic.time_functions import TimeFunctions
 
@@ -62,7 +62,7 @@ class FunctionsOfTime:
             text, written = self.table.values[name], function
             with self.table.naming(name):
                 if isinstance(text, str):
-                    known = names_in(self.table, symbolic_constants)
+                    known = read_constants(self.table, symbolic_constants)
                     written = parse_expression(name, text, known, symbolic_constants)
                 found[name] = to_sympy(name, written)
         return found

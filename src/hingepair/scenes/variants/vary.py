@@ -194,7 +194,7 @@ class Variants:
         scene, level = self.scene, self.scene.motion.level
         names = [f"_varied_{k}" for k in range(len(self.paths))]
         values = with_numbers(scene.tables.values, self.paths, names)
-        tables = replace(scene.tables, values=values, constants={name: Expression(name) for name in names}, let={})
+        tables = replace(scene.tables, values=values, constants={name: Expression(name) for name in names})
         try:
             tables = with_constants_evaluated(tables)
             _ = Scene(tables, scene.path).dynamics
