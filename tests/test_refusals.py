@@ -277,7 +277,7 @@ CALLS = {
         ("force1", S, (1, 2)), ("hinge_torque", D, "much"),
     ]),
     "pair.masses": (lambda mass: hp.HingePair(
-        (10, 0, 0), (0, 1, 0), (0, 0, 1), body1=hp.Body(mass, inertia=(mass,) * 3), body2=LIGHT
+        (10, 0, 0), (0, 10, 0), (0, 0, 1), body1=LIGHT, body2=hp.Body(mass, inertia=(mass,) * 3)
     ).mass_matrix(STILL, 0.0), [("pair", A, C(mass=1e308))]),
     "pair.residuals": (lambda body1=POSE, body2=POSE, **k: PAIR.residuals(body1, body2, **k), [
         ("body2", A, 3), ("body1", A, None), ("tolerances", A, {"gaps": 1.0}, {"gap": 0.0}, {"tilt": NAN}, 1e-3),

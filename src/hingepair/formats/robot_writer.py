@@ -18,7 +18,7 @@ from hingepair.errors import URDFError
 from hingepair.formats.xml_text import NO_TURN, add_element, check_names, check_xml_text, document, seat_of
 from hingepair.mechanism.bodies.body import Box, Cylinder, warn_of_dynamics
 from hingepair.mechanism.bodies.shapes import Drawing, Drawn, Mesh
-from hingepair.mechanism.joints import KINDS
+from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.tree import Joint, Tree, unused_name
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.euler import matrix_to_euler

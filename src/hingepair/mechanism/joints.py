@@ -1,6 +1,6 @@
-"""Kinds of joints, and the classes of those beside the `HingePair`: the slider and the screw.
+"""The classes of joints beside the `HingePair`: the slider and the screw.
 
-A further kind is a row of `KINDS` and a class beside `Slider`.
+A further kind is a row of `kinds.KINDS` and a class beside `Slider`.
 """
 
 from __future__ import annotations
@@ -8,51 +8,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import ClassVar, Final, Literal, NamedTuple, TypeAlias, TypedDict, Unpack
+from typing import ClassVar, Final, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.equations.joints import HINGE, SLIDER, Axis
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.body import Body
+from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.options import check_options
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.requests import check_single_pair
 from hingepair.numeric.arrays import Frozen, call_text, finite_number, set_frozen
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
-
-JointKind: TypeAlias = Literal["fixed", "hinge", "screw", "slider"]
-
-
-class Kind(NamedTuple):
-    """One kind of joint."""
-
-    turns: float  # angle of the body about the axis for one unit of q
-    shifts: float | None  # displacement along the axis for one unit of q; None: the joint's pitch says it
-    unit: str  # of q
-    effort: str  # unit of the torque or force along q
-    urdf: str | None  # its type in URDF; None where URDF has none
-    pinocchio: str  # its class in Pinocchio, for an axis of any direction
-
-    @property
-    def has_pitch(self) -> bool:
-        """Whether each joint says how far it shifts its body."""
-        return self.shifts is None
-
-    def axis(self, pitch: float) -> Axis:
-        """Return the axis of a joint of this kind; `pitch` [m/rad] is read where the kind leaves it open."""
-        return Axis(self.turns, pitch if self.shifts is None else self.shifts)
-
-
-KINDS: Final[Mapping[JointKind, Kind]] = MappingProxyType(
-    {
-        "fixed": Kind(0.0, 0.0, "", "", "fixed", ""),  # folds into the body that carries it
-        "hinge": Kind(*HINGE, "rad", "N m", "revolute", "JointModelRevoluteUnaligned"),
-        "screw": Kind(1.0, None, "rad", "N m", None, "JointModelHelicalUnaligned"),
-        "slider": Kind(*SLIDER, "m", "N", "prismatic", "JointModelPrismaticUnaligned"),
-    }
-)
 
 
 class JointOptions(TypedDict, total=False):

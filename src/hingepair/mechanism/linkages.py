@@ -187,7 +187,7 @@ class _Assembly:
         self.size = float(max(lengths)) or 1.0
         self._numbers = [PRECISION, self.size]
         for (first, second), loop in zip(self.frames, self.loops, strict=True):
-            self._numbers += [*frame_numbers(constants, first), *frame_numbers(constants, second), loop.length or 0.0]
+            self._numbers += [*frame_numbers(constants, (first, second)), loop.length or 0.0]
         self._free_choice = names is None
         self.names: tuple[str, ...] = ()
         self._choose(names)

@@ -246,7 +246,7 @@ class Subject:
         return Prepared(computation, all_names, execution, vector, remade, planned.watch)
 
 
-def warn_where_singular(name: str, bad: Any, pivots: Any, limits: Any, labels: Sequence[str]) -> None:
+def warn_of_pivots(name: str, bad: Any, pivots: Any, limits: Any, labels: Sequence[str]) -> None:
     """Issue a DynamicsWarning that names what no inertia resists, where accelerations are NaN for that.
 
     Args:

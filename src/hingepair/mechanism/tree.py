@@ -31,7 +31,7 @@ from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import Drawing
-from hingepair.mechanism.joints import KINDS, JointKind
+from hingepair.mechanism.kinds import KINDS, JointKind
 from hingepair.mechanism.robots.samples import Samples
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, read_only
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates

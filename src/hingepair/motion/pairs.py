@@ -64,7 +64,7 @@ def pair_as_robot(
     moving, moves_body1 = callable(base), base in ("free", "pinned")
     if moving and body1 is not None:
         raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
-    if pair.body2 is not None and constants_of(pair).pivot_limits[0] > 0:  # what is below is rounding
+    if pair.body2 is not None and constants_of(pair).constants.pivot_thresholds[0] > 0:  # what is below is rounding
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off"
         raise ArgumentError("pair.body2", expected, pair.body2)
     held = "free" if moves_body1 else "fixed"

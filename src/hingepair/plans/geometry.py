@@ -1,7 +1,4 @@
-"""The constants of a pair's tree without masses, made in its program of the geometry, for derivatives by it.
-
-Pairs make these constants once, in another way that rounds less (`mechanism.pairs.geometry`).
-"""
+"""The constants of a pair's tree without masses, made in its program of the geometry, for derivatives by it."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ from typing import Any, ClassVar, Final
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.trace import square_root
 from hingepair.equations.spatial import (
-    ZERO_VECTOR,
     Vector,
     add,
     compose,
@@ -26,6 +22,7 @@ from hingepair.equations.spatial import (
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.fronts import Front
 
+_IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 GEOMETRY_SHAPES: Final[Mapping[str, ArrayShape]] = {"u1": (3,), "u2": (3,), "n": (3,), "home": (3, 3)}
 """Shapes of the constants by which kinematics of a pair in space can be differentiated. The axis x, y or z of body 1
 that is farthest from n, least_axis, comes with them."""
@@ -56,21 +53,15 @@ class Geometry(Front):
         axes = matrix_from_columns(self.e1, self.e2, n)
         turn = compose(transpose(axes), home)
         arm = scale(rotate(turn, u2), -1.0)  # from the hinge point to R2
-        frames = [*arm, *self._lever(scale(rotate(home, u2), -1.0))]
+        frames = [*arm, *turn]
         positions = iter(self.given["points"]) if self._bodies else iter(())
         for body, p in zip(self._bodies, zip(positions, positions, positions, strict=True), strict=True):
             if body == 1:
-                frames += [*p, *p, *ZERO_VECTOR, *ZERO_VECTOR]
+                frames += [*p, *_IDENTITY]
             else:
-                frames += [*add(arm, rotate(turn, p)), *self._lever(rotate(home, subtract(p, u2)))]
+                frames += [*add(arm, rotate(turn, p)), *turn]
         nothing, rotor = (0.0,) * 10, (0.0, 1.0, 0.0)  # masses; no motor, and it follows none
         return (*nothing, *axes, *u1, *nothing, *rotor, 0.0, 0.0, 0.0, *frames)
-
-    def _lever(self, arm: Vector) -> tuple[Any, ...]:
-        """Return the lever of a frame, of which `arm` leads from the hinge point to it, in body-1 axes at psi = 0."""
-        n = self.given["n"]
-        along = scale(n, dot(n, arm))
-        return (*add(self.given["u1"], along), *subtract(arm, along), *cross(n, arm))
 
     @lock_free_cached_property
     def e1(self) -> Vector:

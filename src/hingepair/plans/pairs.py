@@ -17,10 +17,8 @@ from hingepair.engine.loops import Loop
 from hingepair.equations import spatial as eq
 from hingepair.equations.joints import HINGE
 from hingepair.equations.quantities import QUANTITIES, Quantity, sample_shape, unit_of
-from hingepair.equations.spatial import ZERO_VECTOR, Vector, add, cross, rotate, scale, subtract
-from hingepair.equations.trees import Pose, Rates, axis_of
+from hingepair.equations.spatial import add, rotate
 from hingepair.numeric.blocks import hinge_terms
-from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.constraints import CONSTRAINTS, ConstraintQuantities
 from hingepair.plans.fronts import (
     QUATERNIONS,
@@ -36,6 +34,7 @@ from hingepair.plans.fronts import (
 from hingepair.plans.geometry import GEOMETRY_SHAPES, Geometry
 from hingepair.plans.trees import (
     BASE_SHAPES,
+    FRAME_SHAPES,
     JOINT_SHAPES,
     OUTPUTS,
     PIVOT_SHAPES,
@@ -126,83 +125,6 @@ def _bearing_torque(tree: TreeQuantities) -> Any:
     return rotate(tree.poses[1].S, (x, y, 0.0))
 
 
-LEVER_SHAPES: Final = {"R": (3,), "lever": (9,)}
-"""Constants of a frame: its position in the axes of its body; and, in body-1 axes, from R1 at psi = 0, three vectors:
-the frame is at `fixed + across cos psi + ahead sin psi`. Of a frame of body 1, its position and zeros."""
-
-
-class Lever(NamedTuple):
-    """Where a frame is, world axes."""
-
-    d: Vector  # from R1 to the frame
-    by_psi: Vector  # less the derivative of d by psi: S1 n x S2 u2
-    centripetal: Vector  # by_psi x S1 n
-
-
-class PairQuantities(TreeQuantities):
-    """The quantities of a tree of one hinge, whose frames of body 2 are seen from body 1 (E7-E9): their vectors are
-    turned by the hinge, then with body 1, which rounds less than the attitude of body 2 would.
-
-    Args:
-        form: the form of all pairs.
-        request: the frames of the pair.
-        values: by name, as those of a tree.
-        given_attitude: whether S1 is given. It may be a rotation to nine digits only; then the cross products of E2
-            and E8 keep the hinge point of both bodies together to the last digit.
-    """
-
-    frame_shapes = LEVER_SHAPES
-
-    def __init__(self, form: Form, request: Request, values: Mapping[str, Any], given_attitude: bool) -> None:
-        super().__init__(form, request, values)
-        self._given_attitude = given_attitude
-
-    @lock_free_cached_property
-    def levers(self) -> list[Lever]:
-        """List of the levers of all frames; of frames of body 1, which do not depend on psi, d alone."""
-        return [self._lever(body, constants["lever"]) for body, constants in self.frames]
-
-    def _lever(self, body: int, lever: Any) -> Lever:
-        S1, fixed, across, ahead = self.values["S1"], lever[:3], lever[3:6], lever[6:]
-        if body == 0:
-            return Lever(rotate(S1, fixed), ZERO_VECTOR, ZERO_VECTOR)
-        s, c = self.placements[0].turn or (0.0, 1.0)
-        turned = add(scale(across, c), scale(ahead, s))  # from the hinge axis, body-1 axes
-        d = rotate(S1, add(fixed, turned))
-        if self._given_attitude:
-            axis = axis_of(self.poses[1])
-            by_psi = cross(rotate(S1, turned), axis)
-            return Lever(d, by_psi, cross(by_psi, axis))
-        by_psi = subtract(scale(across, s), scale(ahead, c))
-        return Lever(d, rotate(S1, by_psi), rotate(S1, scale(turned, -1.0)))
-
-    @lock_free_cached_property
-    def frame_poses(self) -> list[Pose]:
-        """List of the poses of all frames, with the attitudes of their bodies."""
-        pairs = zip(self.frames, self.levers, strict=True)
-        return [Pose(self.poses[body].S, lever.d, lever.d) for (body, _), lever in pairs]
-
-    @lock_free_cached_property
-    def frame_velocities(self) -> list[Rates]:
-        """List of (v, omega) of all frames."""
-        v1, omega1 = self.velocities[0]
-        return [
-            (eq.velocity2(v1, omega1, lever.d, lever.by_psi, self.qd[0]), self.velocities[body][1])
-            for (body, _), lever in zip(self.frames, self.levers, strict=True)
-        ]
-
-    @lock_free_cached_property
-    def frame_accelerations(self) -> list[Rates]:
-        """List of (a, alpha) of all frames."""
-        (a1, alpha1), (_, omega1), (psid,), (psidd,) = self.accelerations[0], self.velocities[0], self.qd, self.qdd
-        found = []
-        for (body, _), lever in zip(self.frames, self.levers, strict=True):
-            relative = eq.relative_acceleration(lever.by_psi, lever.centripetal, psid, psidd)
-            a = eq.acceleration2(a1, omega1, alpha1, lever.d, lever.by_psi, psid, relative)
-            found.append((a, self.accelerations[body][1]))
-        return found
-
-
 _FORCES: Final = OUTPUTS["tau"].inputs
 _SPATIAL: Final[dict[str, Output]] = {
     **{f"{letter}2": _of_frame(letter, 0) for letter in ("R", "v", "omega", "a", "alpha")},
@@ -222,7 +144,7 @@ _SPATIAL: Final[dict[str, Output]] = {
         name: OUTPUTS[name]
         for name in ("mass_matrix", "force1", "torque1", "kinetic", "potential", "linear", "S1_check")
     },
-    "acceleration_bias": Output(("q", "S1", "qd", "omega1"), TreeQuantities.acceleration_bias),
+    "acceleration_bias": Output(("q", "S1", "qd", "omega1"), lambda tree: tree.acceleration_bias()[:6]),
 }
 
 _PHI2: Final = Output(("phi1", "psi"), lambda tree: tree.values["phi1"] + tree.values["psi"])
@@ -310,7 +232,7 @@ ACCELERATIONS: Final = ("a1", "alpha1", "psidd")
 """Outputs of forward dynamics."""
 NO_MASSES: Final = frozenset({*SPACE.levels, *PLANE.levels, "jacobian", "acceleration_bias", "S1_check"})
 """Outputs that do not depend on masses, those of points apart, unless accelerations are solved for."""
-FRAME_NUMBERS: Final = sum(math.prod(tail) for tail in LEVER_SHAPES.values())
+FRAME_NUMBERS: Final = sum(math.prod(tail) for tail in FRAME_SHAPES.values())
 """How many constants a frame of the tree has."""
 # A hinge without a motor (armature 0) that follows none: multiplier 1, offset 0.
 _KNOWN: Final = {"armature": 0.0, "multiplier": 1.0, "offset": 0.0}
@@ -415,8 +337,8 @@ class PairRequest(NamedTuple):
                 found[name] = _output(self, name).compute(tree)
         return found
 
-    def _quantities(self, values: Mapping[str, Any]) -> PairQuantities:
-        return PairQuantities(_FORM, self.tree, values, "S1" in self.given)
+    def _quantities(self, values: Mapping[str, Any]) -> TreeQuantities:
+        return TreeQuantities(_FORM, self.tree, values)
 
 
 def _output(request: PairRequest, name: str) -> Output:

@@ -13,7 +13,8 @@ import numpy as np
 from hingepair.errors import URDFError, choices, nearest, printable, quoted
 from hingepair.mechanism.bodies.body import Body, Box, Cylinder, Shape, Sphere
 from hingepair.mechanism.building.pairs import depth_first_order
-from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
+from hingepair.mechanism.joints import JOINT_CLASSES, RobotJoint
+from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.linkages import Loop
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.building.pairs import tree_of_pair
-from hingepair.mechanism.joints import KINDS
+from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.requests import check_pair, check_single_pair

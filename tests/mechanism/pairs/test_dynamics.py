@@ -82,18 +82,18 @@ NEEDLE = hp.HingePair(
 
 def test_a_motion_without_resistance_is_nan_and_said():
     turned = hp.BodyMotion(R=(0, 0, 0), S=rotations(generator(23), 1)[0], omega=(0, 0, 0))
-    with pytest.warns(hp.DynamicsWarning, match=r"needle: no mass resists the hinge at 2 of 2 samples"):
+    with pytest.warns(hp.DynamicsWarning, match=r"needle: no mass resists joint 'hinge' at 2 of 2 samples"):
         found = NEEDLE.forward_dynamics(turned, [0.3, 0.4], 0.0)
     assert all(np.isnan(part).all() for part in found)
     prepared = NEEDLE.prepare("forward_dynamics")
-    with pytest.warns(hp.DynamicsWarning, match="no mass resists the hinge here"):
+    with pytest.warns(hp.DynamicsWarning, match="no mass resists joint 'hinge' here"):
         found = prepared(np.eye(3), np.zeros(3), 0.1, 0.2, np.zeros(3), np.zeros(3), 0.0)
     assert np.isnan(found.psidd)
     light = hp.Body(mass=1e-30, inertia=(1e-30, 1e-30, 1e-30))
     pair = hp.HingePair(
         (1, 0, 0), (0, 1, 0), (0, 0, 1), name="light", body1=light, body2=hp.Body(1, inertia=(1, 1, 1))
     )
-    with pytest.warns(hp.DynamicsWarning, match="light: no mass resists body 1 here"):
+    with pytest.warns(hp.DynamicsWarning, match="light: no mass resists the base here"):
         pair.forward_dynamics(turned, 0.3, 0.0)
 
 
@@ -101,7 +101,7 @@ def test_an_inertia_that_was_not_given_is_warned_of_and_shapes_give_one():
     body1 = moving(generator(24))
     shaped = hp.Body(mass=3, shapes=[hp.Box((1, 2, 3), (0, 0, 1)), hp.Sphere(0.5, (0, 0, -1))])
     pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body1=shaped, body2=hp.Body(mass=1))
-    with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no inertia is given"):
+    with pytest.warns(hp.DynamicsWarning, match="body2: no inertia is given"):
         pair.mass_matrix(body1, 0.0)
     volumes = np.array([6, np.pi / 6])
     m = 3 * volumes / volumes.sum()
@@ -134,6 +134,6 @@ def test_a_mass_that_nobody_gave_is_said_once():
     shapes = [hp.Sphere(radius=0.1)]
     pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body2=hp.Body(shapes=shapes))
     still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
-    with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no mass is given, 1 kg is taken"):
+    with pytest.warns(hp.DynamicsWarning, match=r"body2: no mass is given, 1 kg is taken"):
         pair.hinge_wrench(still, 0.0, 0.0, 0.0)
     pair.hinge_wrench(still, 0.0, 0.0, 0.0)

@@ -14,7 +14,8 @@ from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import placed_shapes
 from hingepair.mechanism.building.folding import mass_properties
-from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, JointKind, RobotJoint
+from hingepair.mechanism.joints import JOINT_CLASSES, RobotJoint
+from hingepair.mechanism.kinds import KINDS, JointKind
 from hingepair.mechanism.robots.samples import Payload, Samples
 from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, Tree, check_name, unphysical_reason
 from hingepair.numeric.arrays import (

@@ -18,7 +18,7 @@ from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
 from hingepair.mechanism.bodies.shapes import NOT_DRAWN, body_drawing
-from hingepair.mechanism.joints import JointKind
+from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.tree import BASE_KINDS, Frame, Joint, Tree
 from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, read_only
 from hingepair.numeric.blocks import versine

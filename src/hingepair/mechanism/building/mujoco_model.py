@@ -25,7 +25,7 @@ from hingepair.mechanism.building.folding import (
     mass_properties,
     written_joint,
 )
-from hingepair.mechanism.joints import JointKind
+from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.linkages import Loop, close_tree
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Frame, Joint, Tree, unused_name

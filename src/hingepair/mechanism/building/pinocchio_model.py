@@ -20,7 +20,7 @@ from hingepair.mechanism.building.folding import (
     limit_or_infinity,
     written_joint,
 )
-from hingepair.mechanism.joints import JointKind
+from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Frame, Joint, Tree, unused_name
 from hingepair.numeric.arrays import Float64Array

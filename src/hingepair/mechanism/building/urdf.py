@@ -13,7 +13,7 @@ from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import link_drawing
 from hingepair.mechanism.building.changes import pair_of
 from hingepair.mechanism.building.folding import chosen_base, fold, framed, written_joint
-from hingepair.mechanism.joints import JointKind
+from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.tree import Source, Tree
 from hingepair.numeric.arrays import number_not_below_0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Collection, Iterable, Mapping
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,18 @@ from numpy.typing import NDArray
 from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.mechanism.bodies.body import warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
 from hingepair.mechanism.options import DEFAULT_GRAVITY
-from hingepair.mechanism.pairs.geometry import Constants, axis_errors, least_axis, tree_errors
+from hingepair.mechanism.pairs.geometry import (
+    IDENTITY,
+    Bodies,
+    Points,
+    arm,
+    joined,
+    least_axis,
+    lifted,
+    tree_of_arrays,
+)
 from hingepair.mechanism.requests import (
     PAIR_TASKS,
     PUSHES,
@@ -30,15 +38,25 @@ from hingepair.mechanism.requests import (
     coordinate_rows,
     motion_level,
     read_gravity,
-    warn_where_singular,
 )
-from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.blocks import numbers
+from hingepair.mechanism.robots.computations import moved_frames
+from hingepair.mechanism.robots.constants import (
+    RobotConstants,
+    frame_numbers,
+    numbers_with_bounds,
+    program_numbers,
+)
+from hingepair.mechanism.robots.requests import RobotRequests
+from hingepair.mechanism.tree import Frame
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, read_only
+from hingepair.numeric.blocks import Components, numbers
+from hingepair.numeric.bounded import UNIT_ROUNDOFF, Bounded, in_last_places
+from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Arguments, CoordinateNames, Outputs, read_arguments, requested_outputs
 from hingepair.plans.bounds import Known, output_bounds
 from hingepair.plans.computation import QUATERNIONS, Computation
 from hingepair.plans.constraints import CONSTRAINTS
-from hingepair.plans.geometry import GEOMETRY_SHAPES
+from hingepair.plans.geometry import GEOMETRY_SHAPES, Geometry
 from hingepair.plans.pairs import (
     LOADS,
     NO_MASSES,
@@ -46,8 +64,10 @@ from hingepair.plans.pairs import (
     SPACE,
     PairKind,
     PairRequest,
+    Point,
     pair_loop,
     point_outputs,
+    point_shapes,
     tree_parameters,
 )
 from hingepair.rotations.sequences import find_sequence
@@ -68,17 +88,125 @@ _LETTERS: Final = {  # of the arrays of body 1 that tasks take
 }
 # Outputs for which body 1 needs no mass.
 _OF_BODY2: Final = {"hinge_force", "hinge_moment", "hinge_torque", "bearing_torque", "kinetic", "potential"}
-_HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"
+_AXES: Final = ("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2")
+_UPRIGHT: Final = read_only(np.array([0.0, 0.0, 1.0]))  # n of planar pairs
 
 
-class PairRequests(Constants, Subject):
-    """What is asked of a pair, and its computations, which are made once."""
+class TreeNumbers(NamedTuple):
+    """The constants of a pair's tree and of its frames, in the order of `plans.trees`."""
 
-    def __init__(self, *constants: Any) -> None:
-        Constants.__init__(self, *constants)
-        Subject.__init__(self)
-        self.tasks, self.inputs = PAIR_TASKS[self.kind], _INPUTS[self.kind]
-        self._warned: set[str] = set()  # bodies whose assumed masses were told
+    numbers: tuple[float, ...]  # those of the first pair, if there are several
+    varied: tuple[int, ...]  # places of those that differ from sample to sample
+    samples: Float64Array | None  # these, shape (..., len(varied)); None if there are none
+
+
+class PairRequests(Subject):
+    """What is asked of a pair, and its computations, which are made once.
+
+    Args:
+        name: name of the pair.
+        kind: in space or in the plane.
+        arrays: u1 and u2 [m]; in space also n, of unit length, and home.
+        axis: hinge axis as it was given, of any length; None for a planar pair.
+        points: points of body 1 and of body 2 by name, from the reference point of the body, its axes [m]; checked.
+        bodies: mass properties of body 1 and of body 2.
+
+    Raises:
+        ArgumentError: a point stands twice.
+        ShapeError: leading axes do not broadcast.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        kind: PairKind,
+        arrays: Mapping[str, NDArray[np.float64]],
+        axis: NDArray[np.float64] | None,
+        points: tuple[Points, Points],
+        bodies: Bodies,
+    ) -> None:
+        super().__init__()
+        self.name, self.kind, self.arrays, self.axis, self.bodies = name, kind, arrays, axis, bodies
+        self.tasks, self.inputs = PAIR_TASKS[kind], _INPUTS[kind]
+        for one in points[1]:
+            if one in points[0]:
+                raise ArgumentError("points2", "names that points1 does not have", quoted(one))
+        self.points = tuple(Point(one, body) for body, group in enumerate(points, 1) for one in group)
+        self.positions = (*points[0].values(), *points[1].values())
+        places = {**arrays, **points[0], **points[1]}
+        self.shape = broadcast_shape(  # leading shape of the pair; () for a single pair
+            {one: array.shape[: -2 if one == "home" else -1] for one, array in places.items()}
+        )
+        self._given = name, kind, arrays, axis, tuple(map(dict, points)), bodies
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._given
+
+    @property
+    def single(self) -> bool:
+        """Whether this is a single pair, without leading axes."""
+        return self.shape == ()
+
+    @property
+    def has_home(self) -> bool:
+        """Whether home differs from the identity."""
+        return "home" in self.arrays and not (self.arrays["home"] == IDENTITY).all()
+
+    @property
+    def levels(self) -> Mapping[str, int | None]:
+        """The outputs of kinematics, those of points too; the level from which it is a default output, or None."""
+        return {**self.kind.levels, **dict.fromkeys(point_outputs(self.points))} if self.points else self.kind.levels
+
+    @property
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        """Shape of one sample of all that can be given or computed."""
+        return (
+            {**self.kind.shapes, **point_shapes(self.points, self.kind.planar)} if self.points else self.kind.shapes
+        )
+
+    # ---- the pair as a robot
+
+    @lock_free_cached_property
+    def in_space(self) -> dict[str, Float64Array]:
+        """u1, u2, n and home of the pair in space."""
+        return {"n": _UPRIGHT, "home": IDENTITY, **{name: lifted(array) for name, array in self.arrays.items()}}
+
+    @lock_free_cached_property
+    def robot(self) -> RobotRequests:
+        """The robot with one joint and a free base that this pair is; its masses are whole, as wrenches need them."""
+        points = [*zip(self.points, map(lifted, self.positions), strict=True)]
+        arrays = {**self.in_space, "n": _UPRIGHT if self.axis is None else self.axis}
+        return RobotRequests(tree_of_arrays(self.name, arrays, points, self.bodies), "free", whole=True)
+
+    @property
+    def constants(self) -> RobotConstants:
+        """The constants of the robot's programs."""
+        return self.robot.constants
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Frames of body 2 and of all points."""
+        return tuple(self.robot.tree.frames.values())
+
+    @lock_free_cached_property
+    def tree_numbers(self) -> TreeNumbers:
+        """The constants of the tree and of its frames."""
+        own, frames = program_numbers(self.constants), self.frames
+        varied = {**self.constants.varied, **moved_frames(self.constants, frames, len(own))}
+        samples = read_only(joined(tuple(varied.values()))) if varied else None
+        return TreeNumbers((*own, *frame_numbers(self.constants, frames)), tuple(varied), samples)
+
+    @lock_free_cached_property
+    def constraint_vectors(self) -> dict[str, Components]:
+        """u1, u2, and e1, e2 and n in the axes of body 1 and, times C^-1, of body 2: the constants of E1 and E2.
+
+        With C^T instead, a home that is a rotation to only nine digits would appear as a tilt.
+        """
+        n, home = self.in_space["n"], self.in_space["home"]
+        given = {"n": numbers(n), "home": numbers(home, 2), "least_axis": numbers(least_axis(n))}
+        axes = Geometry(given, ())
+        turned = {name: numbers(joined(getattr(axes, name)) + 0.0) for name in _AXES}
+        return {"n": given["n"], **turned, **{name: numbers(self.arrays[name]) for name in ("u1", "u2")}}
 
     def ask(self, task: str, given: Mapping[str, Any], options: Any) -> Any:
         """Compute what a method returns, from arguments by input name."""
@@ -108,8 +236,8 @@ class PairRequests(Constants, Subject):
         key = outputs, sequence, result, by_geometry, solves
         found: Computation | None = self.cache.computations.get(key)
         if found is None:
-            masses, spatial = bool(self.massive_bodies(outputs, solves)), not self.kind.planar
-            tree = self.tree_with_masses if masses else self.tree
+            tree, spatial = self.tree_numbers, not self.kind.planar
+            masses = bool(self.massive_bodies(outputs, solves))
             known: dict[str, Any] = {"constants": tree_parameters(tree.numbers), "samples": tree.samples}
             if masses:
                 known |= {name: np.zeros(self.kind.shapes[name]) for name in LOADS}
@@ -157,36 +285,27 @@ class PairRequests(Constants, Subject):
             return ()
         return ("body1", "body2") if solves or not depend <= _OF_BODY2 else ("body2",)
 
-    def require_masses(self, names: Collection[str], hint: str = _HINT) -> None:
-        """Refuse bodies, "body1" or "body2", without mass properties; `hint` ends the message for body 1."""
-        for name, body in zip(("body1", "body2"), self.bodies, strict=True):
-            if name in names and body is None:
-                examples = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
-                expected = f"mass properties, as in {examples}{hint if name == 'body1' else ''}"
-                raise ArgumentError(f"pair.{name}", expected, None)
-
-    def _check_masses(self, outputs: tuple[str, ...], solves: bool) -> None:
-        """Refuse bodies whose mass outputs need and that have none; warn once of each mass that is assumed."""
-        needed = self.massive_bodies(outputs, solves)
-        self.require_masses(needed)
-        for name, body in zip(("body1", "body2"), self.bodies, strict=True):
-            if needed and body is not None and name not in self._warned:
-                self._warned.add(name)
-                for sentence in body.assumed:
-                    warn_of_dynamics(f"pair.{name}: {sentence}")
+    def require_masses(self, names: Collection[str]) -> None:
+        """Refuse bodies, "body1" or "body2", without mass properties, and masses that overflow; warn once of those
+        that are assumed.
+        """
+        if not names:
+            return
+        try:
+            self.robot.warn_of_masses([int(name[-1]) - 1 for name in names])
+        except ArgumentError as error:
+            raise error.renamed(f"pair.{error.name[:5]}" if error.name.startswith("body") else "pair") from None
 
     def _watch(self, outputs: tuple[str, ...], solves: bool) -> Watch | None:
         """Return what looks at accelerations that are solved for; None where the mass matrix is regular."""
-        return self._warn_where_singular if solves and "psidd" in outputs and self.pivot_limits.any() else None
+        watched = solves and "psidd" in outputs and self.constants.may_be_singular
+        return self._warn_where_singular if watched else None
 
     def _warn_where_singular(self, result: Any, _: Any) -> None:
         """Issue a DynamicsWarning where accelerations are NaN because the mass matrix is singular."""
         psidd = result["psidd"]
-        if isinstance(psidd, np.ndarray | np.generic) and np.isnan(psidd).any():
-            still = {"S1": np.eye(3), "psi": 0.0}
-            pivots = self.compute_arrays(("pivots",), still, dict.fromkeys(still, ()))["pivots"]
-            limits = self.pivot_limits[..., [0, 1, 1, 1, 2, 2, 2]]
-            warn_where_singular(self.name, np.isnan(psidd), pivots, limits, ("the hinge", *["body 1"] * 6))
+        if isinstance(psidd, np.ndarray | np.generic):
+            self.robot.warn_where_singular(np.isnan(psidd), np.zeros(1))  # psi does not matter to the hinge's pivot
 
     # ---- requests
 
@@ -198,7 +317,7 @@ class PairRequests(Constants, Subject):
             outputs = requested_outputs(options.get("outputs"), out, self.levels, outputs or default)
             sequence = self._sequence(given, options.get("sequence", "XYZ"))
         solves = "hinge_torque" in given
-        self._check_masses(outputs, solves)
+        self.require_masses(self.massive_bodies(outputs, solves))
         gravity = read_gravity(options.get("gravity", DEFAULT_GRAVITY))
         remade = functools.partial(self.computation, outputs, sequence, task.result, False, solves)
         return Request(remade(), given, INPUT_LABELS, gravity, remade, self._watch(outputs, solves))
@@ -222,7 +341,7 @@ class PairRequests(Constants, Subject):
             expected = "q" if self.kind.planar else "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz"
             raise ArgumentError("given", expected, quoted(names))
         solves = not PUSHES.isdisjoint(names)
-        self._check_masses(outputs, solves)
+        self.require_masses(self.massive_bodies(outputs, solves))
         of_task = self.tasks[task] if task is not None else None
         result = of_task.result if of_task is not None and {*outputs} <= {*of_task.outputs} else None
         sequence = self._sequence(names, options.get("sequence", "XYZ"))
@@ -241,15 +360,24 @@ class PairRequests(Constants, Subject):
         arguments = read_arguments(given, self.shapes, COORDINATES[self.kind], INPUT_LABELS)
         read, planar = tuple(arguments.values), self.kind.planar
         request = PairRequest(names, read, planar, of_q, self.points, has_home=self.has_home)
-        constants = self.tree.components, tree_errors(self)
-        known: dict[str, Any] = {"constants": Known(*map(tree_parameters, constants))}
+        check_single(self)
+        numbers_of_tree = numbers_with_bounds(self.constants, self.frames, self._bounded_origins())
+        known: dict[str, Any] = {"constants": Known(*map(tree_parameters, numbers_of_tree))}
         if not planar:
-            known |= {
-                "n": Known(numbers(self.arrays["n"]), axis_errors(self)),
-                "home": numbers(self.arrays["home"], 2),
-            }
+            n = self.arrays["n"]
+            is_exact = np.isin(n, (-1.0, 0.0, 1.0)).all()
+            errors = np.zeros(3) if is_exact else in_last_places(0.5, np.abs(n), UNIT_ROUNDOFF)
+            known |= {"n": Known(numbers(n), numbers(errors)), "home": numbers(self.arrays["home"], 2)}
         parts = dict.fromkeys(names, 0)
-        return output_bounds(request.compute, arguments, request.inputs(), known, parts, shape=self.shape)
+        return output_bounds(request.compute, arguments, request.inputs(), known, parts)
+
+    def _bounded_origins(self) -> list[Any]:
+        """Return the origins of the frames with bounds on their errors."""
+        home, u2 = (tuple(map(Bounded, numbers(self.in_space[name], k))) for name, k in (("home", 2), ("u2", 1)))
+        ends = [tuple(map(Bounded, numbers(lifted(p)))) for p in self.positions]
+        pairs = zip(self.points, ends, strict=True)
+        of_points = (end if point.body == 1 else arm(home, u2, end) for point, end in pairs)
+        return [np.array(one, dtype=object) for one in (arm(home, u2, (0.0, 0.0, 0.0)), *of_points)]
 
 
 # ---- arguments of methods
@@ -308,7 +436,10 @@ def check_single_pair(pair: Any, condition: str = "") -> None:
     Raises:
         ShapeError: u1, u2, n or home have leading axes.
     """
-    constants = constants_of(pair)
-    if not constants.single:
-        expected = f"one pair{condition}, such as {type(pair).__name__}(u1[i], ...)"
-        raise ShapeError("pair", expected, f"pairs of shape {constants.shape}")
+    check_single(constants_of(pair), type(pair).__name__, condition)
+
+
+def check_single(pair: PairRequests, kind: str = "HingePair", condition: str = "") -> None:
+    """Raise ShapeError if a pair has leading axes; see `check_single_pair`."""
+    if not pair.single:
+        raise ShapeError("pair", f"one pair{condition}, such as {kind}(u1[i], ...)", f"pairs of shape {pair.shape}")

@@ -131,8 +131,10 @@ def read_wrenches(wrenches: Any, tree: Tree) -> tuple[Loads, tuple[str, ...]]:
     return loads, tuple(wrenches)
 
 
-def _moved_frames(constants: RobotConstants, frames: tuple[Frame, ...]) -> dict[int, Any]:
-    """Return, by place among the `frame_numbers` of frames, those that differ between samples."""
+def moved_frames(constants: RobotConstants, frames: tuple[Frame, ...], behind: int = 0) -> dict[int, Any]:
+    """Return, by place among the `frame_numbers` of frames, those that differ between samples; `behind` numbers stand
+    before these.
+    """
     found: dict[int, Any] = {}
     sampled = axes_with_samples(constants.tree, constants.axes)
     for k, frame in enumerate(frames):
@@ -140,7 +142,7 @@ def _moved_frames(constants: RobotConstants, frames: tuple[Frame, ...]) -> dict[
         if frame.samples is not None or axes.ndim > 2:
             R, S = (frame.origin[..., None, :] @ axes)[..., 0, :], np.swapaxes(axes, -1, -2) @ frame.S
             columns = [*np.moveaxis(R, -1, 0), *np.moveaxis(S.reshape(*S.shape[:-2], 9), -1, 0)]
-            found |= {12 * k + i: column for i, column in enumerate(columns) if np.ptp(column)}
+            found |= {behind + 12 * k + i: column for i, column in enumerate(columns) if np.ptp(column)}
     return found
 
 
@@ -170,10 +172,10 @@ class RobotComputation(Computation):
         self._arguments = outputs, frames, loaded, result, joint_loads, single
         shown, free, places = len(frames), constants.free, tuple(range(len(frames), len(frames) + len(loaded)))
         frames = (*frames, *loaded)
-        numbers = [number for frame in frames for number in frame_numbers(constants, frame)]
+        numbers = frame_numbers(constants, frames)
         if joint_loads:
             numbers += load_numbers(constants.tree)
-        samples, moved = constants.tree.samples, _moved_frames(constants, frames)
+        samples, moved = constants.tree.samples, moved_frames(constants, frames)
         folded, parameters = split_numbers(numbers, moved)
         self.constants, self.frames, self.form = constants, frames, constants.form
         self.needs_masses = not {*outputs} <= {*OF_FRAMES, "torque_regressor", *OF_STRUTS, *OF_LOOPS}

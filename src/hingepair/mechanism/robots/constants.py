@@ -16,12 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.binding import FOLDED
+from hingepair.equations.spatial import cross, matrix_from_columns
 from hingepair.mechanism.bodies.body import SECOND_MOMENTS
 from hingepair.mechanism.bodies.pivots import Resisted, smallest_pivots
 from hingepair.mechanism.robots.samples import JointSamples, Payload, turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, Tree
 from hingepair.numeric.arrays import read_only
+from hingepair.numeric.blocks import numbers as components
 from hingepair.numeric.bounded import UNIT_ROUNDOFF, Bounded
+from hingepair.numeric.twofold import Twofold
+from hingepair.numeric.unit_vectors import polar
+from hingepair.plans.bounds import Known
 from hingepair.plans.closures import PRECISION
 from hingepair.plans.computation import Cache
 from hingepair.plans.struts import StrutForm
@@ -32,9 +37,7 @@ Exact: TypeAlias = NDArray[np.object_]
 """Array of Fractions; or for bounds of `Bounded`s."""
 
 _ROTATION_ROUNDING: Final = 4 * UNIT_ROUNDOFF  # of an entry made of products of three sines, or of a quaternion
-_AXIS_ROUNDING: Final = (
-    2 * UNIT_ROUNDOFF
-)  # of a component of a normalised vector, and what it turns the other axes by
+_AXIS_ROUNDING: Final = 2 * UNIT_ROUNDOFF  # of a normalised vector, and what it turns the other axes by
 
 # A program's axes x, y, z in the body's axes, by the absolute components of a joint axis along x, y or z.
 _AXES_ALONG: Final = {
@@ -197,15 +200,24 @@ def program_numbers(constants: RobotConstants) -> list[float]:
     return [next(numbers) if known is None else known for known in constants.form.known]
 
 
-def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[float]:
-    """Return bounds on the errors of the `program_numbers` and, behind them, of the `frame_numbers` of all frames.
+def numbers_with_bounds(
+    constants: RobotConstants, frames: Sequence[Frame], origins: Sequence[Exact] | None = None
+) -> Known:
+    """Return the `program_numbers` and, behind them, the `frame_numbers` of all frames, with bounds on their errors.
 
     Exact are the lengths and masses of the robot's record, the rotation next to each matrix S, and a unit axis along
     each n. S and n may be off by what their rounding to double precision does.
+
+    Args:
+        constants: constants of the robot.
+        frames: frames.
+        origins: of a pair, origins of the frames with bounds on their errors; then each n is exact.
     """
-    tree = constants.tree
+    tree, rounding = constants.tree, _AXIS_ROUNDING if origins is None else 0.0
     with np.errstate(all="ignore"):
-        axes = [_axes_with_bounds(P) for P in constants.axes]
+        axes = [_bounded(np.eye(3), np.zeros((3, 3)))]
+        pairs = zip(constants.axes[1:], tree.joints, strict=True)
+        axes += [_axes_with_bounds(P, joint.n, rounding) for P, joint in pairs]
         poses = []
         for joint, P in zip(tree.joints, axes[1:], strict=True):
             back = axes[joint.parent].T
@@ -216,15 +228,16 @@ def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[fl
             given = stored[len(exact) + 22 : len(exact) + 26]  # armature, multiplier, offset, threshold
             exact += [*S.ravel(), *u, *_ten_numbers(moments), *given]
         exact += stored[len(exact) :]  # the smallest pivots of the base
-        for frame in frames:
-            stored += frame_numbers(constants, frame)
-            back = axes[frame.body].T
-            exact += [*(back @ _numbers_of(frame.R, Bounded)), *(back @ _rotation_with_bounds(frame.S)).ravel()]
+        stored += frame_numbers(constants, frames)
+        for k, frame in enumerate(frames):
+            back, R = axes[frame.body].T, _numbers_of(frame.R, Bounded) if origins is None else origins[k]
+            exact += [*(back @ R), *(back @ _rotation_with_bounds(frame.S)).ravel()]
         bounds = [
             abs(number - one.value) + one.error if isinstance(one, Bounded) else 0.0
             for number, one in zip(stored, exact, strict=True)
         ]
-    return [math.inf if math.isnan(bound) else float(bound) * (1 + UNIT_ROUNDOFF) for bound in bounds]
+    errors = (math.inf if math.isnan(bound) else float(bound) * (1 + UNIT_ROUNDOFF) for bound in bounds)
+    return Known(tuple(stored), tuple(errors))
 
 
 def _rotation_with_bounds(S: NDArray[np.float64]) -> Exact:
@@ -234,17 +247,19 @@ def _rotation_with_bounds(S: NDArray[np.float64]) -> Exact:
     unit = np.abs(S) == 1
     unit &= (np.count_nonzero(S, axis=0) == 1) & (np.count_nonzero(S, axis=1) == 1)[:, None]
     exact = unit.any(axis=0) | unit.any(axis=1)[:, None]
-    errors = np.where(exact, 0.0, _distance_from_rotation(S, 0.5) + _ROTATION_ROUNDING)
+    errors = np.where(exact, 0.0, _distance_from_rotation(S) + _ROTATION_ROUNDING)
     return _bounded(S, errors)
 
 
-def _axes_with_bounds(P: NDArray[np.float64]) -> Exact:
-    """Return the entries of P (3, 3) with bounds on their distances from those of rotations with the last column
-    along that of P, and along any vector that rounds to it. A matrix of entries 0, 1 and -1 is exact.
+def _axes_with_bounds(P: NDArray[np.float64], n: NDArray[np.float64], rounding: float) -> Exact:
+    """Return the entries of P (3, 3), the `axes_along` n, with bounds on their distances from those of rotations with
+    the last column along n, and along any vector that differs from n by `rounding`. A matrix of entries 0, 1 and -1
+    is exact.
     """
-    exact = np.isin(P, (-1.0, 0.0, 1.0)).all()
-    errors = np.zeros((3, 3)) if exact else _distance_from_rotation(P, 1.0) + _AXIS_ROUNDING
-    return _bounded(P, errors)
+    if np.isin(P, (-1.0, 0.0, 1.0)).all():
+        return _bounded(P, np.zeros((3, 3)))
+    lost = [abs(c.low) + 2.0**-90 + rounding for c in _axes_in_twofold(n)]
+    return _bounded(P, np.array(lost).reshape(3, 3))
 
 
 def _bounded(matrix: NDArray[np.float64], errors: NDArray[np.float64]) -> Exact:
@@ -252,21 +267,18 @@ def _bounded(matrix: NDArray[np.float64], errors: NDArray[np.float64]) -> Exact:
     return np.array([Bounded(x, error) if x or error else 0 for x, error in numbers], dtype=object).reshape(3, 3)
 
 
-def _distance_from_rotation(S: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-    """Return bounds on the distances of the entries of S from those of a rotation: of the next one (share 1/2), or of
-    one that keeps the direction of the last column (share 1).
-    """
-    # With S^T S = I + E, S = Q (I + E/2 + ...) where Q is the next rotation. Where Q keeps a direction, S = Q (I + U)
-    # with a triangular U, and U + U^T = E up to squares.
+def _distance_from_rotation(S: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return bounds on the distances of the entries of S from those of the next rotation."""
+    # With S^T S = I + E, S = Q (I + E/2 + ...) where Q is the next rotation.
     columns = [[Fraction(x) for x in column] for column in S.T.tolist()]
     off = [[sum(x * y for x, y in zip(a, b, strict=True)) - (a is b) for b in columns] for a in columns]
     E = np.abs(np.array([[float(entry) for entry in row] for row in off]))  # exact until it is rounded here
-    return np.asarray((share * (np.abs(S) @ E) + 8 * (E**2).sum()) * (1 + 2.0**-40))
+    return np.asarray((0.5 * (np.abs(S) @ E) + 8 * (E**2).sum()) * (1 + 2.0**-40))
 
 
-def frame_numbers(constants: RobotConstants, frame: Frame) -> list[float]:
-    """Return position R and rotation S of a Frame, in the program's axes of its body, as a list of 12 numbers."""
-    return _numbers_of_frame(constants.axes, frame)
+def frame_numbers(constants: RobotConstants, frames: Iterable[Frame]) -> list[float]:
+    """Return position R and rotation S of Frames, in the program's axes of their bodies, 12 numbers each."""
+    return [number for frame in frames for number in _numbers_of_frame(constants.axes, frame)]
 
 
 def _numbers_of_frame(axes: Sequence[NDArray[np.float64]], frame: Frame) -> list[float]:
@@ -316,8 +328,8 @@ def _poses_in_program_axes(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> l
 
 
 def axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return rotations (..., 3, 3) whose third column is n, (..., 3); an exact permutation where a single n is along
-    x, y or z.
+    """Return rotations (..., 3, 3) whose third column is along n, (..., 3), of any length, each entry rounded once;
+    an exact permutation where a single n is of unit length along x, y or z.
     """
     size = tuple(np.abs(n).tolist()) if n.ndim == 1 else ()
     if size in _AXES_ALONG:
@@ -325,10 +337,16 @@ def axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
         if n.sum() < 0:  # turned by pi about the new x axis
             columns = columns * (1.0, -1.0, -1.0)
         return columns + 0.0
-    x = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
-    x = x - n * (n * x).sum(axis=-1, keepdims=True)
-    x /= np.sqrt((x * x).sum(axis=-1, keepdims=True))
-    return np.stack((x, np.cross(n, x), n), axis=-1)
+    high = np.stack(np.broadcast_arrays(*(c.high for c in _axes_in_twofold(n))), axis=-1)
+    return np.asarray(high.reshape(*n.shape[:-1], 3, 3) + 0.0)
+
+
+def _axes_in_twofold(n: NDArray[np.float64]) -> tuple[Twofold, ...]:
+    """Return the entries of rotations whose third column is along n, (..., 3), in twice the precision."""
+    z: Any = polar(components(n))[0]
+    least: Any = components(np.eye(3)[np.argmin(np.abs(n), axis=-1)])
+    y: Any = polar(tuple(c + 0.0 for c in cross(components(n), least)))[0]
+    return matrix_from_columns(cross(y, z), y, z)
 
 
 def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -374,6 +392,8 @@ def _mass_moments(
 
 def _moments_of_body(body: MassProperties, kind: Callable[[float], Any]) -> Exact:
     """Return the moments of a body in its own axes, in numbers of a kind."""
+    if not body.mass and not body.inertia.any():
+        return np.zeros((4, 4), dtype=object)
     m, J = kind(body.mass), _numbers_of(body.inertia, kind)
     c = [*_numbers_of(body.centre_of_mass, kind)]
     J = (J + J.T) * np.array([[kind(0.5)]], dtype=object)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import functools
-import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from hingepair.mechanism.requests import (
     ask,
     motion_level,
     read_gravity,
-    warn_where_singular,
+    warn_of_pivots,
 )
 from hingepair.mechanism.robots.computations import (
     ALL_OUTPUTS,
@@ -41,10 +40,8 @@ from hingepair.mechanism.robots.computations import (
 )
 from hingepair.mechanism.robots.constants import (
     RobotConstants,
-    frame_numbers,
     load_numbers,
-    number_bounds,
-    program_numbers,
+    numbers_with_bounds,
     robot_constants,
 )
 from hingepair.mechanism.states import (
@@ -55,7 +52,7 @@ from hingepair.mechanism.tree import Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, is_zero
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Coordinates, requested_outputs
-from hingepair.plans.bounds import Known, output_bounds
+from hingepair.plans.bounds import output_bounds
 from hingepair.plans.trees import BASE_LOADS, DERIVED, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES, compute_request
 
 
@@ -65,22 +62,23 @@ class RobotRequests(Subject):
     Args:
         tree: record of the robot.
         base: "fixed": the base is held, or moves as given; "free": forces move the base.
+        whole: whether all matter counts with its own body (T9).
     """
 
     tasks, inputs = ROBOT_TASKS, PREPARED_ARGUMENTS
     _further_words = ("rollout", "inverse_kinematics")
 
-    def __init__(self, tree: Tree, base: str) -> None:
+    def __init__(self, tree: Tree, base: str, whole: bool = False) -> None:
         super().__init__()
-        self.tree, self.base = tree, base
+        self.tree, self.base, self._whole = tree, base, whole
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.tree, self.base)
+        return type(self), (self.tree, self.base, self._whole)
 
     @lock_free_cached_property
     def constants(self) -> RobotConstants:
         """Constants of the robot's programs."""
-        return robot_constants(self.tree, self.base == "free")
+        return robot_constants(self.tree, self.base == "free", self._whole)
 
     @lock_free_cached_property
     def whole_constants(self) -> RobotConstants:
@@ -157,14 +155,12 @@ class RobotRequests(Subject):
         values = computation.read(coordinates, options.get("base_motion"), {})
         constants, request = computation.constants, computation.request
         constants.tree.plain()
-        of_frames = (frame_numbers(constants, frame) for frame in computation.frames)
-        numbers = [*program_numbers(constants), *itertools.chain(*of_frames)]
-        errors = [float(error) for error in number_bounds(constants, computation.frames)]
         # Which constants fold is said by their errors here: one that is 0 may be 1e-17 in the exact robot.
         form = computation.form._replace(known=(None,) * len(computation.form.known))
         program = functools.partial(compute_request, form, request._replace(known=(None,) * len(request.known)))
+        numbers = numbers_with_bounds(constants, computation.frames)
         vector = read_gravity(options.get("gravity", DEFAULT_GRAVITY))
-        known = {**computation.known, "gravity": vector, "constants": Known(tuple(numbers), tuple(errors))}
+        known = {**computation.known, "gravity": vector, "constants": numbers}
         shown = 0 if request.single else len(request.shown_frames)
         parts = {name: shown if name in FRAME_OUTPUTS else 0 for name in request.outputs}
         return output_bounds(program, values, computation.inputs, known, parts)
@@ -285,9 +281,11 @@ class RobotRequests(Subject):
             raise ArgumentError(name, "0: a fixed base is not moved by forces (base='free' is)", quoted(given[name]))
         return loads
 
-    def check_masses(self) -> None:
-        """Refuse a body whose mass was never given, and masses that overflow."""
+    def check_masses(self, bodies: Collection[int] | None = None) -> None:
+        """Refuse a body, of those with some numbers or all, whose mass was never given, and masses that overflow."""
         for number, link in self.tree.without_mass.items():
+            if bodies is not None and number not in bodies:
+                continue
             if number == 0 and self.base == "free":
                 where = "body1 of the first pair"
             elif number > 0:
@@ -301,11 +299,14 @@ class RobotRequests(Subject):
             expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
             raise ArgumentError(f"robot {self.tree.name!r}", expected, "products that overflow")
 
-    def warn_of_masses(self) -> None:
-        """Issue a DynamicsWarning for each of the tree's notes, at the first call for a robot."""
+    def warn_of_masses(self, bodies: Collection[int] | None = None) -> None:
+        """Check the masses of bodies with some numbers, or of all; issue a DynamicsWarning for each of the tree's
+        notes at the first call for a robot.
+        """
         cache = self.cache
+        if bodies is not None or not cache.warned:
+            self.check_masses(bodies)
         if not cache.warned:
-            self.check_masses()
             cache.warned = True
             for note in self.tree.mass_notes(self.constants.free):
                 warn_of_dynamics(f"{self.tree.name}: {note}")
@@ -339,6 +340,10 @@ class RobotRequests(Subject):
         # Where one derivative is NaN, all are.
         found += [array[..., 0] for name, array in arrays.items() if name.startswith("qdd_")][:1]
         bad = np.asarray(np.logical_or.reduce([np.isnan(array).any(axis=-1) for array in found] or [np.False_]))
+        self.warn_where_singular(bad, q)
+
+    def warn_where_singular(self, bad: Any, q: Any) -> None:
+        """Issue a DynamicsWarning that names what no inertia resists at samples where accelerations are NaN."""
         if not bad.any():
             return
         names = ("pivots", "base_pivots") if self.base == "free" else ("pivots",)
@@ -348,7 +353,7 @@ class RobotRequests(Subject):
         smallest = np.concatenate([thresholds[name] for name in names])
         values = np.concatenate([np.asarray(pivots[name]) for name in names], axis=-1)
         labels = (*(f"joint {name!r}" for name in constants.names), *["the base"] * 6)
-        warn_where_singular(self.tree.name, bad, values, smallest, labels)
+        warn_of_pivots(self.tree.name, bad, values, smallest, labels)
 
 
 def _has_nan(result: Any) -> bool:
