@@ -282,7 +282,7 @@ def _first(shape, rng, count):
 
 
 def _varied(population, parents, rng):
-    """Children of each parent with one pair: numbers changed by factors or sums of any size, or taken from another."""
+    """Children of each parent, with one pair: numbers changed by factors or sums, or taken from another."""
     mothers = np.repeat(parents, _PER_PAIR)
     count = len(mothers)
     fathers = rng.choice(parents, count)

@@ -32,14 +32,14 @@ PROMISED_BOUND_BY_OUTPUT: Mapping[str, PromisedBound] = MappingProxyType(
     {
         "S1": PromisedBound(8, 5.1, "1"),
         "S2": PromisedBound(36, 11.6, "1"),
-        "d": PromisedBound(19, 7.9, "abs(u1) + abs(u2)"),
-        "R2": PromisedBound(20, 7.6, "max abs(R1) + abs(u1) + abs(u2)"),
+        "d": PromisedBound(36, 8.8, "abs(u1) + abs(u2)"),
+        "R2": PromisedBound(36, 10.6, "max abs(R1) + abs(u1) + abs(u2)"),
         "omega1": PromisedBound(7, 3.4, "W1"),
         "omega2": PromisedBound(14, 6.1, "W2 = W1 + abs(psi')"),
-        "v2": PromisedBound(32, 10.6, "max abs(v1) + W1 abs(u1) + W2 abs(u2)"),
+        "v2": PromisedBound(64, 10.6, "max abs(v1) + W1 abs(u1) + W2 abs(u2)"),
         "alpha1": PromisedBound(7, 4.5, "A1"),
         "alpha2": PromisedBound(25, 9.3, "A2 = A1 + abs(psi'') + W1 abs(psi')"),
-        "a2": PromisedBound(33, 12.8, "max abs(a1) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)"),
+        "a2": PromisedBound(74, 13.7, "max abs(a1) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)"),
     }
 )
 """The bounds hold if all inputs, results and scales are 0 or in the normal range of floating-point numbers. If

@@ -133,7 +133,7 @@ def tree_of_arrays(
     samples = samples.with_joints({}, [R for _, R in places.values() if R.ndim > 1])
     return Tree(
         name, (hinge,), base, {"body1": Frame(0, np.zeros(3), still)}, frames, ("body1",),
-        tuple((k, f"body{k + 1}: {one}") for k, body in enumerate(bodies) if body is not None for one in body.assumed),
+        tuple((k, f"body{k + 1}: {one}") for k, body in enumerate(bodies) if body for one in body.assumed),
         without_mass={k: f"body{k + 1}" for k, body in enumerate(bodies) if body is None},
         samples=samples if samples.shape else None,
     )  # fmt: skip

@@ -296,6 +296,9 @@ class HingePair(Frozen, Shown):
             Bounds by output name, in its unit, in NumPy whatever the arguments are; shape (...,). Infinite where an
             intermediate result overflows or an input is not finite.
 
+        Raises:
+            ShapeError: the pair has leading axes.
+
         >>> import numpy as np
         >>> import hingepair as hp
         >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
