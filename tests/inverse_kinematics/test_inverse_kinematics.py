@@ -7,6 +7,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.formats.robots import robot_names
+from hingepair.inverse_kinematics.starts import Starts
 from support.near import POSE, U
 
 ARMS = {"panda": "panda_hand", "ur5_robot": "tool0"}
@@ -401,3 +402,14 @@ def test_shapes_broadcast_and_positions_alone_have_no_angle():
     assert robot.inverse_kinematics(np.empty((0, 3)), frame="tool0").q.shape == (0, 6)
     by_joint = robot.inverse_kinematics(R, frame="tool0", q0=dict.fromkeys(robot.names, 0.1))
     assert np.array_equal(by_joint.q, robot.inverse_kinematics(R, frame="tool0", q0=np.full(6, 0.1)).q)
+
+
+def test_a_pose_of_a_random_start_is_nearest_to_itself(monkeypatch):
+    kept, nearest = [], Starts.nearest
+    monkeypatch.setattr(Starts, "nearest", lambda self, *given: kept.append(self) or nearest(self, *given))
+    robot = robot_of("ur5_robot")
+    robot.inverse_kinematics(robot.forward_kinematics(np.full(6, 0.3), frames="tool0")["tool0"], frame="tool0")
+    starts = kept[0]
+    size = starts.measure.argument_shapes["target"]
+    q = starts.nearest(np.random.default_rng(0).normal(size=(20, *size)), 0, 256)
+    np.testing.assert_array_equal(starts.nearest(starts.measure.rows(q, np.zeros(size))["pose"], 0, 256), q)

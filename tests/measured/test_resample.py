@@ -46,6 +46,7 @@ def test_gaps_and_what_lies_outside_are_nan_and_the_rest_is_not() -> None:
     found = hp.resample(t, values, to)
     assert np.isnan(found).tolist() == [True, False, False, True, True, True, False, True]
     assert np.abs(found - np.sin(to))[2] < 1e-8  # (0.01 s)^4
+    assert np.isnan(hp.resample(t, np.nan * t, to)).all()
 
 
 def test_two_clocks_of_nanoseconds_meet() -> None:

@@ -96,3 +96,16 @@ def test_all_fronts_lead_to_the_same_body_2(sequence):
     for name in ("R2", "S2", "v2", "omega2"):
         size = np.abs(state[name]).max()
         np.testing.assert_allclose(again[name], state[name], rtol=0, atol=32 * U * size)
+
+
+@pytest.mark.parametrize("order", ["quat_xyzw", "quat_wxyz"])
+def test_quaternions_of_any_length_are_attitudes_of_prepared_calls(order):
+    rng = np.random.default_rng(3)
+    pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.2, 0.1, 0), n=(1, 2, 0))
+    call = pair.prepare((order, "psi"), outputs=("S1", "S2"))
+    for quat in rng.normal(size=(5, 4)) * 10.0 ** rng.uniform(-100, 100, (5, 1)):
+        found = call(quat, 0.7)
+        body1 = getattr(hp.BodyMotion, f"from_{order.replace('quat', 'quaternion')}")(R=np.zeros(3), **{order: quat})
+        np.testing.assert_allclose(found.S1, body1.S, rtol=0, atol=12 * U)
+        expected = pair.forward_kinematics_from_body1(body1, 0.7)
+        np.testing.assert_allclose(found.S2, expected.S2, rtol=0, atol=24 * U)
