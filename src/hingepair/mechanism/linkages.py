@@ -489,17 +489,14 @@ def open_samples(closure: TreeClosure, q: FloatArray, all_q: FloatArray, gaps: F
     bad = np.isnan(all_q).any(axis=-1) & np.isfinite(q).all(axis=-1)
     if not bad.any():
         return None
-    all_q, gaps, q = all_q[bad][0], gaps[bad][0], q[bad][0]
+    all_q, gaps, q = (rows[bad][0] for rows in (all_q, gaps, q))
     chain = next(one for one in closure.form.chains if np.isnan(all_q[[*one.dependent]]).any())
     apart = gaps[[*chain.loops]]
-    if (apart < MAX_GAPS[1] * closure.size).all():
-        loops = ", ".join(str(closure.loops[place].name) for place in chain.loops)
-        state = f"{loops} at a dead point, with a transmission below {MIN_TRANSMISSIONS[1]:g}"
-    else:
-        worst = int(np.argmax(np.nan_to_num(apart, nan=np.inf)))
-        state = f"{closure.loops[chain.loops[worst]].name} cannot be closed"
-        if np.isfinite(apart[worst]):
-            state += f", a gap of {apart[worst] * 1e3:.4g} mm is left"
+    worst = int(np.argmax(np.nan_to_num(apart, nan=np.inf)))
+    loop = closure.loops[chain.loops[worst]].name
+    state = f"{loop} cannot be closed, a gap of {apart[worst] * 1e3:.4g} mm is left"
+    if apart[worst] < MAX_GAPS[1] * closure.size:
+        state = f"{loop} at a dead point, with a transmission below {MIN_TRANSMISSIONS[1]:g}"
     where = ", ".join(f"{name} = {value:.6g}" for name, value in zip(closure.names, q, strict=True))
     count = f"NaN at {int(bad.sum())} of {bad.size} samples, first" if bad.shape else "NaN"
     return f"results are {count} at {where}: {state}"

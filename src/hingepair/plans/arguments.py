@@ -259,6 +259,7 @@ def chosen_names(argument: str, names: Iterable[Any], accepted: Collection[str])
     Raises:
         ArgumentError: another name, or none.
     """
+    names = (names,) if isinstance(names, str) else names
     kind, text = (Iterable, "names") if argument == "wrt" else (Mapping, "a dict of arrays, with names")
     chosen = [*names] if isinstance(names, kind) else []
     if not chosen or not all(name in accepted for name in chosen):

@@ -11,7 +11,7 @@ from hingepair.engine import jax_torch
 from hingepair.engine.backend import Execution
 from hingepair.engine.calls import Call
 from hingepair.engine.exports import c_source
-from hingepair.engine.results import Results, writable_arrays
+from hingepair.engine.results import writable_arrays
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray
@@ -34,7 +34,6 @@ class _Derived(NamedTuple):
 
     names: tuple[str, ...]  # of the arguments by which it is taken
     further: tuple[str, ...]  # outputs that have weights, or arguments that change
-    computation: Computation
     call: Call
     labels: Mapping[str, str]  # of the weights or changes in messages
 
@@ -248,9 +247,8 @@ class Prepared:
         >>> f.jacobian((q, qd, qdd), wrt=("q", "qd"))["tau"]["q"].shape
         (6, 6)
         """
-        derived = self._derived("jacobian", None, wrt)
-        arrays = writable_arrays(self._derive(derived, given, ()))
-        return {one: {name: arrays[f"{one}_{name}"] for name in derived.names} for one in self.outputs}
+        names, arrays, _ = self._derive("jacobian", given, {}, wrt)
+        return {one: {name: arrays[f"{one}_{name}"] for name in names} for one in self.outputs}
 
     def vjp(
         self, given: Sequence[Any], cotangents: Mapping[str, Any], wrt: str | Iterable[str] | None = None
@@ -277,10 +275,8 @@ class Prepared:
         >>> value.tau.shape, gradient["q"].shape
         ((6,), (6,))
         """
-        derived = self._derived("vjp", cotangents, wrt)
-        found = self._derive(derived, given, [cotangents[name] for name in derived.further])
-        arrays = writable_arrays(found)
-        return self._value(arrays, found), {name: arrays[f"gradient_{name}"] for name in derived.names}
+        names, arrays, value = self._derive("vjp", given, cotangents, wrt)
+        return value, {name: arrays[f"gradient_{name}"] for name in names}
 
     def jvp(self, given: Sequence[Any], tangents: Mapping[str, Any]) -> tuple[Any, dict[str, FloatArray]]:
         """Compute the results of the call, and their rates of change for given rates of change of arguments.
@@ -304,10 +300,8 @@ class Prepared:
         >>> value.S.shape, tangent["S"].shape
         ((3, 3), (3,))
         """
-        derived = self._derived("jvp", tangents, None)
-        found = self._derive(derived, given, [tangents[name] for name in derived.further])
-        arrays = writable_arrays(found)
-        return self._value(arrays, found), {name: arrays[f"rate_{name}"] for name in self.outputs}
+        _, arrays, value = self._derive("jvp", given, tangents, None)
+        return value, {name: arrays[f"rate_{name}"] for name in self.outputs}
 
     def _derived(self, kind: str, weighted: Any, wrt: Any) -> _Derived:
         """Return a derivative: `weighted` are the cotangents or tangents, by name. It is made at the first call."""
@@ -326,8 +320,7 @@ class Prepared:
         else:
             if kind == "vjp":
                 outputs = further = chosen_names(label, weighted, self.outputs)
-            chosen = self.given if wrt is None else (wrt,) if isinstance(wrt, str) else wrt
-            names = chosen_names("wrt", chosen, accepted)
+            names = chosen_names("wrt", self.given if wrt is None else wrt, accepted)
         computation = self._computation if {*names} <= {*self.given} else self._computation.by_constants
         shapes = {**self._call.argument_shapes, **computation.constant_shapes}
         derivative = Derivative(kind, outputs, tuple((name, shapes[name]) for name in names))
@@ -335,21 +328,19 @@ class Prepared:
         call = computation.call(
             (*self.given, *labels), self._execution.backend, self._gravity, prepared=True, derivatives=(derivative,)
         )
-        derived = self._derivatives[key] = _Derived(names, further, computation, call, labels)
+        derived = self._derivatives[key] = _Derived(names, further, call, labels)
         return derived
 
-    def _derive(self, derived: _Derived, given: Sequence[Any], further: Sequence[Any]) -> Results:
-        """Compute a derivative; `further` are its weights or changes."""
-        if not isinstance(given, tuple | list) or len(given) != len(self.given):
+    def _derive(
+        self, kind: str, given: Sequence[Any], weighted: Any, wrt: Any
+    ) -> tuple[tuple[str, ...], dict[str, FloatArray], Any]:
+        """Compute a derivative: return the names by which it is taken, its arrays, and what the call returns."""
+        names, further, call, labels = self._derived(kind, weighted, wrt)
+        if not isinstance(given, tuple | list) or len(given) != self._count:
             raise ArgumentError("given", f"a tuple of {', '.join(self.given)}", quoted(given))
-        named = dict(zip(derived.call.argument_shapes, (*given, *further), strict=True))
-        workers = self._execution.workers
-        result: Results = derived.computation.answer(derived.call, named, None, workers, derived.labels)
-        return result
-
-    def _value(self, arrays: Mapping[str, FloatArray], found: Results) -> Any:
-        """Return the results of the call itself out of the arrays of a derivative."""
-        kind = self._computation.result
-        if kind is None:
-            return arrays[self.outputs[0]]
-        return kind({name: arrays[name] for name in self.outputs}, found.shape)
+        named = dict(zip(call.argument_shapes, (*given, *(weighted[name] for name in further)), strict=True))
+        found = self._computation.answer(call, named, None, self._execution.workers, labels)
+        arrays, result = writable_arrays(found), self._computation.result
+        if kind == "jacobian" or result is None:
+            return names, arrays, arrays.get(self.outputs[0])
+        return names, arrays, result({name: arrays[name] for name in self.outputs}, found.shape)

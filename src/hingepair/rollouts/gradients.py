@@ -40,7 +40,7 @@ def gradients(
     state = motions.step.state
     names = {"q0": "q", "qd0": "qd"} | {name: name for name in state if name in BASE_STATE}
     names |= {name: name for name in motions.step.control.shapes(motions.step.form.dof) if name != "limit"}
-    wanted = chosen_names("wrt", names if wrt is None else (wrt,) if isinstance(wrt, str) else wrt, names)
+    wanted = chosen_names("wrt", names if wrt is None else wrt, names)
     weights = {}
     for name in chosen_names("cotangents", cotangents, state):
         shape = (*motions.shape, motions.records + 1, *change_shape(name, state[name]))

@@ -150,10 +150,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ") -> Floa
     out = tabulate(rates, inputs, {"phid": (3,), "lock": ()}, shape, result_dtype((angles, velocity)))
     locked = np.abs(out["lock"]) < _gimbal_lock_limit(angles)
     if locked.any():
-        first = np.unravel_index(int(np.argmax(locked)), shape)
-        where = f" at sample {tuple(map(int, first))}" if shape else ""
-        middle = float(np.broadcast_to(angles[..., 1], shape)[first])
-        got = f"lock of {sequence}, middle angle {middle:.6g}{where}"
+        got = f"lock of {sequence} at {int(locked.sum())} of {locked.size} samples"
         raise GimbalLockError("phi", "angles away from gimbal lock", got)
     return out["phid"]
 

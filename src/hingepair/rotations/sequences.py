@@ -66,10 +66,7 @@ class EulerSequence(NamedTuple):
 
     def columns(self, canonical_axes: tuple[Any, ...]) -> tuple[eq.Vector, ...]:
         """Return the three columns of J in world axes, in the order of the sequence's letters."""
-        return self._in_order(eq.euler_axes(canonical_axes))
-
-    def _in_order(self, canonical: tuple[eq.Vector, ...]) -> tuple[eq.Vector, ...]:
-        """Return canonical columns of J in world axes, in the order of the sequence's letters."""
+        canonical = eq.euler_axes(canonical_axes)
         columns = canonical[::-1] if self.backward else canonical
         return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
 
