@@ -160,7 +160,7 @@ def test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate():
     neutral = [slider["neutral"] for slider in sliders]
     np.testing.assert_array_equal(neutral, np.clip(0, *robot.position_limits.T))
     assert {frame["name"] for frame in content["frames"]} == {*robot.links, *tree_of(robot).frames}
-    assert content["frame"] == "panda_hand_tcp"
+    assert content["frame"] == "panda_leftfinger"  # of the tips, the first behind the most joints
 
 
 @pytest.mark.slow

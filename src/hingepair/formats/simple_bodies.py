@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -64,31 +63,20 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
         tree: the robot.
         size: its size [m].
     """
-    count = len(tree.joints) + 1
-    carried: list[list[int]] = [[] for _ in range(count)]
-    for number, joint in enumerate(tree.joints, 1):
-        carried[joint.parent].append(number)
-    ends = [_rod_ends(tree, number, size, carries=bool(carried[number])) for number in range(count)]
-    points = [[*(np.asarray(tree.joints[k - 1].u) for k in carried[n]), *ends[n]] for n in range(count)]
-    masses = [tree.base.mass, *(joint.body.mass for joint in tree.joints)]
-    lengths = [sum(math.hypot(*point) for point in body_points) for body_points in points]
-    radii = [_rod_radius(mass, length, size) for mass, length in zip(masses, lengths, strict=True)]
-    for number, joint in enumerate(tree.joints, 1):
-        if lengths[number] <= _SHORTEST * size:  # a body without a rod is as thick as its thinner neighbour
-            radii[number] = min(radii[joint.parent], *(radii[k] for k in carried[number]), math.inf)
-    bodies = [SimpleBody([], []) for _ in range(count)]
+    radius = float(f"{size / 50:.2g}")
+    bodies = [SimpleBody([], []) for _ in range(len(tree.joints) + 1)]
     for number, body in enumerate(bodies):
-        radius = radii[number]
-        widths = [min(radius, 1.4 * radii[k]) for k in carried[number]] + [radius] * len(ends[number])
-        for point, width in zip(points[number], widths, strict=True):
-            body.links.extend(_rod_shapes(point, width, size))
+        carried = [np.asarray(joint.u) for joint in tree.joints if joint.parent == number]
+        for end in (*carried, *_rod_ends(tree, number, size, carries=bool(carried))):
+            length = math.hypot(*end)
+            if length > _SHORTEST * size:
+                body.links.extend((Cylinder(radius, length, end / 2, end), Sphere(radius, end)))
         if number == 0:
             body.links.append(Box((2.4 * radius,) * 3))
             continue
         joint = tree.joints[number - 1]
         if joint.axis.turns:
-            drum = 1.2 * max(radius, min(radii[joint.parent], 1.4 * radius))
-            body.joints.append(Cylinder(drum, 2.2 * drum, axis=joint.n))
+            body.joints.append(Cylinder(1.4 * radius, 3 * radius, axis=joint.n))
             body.links.append(Sphere(radius))
         else:
             lower, upper = drawn_range(joint, size)
@@ -123,24 +111,3 @@ def _rod_ends(tree: Tree, body_number: int, size: float, *, carries: bool) -> li
     masses = tree.joints[body_number - 1].body if body_number else tree.base
     beyond = 2 * masses.centre_of_mass
     return [beyond] if _SHORTEST * size < math.hypot(*beyond) < size / 2 else []
-
-
-def _rod_radius(mass: float, length: float, size: float) -> float:
-    """Return the radius [m] of rods of this mass [kg] and length [m], of metal, within bounds by the robot's size."""
-    thinnest, thickest, thickest_of_short_rods = 0.016 * size, 0.03 * size, 0.3 * length
-    is_drawn = length > _SHORTEST * size
-    least = min(thinnest, thickest_of_short_rods) if is_drawn else thinnest
-    if not mass > 0:
-        return float(f"{max(least, min(0.02 * size, thickest_of_short_rods)):.2g}")
-    density = 2000.0  # [kg/m^3] of metal, motors and air
-    joint_length = 0.25 * size  # of the parts of a body besides its rods
-    radius = math.sqrt(mass / (math.pi * density * (length + joint_length)))
-    return float(f"{min(max(radius, least), thickest):.2g}")
-
-
-def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape]:
-    """Return a rod from a body's reference point to `end` [m], with a sphere there; nothing if it is too short."""
-    length = math.hypot(*end)
-    if length <= _SHORTEST * size:
-        return ()
-    return Cylinder(radius, length, end / 2, end), Sphere(radius, end)

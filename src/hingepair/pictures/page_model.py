@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -119,8 +118,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None, megabyte
     Args:
         robot: the robot.
         title: title of the page.
-        frame: link or frame whose motion is shown first; by default the tool, or else the last link of the longest
-            chain.
+        frame: link or frame whose motion is shown first; by default the last link of the longest chain.
         megabytes: size of the meshes on the page; 0: none are read.
     """
     tree, size = tree_of(robot), robot_size(tree_of(robot))
@@ -129,8 +127,11 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None, megabyte
     chains = _joint_chains(tree)
     colours = [_BASE_COLOUR] * (len(tree.joints) + 1)
     for place, (_, joints) in enumerate(chains):
-        for along, number in enumerate(joints):
-            colours[number] = _lighten(_CHAIN_COLOURS[place % len(_CHAIN_COLOURS)], 0.4 * (along % 2))
+        for number in joints:
+            colours[number] = _CHAIN_COLOURS[place % len(_CHAIN_COLOURS)]
+    depths = [0]
+    for joint in tree.joints:
+        depths.append(depths[joint.parent] + 1)
     names = ["base", *(joint.name for joint in tree.joints)]
     loops: dict[str, Frame] = {}
     if tree.closure is not None:
@@ -148,7 +149,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None, megabyte
         joints=tree.joints,
         chains=chains,
         frames={**tree.frames, **tree.links, **loops},
-        frame=_tool(tree) if frame is None else frame,
+        frame=max(tree.tips, key=lambda name: depths[tree.links[name].body]) if frame is None else frame,
         path_colours={},
         axes_shown=(),
         legend=(),
@@ -264,24 +265,6 @@ def _joint_chains(tree: Tree) -> list[tuple[str, list[int]]]:
         chains.setdefault(start, []).append(number)
     ends = [dict.fromkeys(tree.joints[k - 1].name for k in (chain[0], chain[-1])) for chain in chains.values()]
     return [(" ... ".join(names), chain) for names, chain in zip(ends, chains.values(), strict=True)]
-
-
-def _tool(tree: Tree) -> str:
-    """Return the frame at the tool: of the links and frames with such a name (tool0, tcp, ee), or else of the tips,
-    the first that is behind the most joints.
-    """
-    depths = [0]
-    for joint in tree.joints:
-        depths.append(depths[joint.parent] + 1)
-    frames = {**tree.links, **tree.frames}
-    named = [name for name in frames if re.search(r"(^|_)(tool0?|tcp|ee|end_?effector)($|_)", name.lower())]
-    return max(named or tree.tips, key=lambda name: depths[frames[name].body])
-
-
-def _lighten(colour: str, share: float) -> str:
-    """Return a colour (#rrggbb) mixed with a share of white, from 0 to 1, as text in the same form."""
-    parts = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    return "#" + "".join(f"{round(part + share * (255 - part)):02x}" for part in parts)
 
 
 def _shape_json(shape: Shape | MeshPiece, colour: str) -> dict[str, Any]:

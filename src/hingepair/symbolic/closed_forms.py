@@ -82,14 +82,15 @@ def pair_forms(
     *R1, psi = (given.get(name, sympy.Function(name, real=True)(TIME)) for name in kind.coordinates)
     found: dict[str, Any] = {**_constants(pair, symbolic, values), "psi": psi}
     found |= {"R1": (*R1[:2], sympy.S.Zero), "phi1": R1[2]} if planar else {"R1": tuple(R1[:3]), "phi": tuple(R1[3:])}
-    plane: dict[str, Equation] = {"S1": (_about_z, ("phi1",)), "omega1": (_spin_about_z, ("phi1",))}
-    equations = {**_PAIR, **(plane if planar else _attitude_equations(sequence or "XYZ"))}
+    equations = {**_PAIR, **(_IN_PLANE if planar else _attitude_equations(sequence or "XYZ"))}
     for point in points:
         i, name, arm = point.body, point.name, f"arm of {point.name}"
         equations[arm] = (eq.rotate, (f"S{i}", point_key(name)))
         equations[name] = (eq.add, (f"R{i}", arm))
-        equations[f"{name}_v"] = (_point_velocity, (f"v{i}", f"omega{i}", arm))
-        equations[f"{name}_a"] = (_point_acceleration, (f"a{i}", f"omega{i}", f"alpha{i}", arm))
+        equations[f"rate of {name}"] = (eq.cross, (f"omega{i}", arm))
+        equations[f"{name}_v"] = (eq.add, (f"v{i}", f"rate of {name}"))
+        equations[f"change of {name}"] = (eq.point_acceleration, (f"omega{i}", f"alpha{i}", arm))
+        equations[f"{name}_a"] = (eq.add, (f"a{i}", f"change of {name}"))
     rates = {f"{name}{'d' * k}": (name, k) for name in kind.coordinates for k in (1, 2)}
     return ClosedForms(pair.name or "", outputs, equations, found, rates)
 
@@ -130,20 +131,15 @@ def _rates(expr: Any) -> Any:
     return tuple(map(rate, expr)) if isinstance(expr, tuple) else rate(expr)
 
 
-def _about_z(angle: Expr) -> Exprs:
-    return eq.hinge_rotation((0, 0, 1), _trig(angle))
-
-
-def _spin_about_z(angle: Expr) -> Exprs:
-    return 0, 0, rate(angle)
-
-
 def _attitude_equations(sequence: str) -> dict[str, Equation]:
     """Return the equations of the attitude of body 1 by Euler angles (E4, E10)."""
     order = find_sequence(sequence)
     return {
         "angles": (order.angles, ("phi",)),
-        "trig": (_sines_and_cosines, ("angles",)),
+        "trig": (
+            lambda angles: tuple(f(one) for one in angles for f in (sine_expression, cosine_expression)),
+            ("angles",),
+        ),
         "S1": (order.attitude, ("trig",)),
         "axes": (order.axes, ("trig",)),
         "phid": (_rates, ("phi",)),
@@ -151,22 +147,14 @@ def _attitude_equations(sequence: str) -> dict[str, Equation]:
     }
 
 
-def _sines_and_cosines(angles: Exprs) -> Exprs:
-    return tuple(function(angle) for angle in angles for function in (sine_expression, cosine_expression))
-
-
 def _difference(R: Exprs, r1: Exprs, r2: Exprs) -> Exprs:
     return eq.add(R, eq.subtract(r1, r2))
 
 
-def _point_velocity(v: Exprs, omega: Exprs, arm: Exprs) -> Exprs:
-    return eq.add(v, eq.cross(omega, arm))
-
-
-def _point_acceleration(a: Exprs, omega: Exprs, alpha: Exprs, arm: Exprs) -> Exprs:
-    return eq.add(a, eq.point_acceleration(omega, alpha, arm))
-
-
+_IN_PLANE: Final[Mapping[str, Equation]] = {
+    "S1": (lambda phi: eq.hinge_rotation((0, 0, 1), _trig(phi)), ("phi1",)),
+    "omega1": (lambda phi: (0, 0, rate(phi)), ("phi1",)),
+}
 # Every quantity, of others (E5-E9): r1 = S1 u1 and r2 = S2 u2 lead to the hinge point.
 _PAIR: Final[Mapping[str, Equation]] = {
     "v1": (_rates, ("R1",)),
@@ -254,7 +242,9 @@ def frame_forms(robot: Mechanism, frame: str | None = None) -> ClosedForms:
         found[f"turn {k}"] = eq.compose(axes, turned)
         found[f"foot {k}"] = eq.add(_exact_point(joint.u.tolist()), along)
         equations[f"attitude {k + 1}"] = (eq.compose, (f"attitude {k}", f"turn {k}"))
-        equations[f"lever {k}"] = (_lever, (f"foot {k}", f"turn {k}", f"lever {k + 1}"))
+        # The frame's origin in the axes of the body that carries a joint, from its reference point (E7).
+        equations[f"behind {k}"] = (eq.rotate, (f"turn {k}", f"lever {k + 1}"))
+        equations[f"lever {k}"] = (eq.add, (f"foot {k}", f"behind {k}"))
         spins.append((own[k], eq.rotate(axes, n), exact(joint.axis.turns) * position.diff(own[k])))
     attitudes = tuple(f"attitude {k}" for k in range(len(path)))
     equations["jacobian"] = (functools.partial(_jacobian, q, spins), ("R", *attitudes))
@@ -277,11 +267,6 @@ def frame_forms(robot: Mechanism, frame: str | None = None) -> ClosedForms:
     others = ["the other joints do not move the frame"] * (0 < len({*own}) < len(q))
     legend = f"{title}: {'; '.join((*joints, *others)) or 'no joint moves the frame'}"
     return ClosedForms(title, outputs, equations, found, rates, q, qd, {*own}, (legend,))
-
-
-def _lever(foot: Exprs, turn: Exprs, behind: Exprs) -> Exprs:
-    """Return the frame's origin in the axes of the body that carries a joint, from its reference point (E7)."""
-    return eq.add(foot, eq.rotate(turn, behind))
 
 
 def _jacobian(q: Exprs, spins: Sequence[tuple[Expr, Exprs, Expr]], R: Exprs, *attitudes: Exprs) -> Exprs:

@@ -156,11 +156,6 @@ def number_texts(names: Sequence[str], rows: Sequence[Sequence[float]], digits: 
     return texts
 
 
-def finite_or_none(number: float) -> float | None:
-    """Return the number, or None if it is not finite, which JSON cannot represent."""
-    return number if math.isfinite(number) else None
-
-
 def json_text(report: Any) -> str:
     """Return nested mappings, lists and values as JSON text; numbers that are not finite become null.
 
@@ -182,7 +177,7 @@ def _json_values(value: Any) -> Any:
         return {key: _json_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_json_values(item) for item in value]
-    return finite_or_none(value) if isinstance(value, float) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 _MAX_CELL = 9  # numbers of a cell; of more only the count or the shape is shown

@@ -30,7 +30,7 @@ from hingepair.mechanism.pairs.requests import check_pair, check_single_pair
 from hingepair.mechanism.robots.conventions import PINOCCHIO, check_base, read_state, written_a, written_q, written_v
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
-from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, MassProperties
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES
 
 LETTERS = ("R", "S", "v", "omega", "a", "alpha")
 """Names of the parts of a motion."""
@@ -309,7 +309,10 @@ def tree_twin(tree: Tree, is_free: bool, has_free_flyer: bool) -> Twin:
     base = tree.base if is_free else ZERO_MASS_PROPERTIES
     # After all frames, because addFrame rounds the masses.
     for number, masses in enumerate((base, *(joint.body for joint in tree.joints)), root):
-        model.inertias[number] = _inertia(pin, masses)
+        inertia = pin.Inertia.Zero()  # the constructor refuses inertias that no rigid body has
+        inertia.mass, inertia.lever = masses.mass, np.array(masses.centre_of_mass)
+        inertia.inertia = np.array(masses.inertia)
+        model.inertias[number] = inertia
     return Twin(model, data_of(model), has_free_flyer, *joint_rules(tree))
 
 
@@ -327,13 +330,6 @@ def with_base(matrix: Float64Array) -> Float64Array:
     found = np.zeros((*matrix.shape[:-2], 6 + matrix.shape[-2], 6 + matrix.shape[-1]))
     found[..., :6, :6], found[..., 6:, 6:] = np.eye(6), matrix
     return found
-
-
-def _inertia(pin: Any, body: MassProperties) -> Any:
-    """Return the mass properties of a body as Pinocchio's `Inertia`."""
-    inertia = pin.Inertia.Zero()  # the constructor refuses inertias that no rigid body has
-    inertia.mass, inertia.lever, inertia.inertia = body.mass, np.array(body.centre_of_mass), np.array(body.inertia)
-    return inertia
 
 
 # ---- the model that Pinocchio makes of the URDF from which a robot was read
