@@ -190,16 +190,7 @@ def main():
 
 
 TESTS = Path(__file__).parents[1]
-FEW = {"expression": 60, "scene": 12, "urdf": 150}
 MANY = {"expression": 200, "scene": 40, "urdf": 600}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", FEW)
-def test_a_few_hostile_texts(kind):
-    found, refused = findings(kind, 10**6, FEW[kind])
-    assert not found
-    assert refused > 0
 
 
 @pytest.mark.slow(4)

@@ -28,8 +28,6 @@ _KIND_BY_KEY: Final[Mapping[str, str]] = {
     **dict.fromkeys(("u1", "u2", "centre_of_mass", "center", "box", "sphere", "cylinder", "length"), _LENGTHS),
 }
 """Quantities of the keys of a scene, wherever they stand."""
-_NAMED_KINDS: Final[Mapping[str, str]] = {"locked": _ANGLES, "points1": _LENGTHS, "points2": _LENGTHS}
-"""Quantity of all numbers in a table whose keys are the user's, by the table's name."""
 _FUNCTION_KINDS: Final[Mapping[str, str]] = {_ANGLES: "turning", _RATES: "rate"}
 """Quantity of samples of a function, by the quantity of its numbers."""
 
@@ -64,12 +62,9 @@ def _judged_numbers(
         if key in kinds and isinstance(value, dict) and "value" in value:  # way points
             parts = value["value"] if isinstance(value["value"], list) else []
         elif all(isinstance(part, dict) for part in parts):
-            own_kinds = kinds
-            if key in _NAMED_KINDS and isinstance(value, dict):
-                own_kinds = dict.fromkeys(value, _NAMED_KINDS[key])
             for i, part in enumerate(parts):
                 place = name if part is value else f"{name}.{part['name']}" if "name" in part else f"{name}[{i}]"
-                yield from _judged_numbers(f"{place}.", part, own_kinds)
+                yield from _judged_numbers(f"{place}.", part, kinds)
             continue
         numbers = [part for part in parts if isinstance(part, int | float) and not isinstance(part, bool)]
         if key in kinds and numbers and not (values.get("kind") == "slider" and kinds[key] in _FUNCTION_KINDS):
