@@ -14,7 +14,7 @@ from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.scenes.motions.dynamics import PRESCRIBED
+from hingepair.scenes.motions.simulated import PRESCRIBED
 from hingepair.scenes.scene import Scene
 
 BaseOption = Annotated[

@@ -31,16 +31,16 @@ from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes import suspicions
 from hingepair.scenes.bodies import MECHANISM_TABLES, is_of_mechanism, read_mechanism, read_pair
 from hingepair.scenes.forces import SceneForces
-from hingepair.scenes.motions.dynamics import (
+from hingepair.scenes.motions.functions import FunctionsOfTime, read_function_motion
+from hingepair.scenes.motions.known import Known, Rows
+from hingepair.scenes.motions.motion import Motion, limit_sentences, stop_sentences
+from hingepair.scenes.motions.simulated import (
     Dynamics,
     read_dynamics,
     read_simulated_motion,
     simulated_motion,
     simulates,
 )
-from hingepair.scenes.motions.functions import FunctionsOfTime, read_function_motion
-from hingepair.scenes.motions.known import Known, Rows
-from hingepair.scenes.motions.motion import Motion, limit_sentences, stop_sentences
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers
 from hingepair.scenes.subject import Acting, Computed, Request, Subject, order_of
 from hingepair.scenes.tables import Table, read_constants, read_tables
@@ -226,7 +226,7 @@ class Scene:
         if self.is_simulated:
             return read_simulated_motion(tables, subject, dynamics)
         if "file" in tables.table("motion").values:
-            from hingepair.scenes.motions.sampled import read_log
+            from hingepair.scenes.motions.logged import read_log
 
             motion = read_log(tables, self.path.parent, subject)
         else:

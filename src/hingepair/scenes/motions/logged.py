@@ -23,7 +23,7 @@ from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.motions.functions import base_of, read_functions
 from hingepair.scenes.motions.known import PSI, RATE_SUFFIXES, EulerBase, Known
-from hingepair.scenes.motions.logs import EULER, HINGE_NAMES, LOG_ARRAYS, POSITION, QUATERNION, Log, log_path
+from hingepair.scenes.motions.log_columns import EULER, HINGE_NAMES, LOG_ARRAYS, POSITION, QUATERNION, Log, log_path
 from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import Table
