@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import threading
 from typing import NamedTuple
@@ -41,19 +40,10 @@ def execution_of(backend: str, workers: int) -> Execution:
     >>> execution_of("numpy", 2)
     Execution(backend='numpy', workers=2)
     """
-    if type(backend) is not str:
-        check_choice("backend", backend, BACKEND_NAMES)
-    if isinstance(workers, np.integer):
-        workers = int(workers)
-    if type(workers) is not int or (workers < 1 and workers != -1):
-        raise ArgumentError("workers", "a positive integer, or -1 for all cores", quoted(workers))
-    return _cached_execution(backend, workers)
-
-
-@functools.lru_cache(maxsize=64)
-def _cached_execution(backend: str, workers: int) -> Execution:
     check_choice("backend", backend, BACKEND_NAMES)
-    return Execution(backend, workers if workers > 0 else core_count())
+    if isinstance(workers, bool) or not isinstance(workers, int | np.integer) or (workers < 1 and workers != -1):
+        raise ArgumentError("workers", "a positive integer, or -1 for all cores", quoted(workers))
+    return Execution(backend, int(workers) if workers > 0 else core_count())
 
 
 def execution_of_steps(backend: str, steps: int) -> Execution:

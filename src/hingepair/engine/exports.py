@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.engine.binding import NamedShapes
-from hingepair.engine.loops import FUNCTIONS, Program, interpreter
+from hingepair.engine.loops import FUNCTIONS, Program
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.blocks import VERSINE_SWITCH
 from hingepair.numeric.optional import require
@@ -56,13 +56,8 @@ def c_source(
     """
     if not isinstance(name, str) or not re.fullmatch(rf"(?!({_RESERVED})$)[A-Za-z]\w*", name, re.ASCII):
         raise ArgumentError("name", "a name of a function in C, such as 'robot_tau'", quoted(name))
-    traced, outputs = program.traced, program.loop.outputs
-    needed = [one for one, _ in arguments if one in dict(program.loop.inputs)]
-    inputs = [
-        f"{_identifier(one)}[{k}]"
-        for one, group in zip(needed, traced.arrays, strict=True)
-        for k in range(len(group))
-    ]
+    outputs, needed = program.loop.outputs, dict(program.loop.inputs)
+    inputs = [f"{_identifier(one)}[{k}]" for one, tail in arguments if one in needed for k in range(math.prod(tail))]
     lines: list[str] = []
 
     def write(operation: str, *operands: str | float) -> str | float:
@@ -76,13 +71,10 @@ def c_source(
 
     written = {operation: functools.partial(write, operation) for operation in FUNCTIONS}
     with np.errstate(all="ignore"):
-        found = interpreter([*traced.constants, *itertools.chain(*traced.arrays)], traced.results, written)
-        results = iter(found.run(*map(float, numbers), *inputs))
+        results = program.evaluated(numbers, inputs, written)
     named = {one: f"{_identifier(one)}_out" if one in dict(arguments) else _identifier(one) for one, _ in outputs}
-    for one, group in traced.outputs.items():
-        lines += [
-            f"{named[one]}[{k}] = {_text(part)};" for k, part in enumerate(itertools.islice(results, len(group)))
-        ]
+    for one, parts in results.items():
+        lines += [f"{named[one]}[{k}] = {_text(part)};" for k, part in enumerate(parts)]
     parameters = [f"const double *restrict {_identifier(one)}" for one, _ in arguments]
     parameters += [f"double *restrict {one}" for one in named.values()]
     comment = [title, ""]
@@ -138,18 +130,10 @@ def casadi_function(name: str, program: Program, numbers: Sequence[float], argum
         **{one: getattr(casadi, one) for one in ("sin", "cos", "sqrt", "hypot")},
     }  # fmt: skip
     symbols = {one: casadi.SX.sym(one, *_sizes(tail)) for one, tail in arguments}
-    traced, outputs = program.traced, program.loop.outputs
-    needed = [one for one, _ in arguments if one in dict(program.loop.inputs)]
-    values = [casadi.SX(x) for x in numbers]
-    for one in needed:
-        values += casadi.vertsplit(casadi.vec(symbols[one].T))  # row by row
-    inputs = [*traced.constants, *(part for group in traced.arrays for part in group)]
-    parts = iter(interpreter(inputs, traced.results, functions).run(*values))
-    results = []
-    for _, tail in outputs:
-        rows, columns = _sizes(tail)
-        flat = casadi.vertcat(*(next(parts) for _ in range(rows * columns)))
-        results.append(casadi.reshape(flat, columns, rows).T)
+    outputs, needed = program.loop.outputs, dict(program.loop.inputs)
+    rows = [casadi.vertsplit(casadi.vec(symbols[one].T)) for one in symbols if one in needed]  # row by row
+    found = program.evaluated([*map(casadi.SX, numbers)], itertools.chain(*rows), functions)
+    results = [casadi.reshape(casadi.vertcat(*found[one]), *_sizes(tail)[::-1]).T for one, tail in outputs]
     names = [f"{one}_out" if one in symbols else one for one, _ in outputs]
     return casadi.Function(name, [*symbols.values()], results, [*symbols], names)
 

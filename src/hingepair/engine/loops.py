@@ -13,7 +13,7 @@ import functools
 import itertools
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -217,6 +217,21 @@ class Program:
         return f"{kernel}\n{direct_ir(layout, FLOAT_TYPES[char])}"
 
     # ---- operations
+
+    def evaluated(
+        self, numbers: Sequence[Any], arrays: Iterable[Any], functions: Mapping[str, Callable[..., Any]]
+    ) -> dict[str, list[Any]]:
+        """Return the components of each output, by name, where `functions` compute the operations.
+
+        Args:
+            numbers: values of the constants.
+            arrays: values of the components of all input arrays, one after the other.
+            functions: of the values, by the names of FUNCTIONS.
+        """
+        traced = self.traced
+        inputs = [*traced.constants, *itertools.chain(*traced.arrays)]
+        found = iter(interpreter(inputs, traced.results, functions).run(*numbers, *arrays))
+        return {name: [*itertools.islice(found, len(group))] for name, group in traced.outputs.items()}
 
     @lock_free_cached_property
     def interpreter(self) -> Interpreter:
