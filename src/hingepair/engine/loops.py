@@ -182,25 +182,19 @@ class Program:
                     kernel = self._kernels[layout, char] = Kernel(self.loop.name, ir, FLOAT_TYPES[char], form)
         return kernel
 
-    def scan_kernel(self) -> Kernel:
-        """Compile the kernel that repeats this program in steps (`llvm.scan`).
+    def scan_kernel(self, arrays: Sequence[str]) -> Kernel:
+        """Compile the kernel that repeats this program in steps (`llvm.scan`); `arrays` names the input arrays.
 
         Raises:
             CompilationError: LLVM fails.
         """
-        return Kernel(self.loop.name, self._scan_ir, form=self._form("scan"))
 
-    def _scan_ir(self) -> str:
-        """Return the LLVM module, as text, of a scan of this program."""
-        traced, sources = self.traced, iter(self.pattern)
-        groups = ((name, [*itertools.islice(sources, math.prod(tail))]) for name, tail in self.loop.inputs)
-        arrays = [name for name, group in groups if group and isinstance(group[0], tuple)]
-        return scan_ir(
-            traced.constants,
-            dict(zip(arrays, traced.arrays, strict=True)),
-            {name: traced.outputs[name] for name, tail in self.loop.outputs if 0 not in tail},
-            fuse=can_fuse(),
-        )
+        def ir() -> str:
+            traced = self.traced
+            outputs = {name: traced.outputs[name] for name, tail in self.loop.outputs if 0 not in tail}
+            return scan_ir(traced.constants, dict(zip(arrays, traced.arrays, strict=True)), outputs, fuse=can_fuse())
+
+        return Kernel(self.loop.name, ir, form=self._form("scan"))
 
     def _form(self, *parts: object) -> str:
         """Return a text that determines, without a trace, what these parts of the program are; "" without a form."""

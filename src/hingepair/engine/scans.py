@@ -46,7 +46,7 @@ class Scan:
         self._read = {name for name in self.inputs if f"next_{name}" not in outputs}  # and not replaced
         self._ranks |= {name: len(tail) for name, tail in loop.outputs if 0 not in tail}
         self._constants = np.array(bound.numbers)
-        self._kernel = loop.program(bound.pattern).scan_kernel()
+        self._kernel = loop.program(bound.pattern).scan_kernel(self.inputs)
         self._function = _PROTOTYPE(self._kernel.address("scan"))
 
     def run(
