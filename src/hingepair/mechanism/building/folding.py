@@ -19,6 +19,7 @@ from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
 from hingepair.mechanism.bodies.shapes import NOT_DRAWN, body_drawing
 from hingepair.mechanism.kinds import JointKind
+from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import BASE_KINDS, Frame, Joint, Tree
 from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, read_only
 from hingepair.numeric.blocks import versine
@@ -178,6 +179,12 @@ def displaced(joint: Joint, position: float) -> FramePose:
         sine, cosine = sine_and_cosine(axis.turn(position))
         turn = np.array(hinge_rotation(tuple(joint.n.tolist()), (sine, versine(sine, cosine)))).reshape(3, 3)
     return FramePose(turn, joint.n * axis.shift(position))
+
+
+def warn_of_gravity(gravity: Float64Array) -> None:
+    """Issue a DynamicsWarning unless the gravity of a model is what methods take by default."""
+    if not np.array_equal(gravity, DEFAULT_GRAVITY):
+        warn_of_dynamics(f"the model's gravity {gravity.tolist()} is not the robot's: methods take gravity=")
 
 
 def limit_or_infinity(value: float) -> float:

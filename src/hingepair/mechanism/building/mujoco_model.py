@@ -23,11 +23,11 @@ from hingepair.mechanism.building.folding import (
     fold,
     framed,
     mass_properties,
+    warn_of_gravity,
     written_joint,
 )
 from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.linkages import Loop, close_tree
-from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Frame, Joint, Tree, unused_name
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.optional import require
@@ -218,9 +218,7 @@ class _Reader:
             left_out.append("the medium (density, viscosity, wind)")
         if left_out:
             warn_of_dynamics(f"{self._title()}: not read from MJCF are {', '.join(left_out)}")
-        if not np.array_equal(model.opt.gravity, DEFAULT_GRAVITY):
-            gravity = model.opt.gravity.tolist()
-            warn_of_dynamics(f"the model's gravity {gravity} is not the robot's: methods take gravity=")
+        warn_of_gravity(model.opt.gravity)
 
 
 def _names(of: Any, count: int, kind: str, taken: set[str]) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -10,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.building.folding import (
     chosen_base,
@@ -18,12 +16,12 @@ from hingepair.mechanism.building.folding import (
     fold,
     framed,
     limit_or_infinity,
+    warn_of_gravity,
     written_joint,
 )
 from hingepair.mechanism.kinds import JointKind
-from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.tree import Frame, Joint, Tree, unused_name
-from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.arrays import Float64Array, number_not_below_0
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, MassProperties, exact_quarter_turns
@@ -58,9 +56,7 @@ def _tree(model: Any) -> tuple[Tree, str]:
     if free and np.any(model.armature[:6]):
         expected = "0: the base has no motor (model.armature[:6] = 0 leaves it out)"
         raise ArgumentError(f"joint {model.names[root]!r}, armature", expected, model.armature[:6].tolist())
-    if not np.array_equal(model.gravity.linear, DEFAULT_GRAVITY):
-        message = f"the model's gravity {model.gravity.linear.tolist()} is not the robot's: methods take gravity="
-        warnings.warn(message, DynamicsWarning, stacklevel=4)
+    warn_of_gravity(model.gravity.linear)
     joints, frames, names = list[Joint](), dict[str, Frame](), {*model.names}
     numbers = {root: 0}  # number of the body that each joint moves, by the number that the joint has in Pinocchio
     for joint in range(root + 1, model.njoints):
@@ -138,9 +134,7 @@ def _read_single(
     if joint.nq == 1:
         lower, upper = float(model.lowerPositionLimit[idx_q]), float(model.upperPositionLimit[idx_q])
         limits = (lower, upper) if lower < upper or lower == upper != 0 else None  # 0 and 0 are none, as in URDF
-    armature = float(model.armature[idx_v])
-    if not 0 <= armature < np.inf:
-        raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
+    armature = number_not_below_0(f"joint {name!r}, armature", float(model.armature[idx_v]))
     least, most = float(model.lowerEffortLimit[idx_v]), float(model.upperEffortLimit[idx_v])
     least = least if least <= 0 and least < most else -most  # above 0 where a model never had one
     try:
