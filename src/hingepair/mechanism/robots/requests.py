@@ -88,7 +88,8 @@ class RobotRequests(Subject):
     def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
         """Return the request of a method."""
         default = self.available(task.outputs)
-        computed = self._wanted(task, options.get("outputs"), out)
+        accepted = FRAME_OUTPUTS if task.result is MechanismState else default
+        computed = requested_outputs(options.get("outputs"), out, accepted, default)
         wrenches, called = options.get("wrenches"), self._calls_functions(computed)
         if called and not {*computed}.isdisjoint(DYNAMICS_MATRICES):
             self.tree.refuse_functions()
@@ -97,15 +98,10 @@ class RobotRequests(Subject):
             compute = functools.partial(ask, self)
             wrenches = with_function_wrenches(compute, self.tree, given["q"], given.get("qd"), base_motion, wrenches)
         loads, links = read_wrenches(wrenches, self.tree)
-        accepts = task.options
-        if "force1" in accepts:
+        if "force1" in task.options:
             loads = {**loads, **self._base_loads(options.get("force1", 0), options.get("torque1", 0))}
-        frames = self._frames_of(computed, options.get("frames"))
-        loaded = "joint_loads" in accepts and self.counts_loads(options.get("joint_loads"))
-        computation = self.computation(computed, frames, links, loaded)
+        computation = self.optioned(computed, links, options)
         coordinates = {label: x for label, x in given.items() if x is not None}
-        if computation.needs_masses:
-            self.warn_of_masses()
         arguments, labels = computation.given(coordinates, options.get("base_motion"), loads)
         return Request(
             computation, arguments, labels, read_gravity(options.get("gravity", DEFAULT_GRAVITY)),
@@ -129,16 +125,26 @@ class RobotRequests(Subject):
             raise ArgumentError("given", "no forces on a fixed base (base='free' is moved by them)", ", ".join(loads))
         if self._calls_functions(outputs):
             self.tree.refuse_functions()
-        links, asked = self.loaded_frames(options["wrenches"]), {*outputs}
-        named = self._frames_of(outputs, options["frames"])
-        counts = not asked.isdisjoint(("tau", *SOLVED, *DYNAMICS_MATRICES))
-        loaded = counts and self.counts_loads(options["joint_loads"])
-        computation = self.computation(outputs, named, links, loaded)
+        given = options["wrenches"]
+        links = (given,) if isinstance(given, str) else tuple(given)
+        further = tuple(read_wrenches(dict.fromkeys(links, (0, 0)), self.tree)[0])
+        computation = self.optioned(outputs, links, options)
+        frames, loaded = computation.asked[1], computation.asked[3]
+        remade = {**options, "frames": frames or None, "wrenches": links, "joint_loads": loaded}
+        return Planned(computation, remade, self.watch(outputs), further)
+
+    def optioned(
+        self, outputs: tuple[str, ...], loaded: tuple[str, ...], options: Mapping[str, Any]
+    ) -> RobotComputation:
+        """Return the computation of outputs under the options `frames` and `joint_loads`; wrenches act on the frames
+        in `loaded`. The first that uses masses warns of them.
+        """
+        counted = not {*outputs}.isdisjoint(("tau", *SOLVED, *DYNAMICS_MATRICES))
+        counted = counted and self.counts_loads(options.get("joint_loads"))
+        computation = self.computation(outputs, self._frames_of(outputs, options.get("frames")), loaded, counted)
         if computation.needs_masses:
             self.warn_of_masses()
-        further = (f"{kind}_{k}" for k in range(len(links)) for kind in ("force", "torque"))
-        remade = {**options, "frames": named or None, "wrenches": links, "joint_loads": loaded}
-        return Planned(computation, remade, self.watch(outputs), tuple(further))
+        return computation
 
     def error_bounds(self, coordinates: Mapping[str, Any], options: FurtherOptions) -> dict[str, Float64Array]:
         """Return what `Mechanism.error_bounds` describes: by output (...), of frames' motion (..., frames)."""
@@ -180,11 +186,6 @@ class RobotRequests(Subject):
                 one(result, arguments)
 
         return all_of_them if len(watches) > 1 else next(iter(watches), None)
-
-    def _wanted(self, task: Task, outputs: Iterable[str] | None, out: Any = None) -> tuple[str, ...]:
-        """Return the names of the outputs that a row of the table computes."""
-        default = self.available(task.outputs)
-        return requested_outputs(outputs, out, FRAME_OUTPUTS if task.result is MechanismState else default, default)
 
     def _computed(self, outputs: tuple[str, ...], **given: Any) -> Any:
         """Compute outputs from coordinates, for messages."""
@@ -237,12 +238,6 @@ class RobotRequests(Subject):
             found.asked = key
             computations[key] = found
         return found
-
-    def loaded_frames(self, wrenches: Iterable[str]) -> tuple[str, ...]:
-        """Return the names of links on which wrenches act in a prepared call."""
-        names = (wrenches,) if isinstance(wrenches, str) else tuple(wrenches)
-        read_wrenches(dict.fromkeys(names, (0, 0)), self.tree)
-        return names
 
     def available(self, outputs: tuple[str, ...]) -> tuple[str, ...]:
         """Return the outputs that exist for this base."""

@@ -203,8 +203,7 @@ def roll_out(
     check_options("rollout", options, ROLLOUT)
     tree, base_motion = robot.tree, options.get("base_motion")
     loads, links = read_wrenches(options.get("wrenches"), tree)
-    robot.warn_of_masses()
-    computation = robot.computation(("qdd",), (), links, robot.counts_loads(options.get("joint_loads")))
+    computation = robot.optioned(("qdd",), links, options)
     form, request, dof = computation.form, computation.request, computation.form.dof
     check_choice("method", method, METHODS)
     if not isinstance(every, int | np.integer) or isinstance(every, bool) or every < 1:
