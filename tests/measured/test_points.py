@@ -164,7 +164,7 @@ def sliding(markers: np.ndarray) -> np.ndarray:
 
 
 BAD_CLUSTERS = {
-    "reference in millimetres": (lambda x: x, 1e3, "is it in metres"),
+    "reference in millimetres": (lambda x: x, 1e3, "units differ"),
     "labels unlike the reference": (lambda x: exchanged(x, slice(None)), 1.0, "labels may be exchanged"),
     "labels exchanged in a third": (
         lambda x: exchanged(x, slice(40, 140)),

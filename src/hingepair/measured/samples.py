@@ -119,6 +119,8 @@ def _frozen_samples(arrays: dict[str, NDArray[np.floating]]) -> dict[str, NDArra
     """Return by body which samples (N,) repeat its pose exactly, `_FROZEN` times in a row and thrice as often as
     usual, while the other body moves. A slow clock or coarse numbers repeat a pose by chance, but not for so long.
     """
+    from scipy.ndimage import label
+
     repeats = {}
     for digit in "12":
         same = np.ones(len(arrays[f"R{digit}"]), dtype=bool)
@@ -128,13 +130,11 @@ def _frozen_samples(arrays: dict[str, NDArray[np.floating]]) -> dict[str, NDArra
         repeats[digit] = same
     frozen = {}
     for digit, other in ("12", "21"):
-        ends = np.flatnonzero(np.diff(repeats[digit] & ~repeats[other], prepend=False, append=False))
-        starts, counts = ends[::2], np.diff(ends)[::2]
-        usual = max(_FROZEN, 3 * float(np.median(counts[counts > 0]))) if counts.size > 2 else _FROZEN
-        frozen[digit] = np.zeros(repeats[digit].size, dtype=bool)
-        if 2 * repeats[digit].sum() < repeats[digit].size:  # no body that is at rest
-            for start, count in zip(starts[counts >= usual], counts[counts >= usual], strict=True):
-                frozen[digit][start : start + count] = True
+        series, count = label(repeats[digit] & ~repeats[other])
+        lengths = np.bincount(series)
+        usual = max(_FROZEN, 3 * float(np.median(lengths[1:]))) if count > 2 else _FROZEN
+        is_at_rest = 2 * repeats[digit].sum() >= repeats[digit].size
+        frozen[digit] = (series > 0) & (lengths >= usual)[series] & (not is_at_rest)
     return frozen
 
 
