@@ -102,26 +102,18 @@ class Judged:
 
 
 class Report(Judged, Shown):
-    """Base of the results of fits that are printed, shown in notebooks as a table, and written as JSON. Subclasses
-    define `_sheet(units)` and `_numbers()`.
-    """
+    """Base of the results of fits that are printed, shown in notebooks as a table, and written as JSON."""
 
     __slots__ = ()
     samples: int
-    _sheet: Callable[..., Sheet]  # the table, with sentences below it; of units in place of SI units
     _numbers: Callable[[], dict[str, Any]]  # of the JSON report
 
-    def text(self, units: str | None = None) -> str:
-        """Return the report that `print` shows.
-
-        Args:
-            units: units in place of m for u1 and u2, mm for what is left, and deg for angles, such as "mm, rad".
-        """
-        title, rows, sentences = self._sheet(units)
+    def _printed(self, sheet: Sheet) -> str:
+        title, rows, sentences = sheet
         return "\n".join((title, *align_columns(rows, ()), *sentences, "ok" if self.ok else "NOT RELIABLE"))
 
     def __str__(self) -> str:
-        return self.text()
+        return self._printed(self._sheet())
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.samples} samples, {'ok' if self.ok else 'not ok'})"

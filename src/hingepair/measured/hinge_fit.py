@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import FitError
+from hingepair.errors import ArgumentError, FitError
 from hingepair.measured.clock import ClockedPoses
 from hingepair.measured.findings import Finding, exceeded, is_reliable, notes
 from hingepair.measured.hinge import GAUGES
@@ -235,7 +235,11 @@ def _estimated(
     start = kind.start(poses.thinned(_START_SAMPLES), loss)
     clocked = None
     if samples.t is not None and clock_offset is None and ClockedPoses.has_enough_samples(samples):
-        clocked = ClockedPoses(samples, loss)
+        try:
+            clocked = ClockedPoses(samples, loss)
+        except ArgumentError as error:
+            expected = "a motion smooth enough to tell the clock offset, or clock_offset=0 of one clock"
+            raise ArgumentError("body2", expected, error.got) from None
     if clocked is not None and poses.samples >= MIN_PIECE:
         near = np.array((clocked.most_likely_offset(lambda trial: start.misfit(trial, loss)), 0.0))
         first = kind.start(clocked.poses_at(near, _START_SAMPLES), loss)

@@ -53,6 +53,14 @@ class HingeReport(Report, OverInstants):
         arrays = {column: array for column, array in arrays.items() if not np.isnan(array).all()}
         return Record(t, arrays, "what is left of each sample", unit=unit)
 
+    def text(self, units: str | None = None) -> str:
+        """Return the report that `print` shows.
+
+        Args:
+            units: units in place of m for u1 and u2, mm for what is left, and deg for angles, such as "mm, rad".
+        """
+        return self._printed(self._sheet(units))
+
     def _sheet(self, units: str | None = None) -> Sheet:
         lengths = Units.of(units)
         fine = lengths.over(Units("deg, mm, ms"))  # of angles, of what is left, and of clocks

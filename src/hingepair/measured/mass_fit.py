@@ -87,7 +87,7 @@ class MassFit(Report, Frozen):
         recording = recording_of(self.robot, self.base, self.joint_terms, self.gravity, flat, bool(self.unknown))
         return recording.explained(self.values).reshape(shape)
 
-    def _sheet(self, _units: str | None = None) -> Sheet:
+    def _sheet(self) -> Sheet:
         joints = tree_of(self.robot).coordinates
         units = [
             ("kg", "kg m", "kg m^2")[(column > 0) + (column > 3)] for column in (self.base.columns % 10).tolist()

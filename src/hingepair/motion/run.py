@@ -156,8 +156,10 @@ def joint_range(
     t, q = turning_points(run, joint)
     lowest, highest = int(np.argmin(q)), int(np.argmax(q))
     stops, unit = stop_range(run.motion.joint_loads[joint]), tree_of(run.motion.robot).coordinates[joint].unit
-    overrun = stop_overrun(name, unit, stops, q[lowest], q[highest])
-    doubts = [f"{overrun}; HingeLoad(stop_stiffness=...) hardens them"] if overrun else []
+    depth, doubts = max(stops[0] - q[lowest], q[highest] - stops[1]), list[str]()
+    if depth > 0.02:  # rad or m
+        beyond = f"{name} passes the stops by {depth:.3g} {unit}, for they are springs"
+        doubts.append(f"{beyond}; HingeLoad(stop_stiffness=...) hardens them")
     passed = [lowest] if q[lowest] < limits[0] - tol and stops[0] < limits[0] else []
     passed += [highest] if q[highest] > limits[1] + tol and stops[1] > limits[1] else []
     if passed:
@@ -165,12 +167,6 @@ def joint_range(
         leaves = f"{name} leaves its limits, {limits[0]:g} to {limits[1]:g} {unit}: it reaches {reached}"
         doubts.append(f"{leaves}; HingeLoad(stops=...) enforces them")
     return (float(q[lowest]), float(q[highest])), doubts
-
-
-def stop_overrun(name: str, unit: str, stops: tuple[float, float], lowest: float, highest: float) -> str:
-    """Return a clause that says by how much a joint passes its stops; empty if by 0.02 rad or m at most."""
-    depth = max(stops[0] - lowest, highest - stops[1])
-    return f"{name} passes the stops by {depth:.3g} {unit}, for they are springs" if depth > 0.02 else ""
 
 
 def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list[StepRecord], float, str]:

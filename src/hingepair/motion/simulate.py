@@ -240,8 +240,6 @@ def simulate_robot(
     """Simulate the motion of a robot; `hp.simulate` says what the arguments are. `of_pair`: loads and warnings have
     the names that they have for pairs.
     """
-    if not isinstance(robot, Mechanism):
-        raise ArgumentError("robot", "a Mechanism", quoted(robot))
     tree_of(robot).single()
     if loads is None and (note := loads_note(tree_of(robot))):
         warn_of_dynamics(f"{robot.name}: {note}; loads=robot.joint_loads counts them, loads={{}} is silent")
