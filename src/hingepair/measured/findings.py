@@ -106,14 +106,16 @@ class Report(Judged, Shown):
 
     __slots__ = ()
     samples: int
+    _sheet: Callable[..., Sheet]  # the table, with sentences below it
     _numbers: Callable[[], dict[str, Any]]  # of the JSON report
 
-    def _printed(self, sheet: Sheet) -> str:
+    def printed(self, sheet: Sheet) -> str:
+        """Return the text of a table with the verdict."""
         title, rows, sentences = sheet
         return "\n".join((title, *align_columns(rows, ()), *sentences, "ok" if self.ok else "NOT RELIABLE"))
 
     def __str__(self) -> str:
-        return self._printed(self._sheet())
+        return self.printed(self._sheet())
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.samples} samples, {'ok' if self.ok else 'not ok'})"

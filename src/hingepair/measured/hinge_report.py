@@ -59,7 +59,7 @@ class HingeReport(Report, OverInstants):
         Args:
             units: units in place of m for u1 and u2, mm for what is left, and deg for angles, such as "mm, rad".
         """
-        return self._printed(self._sheet(units))
+        return self.printed(self._sheet(units))
 
     def _sheet(self, units: str | None = None) -> Sheet:
         lengths = Units.of(units)
