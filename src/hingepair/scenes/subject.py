@@ -521,7 +521,7 @@ class Subject:
             torque, *others = (replace(row, worst_part="") for row in forces)
             forces = (replace(torque, output="hinge_torque"), *others)
             rates = tuple(replace(row, worst_part="") for row in rates)
-        last = "last: the loads against the forces that the motion takes by Pinocchio's rnea; rates against slopes"
+        last = "the last rows compare loads with the forces that the motion takes by Pinocchio, and rates with slopes"
         return replace(report, rows=(*report.rows, *forces, *rates), notes=(last, *notes))
 
     def describe(self, moving: tuple[str, ...]) -> str:

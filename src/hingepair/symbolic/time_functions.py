@@ -97,8 +97,9 @@ class TimeFunctions:
         return switched
 
 
-_Derivatives: TypeAlias = tuple[Any, ...]  # x, x' and x'', or the first of them; a condition is 1 where it holds, -1
-# where it does not, NaN where it is not known, and has what it is at t and just after t
+_Derivatives: TypeAlias = tuple[Any, ...]
+"""x, x' and x'', or the first of them. A condition has what it is at t and just after t: 1 where it holds, -1 where
+it does not, NaN where it is not known."""
 
 
 class _Program:
