@@ -593,7 +593,7 @@ LINKED = {
          lambda: closed(coordinates="crnk"),
          lambda: closed(*LOOPS, robot=TWICE, coordinates=("crank1", "rocker1"),
                         at={n + k: AT[n] for n in AT for k in "12"})),
-        ("guess", A, lambda: FOUR_BAR.follow([[0.3]], guess={"crnk": 1})),
+        ("guess", A, lambda: FOUR_BAR.follow([[0.3]], guess={"crnk": 1})), ("q", S, lambda: FOUR_BAR.follow([0.3])),
         ("loads['rocker']", A, lambda: hp.simulate(
             FOUR_BAR, [0, 1], [0.3], loads={"rocker": hp.HingeLoad(friction=1.0)}
         )),

@@ -380,6 +380,13 @@ def test_a_path_starts_with_the_branch_that_lasts():
     assert other.jumps.sum() == 1
 
 
+def test_a_path_goes_as_near_as_the_arm_reaches_and_comes_back():
+    away = np.concatenate((np.linspace(0.7, 1.2, 20), np.linspace(1.2, 0.7, 20)))
+    found = planar_arm().inverse_kinematics_path(away[:, None] * np.array([1.0, 0, 0]), frame="tip")
+    assert np.array_equal(found.ok, away < 0.9)
+    np.testing.assert_allclose(found.position_error, np.maximum(away - 0.9, 0), rtol=0, atol=1e3 * POSE)
+
+
 def test_only_targets_that_are_not_finite_give_nan():
     robot = robot_of("ur5_robot")
     R, S = np.full((4, 3), 0.3), np.broadcast_to(np.eye(3), (4, 3, 3)).copy()

@@ -88,7 +88,7 @@ def test_panda_is_not_snapped_unless_asked():
 @pytest.mark.parametrize(
     ("name", "locked"),
     [
-        ("panda", {"panda_joint3": 0.7, "panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}),
+        ("panda", {"panda_joint3": 1.0, "panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}),
         ("talos_reduced", {"arm_left_4_joint": -1.1, "leg_left_1_joint": 0.3, "torso_2_joint": 0.1}),
         ("kinova", {"j2s6s200_joint_1": math.pi / 2, "j2s6s200_joint_3": 0.5}),
     ],

@@ -101,6 +101,17 @@ def test_wrenches_act_on_links_and_joints_of_motion_move_as_given(tmp_path):
     assert_near(found.forces().tau, expected.tau, 64)  # what the wrenches do not do
 
 
+def test_wrenches_count_where_the_motion_is_given(tmp_path):
+    text = toml("motion", lift="0.1*sin(4*t)", arm="t**2") + toml("dynamics.wrenches.arm", force=[0, "armd", 1])
+    found = hp.load_scene(scene(tmp_path, text))
+    t, robot = found.t, found.mechanism
+    q, qd = np.stack((0.1 * np.sin(4 * t), t**2), axis=-1), np.stack((0.4 * np.cos(4 * t), 2 * t), axis=-1)
+    qdd = np.stack((-1.6 * np.sin(4 * t), 0 * t + 2), axis=-1)
+    wrenches = {"arm": (np.stack([0 * t, 2 * t, 0 * t + 1], axis=-1), (0, 0, 0))}
+    assert_near(found.forces().tau, robot.inverse_dynamics(q, qd, qdd, wrenches=wrenches).tau, 64)
+    assert found.plan(("q", "tau")).operations > found.plan(("q",)).operations == 0
+
+
 def test_efforts_are_those_of_motors_in_every_command(tmp_path):
     """What wrenches on links, dampers and springs do is not the motors' to do, in results and forces alike."""
     loads = "[dynamics]\n[dynamics.lift]\ndamping = 3\n[dynamics.arm]\nqd_0 = 1\ndamping = 0.5\nstiffness = 2\n"

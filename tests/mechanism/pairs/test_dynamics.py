@@ -136,4 +136,7 @@ def test_a_mass_that_nobody_gave_is_said_once():
     still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
     with pytest.warns(hp.DynamicsWarning, match=r"body2: no mass is given, 1 kg is taken"):
         pair.hinge_wrench(still, 0.0, 0.0, 0.0)
-    pair.hinge_wrench(still, 0.0, 0.0, 0.0)
+    found = pair.hinge_wrench(still, 0.0, 0.0, 0.0)
+    assert_near((found.force, found.torque), (found.hinge_force, found.hinge_moment), 0)
+    assert_near(found.force, (0, 0, 9.81), 4)
+    assert_near(found.torque, (0, -9.81, 0), 4)
