@@ -116,13 +116,6 @@ def angular_velocity2(omega1: Vector, axis: Vector, psid: Scalar) -> Vector:
     return add(omega1, scale(axis, psid))
 
 
-def velocity2(v1: Vector, omega1: Vector, d: Vector, lever_by_psi: Vector, psid: Scalar) -> Vector:
-    """Return v2 = v1 + omega1 x d - lever_by_psi psi' (E8 with E2, E3), where d = R2 - R1 and lever_by_psi = S1 n x
-    S2 u2.
-    """
-    return add(v1, subtract(cross(omega1, d), scale(lever_by_psi, psid)))
-
-
 def angular_acceleration2(alpha1: Vector, omega1: Vector, axis: Vector, psid: Scalar, psidd: Scalar) -> Vector:
     """Return alpha2 = alpha1 + S1 n psi'' + (omega1 x S1 n) psi' (E9: E2 differentiated), where axis = S1 n."""
     return add(alpha1, add(scale(axis, psidd), scale(cross(omega1, axis), psid)))
@@ -133,26 +126,6 @@ def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
     point. The vector r leads from the reference point to this point.
     """
     return add(cross(alpha, r), cross(omega, cross(omega, r)))
-
-
-def relative_acceleration(lever_by_psi: Vector, centripetal: Vector, psid: Scalar, psidd: Scalar) -> Vector:
-    """Return the terms of a2 that depend on psi' or psi'' but not on the velocity and acceleration of body 1:
-    centripetal psi'^2 - lever_by_psi psi'', where lever_by_psi = S1 n x S2 u2 and centripetal = lever_by_psi x S1 n.
-
-    `centripetal` is the part of S2 u2 across the axis.
-    """
-    return subtract(scale(scale(centripetal, psid), psid), scale(lever_by_psi, psidd))
-
-
-def acceleration2(
-    a1: Vector, omega1: Vector, alpha1: Vector, d: Vector, lever_by_psi: Vector, psid: Scalar, relative: Vector
-) -> Vector:
-    """Return a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 lever_by_psi psi') + relative (E9). d = R2 - R1,
-    lever_by_psi = S1 n x S2 u2, and `relative` is the result of `relative_acceleration`.
-    """
-    half = scale(lever_by_psi, psid)
-    turn = subtract(cross(omega1, d), add(half, half))
-    return add(a1, add(add(cross(alpha1, d), cross(omega1, turn)), relative))
 
 
 def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:

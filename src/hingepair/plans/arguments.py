@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -192,11 +192,8 @@ def _components(values: Mapping[str, Any]) -> tuple[Any, ArrayShape]:
 # ---- what is asked for
 
 
-def check_outputs(
-    outputs: Any, known_names: Collection[str], remark: Callable[[str], str] | None = None
-) -> tuple[str, ...]:
-    """Return the names of the argument `outputs`, or the only one, as a tuple without repetitions. `remark` returns
-    what the message on an unknown name adds, by default the nearest name.
+def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]:
+    """Return the names of the argument `outputs`, or the only one, as a tuple without repetitions.
 
     Raises:
         ArgumentError: not a collection of known names.
@@ -210,8 +207,7 @@ def check_outputs(
         raise ArgumentError("outputs", f"a tuple of names such as {known[:2]}", quoted(outputs))
     for name in names:
         if name not in known:
-            added = nearest(str(name), known) if remark is None else remark(str(name))
-            raise ArgumentError("outputs", choices(known) + added, quoted(name))
+            raise ArgumentError("outputs", choices(known) + nearest(str(name), known), quoted(name))
     return names
 
 
