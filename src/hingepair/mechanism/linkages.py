@@ -144,9 +144,7 @@ def follow_path(tree: Tree, q: Float64Array, guess: Mapping[str, float] | None =
         q: its coordinates; shape (samples, dof).
         guess: coordinates of the tree by joint near which the path begins; by default where it was assembled.
     """
-    closure = tree.closure
-    if closure is None:
-        raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
+    closure = tree.loops()
     opened = replace(tree, closure=None)
     loops = [loop for loop in closure.loops if loop.name not in closure.names]
     assembly = _Assembly(opened, loops, closure.names)

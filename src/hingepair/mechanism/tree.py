@@ -278,6 +278,12 @@ class Tree(Frozen):
         joint = None if self.samples is None else self.samples.joints.get(body)
         return joint is not None and joint.n.ndim > 1
 
+    def loops(self) -> TreeClosure:
+        """Return the loops of a closed mechanism; refuse a tree."""
+        if self.closure is None:
+            raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
+        return self.closure
+
     def plain(self) -> Tree:
         """Return this tree where it is one robot without loops and struts; refuse all else."""
         if self.closure is not None or self.struts:

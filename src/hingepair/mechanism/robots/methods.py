@@ -594,9 +594,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         Returns:
             By the loop's name, force [N] and torque about the frame's origin [N m], shape (..., 3).
         """
-        closure = self._tree.closure
-        if closure is None:
-            raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
+        closure = self._tree.loops()
         run: Any = {"backend": options.get("backend", "auto")}
         base: Any = {"base_motion": options.get("base_motion"), **run}
         efforts = ask(self._robot, "tree_tau", (q, qd, qdd), options)
@@ -610,9 +608,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         Its shape is (...). It is 0 at a dead point, where the coordinates do not move the others. Arguments: see
         `Mechanism`.
         """
-        closure = self._tree.closure
-        if closure is None:
-            raise ArgumentError("robot", "one with loops, as robot.closed(...) returns", "a tree")
+        closure = self._tree.loops()
         return transmission(closure, ask(self._robot, "loop_jacobian", (q,), {"backend": backend}))
 
     @answers("struts")
