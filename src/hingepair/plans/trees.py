@@ -13,7 +13,7 @@ import math
 import operator
 from collections import ChainMap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.derivatives import Solution, jacobian, pushforward, variables
@@ -144,8 +144,6 @@ class TreeQuantities:
             any kind, vectors as tuples.
     """
 
-    frame_shapes: ClassVar[Mapping[str, ArrayShape]] = FRAME_SHAPES
-
     def __init__(self, form: Form, request: Request, values: Mapping[str, Any]) -> None:
         self.form, self.request, self.values = form, request, values
         parts = iter(values.get("numbers") or complete_numbers(form, request, values))
@@ -164,7 +162,7 @@ class TreeQuantities:
             numbers = [next(parts) for _ in range(form.closure.size)]
             self.chains = Chains(form.closure, numbers, self.links, self.ratios, form.columns, values["q"])
         self.strut_list = [Strut.of_numbers(one, [next(parts) for _ in range(one.size)]) for one in form.struts]
-        self.frames = [(body, _take_numbers(parts, self.frame_shapes)) for body in request.frames]
+        self.frames = [(body, _take_numbers(parts, FRAME_SHAPES)) for body in request.frames]
         self.shown = self.frames[: request.shown]
         loaded = form.parents if request.joint_loads else ()
         self.loads = [eq.JointLoad(**_take_numbers(parts, LOAD_SHAPES)) for _ in loaded]
