@@ -22,9 +22,9 @@ HINGES = {
     "solo12": 12,
     "panda": 7,
     "ur5_robot": 6,
-    "tiago": 47,
+    "kinova": 6,
 }
-"""A humanoid, two quadrupeds, two arms, and a wheeled robot with continuous and mimic joints."""
+"""A humanoid, two quadrupeds, and three arms, one with continuous joints."""
 
 
 def differences(robot):

@@ -387,6 +387,13 @@ def test_a_path_goes_as_near_as_the_arm_reaches_and_comes_back():
     np.testing.assert_allclose(found.position_error, np.maximum(away - 0.9, 0), rtol=0, atol=1e3 * POSE)
 
 
+def test_a_lost_target_of_a_path_is_lost_alone():
+    R = np.linspace(0.4, 0.7, 9)[:, None] * np.array([1.0, 0, 0])
+    R[4] = np.nan
+    found = planar_arm().inverse_kinematics_path(R, frame="tip")
+    assert np.isnan(found.q).all(axis=1).tolist() == np.isnan(R).all(axis=1).tolist()
+
+
 def test_only_targets_that_are_not_finite_give_nan():
     robot = robot_of("ur5_robot")
     R, S = np.full((4, 3), 0.3), np.broadcast_to(np.eye(3), (4, 3, 3)).copy()
