@@ -429,7 +429,8 @@ class Subject:
                 return found
             tau = np.asarray(found.pop("tau") - sum(parts.values()), np.float64)
             return {"tau": tau, **{f"tau_{name}": tau[..., i] for i, name in enumerate(self.names)}, **found}
-        constants_of(self.pair).require_masses(("body2",))
+        if self.pair.body2 is None:
+            constants_of(self.pair).require_masses(("body2",))
         wrench = self.robot.joint_wrenches(*arguments, **options)[PSI[0]]
         axis = (known.body1.S @ np.asarray(self.space.n)[..., None])[..., 0]
         torque = (axis * wrench.torque).sum(axis=-1)
