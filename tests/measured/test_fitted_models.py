@@ -175,3 +175,14 @@ def test_outliers_hardly_change_how_badly_a_model_fits(name: str) -> None:
     assert abs(one - other) < 2.5 * np.log(2)
     far = recording(1000, 1e-2, 2e-2)
     assert MODELS[name].misfit(compute_relative_poses(far.R1, far.S1, far.R2, far.S2), LOSSES["cauchy"]) > one + 2
+
+
+def test_rounds_that_go_in_circles_end() -> None:
+    """Those of a ball joint, of which no hinge is the most likely one."""
+    t = recording(2000).t
+    vectors = np.stack((recording(2000).psi, 0.8 * np.sin(1.3 * t), 0.7 * np.cos(1.9 * t)), axis=-1)
+    made = recording(2000, 1e-3, 2e-3, Q=turns(vectors) @ HOME)
+    poses, asked = compute_relative_poses(made.R1, made.S1, made.R2, made.S2), []
+    found, _ = most_likely(BodyModel.start(poses, None), lambda *_: asked.append(1) or poses, STILL, None)
+    assert not found.has_converged
+    assert len(asked) < 20
