@@ -73,14 +73,14 @@ def test_each_component_says_what_causes_it(scene_path):
 
 def test_limits_of_the_scene_are_those_of_drawings(scene_path):
     scene = hp.load_scene(scene_path)
-    study, own = study_tolerances(scene, axis="+-0.1 deg uniform"), {"u1_std": (1e-3, 0, 0)}
+    study, own = study_tolerances(scene, axis="+-0.15 deg"), {"u1_std": (1e-3, 0, 0)}
     known = scene.known(scene.spread(101), 0)
     found = scene.pair.propagate_covariance(known.body1, known.psi, axis_std=np.radians(0.05), **own)
     np.testing.assert_allclose(study.std["R2_x"], found.R2_std[:, 0], rtol=64 * U)
     assert [note for note in study.notes if "three standard deviations" in note]
-    options = ("--tolerance", "u1=+-1 mm uniform, 0, 0", "--tolerance", "u2=+-0.2 mm uniform")
+    options = ("--tolerance", "u1=+-1 mm, 0, 0", "--tolerance", "u2=+-0.2 mm")
     shown = run_command("tolerance", scene_path, *options).stdout
-    assert "u1 = +-1 mm uniform, 0, 0; axis = +-0.3 deg; u2 = +-0.2 mm uniform" in shown
+    assert "u1 = +-1 mm, 0, 0; axis = +-0.3 deg; u2 = +-0.2 mm" in shown
     told = json.loads(run_command("tolerance", scene_path, "--tolerance", "axis=0", "--json").stdout)
     assert told["tolerances"] == {"u1": ["+-3 mm", "0", "0"], "axis": "0"}
 

@@ -24,7 +24,7 @@ def tolerance_command(
         list[str] | None,
         typer.Option(
             metavar="NAME=LIMIT",
-            help='Tolerance of u1, u2, axis, home or a point, such as "u1=+-0.2 mm", "axis=+-0.1 deg uniform" or '
+            help='Tolerance of u1, u2, axis, home or a point, such as "u1=+-0.2 mm", "axis=+-0.1 deg" or '
             '"handle=+-0.5 mm"; three for three components, separated by commas. May be repeated.',
         ),
     ] = None,
@@ -34,7 +34,7 @@ def tolerance_command(
     """Show how manufacturing tolerances affect the pose of body 2, and points.
 
     The tolerances come from the option or from the table [tolerances] of the scene. A tolerance +- is taken for
-    three standard deviations of a normal distribution, unless it is uniform. A tilt of the axis is taken with the
+    three standard deviations of a normal distribution. A tilt of the axis is taken with the
     bodies adjusted at psi = 0, which keep their attitude there. The table shows the standard deviation of each
     component, to first order, where it is largest of 101 instants at most, and which dimensions cause it, as a mean
     over the motion.

@@ -17,7 +17,7 @@ from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.options import check_options
-from hingepair.mechanism.pairs.hinge_pair import HingePair
+from hingepair.mechanism.pairs.hinge_pair import HingePair, checked_limits
 from hingepair.mechanism.pairs.requests import check_single_pair
 from hingepair.numeric.arrays import Frozen, call_text, finite_number, set_frozen
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
@@ -60,9 +60,10 @@ class _JointOfRobot(Frozen, Shown):
         **options: Unpack[JointOptions],
     ) -> None:
         check_options(type(self).__name__, options, _FIELDS)
+        limits = checked_limits(options.pop("limits", None))  # may be lengths
         checked = HingePair(u1, u2, n, home, self._default_name if name is None else name, **options)
         check_single_pair(checked)
-        set_frozen(self, **{field: getattr(checked, field) for field in _FIELDS})
+        set_frozen(self, **{field: getattr(checked, field) for field in _FIELDS} | {"limits": limits})
 
     def __repr__(self) -> str:
         return call_text(self, *(field.name for field in fields(self)))

@@ -34,7 +34,8 @@ class Cache:
     # by what is asked and given: calls that need the arrays alone, and what looks at their results
     calls: dict[Any, tuple[Call, Any]] = field(default_factory=dict)
     others: dict[Any, Any] = field(default_factory=dict)  # extended constants
-    warned: bool = False  # of masses that are assumed or impossible
+    # whether the base is among the bodies whose masses were warned of, as assumed or impossible: True, False or both
+    warned: set[bool] = field(default_factory=set)
     warned_of_loads: bool = False  # of joints that are left out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
@@ -119,7 +120,7 @@ def read_pair(tables: Table) -> HingePair | PlanarPair:
         keys = {**dict.fromkeys(("u1", "u2"), numbers_key(2)), "name": Table.text, **_BODIES, **points}
         return construct_from_table(table, PlanarPair, name | table.read(keys, ("u1", "u2")))
     read = table.read({**_HINGE_KEYS, **points}, ("u1", "u2", "n"))
-    return construct_from_table(table, HingePair, name | read)
+    return _with_limits(table, HingePair, name | read)
 
 
 # ---- mechanisms
@@ -238,7 +239,15 @@ def _read_joint(name: str, table: Table) -> RobotJoint:
     values = {key: value for key, value in table.values.items() if key not in {"parent", "kind"}}
     described = replace(table, values=values).read({**_HINGE_KEYS, **pitch}, ("u1", "u2", "n", *pitch))
     make: Callable[..., RobotJoint] = JOINT_CLASSES[kind]
-    return construct_from_table(table, make, {**described, "name": name})
+    return _with_limits(table, make, {**described, "name": name})
+
+
+def _with_limits(table: Table, make: Callable[..., Made], arguments: Mapping[str, Any]) -> Made:
+    """Return what `construct_from_table` does, without a warning of limits in degrees: `scene.suspicions` says so."""
+    limits = {key: value for key, value in arguments.items() if key == "limits"}
+    made = construct_from_table(table, make, {**arguments, "limits": None})
+    changed: Callable[..., Made] = functools.partial(replace, made)  # type: ignore[type-var]
+    return construct_from_table(table, changed, limits) if limits else made
 
 
 # ---- loops and struts

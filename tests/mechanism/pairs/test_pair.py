@@ -81,3 +81,10 @@ def test_copies_and_pickles_are_as_frozen_as_the_value(kind):
         if kind == "pair":
             assert (other.name, other.limits, other.body1.mass) == ("knee", (-1.0, 2.0), 2.0)
             assert not other.body1.inertia.flags.writeable
+
+
+def test_limits_in_degrees_are_suspected_of_hinges_alone():
+    with pytest.warns(hp.DynamicsWarning, match="limits: 180 is taken for radians"):
+        pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), limits=(-180, 180))
+    assert replace(pair, name="again").limits == (-180, 180)  # said once
+    assert hp.Slider((0, 0, 0), (0, 0, 0), (0, 0, 1), limits=(-180, 180)).limits == (-180, 180)

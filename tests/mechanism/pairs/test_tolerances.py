@@ -66,11 +66,11 @@ def test_a_seed_gives_the_same_pairs_and_only_what_scatters_is_sampled():
     ("limits", "std"),
     [
         ({"u1": "+-0.3 mm"}, {"u1_std": 1e-4}),
-        ({"u2": "±0.3mm normal"}, {"u2_std": 1e-4}),
+        ({"u2": "±0.3mm"}, {"u2_std": 1e-4}),
         ({"u1": "+/-30 um,+-0.6 mm, 0"}, {"u1_std": (1e-5, 2e-4, 0)}),
-        ({"u1": ("+-.3 mm uniform", "0", "+-0.001 in")}, {"u1_std": (3e-4 / np.sqrt(3), 0, 2.54e-5 / 3)}),
+        ({"u1": ("+-.3 mm", "0", "+-0.001 in")}, {"u1_std": (1e-4, 0, 2.54e-5 / 3)}),
         ({"axis": "+-0.3°"}, {"axis_std": np.radians(0.1)}),
-        ({"axis": "+-2 mrad uniform"}, {"axis_std": 1e-3}),
+        ({"axis": "+-3 mrad"}, {"axis_std": 1e-3}),
         ({"home": "+-0.3 deg; 0; +-1.5 mrad"}, {"home_std": (np.radians(0.1), 0, 5e-4)}),
     ],
     ids=str,
@@ -79,24 +79,6 @@ def test_limits_mean_standard_deviations(limits, std):
     pair, body1, psi = pair_and_states(307)
     found, expected = (pair.propagate_covariance(body1, psi, **given).covariance for given in (limits, std))
     assert np.allclose(found, expected, rtol=64 * U, atol=64 * U * np.abs(expected).max())
-
-
-@pytest.mark.slow
-def test_uniform_tolerances_stay_within_their_limits_and_fill_them():
-    pair, body1, psi = pair_and_states(308)
-    limits = {"u1": "+-2 mm uniform", "axis": "+-3 mrad uniform", "home": ("0", "+-1 mrad uniform", "+-1 mrad")}
-    made = hp.sample_pairs(pair, SAMPLES, **limits, seed=5)
-    off, turn = made.u1 - pair.u1, hp.rotation_log(made.home @ pair.home.T)
-    tilt = np.linalg.norm(np.cross(pair.n, made.n), axis=1)
-    for sizes, limit in ((np.abs(off), 2e-3), (tilt, np.sin(3e-3)), (np.abs(turn[:, 1]), 1e-3)):
-        assert 0.999 * limit < sizes.max() < (1 + 1024 * U) * limit
-    assert np.abs(turn[:, 2]).max() > 1.2e-3  # a normal distribution has no end
-    assert np.abs(np.quantile(off, (0.25, 0.75), axis=0) / 1e-3 - np.array([[-1], [1]])).max() < 0.02
-    assert abs((tilt < 3e-3 / 2).mean() - 0.25) < 0.01  # as areas of disks
-    scatter = np.cov(np.concatenate((off, turn), axis=1).T)
-    geometry = pair.propagate_covariance(body1, psi, **limits).geometry
-    expected = geometry[np.ix_([0, 1, 2, 9, 10, 11], [0, 1, 2, 9, 10, 11])]
-    assert np.abs(scatter - expected).max() < 0.02 * expected.max()
 
 
 def with_points(seed):

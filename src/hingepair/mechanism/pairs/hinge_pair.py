@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import Body
+from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.options import DEFAULT_GRAVITY, EULER, GRAVITY, OUT, Options, with_options
 from hingepair.mechanism.pairs import residuals
@@ -47,6 +47,7 @@ from hingepair.plans.arguments import Coordinates, Outputs
 from hingepair.plans.pairs import SPACE
 from hingepair.plans.prepared import Prepared
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
+from hingepair.tables.suspicions import suspicions
 
 if TYPE_CHECKING:
     from hingepair import Mechanism
@@ -92,7 +93,7 @@ class HingePair(Frozen, Shown):
             3) or (..., 3, 3); by default the identity.
         name: name of the pair in exports and messages.
         limits: smallest and largest hinge angle [rad], for exports and `HingeLoad(stops=pair.limits)`; shape (2,). No
-            method enforces them.
+            method enforces them. A DynamicsWarning says if they look like degrees.
         body1: mass properties and shapes of body 1, for dynamics, exports and pictures.
         body2: mass properties and shapes of body 2.
         torque_limit: largest torque of the motor [N m], for exports; URDF calls it effort.
@@ -151,12 +152,15 @@ class HingePair(Frozen, Shown):
         axis = _constants.axis if _constants is not None and n is _constants.arrays["n"] else n
         arrays, given_axis = spatial_arrays(u1, u2, n if axis is None else axis, home)
         points = record["points1"], record["points2"]
+        if limits is not None and _constants is None:
+            for sentence in suspicions("written angles", "limits", limits):
+                warn_of_dynamics(sentence)
         most = {"torque_limit": torque_limit, "rate_limit": rate_limit}
         set_frozen(
             self,
             **arrays,
             **record,
-            limits=_checked_limits(limits),
+            limits=checked_limits(limits),
             **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
             _constants=PairRequests(record["name"], SPACE, arrays, given_axis, points, (body1, body2)),
         )
@@ -563,10 +567,9 @@ class HingePair(Frozen, Shown):
             body1: the motion of body 1, of which S is used.
             psi: hinge angle [rad]; shape (...,).
             u1: limits of each component of u1 as on drawings, body-1 axes: "+-0.2 mm", whose standard deviation is a
-                third of the limit; "+-0.2 mm uniform", where it is the limit by the root of 3; or three of these.
+                third of the limit; or three of these.
             u2: the same of u2, body-2 axes.
-            axis: limit of the tilt of the hinge axis in any direction across it, "+-0.1 deg", as that of u1;
-                "uniform": half of the limit.
+            axis: limit of the tilt of the hinge axis in any direction across it, "+-0.1 deg", as that of u1.
             home: limits of each component of the rotation vector r by which home deviates, exp(r) @ home, body-1
                 axes, as those of u1.
             u1_std: in place of u1, the standard deviation of each component [m]: a number, or shape (3,).
@@ -604,7 +607,7 @@ def pair_sheet(pair: Any, names: Iterable[str]) -> Sheet:
     return sheet_of(pair.name, [*((name, getattr(pair, name)) for name in names), *masses, *points])
 
 
-def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
+def checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
     """Return the argument `limits` as floats (lower, upper) in this order, or None."""
     if limits is None:
         return None

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, NamedTuple, TypeAlias, TypedDict, Unpack
+from typing import Any, Final, TypeAlias, TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
@@ -56,33 +56,9 @@ TOLERANCE_DEFAULTS: Final[dict[str, Any]] = {
 }
 """Defaults of tolerances, in the order of signatures."""
 
-# Size, unit and distribution of a limit such as "+-0.2 mm uniform".
-_LIMIT = re.compile(r"(?:±|\+/?-)\s*(\d+\.?\d*|\.\d+)\s*([A-Za-z°µμ]+)(?:\s+(normal|uniform))?", re.ASCII)
+# Size and unit of a limit such as "+-0.2 mm".
+_LIMIT = re.compile(r"(?:±|\+/?-)\s*(\d+\.?\d*|\.\d+)\s*([A-Za-z°µμ]+)", re.ASCII)
 _UNIT_ALIASES: Final = {"°": "deg", "µm": "um", "μm": "um"}  # units as drawings write them
-_UNIFORM: Final = np.sqrt(3.0)  # end of a uniform distribution, in standard deviations
-
-
-class Scatter(NamedTuple):
-    """How numbers scatter: of the geometry of pairs, or of a point in body axes."""
-
-    covariance: Float64Array  # (k, k)
-    uniform: NDArray[np.bool_]  # components that are uniformly distributed, not normally; (k,)
-
-    def draws(self, rng: np.random.Generator, samples: int, axis: Float64Array | None = None) -> Float64Array:
-        """Return random deviations (samples, k); of a geometry with the hinge axis `axis`, whose tilts are even over
-        a disk where they are uniform.
-        """
-        size = samples, len(self.uniform)
-        units = np.where(self.uniform, rng.uniform(-_UNIFORM, _UNIFORM, size), rng.standard_normal(size))
-        if axis is not None and self.uniform[6]:
-            across = rng.standard_normal((samples, 3))
-            across -= (across @ axis)[:, None] * axis
-            radii = 2.0 * np.sqrt(rng.random((samples, 1)))
-            units[:, 6:9] = radii * across / np.linalg.norm(across, axis=1, keepdims=True)
-        values, axes = np.linalg.eigh(self.covariance)
-        # The symmetric square root does not depend on the order of the eigenvectors.
-        found: Float64Array = units @ (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
-        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -191,8 +167,8 @@ def propagate_covariance(
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
     check_options("propagate_covariance", tolerances, TOLERANCE_DEFAULTS)
     points = [point.name for point in pair.points]
-    own = point_scatter(points, tolerances.get("points"))
-    geometry = geometry_scatter(pair.arrays["n"], tolerances, required=not own).covariance
+    own = point_covariances(points, tolerances.get("points"))
+    geometry = geometry_covariance(pair.arrays["n"], tolerances, required=not own)
     shapes = {name: GEOMETRY_SHAPES[name] for name in ("u1", "u2", "n", "home")}
     if points:
         shapes["points"] = (3 * len(points),)
@@ -213,7 +189,7 @@ def propagate_covariance(
         both = np.zeros((15, 15))
         both[:12, :12] = geometry
         if name in own:
-            both[12:, 12:] = own[name].covariance
+            both[12:, 12:] = own[name]
         columns = [*range(12), *range(12 + 3 * k, 15 + 3 * k)]
         letters = (f"{name}_{letter}" for letter in "xyz")
         by_point[name] = PointCovariance(*first_order(slopes[name][..., columns], both, *letters))
@@ -236,11 +212,9 @@ def sample_pairs(
         pair: the HingePair as designed, or as fitted; of a PlanarPair, pair.to_spatial().
         samples: number of pairs.
         u1: limits of each component of u1 as on drawings, body-1 axes: "+-0.2 mm", normally distributed with three
-            standard deviations at the limit; "+-0.2 mm uniform", where all values between the limits are as likely;
-            or three of these.
+            standard deviations at the limit; or three of these.
         u2: the same of u2, body-2 axes.
-        axis: limit of the tilt of the hinge axis, "+-0.1 deg": as above in each of two directions across it;
-            "uniform" makes all tilts up to the limit, in any direction, as likely.
+        axis: limit of the tilt of the hinge axis in each of two directions across it, "+-0.1 deg".
         home: limits of each component of the rotation vector by which home deviates, body-1 axes, as those of u1.
         u1_std: in place of u1, the standard deviation of each component [m]: a number, or shape (3,).
         u2_std: the same of u2.
@@ -265,9 +239,8 @@ def sample_pairs(
     >>> R2 = made.forward_kinematics((0, 0, 0, 0, 0, 0, 1.0)).R2
     >>> R2.shape, R2.std(axis=0).round(4)
     ((20000, 3), array([0.001 , 0.001 , 0.0014]))
-    >>> drilled = hp.sample_pairs(pair, 20_000, u1="+-0.2 mm uniform", seed=1)
-    >>> float(abs(drilled.u1 - pair.u1).max().round(6))
-    0.0002
+    >>> hp.sample_pairs(pair, 20_000, u1="+-0.3 mm", seed=1).u1.std(axis=0).round(6)
+    array([0.0001, 0.0001, 0.0001])
     """
     check_pair(pair)
     check_single_pair(pair)
@@ -279,26 +252,35 @@ def sample_pairs(
         raise ArgumentError("seed", "an integer from 0 or a numpy.random.Generator", quoted(seed)) from None
     check_options("sample_pairs", tolerances, TOLERANCE_DEFAULTS)
     n = pair.n
-    own = point_scatter([*pair.points1, *pair.points2], tolerances.get("points"))
-    geometry = geometry_scatter(n, tolerances, required=not own)
-    du1, du2, tilt, turn = np.split(geometry.draws(rng, samples, n), 4, axis=1)
+    own = point_covariances([*pair.points1, *pair.points2], tolerances.get("points"))
+    geometry = geometry_covariance(n, tolerances, required=not own)
+    du1, du2, tilt, turn = np.split(_draws(geometry, rng, samples), 4, axis=1)
     made = {
         "u1": pair.u1 + du1,
         "u2": pair.u2 + du2,
         "n": (rotation_exp(np.cross(n, tilt)) @ n[:, None])[..., 0],
         "home": rotation_exp(turn) @ pair.home,
     }
-    scattered = np.split(np.diagonal(geometry.covariance), 4)
+    scattered = np.split(np.diagonal(geometry), 4)
     changed: dict[str, Any] = {name: made[name] for name, one in zip(made, scattered, strict=True) if one.any()}
     for key, positions in (("points1", pair.points1), ("points2", pair.points2)):
-        some = {name: positions[name] + own[name].draws(rng, samples) for name in positions if name in own}
+        some = {name: positions[name] + _draws(own[name], rng, samples) for name in positions if name in own}
         if some:
             changed[key] = {**positions, **some}
     return replace(pair, **changed)
 
 
-def point_scatter(names: Sequence[str], tolerances: PointTolerances) -> dict[str, Scatter]:
-    """Return how points scatter, by name.
+def _draws(covariance: Float64Array, rng: np.random.Generator, samples: int) -> Float64Array:
+    """Return random deviations (samples, k) with a covariance (k, k)."""
+    values, axes = np.linalg.eigh(covariance)
+    # The symmetric square root does not depend on the order of the eigenvectors.
+    root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
+    found: Float64Array = rng.standard_normal((samples, len(root))) @ root
+    return found
+
+
+def point_covariances(names: Sequence[str], tolerances: PointTolerances) -> dict[str, Float64Array]:
+    """Return the covariances of points, (3, 3), by name.
 
     Args:
         names: names of the points of a pair.
@@ -315,17 +297,14 @@ def point_scatter(names: Sequence[str], tolerances: PointTolerances) -> dict[str
             expected = f"{choices(tuple(names))}{nearest(str(name), tuple(names))}" if names else "a pair with points"
             raise ArgumentError("points", expected, quoted(name))
         label, parts = f"points[{name!r}]", value if isinstance(value, list | tuple) else (value,)
-        if any(isinstance(part, str) for part in parts):
-            std, uniform = read_limits(label, value)
-        else:
-            std, uniform = _three_deviations(label, value), np.zeros(3, np.bool_)
-        found[name] = Scatter(np.diag(std**2), uniform)
+        is_text = any(isinstance(part, str) for part in parts)
+        found[name] = np.diag((read_limits(label, value) if is_text else _three_deviations(label, value)) ** 2)
     return found
 
 
-def geometry_scatter(n: Float64Array, tolerances: Mapping[str, Any], *, required: bool = True) -> Scatter:
-    """Return how u1, u2, n and the rotation vector of home scatter: as a checked covariance says, or independently
-    within tolerances.
+def geometry_covariance(n: Float64Array, tolerances: Mapping[str, Any], *, required: bool = True) -> Float64Array:
+    """Return the covariance of u1, u2, n and the rotation vector of home, (12, 12): the one that is given, checked,
+    or that of independent tolerances.
 
     Args:
         n: hinge axis, of unit length; shape (3,).
@@ -335,21 +314,21 @@ def geometry_scatter(n: Float64Array, tolerances: Mapping[str, Any], *, required
     Raises:
         ArgumentError: a dimension has two tolerances, or none has one.
     """
-    sizes, uniform, names = np.zeros((4, 3)), np.zeros((4, 3), bool), []
+    sizes, names = np.zeros((4, 3)), []
     for k, (limit, deviation) in enumerate(zip(LIMITS, DEVIATIONS, strict=True)):
         sizes[k] = _three_deviations(deviation, tolerances.get(deviation, 0.0))
         within = tolerances.get(limit)
         if within is not None:
             if sizes[k].any():
                 raise ArgumentError(deviation, f"0, since {limit} gives the tolerance", quoted(tolerances[deviation]))
-            sizes[k], uniform[k] = read_limits(limit, within)
+            sizes[k] = read_limits(limit, within)
         if sizes[k].any():
             names.append(limit if within is not None else deviation)
     if (covariance := tolerances.get("covariance")) is not None:
         if names:
             expected = f"{'None' if names[0] in LIMITS else '0'}, since covariance gives all standard deviations"
             raise ArgumentError(names[0], expected, quoted(tolerances[names[0]]))
-        return Scatter(_checked_covariance(covariance), uniform.ravel())
+        return _checked_covariance(covariance)
     if required and not names:
         expected = (
             f"a tolerance ({', '.join(LIMITS)}), a standard deviation ({', '.join(DEVIATIONS)}), or a covariance"
@@ -357,43 +336,37 @@ def geometry_scatter(n: Float64Array, tolerances: Mapping[str, Any], *, required
         raise ArgumentError("u1", expected, "none, or 0 for all")
     geometry = np.diag(sizes.ravel() ** 2)
     geometry[6:9, 6:9] = sizes[2, 0] ** 2 * (np.eye(3) - np.outer(n, n))
-    return Scatter(geometry, uniform.ravel())
+    return geometry
 
 
-def read_limits(name: str, value: Any) -> tuple[Float64Array, NDArray[np.bool_]]:
-    """Return the standard deviations (3,) that limits as on drawings mean, and which of them are of uniform
-    distributions. A normal limit is three standard deviations; a uniform one half an interval, of the axis the radius
-    of a disk.
+def read_limits(name: str, value: Any) -> Float64Array:
+    """Return the standard deviations (3,) that limits as on drawings mean: a third of each.
 
-    >>> read_limits("u1", "+-0.3 mm, +-0.6 mm normal, 0")[0].round(6).tolist()
+    >>> read_limits("u1", "+-0.3 mm, +-0.6 mm, 0").round(6).tolist()
     [0.0001, 0.0002, 0.0]
     """
     si = "rad" if name in {"axis", "home"} else "m"
     parts = re.split("[,;]", value) if isinstance(value, str) else value
     if isinstance(parts, Sequence) and (len(parts) == 1 or (len(parts) == 3 and name != "axis")):
-        found = [_read_limit(part, si, 2.0 if name == "axis" else _UNIFORM) for part in parts]
+        found = [_read_limit(part, si) for part in parts]
         if None not in found:
-            std, uniform = zip(*(found * (3 // len(found))), strict=True)
-            return np.array(std), np.array(uniform)
+            return np.array(found * (3 // len(found)), dtype=np.float64) / 3.0
     example = {"m": "+-0.2 mm", "rad": "+-0.1 deg"}[si]
     many = "" if name == "axis" else ", or three of these"
-    expected = f'"{example}" or "{example} uniform"{many}, in {choices([si, *SCALES[si]])}'
+    expected = f'"{example}"{many}, in {choices([si, *SCALES[si]])}'
     number = f"{name}_std takes" if name in LIMITS else "a number is"
     raise ArgumentError(name, f"{expected}; {number} a standard deviation", quoted(value))
 
 
-def _read_limit(part: Any, si: str, uniform: float) -> tuple[float, bool] | None:
-    """Return the standard deviation [m or rad] that one limit such as "+-0.2 mm uniform" means, and whether it is
-    uniform; None if it cannot be read. A uniform limit has `uniform` standard deviations.
-    """
+def _read_limit(part: Any, si: str) -> float | None:
+    """Return one limit such as "+-0.2 mm" [m or rad]; None if it cannot be read."""
     text = part.strip() if isinstance(part, str) else ""
     if text == "0":
-        return 0.0, False
+        return 0.0
     match, scales = _LIMIT.fullmatch(text), {si: 1.0, **SCALES[si]}
     if match is None or (unit := _UNIT_ALIASES.get(match[2], match[2])) not in scales:
         return None
-    is_uniform = match[3] == "uniform"
-    return float(match[1]) * scales[unit] / (uniform if is_uniform else 3.0), is_uniform
+    return float(match[1]) * scales[unit]
 
 
 def _three_deviations(name: str, value: ArrayLike) -> Float64Array:

@@ -295,16 +295,19 @@ class RobotRequests(Subject):
             raise ArgumentError(f"robot {self.tree.name!r}", expected, "products that overflow")
 
     def warn_of_masses(self, bodies: Collection[int] | None = None) -> None:
-        """Check the masses of bodies with some numbers, or of all; issue a DynamicsWarning for each of the tree's
-        notes at the first call for a robot.
+        """Check the masses of bodies with some numbers, or of all; issue each DynamicsWarning on these at the first
+        call for a robot.
         """
-        cache = self.cache
-        if bodies is not None or not cache.warned:
-            self.check_masses(bodies)
-        if not cache.warned:
-            cache.warned = True
-            for note in self.tree.mass_notes(self.constants.free):
-                warn_of_dynamics(f"{self.tree.name}: {note}")
+        cache, with_base = self.cache, self.base == "free" and (bodies is None or 0 in bodies)
+        if bodies is None and with_base in cache.warned:
+            return
+        self.check_masses(bodies)
+        if with_base not in cache.warned:
+            said = self.tree.mass_notes(free=False) if cache.warned else []
+            cache.warned |= {False, with_base}
+            for note in self.tree.mass_notes(with_base):
+                if note not in said:
+                    warn_of_dynamics(f"{self.tree.name}: {note}")
 
     def counts_loads(self, joint_loads: bool | None) -> bool:
         """Return whether loads of joints act; the first call that leaves them out unasked warns."""

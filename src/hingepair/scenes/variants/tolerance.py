@@ -12,7 +12,7 @@ from hingepair.equations.quantities import POSE
 from hingepair.errors import SceneError
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.pairs.requests import constants_of
-from hingepair.mechanism.pairs.tolerances import LIMITS, point_scatter, read_limits
+from hingepair.mechanism.pairs.tolerances import LIMITS, point_covariances, read_limits
 from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.scenes.scene import Scene
 from hingepair.tables.sheets import instant_text
@@ -20,10 +20,7 @@ from hingepair.tables.units import SI, Units
 
 _MAX_INSTANTS: Final = 101
 _LEAST_SHARE: Final = 0.01  # of a variance; dimensions that cause less are not named
-_LIMITS_NOTE: Final = (
-    'A tolerance +- is taken for three standard deviations of a normal distribution; "+-0.2 mm uniform" makes all '
-    "values between the limits as likely."
-)
+_LIMITS_NOTE: Final = "A tolerance +- is taken for three standard deviations of a normal distribution."
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -92,7 +89,7 @@ def read_tolerances(scene: Scene) -> dict[str, Any]:
             if name in table.values:
                 read_limits(name, table.values[name])
     with table.naming():
-        point_scatter(_point_names(scene), table.values.get("points"))
+        point_covariances(_point_names(scene), table.values.get("points"))
     return dict(table.values)
 
 
@@ -110,7 +107,7 @@ def study_tolerances(scene: Scene, **tolerances: Any) -> ToleranceStudy:
             those of [tolerances]; points={"handle": "+-0.5 mm"} likewise.
     """
     pair, of_scene = scene.space, read_tolerances(scene)
-    point_scatter(_point_names(scene), tolerances.get("points"))  # checked before it is merged
+    point_covariances(_point_names(scene), tolerances.get("points"))  # checked before it is merged
     of_points = {**of_scene.get("points", {}), **(tolerances.get("points") or {})}
     tolerances = {**of_scene, **tolerances} | ({"points": of_points} if of_points else {})
     if not tolerances:
@@ -148,6 +145,6 @@ def study_tolerances(scene: Scene, **tolerances: Any) -> ToleranceStudy:
 def _notes(tolerances: Mapping[str, Any], lost: int, count: int) -> tuple[str, ...]:
     """Return sentences on what limits mean, and on instants without a pose."""
     limits = [str(value) for value in (*tolerances.values(), *tolerances.get("points", {}).values())]
-    assumed = [_LIMITS_NOTE] * any("+-" in text and "normal" not in text and "uniform" not in text for text in limits)
+    assumed = [_LIMITS_NOTE] * any("+-" in text for text in limits)
     left_out = [f"{lost} of {count} instants have no pose and are left out"] * bool(lost)
     return (*assumed, *left_out)
