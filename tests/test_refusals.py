@@ -590,6 +590,7 @@ LINKED = {
     ],
     "loops": [
         ("coordinates", A, lambda: closed(coordinates=()), lambda: closed(coordinates=("crank", "rocker")),
+         lambda: closed(coordinates=("crank", "crank")),
          lambda: closed(coordinates="crnk"),
          lambda: closed(*LOOPS, robot=TWICE, coordinates=("crank1", "rocker1"),
                         at={n + k: AT[n] for n in AT for k in "12"})),
