@@ -22,10 +22,12 @@ class Quantity(NamedTuple):
     # base), joints, and inertial parameters.
     shape: Shape = ()
     order: int = POSE  # highest time derivative of the coordinates that it needs
+    unit_of_joints: str = ""  # where coordinates are those of joints of several kinds; "": the same unit
 
 
 _V: Final[Shape] = (3,)  # of vectors
 _COORDINATES: Final[Shape] = ("coordinates",)  # of q and what goes with it; 7 in a pair
+_JACOBIAN_UNIT: Final = "m or 1, then 1 or 0"
 
 
 def _of_body(k: int) -> dict[str, Quantity]:
@@ -47,9 +49,9 @@ def _of_body(k: int) -> dict[str, Quantity]:
 QUANTITIES: Final[dict[str, Quantity]] = {
     "t": Quantity("Time", "s"),
     # ---- coordinates
-    "q": Quantity("Coordinates", "1", _COORDINATES),
-    "qd": Quantity("Time derivatives of q", "1", _COORDINATES, VELOCITY),
-    "qdd": Quantity("Second time derivatives of q", "1", _COORDINATES, ACCELERATION),
+    "q": Quantity("Coordinates", "1", _COORDINATES, POSE, "rad or m"),
+    "qd": Quantity("Time derivatives of q", "1", _COORDINATES, VELOCITY, "rad/s or m/s"),
+    "qdd": Quantity("Second time derivatives of q", "1", _COORDINATES, ACCELERATION, "rad/s^2 or m/s^2"),
     **dict.fromkeys(("x", "y", "z"), Quantity("Coordinate of R1", "m")),
     "phi": Quantity("Euler angles of body 1", "rad", _V),
     "phid": Quantity("Time derivatives of phi", "rad/s", _V, VELOCITY),
@@ -92,12 +94,12 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     },
     # ---- pairs and robots, whose base is body 1
     "gravity": Quantity("Acceleration of free fall", "m/s^2", _V),
-    "jacobian": Quantity("Jacobian of velocity and angular velocity", "1", (6, "velocities")),
-    "jacobian_in_frame": Quantity("Jacobian in the axes of the frame", "1", (6, "velocities")),
+    "jacobian": Quantity("Jacobian of velocity and angular velocity", "1", (6, "velocities"), POSE, _JACOBIAN_UNIT),
+    "jacobian_in_frame": Quantity("Jacobian in the axes of the frame", "1", (6, "velocities"), POSE, _JACOBIAN_UNIT),
     "jacobian_rate": Quantity("Time derivative of jacobian", "1", (6, "velocities"), VELOCITY),
     "jacobian_in_frame_rate": Quantity("Time derivative of jacobian_in_frame", "1", (6, "velocities"), VELOCITY),
     "acceleration_bias": Quantity("Acceleration and angular acceleration that velocities cause", "1", (6,), VELOCITY),
-    "mass_matrix": Quantity("Mass matrix", "1", ("velocities", "velocities")),
+    "mass_matrix": Quantity("Mass matrix", "1", ("velocities", "velocities"), POSE, "kg m^2, kg m or kg"),
     "kinetic": Quantity("Kinetic energy", "J", (), VELOCITY),
     "potential": Quantity("Potential energy in uniform gravity", "J"),
     "linear": Quantity("Linear momentum", "kg m/s", _V, VELOCITY),
@@ -116,12 +118,13 @@ QUANTITIES: Final[dict[str, Quantity]] = {
         "1",
         _COORDINATES,
         ACCELERATION,
+        "N m or N",
     ),
     "force": Quantity("Force of the carrying body on the body of each joint", "N", ("joints", 3), ACCELERATION),
     "torque": Quantity("Torque about the joint's point", "N m", ("joints", 3), ACCELERATION),
     "torque_regressor": Quantity("Regressor of tau", "1", ("velocities", "parameters"), ACCELERATION),
-    "bias_forces": Quantity("Forces at zero acceleration", "1", ("velocities",), VELOCITY),
-    "gravity_forces": Quantity("Forces that hold the robot at rest", "1", ("velocities",)),
+    "bias_forces": Quantity("Forces at zero acceleration", "1", ("velocities",), VELOCITY, "N m or N"),
+    "gravity_forces": Quantity("Forces that hold the robot at rest", "1", ("velocities",), POSE, "N m or N"),
     "pivots": Quantity("Pivots of the factored mass matrix", "1", _COORDINATES),
     "base_pivots": Quantity("Pivots of a free base", "1", (6,)),
     "q_all": Quantity("Coordinates of all joints of a closed mechanism", "1", ("tree",)),
@@ -154,8 +157,9 @@ def sample_shape(name: str, sizes: Mapping[str, int]) -> tuple[int, ...]:
     return tuple(part if isinstance(part, int) else sizes[part] for part in QUANTITIES[name].shape)
 
 
-def unit_of(name: str) -> str:
-    """Return the unit of a quantity, or of one of its components; "1" if it has none or is not known.
+def unit_of(name: str, of_joints: bool = False) -> str:
+    """Return the unit of a quantity, or of one of its components; "1" if it has none or is not known. `of_joints`:
+    whether coordinates are those of the joints of a robot.
 
     >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
     ('rad/s', 'm', '1', 'N m')
@@ -163,7 +167,7 @@ def unit_of(name: str) -> str:
     for known in (name, name.rpartition("_")[0]):
         quantity = QUANTITIES.get(known) or QUANTITIES.get(known.rstrip("12"))
         if quantity is not None:
-            return quantity.unit
+            return (of_joints and quantity.unit_of_joints) or quantity.unit
     return "1"
 
 
@@ -182,7 +186,7 @@ def attribute_texts(
     """
     texts = {}
     for name in names:
-        text, unit, shape, _ = QUANTITIES[name]
+        text, unit, shape, *_ = QUANTITIES[name]
         sizes = [
             "dof" if part in ("coordinates", "velocities") else str(part)
             for part in (shape if shapes is None else shapes[name])

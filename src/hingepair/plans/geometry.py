@@ -61,7 +61,8 @@ class Geometry(Front):
             else:
                 frames += [*add(arm, rotate(turn, p)), *turn]
         nothing, rotor = (0.0,) * 10, (0.0, 1.0, 0.0)  # masses; no motor, and it follows none
-        return (*nothing, *axes, *u1, *nothing, *rotor, 0.0, 0.0, 0.0, *frames)
+        min_pivots = (0.0,) * 3  # of the hinge, and of force and torque on a free base
+        return (*nothing, *axes, *u1, *nothing, *rotor, *min_pivots, *frames)
 
     @lock_free_cached_property
     def e1(self) -> Vector:

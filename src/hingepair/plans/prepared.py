@@ -21,13 +21,6 @@ from hingepair.plans.computation import Computation
 from hingepair.plans.dask_chunks import is_dask
 from hingepair.plans.derivatives import Derivative
 
-_JOINT_UNITS = {
-    **{"q": "rad or m", "qd": "rad/s or m/s", "qdd": "rad/s^2 or m/s^2"},
-    **dict.fromkeys(("tau", "bias_forces", "gravity_forces"), "N m or N"),
-    "mass_matrix": "kg m^2, kg m or kg",
-    **dict.fromkeys(("jacobian", "jacobian_in_frame"), "m or 1, then 1 or 0"),
-}
-
 
 class _Derived(NamedTuple):
     """A derivative of a prepared call, and what computes it."""
@@ -152,9 +145,8 @@ class Prepared:
         """
         call = self._single_program("to_c")
         arguments, outputs = tuple(call.argument_shapes.items()), dict(call.loop.outputs)
-        units = {one: unit_of(one) for one in (*call.argument_shapes, *outputs)}
-        if self._computation.coordinates.noun == "joints":
-            units |= {one: unit for one, unit in _JOINT_UNITS.items() if one in units}
+        of_joints = self._computation.coordinates.noun == "joints"
+        units = {one: unit_of(one, of_joints) for one in (*call.argument_shapes, *outputs)}
         title = f"{', '.join(outputs)} from {', '.join(self.given)}, for one state; written by hingepair."
         return c_source(name, *call.program_with_numbers(), arguments, units, title)
 

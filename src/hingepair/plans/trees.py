@@ -62,9 +62,9 @@ BODY_CONSTANTS: Final = {
 }  # fmt: skip
 FRAME_SHAPES: Final = {"R": (3,), "S": (9,)}  # of each frame, in the axes of its body
 LOAD_SHAPES: Final = {"stiffness": (), "rest": (), "damping": (), "friction": ()}
-"""Shapes of the constants of the load of each joint. The vector of constants holds those of the base, then those of
-each joint, then the smallest pivots of the base, then those of each frame, then those of loads where they are asked
-for, in the order of these five dictionaries."""
+"""Shapes of the constants of the load of each joint. The vector of constants holds those of the base, those of each
+joint, the smallest pivots of the base, the numbers of loops (`Closure`) and of struts (`Strut`), those of each frame,
+and those of loads where they are asked for, in the order of these five dictionaries."""
 
 
 class Form(NamedTuple):
@@ -122,10 +122,15 @@ class TreeForm(NamedTuple):
 
 
 class Output(NamedTuple):
-    """How an output of a robot is computed."""
+    """How an output of a robot is computed, and what distinguishes it."""
 
     inputs: tuple[str, ...]  # names of the inputs that it depends on, the constants apart
     compute: Callable[[TreeQuantities], Any]  # returns a scalar or a flat tuple of components
+    needs_masses: bool = True
+    of_frames: bool = False  # whether it has an axis of frames, unless one was named alone
+    has_struts: bool = False  # whether forces of struts act in it
+    has_loads: bool = False  # whether loads of joints (T14) act in it, where they are asked for
+    has_bounds: bool = True  # whether `error_bounds` can follow it: derivatives need traced values
 
 
 def velocity_count(form: Form, request: Request) -> int:
@@ -880,16 +885,10 @@ def output_shape(name: str, form: Form, request: Request) -> ArrayShape:
     return (len(request.shown_frames), *shape) if name in OF_FRAMES and not request.single else shape
 
 
-FRAME_OUTPUTS: Final = ("R", "S", "d", "v", "omega", "a", "alpha")
-"""Motion of frames."""
 JACOBIANS: Final = ("jacobian", "jacobian_in_frame", "jacobian_rate", "jacobian_in_frame_rate")
 """Jacobians of frames, and their rates."""
-OF_FRAMES: Final = (*FRAME_OUTPUTS, *JACOBIANS, "acceleration_bias")
-"""What is computed of frames: with an axis of frames, unless one was named alone."""
 DYNAMICS_MATRICES: Final = ("tau_q", "tau_qd", "tau_qdd", "qdd_q", "qdd_qd", "qdd_tau")
 """Derivatives of inverse and of forward dynamics."""
-DERIVED: Final = (*JACOBIANS[2:], "centroidal_momentum_matrix_rate", "torque_regressor", *DYNAMICS_MATRICES)
-"""Outputs that are derivatives, which only traced values have."""
 # Inputs that poses, rates, accelerations, inverse and forward dynamics depend on.
 _POSE_INPUTS: Final = ("q", "S1")
 _RATE_INPUTS: Final = (*_POSE_INPUTS, "qd", "omega1")
@@ -898,29 +897,38 @@ _ACCELERATION_INPUTS: Final = (*_RATE_INPUTS, "qdd", "alpha1")
 _INVERSE_INPUTS: Final = (*_ACCELERATION_INPUTS, "a1", "gravity")
 _FORWARD_INPUTS: Final = (*_RATE_INPUTS, *_BASE_ACCELERATIONS, "tau", "gravity", "force1", "torque1")
 
+# Outputs that need no masses, those of frames among them; outputs in which struts, and loads of joints, too, act.
+_kinematic: Final = functools.partial(Output, needs_masses=False)
+_of_frames: Final = functools.partial(_kinematic, of_frames=True)
+_weighted: Final = functools.partial(Output, has_struts=True)
+_loaded: Final = functools.partial(_weighted, has_loads=True)
+
+_MOTION: Final = {
+    "R": _of_frames((*_POSE_INPUTS, "R1"), TreeQuantities.frame_positions),
+    "S": _of_frames(_POSE_INPUTS, lambda c: _chain_vectors(pose.S for pose in c.shown_poses)),
+    "d": _of_frames(_POSE_INPUTS, lambda c: _chain_vectors(pose.d for pose in c.shown_poses)),
+    "v": _of_frames((*_RATE_INPUTS, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_velocities)),
+    "omega": _of_frames(_RATE_INPUTS, lambda c: _chain_vectors(omega for _, omega in c.frame_velocities)),
+    "a": _of_frames((*_ACCELERATION_INPUTS, "a1"), lambda c: _chain_vectors(a for a, _ in c.frame_accelerations)),
+    "alpha": _of_frames(_ACCELERATION_INPUTS, lambda c: _chain_vectors(alpha for _, alpha in c.frame_accelerations)),
+}
 OUTPUTS: Final[Mapping[str, Output]] = {
-    "R": Output((*_POSE_INPUTS, "R1"), TreeQuantities.frame_positions),
-    "S": Output(_POSE_INPUTS, lambda c: _chain_vectors(pose.S for pose in c.shown_poses)),
-    "d": Output(_POSE_INPUTS, lambda c: _chain_vectors(pose.d for pose in c.shown_poses)),
-    "v": Output((*_RATE_INPUTS, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_velocities)),
-    "omega": Output(_RATE_INPUTS, lambda c: _chain_vectors(omega for _, omega in c.frame_velocities)),
-    "a": Output((*_ACCELERATION_INPUTS, "a1"), lambda c: _chain_vectors(a for a, _ in c.frame_accelerations)),
-    "alpha": Output(_ACCELERATION_INPUTS, lambda c: _chain_vectors(alpha for _, alpha in c.frame_accelerations)),
-    "jacobian": Output(_POSE_INPUTS, lambda c: c.jacobian(False)),
-    "jacobian_in_frame": Output(_POSE_INPUTS, lambda c: c.jacobian(True)),
-    "acceleration_bias": Output((*_RATE_INPUTS, *_BASE_ACCELERATIONS), TreeQuantities.acceleration_bias),
-    "tau": Output(_INVERSE_INPUTS, TreeQuantities.efforts),
-    "force1": Output(_INVERSE_INPUTS, lambda c: c.base_wrench(0)),
-    "torque1": Output(_INVERSE_INPUTS, lambda c: c.base_wrench(1)),
-    "force": Output(_INVERSE_INPUTS, lambda c: _chain_vectors(force for force, _ in c.joint_wrenches)),
-    "torque": Output(_INVERSE_INPUTS, lambda c: _chain_vectors(torque for _, torque in c.joint_wrenches)),
-    "torque_regressor": Output((*_INVERSE_INPUTS, "axes"), TreeQuantities.torque_regressor),
+    **_MOTION,
+    "jacobian": _of_frames(_POSE_INPUTS, lambda c: c.jacobian(False)),
+    "jacobian_in_frame": _of_frames(_POSE_INPUTS, lambda c: c.jacobian(True)),
+    "acceleration_bias": _of_frames((*_RATE_INPUTS, *_BASE_ACCELERATIONS), TreeQuantities.acceleration_bias),
+    "tau": _loaded(_INVERSE_INPUTS, TreeQuantities.efforts),
+    "force1": _weighted(_INVERSE_INPUTS, lambda c: c.base_wrench(0)),
+    "torque1": _weighted(_INVERSE_INPUTS, lambda c: c.base_wrench(1)),
+    "force": _weighted(_INVERSE_INPUTS, lambda c: _chain_vectors(f for f, _ in c.joint_wrenches), has_bounds=False),
+    "torque": _weighted(_INVERSE_INPUTS, lambda c: _chain_vectors(t for _, t in c.joint_wrenches), has_bounds=False),
+    "torque_regressor": _kinematic((*_INVERSE_INPUTS, "axes"), TreeQuantities.torque_regressor, has_bounds=False),
     "mass_matrix": Output(_POSE_INPUTS, TreeQuantities.mass_matrix),
-    "bias_forces": Output((*_RATE_INPUTS, *_BASE_ACCELERATIONS, "gravity"), lambda c: c.coasting.balance()),
-    "gravity_forces": Output((*_POSE_INPUTS, "gravity"), lambda c: c.resting.balance()),
-    "qdd": Output(_FORWARD_INPUTS, lambda c: c.solved[2]),
-    "a1": Output(_FORWARD_INPUTS, lambda c: c.solved[0]),
-    "alpha1": Output(_FORWARD_INPUTS, lambda c: c.solved[1]),
+    "bias_forces": _weighted((*_RATE_INPUTS, *_BASE_ACCELERATIONS, "gravity"), lambda c: c.coasting.balance()),
+    "gravity_forces": _weighted((*_POSE_INPUTS, "gravity"), lambda c: c.resting.balance()),
+    "qdd": _loaded(_FORWARD_INPUTS, lambda c: c.solved[2], has_bounds=False),
+    "a1": _loaded(_FORWARD_INPUTS, lambda c: c.solved[0], has_bounds=False),
+    "alpha1": _loaded(_FORWARD_INPUTS, lambda c: c.solved[1], has_bounds=False),
     "pivots": Output(_POSE_INPUTS, lambda c: c.pivots),
     "base_pivots": Output(_POSE_INPUTS, lambda c: c.base_pivots),
     "centre_of_mass": Output((*_POSE_INPUTS, "R1"), TreeQuantities.centre_of_mass),
@@ -933,30 +941,37 @@ OUTPUTS: Final[Mapping[str, Output]] = {
     "angular_about_centre": Output(
         (*_RATE_INPUTS, "v1"), lambda c: c.angular_momentum_about(scale(c.centre_from_base, -1.0))
     ),
-    "q_all": Output(("q",), lambda c: tuple(c.tree_q)),
-    "qd_all": Output(("q", "qd"), lambda c: tuple(c.tree_qd)),
-    "qdd_all": Output(("q", "qd", "qdd"), lambda c: tuple(c.tree_qdd)),
-    "tree_tau": Output(_INVERSE_INPUTS, TreeQuantities.tree_efforts),
-    "loop_wrenches": Output(_POSE_INPUTS, lambda c: () if c.chains is None else c.chains.wrenches(c.poses)),
-    "loop_gaps": Output(("q",), lambda c: () if c.chains is None else c.chains.gaps()),
-    "loop_jacobian": Output(("q",), lambda c: () if c.chains is None else c.chains.loop_jacobian()),
-    "strut_length": Output(_POSE_INPUTS, lambda c: tuple(length for length, _ in c.strut_lines)),
-    "strut_rate": Output(_RATE_INPUTS, lambda c: tuple(c.strut_rates)),
-    "strut_force": Output(_RATE_INPUTS, TreeQuantities.strut_forces),
+    "q_all": _kinematic(("q",), lambda c: tuple(c.tree_q)),
+    "qd_all": _kinematic(("q", "qd"), lambda c: tuple(c.tree_qd)),
+    "qdd_all": _kinematic(("q", "qd", "qdd"), lambda c: tuple(c.tree_qdd)),
+    "tree_tau": _weighted(_INVERSE_INPUTS, TreeQuantities.tree_efforts),
+    "loop_wrenches": _kinematic(_POSE_INPUTS, lambda c: () if c.chains is None else c.chains.wrenches(c.poses)),
+    "loop_gaps": _kinematic(("q",), lambda c: () if c.chains is None else c.chains.gaps()),
+    "loop_jacobian": _kinematic(("q",), lambda c: () if c.chains is None else c.chains.loop_jacobian()),
+    "strut_length": _kinematic(_POSE_INPUTS, lambda c: tuple(length for length, _ in c.strut_lines)),
+    "strut_rate": _kinematic(_RATE_INPUTS, lambda c: tuple(c.strut_rates)),
+    "strut_force": _kinematic(_RATE_INPUTS, TreeQuantities.strut_forces),
     **{
-        f"{name}_rate": Output(_RATE_INPUTS, functools.partial(TreeQuantities.time_rate, output=name))
+        f"{name}_rate": Output(
+            _RATE_INPUTS, functools.partial(TreeQuantities.time_rate, output=name), has_bounds=False,
+            needs_masses=name not in JACOBIANS, of_frames=name in JACOBIANS,
+        )
         for name in (*JACOBIANS[:2], "centroidal_momentum_matrix")
     },
     **{
-        name: Output(
+        name: _loaded(
             _INVERSE_INPUTS if name.startswith("tau") else _FORWARD_INPUTS,
-            functools.partial(TreeQuantities.dynamics_matrix, name=name),
+            functools.partial(TreeQuantities.dynamics_matrix, name=name), has_bounds=False,
         )
         for name in DYNAMICS_MATRICES
     },
-    "S1_check": Output(("S1",), lambda c: rotation_defect(c.values["S1"])),
-}
+    "S1_check": _kinematic(("S1",), lambda c: rotation_defect(c.values["S1"])),
+}  # fmt: skip
 """All that can be computed of a tree, by name."""
+FRAME_OUTPUTS: Final = tuple(_MOTION)
+"""Motion of frames."""
+OF_FRAMES: Final = frozenset(name for name, output in OUTPUTS.items() if output.of_frames)
+"""What is computed of frames."""
 
 COORDINATES: Final = ("q", "qd", "qdd", "tau")  # inputs with a component for each coordinate
 BASE_MOTION: Final = ("R1", "S1", "v1", "omega1", "a1", "alpha1")  # inputs; a1, alpha1 of one that is not free

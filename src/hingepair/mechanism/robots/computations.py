@@ -11,7 +11,7 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
-from hingepair.mechanism.requests import ALL_COORDINATES, PARTS_OF_LOOPS, ROBOT_TASKS
+from hingepair.mechanism.requests import PARTS_OF_LOOPS, ROBOT_TASKS
 from hingepair.mechanism.robots.constants import (
     RobotConstants,
     axes_with_samples,
@@ -37,7 +37,6 @@ from hingepair.plans.trees import (
     BASE_MOTION,
     COORDINATES,
     FRAME_OUTPUTS,
-    OF_FRAMES,
     OUTPUTS,
     Request,
     input_shapes,
@@ -57,15 +56,6 @@ RESTING_BASE: Final[Mapping[str, tuple[float, ...]]] = {
 Loads: TypeAlias = Mapping[str, tuple[Any, str]]
 """Forces and torques by input name: the value, and its name in messages."""
 
-
-OF_STRUTS: Final = ROBOT_TASKS["struts"].outputs
-# These, like those of struts, need no masses.
-OF_LOOPS: Final = (*ALL_COORDINATES, *PARTS_OF_LOOPS[:3])
-FORCED_OUTPUTS: Final = frozenset(name for name, one in OUTPUTS.items() if "gravity" in one.inputs) - {
-    "potential",
-    "torque_regressor",
-}
-"""Outputs that depend on forces."""
 
 # Class of the result, by output; None: a bare array.
 _RESULTS: Final = {
@@ -178,7 +168,7 @@ class RobotComputation(Computation):
         samples, moved = constants.tree.samples, moved_frames(constants, frames)
         folded, parameters = split_numbers(numbers, moved)
         self.constants, self.frames, self.form = constants, frames, constants.form
-        self.needs_masses = not {*outputs} <= {*OF_FRAMES, "torque_regressor", *OF_STRUTS, *OF_LOOPS}
+        self.needs_masses = any(OUTPUTS[name].needs_masses for name in outputs)
         varied: dict[int, Any] = {}
         if samples is not None and (self.needs_masses or samples.lengths):
             behind = len(self.form.known)

@@ -31,7 +31,6 @@ from hingepair.mechanism.requests import (
 )
 from hingepair.mechanism.robots.computations import (
     ALL_OUTPUTS,
-    FORCED_OUTPUTS,
     PREPARED_ARGUMENTS,
     Loads,
     RobotComputation,
@@ -53,7 +52,7 @@ from hingepair.numeric.arrays import Float64Array, is_zero
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Coordinates, requested_outputs
 from hingepair.plans.bounds import output_bounds
-from hingepair.plans.trees import BASE_LOADS, DERIVED, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES, compute_request
+from hingepair.plans.trees import BASE_LOADS, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES, OUTPUTS, compute_request
 
 
 class RobotRequests(Subject):
@@ -112,7 +111,7 @@ class RobotRequests(Subject):
 
     def _calls_functions(self, outputs: Iterable[str]) -> bool:
         """Return whether outputs depend on struts whose force is a function."""
-        return self.tree.has_functions and not FORCED_OUTPUTS.isdisjoint(outputs)
+        return self.tree.has_functions and any(OUTPUTS[name].has_struts for name in outputs)
 
     def _accepted(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the outputs that a prepared call can have."""
@@ -139,8 +138,7 @@ class RobotRequests(Subject):
         """Return the computation of outputs under the options `frames` and `joint_loads`; wrenches act on the frames
         in `loaded`. The first that uses masses warns of them.
         """
-        counted = not {*outputs}.isdisjoint(("tau", *SOLVED, *DYNAMICS_MATRICES))
-        counted = counted and self.counts_loads(options.get("joint_loads"))
+        counted = any(OUTPUTS[name].has_loads for name in outputs) and self.counts_loads(options.get("joint_loads"))
         computation = self.computation(outputs, self._frames_of(outputs, options.get("frames")), loaded, counted)
         if computation.needs_masses:
             self.warn_of_masses()
@@ -149,8 +147,7 @@ class RobotRequests(Subject):
     def error_bounds(self, coordinates: Mapping[str, Any], options: FurtherOptions) -> dict[str, Float64Array]:
         """Return what `Mechanism.error_bounds` describes: by output (...), of frames' motion (..., frames)."""
         check_options("error_bounds", options, BOUNDS)
-        without = (*ROBOT_TASKS["joint_wrenches"].outputs, *SOLVED, *DERIVED)
-        accepted = tuple(name for name in self.available(ALL_OUTPUTS) if name not in without)
+        accepted = tuple(name for name in self.available(ALL_OUTPUTS) if OUTPUTS[name].has_bounds)
         asked = requested_outputs(
             options.get("outputs"), None, accepted, ROBOT_TASKS[motion_level(coordinates)].outputs
         )
