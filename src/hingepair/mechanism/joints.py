@@ -5,10 +5,10 @@ A further kind is a row of `kinds.KINDS` and a class beside `Slider`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import ClassVar, Final, TypeAlias, TypedDict, Unpack
+from typing import ClassVar, Final, Protocol, TypeAlias, TypedDict, Unpack, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -153,6 +153,16 @@ DEFAULT_NAMES: Final = ("hinge_pair", "slider", "screw")
 """Names of joints that were given none."""
 RobotJoint: TypeAlias = HingePair | Slider | Screw
 """What a robot is made of."""
+
+
+@runtime_checkable
+class JointOfSeveral(Protocol):
+    """A joint of several coordinates, such as a ball joint: joints in series with bodies of no mass between them."""
+
+    def in_series(self) -> Sequence[RobotJoint]:
+        """Return the joints, from body 1 to body 2."""
+
+
 JOINT_CLASSES: Final[Mapping[JointKind, type[RobotJoint]]] = MappingProxyType(
     {"hinge": HingePair, "slider": Slider, "screw": Screw}
 )

@@ -20,7 +20,7 @@ from hingepair.mechanism.building.mujoco_model import tree_of_mjcf
 from hingepair.mechanism.building.pairs import tree_of_pairs
 from hingepair.mechanism.building.pinocchio_model import tree_of_pinocchio
 from hingepair.mechanism.building.urdf import tree_of_urdf
-from hingepair.mechanism.joints import RobotJoint
+from hingepair.mechanism.joints import JointOfSeveral, RobotJoint
 from hingepair.mechanism.linkages import Loop, close_tree
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.robots.inertial_parameters import (
@@ -77,8 +77,11 @@ class Mechanism(MechanismMethods):
             the joint, and of the link that is its body 2, whose frame has the origin R2; pairs without names get
             `hinge_pair_1`, `hinge_pair_2`, ... by their places. Body 1 of the first pair is the link "base". Of a
             body that two pairs share, one gives the mass properties, or both give equal ones. Geometry of pairs with
-            leading axes broadcasts with q: each sample has its own robot.
-        parents: for each pair, the number of its body 1: 0 for the base, 1 for body 2 of the first pair, and so on.
+            leading axes broadcasts with q: each sample has its own robot. In place of a pair may stand any object
+            with a method `in_series()`, which returns pairs in series: a joint of several coordinates, such as a ball
+            joint, with bodies of no mass between the pairs.
+        parents: for each pair, the number of its body 1: 0 for the base, 1 for body 2 of the first pair, and so on;
+            a joint of several coordinates counts as one.
             By default, body 1 of each pair is body 2 of the pair before it.
         base: "fixed": the base rests, or moves as `base_motion` prescribes; "free": forces move it.
         name: name of the robot; by default "mechanism".
@@ -101,7 +104,7 @@ class Mechanism(MechanismMethods):
 
     def __init__(
         self,
-        pairs: Iterable[RobotJoint] = (),
+        pairs: Iterable[RobotJoint | JointOfSeveral] = (),
         parents: Sequence[int] | None = None,
         base: str = "fixed",
         name: str | None = None,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +16,7 @@ from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import Drawing, placed_shapes
 from hingepair.mechanism.building.changes import add_frame
 from hingepair.mechanism.building.folding import body_masses, fold, framed, written_joint
-from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
+from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, JointOfSeveral, RobotJoint
 from hingepair.mechanism.pairs.geometry import Points
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.requests import constants_of
@@ -29,14 +30,20 @@ BASE_LINK = "base"
 """Name of the base link of a robot that is built from pairs."""
 
 
-def tree_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None, base: str, name: str | None) -> Tree:
+def tree_of_pairs(
+    pairs: Iterable[RobotJoint | JointOfSeveral], parents: Sequence[int] | None, base: str, name: str | None
+) -> Tree:
     """Return the tree of a robot that is given as pairs, as `Mechanism` describes."""
     check_choice("base", base, BASE_KINDS)
     if name is not None:
         check_name("name", name)
-    given = _numbered([*pairs]) if isinstance(pairs, Iterable) and not isinstance(pairs, str) else pairs
+    given: Any = pairs
+    massless = list[int]()
+    if isinstance(pairs, Iterable) and not isinstance(pairs, str):
+        in_series, parents, massless = _in_series([*pairs], parents)
+        given = _numbered(in_series)
     single = [nominal_pair(pair) for pair in given] if isinstance(given, list) else given
-    tree = fold(_single_tree("mechanism" if name is None else name, single, parents))
+    tree = fold(_single_tree("mechanism" if name is None else name, single, parents, massless))
     tree = tree if single == given else _with_lengths(tree, given, single)
     for joint, pair in zip(tree.joints, given, strict=True):
         if isinstance(pair, HingePair):
@@ -86,6 +93,21 @@ def _with_points(tree: Tree, link: str, points: Points) -> Tree:
     return tree
 
 
+def _in_series(pairs: list[Any], parents: Sequence[int] | None) -> tuple[list[Any], Sequence[int] | None, list[int]]:
+    """Return pairs and parents with joints in series in place of each `JointOfSeveral`, and the numbers of the bodies
+    between these, which have no mass.
+    """
+    if not any(isinstance(pair, JointOfSeveral) for pair in pairs):
+        return pairs, parents, []
+    chains = [list(pair.in_series()) if isinstance(pair, JointOfSeveral) else [pair] for pair in pairs]
+    ends = [0, *itertools.accumulate(map(len, chains))]  # number of the last joint in place of each
+    carriers, massless = list[int](), list[int]()
+    for start, end, parent in zip(ends[:-1], ends[1:], _checked_parents(pairs, parents), strict=True):
+        carriers += [ends[parent], *range(start + 1, end)]
+        massless += range(start + 1, end)
+    return [*itertools.chain(*chains)], carriers, massless
+
+
 def _numbered(pairs: list[Any]) -> list[Any]:
     """Return pairs in which default names that repeat end in the place of the pair, such as hinge_pair_2."""
     kinds, width = tuple(JOINT_CLASSES.values()), len(str(len(pairs)))
@@ -116,8 +138,12 @@ def _with_lengths(tree: Tree, pairs: Sequence[Any], single: Sequence[Any]) -> Tr
     return replace(tree, links=links, samples=samples.with_joints(joints, origins))
 
 
-def _single_tree(name: str, pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> Tree:
-    """Return the tree of pairs without leading axes; refuse any but depth-first order."""
+def _single_tree(
+    name: str, pairs: Iterable[RobotJoint], parents: Sequence[int] | None, massless: Collection[int]
+) -> Tree:
+    """Return the tree of pairs without leading axes, with the numbers of bodies that have no mass; refuse any but
+    depth-first order.
+    """
     checked = _checked_pairs(pairs)
     parent_numbers = _checked_parents(checked, parents)
     names = [pair.name for pair in checked]
@@ -150,7 +176,7 @@ def _single_tree(name: str, pairs: Iterable[RobotJoint], parents: Sequence[int] 
         tuple(link for k, link in enumerate(names, 1) if k not in parent_numbers),
         tuple((k, f"{links[k]}: {note}") for k, body in enumerate(bodies) if body for note in body.assumed),
         tuple(Drawing(own, own) for own in drawn),
-        without_mass={k: links[k] for k, body in enumerate(bodies) if body is None},
+        without_mass={k: links[k] for k, body in enumerate(bodies) if body is None and k not in massless},
     )  # fmt: skip
 
 
@@ -186,7 +212,7 @@ def _checked_pairs(pairs: Iterable[RobotJoint]) -> list[RobotJoint]:
     return checked
 
 
-def _checked_parents(pairs: Sequence[RobotJoint], parents: Sequence[int] | None) -> list[int]:
+def _checked_parents(pairs: Sequence[object], parents: Sequence[int] | None) -> list[int]:
     """Return the argument `parents`, by default the pairs in series; whether they form a tree is not checked."""
     count = len(pairs)
     if parents is None:
