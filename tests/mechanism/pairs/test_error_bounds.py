@@ -192,7 +192,7 @@ def test_the_rounding_of_axis_and_levers_counts():
 
 # ---- the search for the worst bound: of many states, the worst are varied again. A state has a row of each array.
 
-_PER_PAIR = 50  # states one behind the other that have the same pair
+_PER_PAIR = 200  # states one behind the other that have the same pair
 _OF_PAIR = ("u1", "u2", "n", "home")
 
 _VECTORS = {"u1": 3, "u2": 3, "n": 3, "q": 7, "qd": 7, "qdd": 7}
