@@ -18,7 +18,7 @@ def address(array):
 @pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_memory_is_used_again_once_every_view_is_gone(dtype):
-    count = 1_200_000 // np.dtype(dtype).itemsize
+    count = 2 * memory.MIN_REUSED_BYTES // np.dtype(dtype).itemsize
     first = memory.empty((count,), np.dtype(dtype))
     first[:] = 1.0
     place, view = address(first), first[5:10].reshape(5, 1)

@@ -173,23 +173,26 @@ class Call:
 
         def rows(*given: Any, out: Any = None, workers: int = 1) -> Any:
             arrays = [array(x) if type(x) is float else x for x in given] if takes_numbers else given
-            found = None
+            made = None
             if out is None:
-                found = make(*arrays)
-                if found is None and not _SEQUENCES.isdisjoint(map(type, given)):
+                made = make(*arrays)
+                if made is None and not _SEQUENCES.isdisjoint(map(type, given)):
                     arrays = [*map(_row, arrays)]
-                    found = make(*arrays)
-            elif workers == 1 and type(out) is dict and known.issuperset(out) and type(first := arrays[0]) is ndarray:
-                lead = first.shape[: first.ndim - rank]
-                new = empty if lead else one_empty
-                written = [out[name] if name in out else new(lead + tail, _FLOAT64) for name, tail in outputs]
-                found = fill(*arrays, *written)
+                    made = make(*arrays)
+            first: Any = arrays[0] if arrays else None
+            found = made
+            if found is None and workers == 1 and type(first) is ndarray and first.dtype is _FLOAT64:
+                ready = {} if out is None else out
+                if type(ready) is dict and known.issuperset(ready):
+                    lead = first.shape[: first.ndim - rank]
+                    new = empty if lead else one_empty
+                    written = [ready[name] if name in ready else new(lead + tail, _FLOAT64) for name, tail in outputs]
+                    found = fill(*arrays, *written)
             if found is None:
                 return self._any_rows(*given, out=out, workers=workers)
             if checks:
                 self._check_limits(found, given)
-            first = arrays[0]
-            return result_of(found, first.shape[: first.ndim - rank], out is None)
+            return result_of(found, first.shape[: first.ndim - rank], made is not None)
 
         return rows
 

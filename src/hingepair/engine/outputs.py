@@ -79,26 +79,28 @@ def _check_memory(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) ->
         others.append((name, array))
 
 
-MIN_REUSED_BYTES: Final = 1_000_000
-"""Size of results from which on their memory is used again; less new memory is quick."""
+MIN_REUSED_BYTES: Final = 100_000
+"""Size of results from which on their memory is used again; the C library keeps less itself."""
 
 _KEPT: Final = 160_000_000  # bytes of blocks that nobody uses, at most
-_free: Final[collections.deque[NDArray[np.uint8]]] = collections.deque(maxlen=32)  # the oldest falls out
 
 
-class _Lease:
-    """Owner of a block, from which NumPy makes arrays; returns the block when the last of them is gone."""
+class _Block(np.ndarray[Any, Any]):
+    """Bytes that are used again. NumPy would take a plain array in place of its `_Lease` as the base of a result."""
 
-    def __init__(self, block: NDArray[np.uint8]) -> None:
-        self._block = block
-        address = block.__array_interface__["data"][0]
-        self.__array_interface__ = {"shape": block.shape, "typestr": "|u1", "data": (address, False), "version": 3}
+
+class _Lease(np.ndarray[Any, Any]):
+    """A view of a block, the base of a result and of its views; returns the block when the last of them is gone."""
 
     def __del__(self) -> None:
-        _free.append(self._block)
-        while sum(block.size for block in [*_free]) > _KEPT:
-            with contextlib.suppress(IndexError):  # another thread was quicker
-                _free.popleft()
+        if type(self.base) is _Block:
+            _free.append(self.base)
+            while sum([block.nbytes for block in [*_free]]) > _KEPT:
+                with contextlib.suppress(IndexError):  # another thread was quicker
+                    _free.popleft()
+
+
+_free: Final[collections.deque[_Block]] = collections.deque(maxlen=32)  # the oldest falls out
 
 
 def empty(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -111,7 +113,9 @@ def empty(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
             block = _free.popleft()
         except IndexError:  # another thread was quicker
             break
-        if block.size == size:
-            return np.asarray(_Lease(block)).view(dtype).reshape(shape)
+        if block.nbytes == size:
+            break
         _free.append(block)
-    return np.asarray(_Lease(np.empty(size, np.uint8))).view(dtype).reshape(shape)
+    else:
+        block = _Block(size, np.uint8)
+    return np.ndarray(shape, dtype, _Lease(size, np.uint8, block))
