@@ -21,7 +21,7 @@ from support.states import generator, rotations
 U = 2.0**-53
 MODELS = Path(__file__).parents[1] / "models"
 BODY = hp.Body(1.5, (-0.15, 0.1, 0.2), (0.2, 0.3, 0.25))
-PAIR = hp.HingePair((0.5, 0.2, 0.1), (-0.25, 0.1, 0.3), (1, 0, 0), limits=(-9, 9), body1=BODY, body2=BODY)
+PAIR = hp.HingePair((0.5, 0.2, 0.1), (-0.25, 0.1, 0.3), (1, 0, 0), limits=(-40, 40), body1=BODY, body2=BODY)
 SEQUENCES = [
     "".join(letters)
     for cased in ("XYZ", "xyz")

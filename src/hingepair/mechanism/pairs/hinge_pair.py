@@ -152,15 +152,17 @@ class HingePair(Frozen, Shown):
         axis = _constants.axis if _constants is not None and n is _constants.arrays["n"] else n
         arrays, given_axis = spatial_arrays(u1, u2, n if axis is None else axis, home)
         points = record["points1"], record["points2"]
-        if limits is not None and _constants is None:
-            for sentence in suspicions("written angles", "limits", limits):
+        checked = checked_limits(limits)
+        # Files of robots have limits of some turns; degrees are whole numbers, up to a turn.
+        if checked and _constants is None and any(45 <= abs(x) <= 360 and x.is_integer() for x in checked):
+            for sentence in suspicions("written angles", "limits", checked):
                 warn_of_dynamics(sentence)
         most = {"torque_limit": torque_limit, "rate_limit": rate_limit}
         set_frozen(
             self,
             **arrays,
             **record,
-            limits=checked_limits(limits),
+            limits=checked,
             **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
             _constants=PairRequests(record["name"], SPACE, arrays, given_axis, points, (body1, body2)),
         )
