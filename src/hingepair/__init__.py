@@ -17,6 +17,7 @@ from hingepair.errors import nearest
 
 if TYPE_CHECKING:
     from hingepair.errors import ArgumentError as ArgumentError
+    from hingepair.errors import DynamicsWarning as DynamicsWarning
     from hingepair.errors import FitError as FitError
     from hingepair.errors import HingePairError as HingePairError
     from hingepair.errors import RotationError as RotationError
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from hingepair.mechanism.bodies.body import Body as Body
     from hingepair.mechanism.bodies.body import Box as Box
     from hingepair.mechanism.bodies.body import Cylinder as Cylinder
-    from hingepair.mechanism.bodies.body import DynamicsWarning as DynamicsWarning
     from hingepair.mechanism.bodies.body import Sphere as Sphere
     from hingepair.mechanism.bodies.body_motion import BodyMotion as BodyMotion
     from hingepair.mechanism.bodies.hinge_load import HingeLoad as HingeLoad
@@ -87,7 +87,7 @@ __version__ = "0.3.0"
 _MODULES = {
     name: module
     for module, names in {
-        "errors": "ArgumentError FitError HingePairError RotationError SceneError ShapeError",
+        "errors": "ArgumentError DynamicsWarning FitError HingePairError RotationError SceneError ShapeError",
         "formats.model_writers": "to_mjcf to_urdf",
         "formats.recordings": "read_recording",
         "formats.robots": "load_robot load_robot_hinge",
@@ -98,7 +98,7 @@ _MODULES = {
         "measured.smoothing.angular_velocity": "angular_velocity_from_samples",
         "measured.smoothing.resample": "resample",
         "measured.smoothing.smooth": "smooth",
-        "mechanism.bodies.body": "Body Box Cylinder DynamicsWarning Sphere",
+        "mechanism.bodies.body": "Body Box Cylinder Sphere",
         "mechanism.bodies.body_motion": "BodyMotion",
         "mechanism.bodies.hinge_load": "HingeLoad",
         "mechanism.building.urdf": "from_urdf",

@@ -1,8 +1,10 @@
-"""The errors of this package: one base, each also the built-in exception that fits."""
+"""The errors of this package: one base, each also the built-in exception that fits; and the warning of dynamics."""
 
 from __future__ import annotations
 
 import reprlib
+import sys
+import warnings
 from collections.abc import Collection, Sequence
 
 # A longer text of a value is cut to this length, and the text of an array of more entries is left out.
@@ -235,3 +237,17 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+class DynamicsWarning(UserWarning):
+    """Warns that forces or motion may be wrong: a mass was not given or no rigid body can have it, a mass matrix is
+    singular, a joint is beyond its limits.
+    """
+
+
+def warn_of_dynamics(message: str) -> None:
+    """Issue a DynamicsWarning that points at the line which called the package."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith(("hingepair.", "functools")):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, DynamicsWarning, level)

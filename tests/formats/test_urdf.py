@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from hingepair.errors import DynamicsWarning
 from hingepair.formats.model_writers import to_urdf
-from hingepair.mechanism.bodies.body import DynamicsWarning
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.building.urdf import from_urdf
 from hingepair.rotations.matrices import rotation_exp

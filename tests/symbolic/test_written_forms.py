@@ -39,7 +39,7 @@ def run(source):
 @pytest.mark.parametrize("name", ["reference_3d", "reference_2d", "truck_trailer", "satellite_panel", "talos_elbow"])
 def test_forms_evaluate_to_the_numeric_results(name):
     found = hp.load_scene(MODELS / f"{name}.toml")
-    outputs = tuple(found.subject.kind.levels)
+    outputs = tuple(found.assembly.kind.levels)
     numbers = found.evaluate(outputs)
     functions = run(hp.derive(found).to_python(outputs, found.title))
     for output in outputs:

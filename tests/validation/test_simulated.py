@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.scenes.subject import Subject
+from hingepair.scenes.assembly import Assembly
 from hingepair.validation.cross_validate import compare_rates
 from hingepair.validation.report import MAX_LOAD_RATIO, MAX_RATIO
 from support.near import U
@@ -158,8 +158,8 @@ def test_loads_of_another_pair_are_no_loads_of_this_motion(scenes, harm):
     scene = scenes(SPACE, "free")
     motion = scene.motion.simulated
     assert all(row.ok for row in simulated(scene.cross_validate()))
-    harmed = Subject(HARM[harm](scene.pair))
-    other = with_simulated(altered(scene, subject=harmed), robot=harmed.robot)
+    harmed = Assembly(HARM[harm](scene.pair))
+    other = with_simulated(altered(scene, assembly=harmed), robot=harmed.robot)
     assert not all(row.ok for row in simulated(other.cross_validate()))
     assert not any(row.ok for row in simulated(altered(scene, gravity=(0, 0, -9.8)).cross_validate())[:3])
     for name in ("force1", "torque1", "force_psi", "torque_psi", "tau"):

@@ -13,8 +13,8 @@ from hingepair.cli.sources import read_source
 from hingepair.errors import HingePairError
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.plans.pairs import PLANE, SPACE
+from hingepair.scenes.assembly import FURTHER_OUTPUTS
 from hingepair.scenes.scene import Scene
-from hingepair.scenes.subject import FURTHER_OUTPUTS
 
 _DERIVED = ("omega1", "R2", "S2", "phi2", "v2", "omega2", "a2", "alpha2")
 """Outputs that are derived unless --outputs or the scene names others, as far as the pair has them."""

@@ -12,7 +12,7 @@ import typer.core
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.results import RESULT_FILE_SUFFIXES
 from hingepair.plans.pairs import PLANE, SPACE
-from hingepair.scenes.subject import FURTHER_OUTPUTS
+from hingepair.scenes.assembly import FURTHER_OUTPUTS
 
 PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
 """File name suffixes of figures."""

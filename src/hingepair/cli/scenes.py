@@ -86,7 +86,7 @@ def check_command(source: SourceArgument, as_json: JsonOption = False) -> None:
     notes: tuple[str, ...] = ()
     if isinstance(read.named, Scene) and (read.named.has_motion or read.named.mechanism is None):
         scene = read.named.checked()
-        heading, report = (scene.title, *scene.heading()), scene.cross_validate(scene.subject.max_check_instants)
+        heading, report = (scene.title, *scene.heading()), scene.cross_validate(scene.assembly.max_check_instants)
         notes = (*scene.suspicions(), *scene.motion.notes)
     else:
         report = cross_validate(read.robot, *_random_and_hard_states(read.robot))

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, DynamicsWarning, quoted
 from hingepair.formats.robot_mjcf import robot_to_mjcf
 from hingepair.formats.robot_writer import robot_to_urdf
 from hingepair.formats.simple_bodies import robot_size, simple_bodies
-from hingepair.mechanism.bodies.body import Body, DynamicsWarning
+from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import Drawing, placed_shapes
@@ -29,7 +29,7 @@ from hingepair.mechanism.building.pairs import tree_of_pair
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.requests import check_pair, check_single_pair
+from hingepair.mechanism.pairs.subject import check_pair, check_single_pair
 from hingepair.mechanism.tree import NO_LOAD, Tree
 from hingepair.numeric.arrays import Float64Array, check_choice
 from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties

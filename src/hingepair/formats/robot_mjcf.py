@@ -14,9 +14,9 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, warn_of_dynamics
 from hingepair.formats.xml_text import add_element, check_names, check_xml_text, document, first_few, seat_of
-from hingepair.mechanism.bodies.body import Box, Cylinder, warn_of_dynamics
+from hingepair.mechanism.bodies.body import Box, Cylinder
 from hingepair.mechanism.bodies.shapes import Drawing, Drawn, Mesh
 from hingepair.mechanism.tree import Joint, Tree, unused_name
 from hingepair.numeric.arrays import one_constant

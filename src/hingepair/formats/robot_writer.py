@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.errors import URDFError
+from hingepair.errors import URDFError, warn_of_dynamics
 from hingepair.formats.xml_text import NO_TURN, add_element, check_names, check_xml_text, document, seat_of
-from hingepair.mechanism.bodies.body import Box, Cylinder, warn_of_dynamics
+from hingepair.mechanism.bodies.body import Box, Cylinder
 from hingepair.mechanism.bodies.shapes import Drawing, Drawn, Mesh
 from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.tree import Joint, Tree, unused_name

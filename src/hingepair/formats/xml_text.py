@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.errors import ArgumentError, quoted, warn_of_dynamics
 from hingepair.mechanism.tree import Frame, Tree
 
 NO_TURN = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]

@@ -22,7 +22,7 @@ from hingepair.inverse_kinematics.starts import PER_SHARE, Starts
 from hingepair.inverse_kinematics.steps import Problem, measure_loop, shifts_by_column, slide_loop, step_loop
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.plans.trees import Form, Request
+from hingepair.plans.trees import Form, TreeRequest
 
 MAX_TRIALS: Final = 64  # of a target, and so the most solutions that it can have
 _ROUNDS: Final = (0, 1, 2, 4, 8, 16, 32, 64)  # numbers of trials after which solved targets rest
@@ -111,7 +111,7 @@ class Solver:
     def __init__(
         self,
         form: Form,
-        request: Request,
+        request: TreeRequest,
         constants: Float64Array,
         goals: tuple[Goal, ...],
         limits: Float64Array,
@@ -444,7 +444,7 @@ class Solver:
         return before, q, found["unmet"]
 
 
-def _columns_that_move(goals: Sequence[Goal], form: Form, request: Request) -> set[int]:
+def _columns_that_move(goals: Sequence[Goal], form: Form, request: TreeRequest) -> set[int]:
     """Return the columns of the coordinates that move what goals compare."""
     columns: set[int] = set()
     for goal in goals:

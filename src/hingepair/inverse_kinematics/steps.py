@@ -15,7 +15,7 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 from hingepair.equations.dynamics import solve_symmetric
 from hingepair.inverse_kinematics.goals import Goal, Place, sum_of, target_size, target_slices
-from hingepair.plans.trees import Form, Request, TreeQuantities
+from hingepair.plans.trees import Form, TreeQuantities, TreeRequest
 
 _DAMPING = 1e-2  # times the squared error; errors are angles, and lengths in reaches of the robot
 _LEAST_DAMPING = 1e-12  # keeps the matrix regular in a singular pose
@@ -44,7 +44,7 @@ class Problem(NamedTuple):
     """All on which the programs depend: a robot's form, and what its frames are to reach."""
 
     form: Form
-    request: Request  # of the frames
+    request: TreeRequest  # of the frames
     goals: tuple[Goal, ...]
     bounded: bool  # whether any coordinate that moves a frame has a limit
     constants: int  # count of the robot's numbers

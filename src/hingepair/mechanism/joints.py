@@ -1,6 +1,7 @@
 """The classes of joints beside the `HingePair`: the slider and the screw.
 
-A further kind is a row of `kinds.KINDS` and a class beside `Slider`.
+A further kind is a name in `kinds.JointKind`, a row of `kinds.KINDS`, and a class beside `Slider`, which stands in
+`RobotJoint`, `JOINT_CLASSES` and `DEFAULT_NAMES`.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.options import check_options
 from hingepair.mechanism.pairs.hinge_pair import HingePair, checked_limits
-from hingepair.mechanism.pairs.requests import check_single_pair
+from hingepair.mechanism.pairs.subject import check_single_pair
 from hingepair.numeric.arrays import Frozen, call_text, finite_number, set_frozen
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
 

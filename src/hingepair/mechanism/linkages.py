@@ -25,7 +25,7 @@ from hingepair.mechanism.tree import Frame, Tree, TreeClosure
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, finite_number, one_constant, read_only
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.plans.closures import CONDITIONS, MAX_GAPS, MIN_TRANSMISSIONS, PRECISION, Chain, Chains, Closure
-from hingepair.plans.trees import Request, TreeQuantities
+from hingepair.plans.trees import TreeQuantities, TreeRequest
 
 _LINE_STEPS: Final = 12  # from the assembly to q, where several coordinates move one chain
 _OFFSETS: Final = (0.0, 0.1, -0.1, 0.4, -0.4)  # of the starts from which loops are assembled [rad or m]
@@ -168,7 +168,7 @@ class _Assembly:
     def __init__(self, tree: Tree, loops: Sequence[Loop], names: Sequence[str] | None) -> None:
         self._tree = tree
         constants = robot_constants(tree, free=False)
-        quantities = TreeQuantities(constants.form, Request((), False), {"constants": constants.numbers})
+        quantities = TreeQuantities(constants.form, TreeRequest((), False), {"constants": constants.numbers})
         self._links, self._ratios = quantities.links, quantities.ratios
         self._columns = constants.form.columns
         self._joints = [joint.name for joint in tree.coordinates]

@@ -45,18 +45,18 @@ class FurtherOptions(Options, total=False):
     torque1: ArrayLike
 
 
-RUN: Final = ("workers", "backend")  # options of a call without arrays to write into
-OUT: Final = ("out", *RUN)
-EULER: Final = ("outputs", "sequence", *OUT)
-GRAVITY: Final = ("gravity", *OUT)
-BASE: Final = ("base_motion", *OUT)  # of a robot, whose base may move
-WEIGHT: Final = ("gravity", *BASE)
-WRENCHES: Final = ("outputs", "wrenches", *WEIGHT)
-DYNAMICS: Final = ("joint_loads", *WRENCHES)
-FORWARD: Final = ("force1", "torque1", *DYNAMICS)  # forces move a free base
-BOUNDS: Final = ("frames", "outputs", "gravity", "base_motion")
-ROLLOUT: Final = ("gravity", "wrenches", "joint_loads", "base_motion", "out", "workers")
-LOOP: Final = ("gravity", "wrenches", "base_motion", "backend")  # of the wrenches in loops
+RUN_OPTIONS: Final = ("workers", "backend")  # options of a call without arrays to write into
+OUT_OPTIONS: Final = ("out", *RUN_OPTIONS)
+EULER_OPTIONS: Final = ("outputs", "sequence", *OUT_OPTIONS)
+GRAVITY_OPTIONS: Final = ("gravity", *OUT_OPTIONS)
+BASE_OPTIONS: Final = ("base_motion", *OUT_OPTIONS)  # of a robot, whose base may move
+WEIGHT_OPTIONS: Final = ("gravity", *BASE_OPTIONS)
+WRENCHES_OPTIONS: Final = ("outputs", "wrenches", *WEIGHT_OPTIONS)
+DYNAMICS_OPTIONS: Final = ("joint_loads", *WRENCHES_OPTIONS)
+FORWARD_OPTIONS: Final = ("force1", "torque1", *DYNAMICS_OPTIONS)  # forces move a free base
+BOUNDS_OPTIONS: Final = ("frames", "outputs", "gravity", "base_motion")
+ROLLOUT_OPTIONS: Final = ("gravity", "wrenches", "joint_loads", "base_motion", "out", "workers")
+LOOP_OPTIONS: Final = ("gravity", "wrenches", "base_motion", "backend")  # of the wrenches in loops
 
 
 class SearchOptions(TypedDict, total=False):
@@ -114,7 +114,8 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 def with_options(*names: str, **defaults: Any) -> Callable[[Method], Method]:
     """Return a decorator that shows options in the signature of a method, which takes them as `**options`; `defaults`
-    are those that differ from other methods'.
+    are those that differ from other methods'. So a method hands its options to `ask` in one word, and `help` shows
+    them all.
     """
     shown = {**defaults, **_DEFAULTS, **defaults}
 

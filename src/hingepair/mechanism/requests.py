@@ -1,17 +1,18 @@
 """What can be asked of pairs and robots, and how a call of a method is answered.
 
-`TASKS` has a row for each method and each word of `prepare`: arguments, outputs, result, options. What an output is
-made of says `plans.trees.OUTPUTS`, its unit and shape `equations.quantities`.
+`ROBOT_TASKS` and `PAIR_TASKS` have a row for each method and each word of `prepare`: arguments, outputs, result,
+options. What an output is made of says `plans.trees.OUTPUTS`, its unit and shape `equations.quantities`.
 
 A method calls `ask`. A call that differs from an earlier one by its arrays alone goes to the kernel at once. Any
-other becomes a `Request`: the pair or the robot says what it computes and from what, and the call is kept.
+other is planned as a `MethodCall`: the `Subject`, a pair or a robot, says what it computes and from what. Then it is
+computed, and kept.
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,20 +20,19 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import Execution, execution_of
 from hingepair.engine.results import Results
 from hingepair.equations.quantities import QUANTITIES
-from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.errors import ArgumentError, choices, nearest, quoted, warn_of_dynamics
 from hingepair.mechanism.options import (
-    BASE,
+    BASE_OPTIONS,
     DEFAULT_GRAVITY,
-    DYNAMICS,
-    EULER,
-    FORWARD,
-    GRAVITY,
-    LOOP,
-    OUT,
-    RUN,
-    WEIGHT,
-    WRENCHES,
+    DYNAMICS_OPTIONS,
+    EULER_OPTIONS,
+    FORWARD_OPTIONS,
+    GRAVITY_OPTIONS,
+    LOOP_OPTIONS,
+    OUT_OPTIONS,
+    RUN_OPTIONS,
+    WEIGHT_OPTIONS,
+    WRENCHES_OPTIONS,
     check_options,
 )
 from hingepair.mechanism.states import (
@@ -52,7 +52,7 @@ from hingepair.mechanism.states import (
 from hingepair.numeric.arrays import one_constant
 from hingepair.plans.arguments import check_out, requested_outputs
 from hingepair.plans.computation import Cache, Computation
-from hingepair.plans.pairs import ACCELERATIONS, FORCES, LOADS, PLANE, SPACE, PairKind
+from hingepair.plans.pairs import ACCELERATIONS, APPLIED_LOADS, FORCES, PLANE, SPACE, PairKind
 from hingepair.plans.prepared import Prepared
 from hingepair.plans.trees import DYNAMICS_MATRICES, FRAME_OUTPUTS, JACOBIANS
 
@@ -63,11 +63,11 @@ class Task(NamedTuple):
     given: tuple[str, ...]  # names of the arguments
     outputs: tuple[str, ...]
     result: type[Results] | None = None  # None: the only output as an array
-    options: tuple[str, ...] = OUT  # those of the method
+    options: tuple[str, ...] = OUT_OPTIONS  # those of the method
 
 
 MOTION_LEVELS: Final = ("pose", "velocity", "acceleration")  # tasks of motion, by the order of the time derivative
-PUSHES: Final = frozenset(("tau", *LOADS))
+LOAD_ARGUMENTS: Final = frozenset(("tau", *APPLIED_LOADS))
 """Arguments of which forward dynamics have one at least."""
 ROWS: Final = ("q", "qd", "qdd")
 """Names of all coordinates, and of their derivatives."""
@@ -75,7 +75,7 @@ PARTS_OF_LOOPS: Final = ("loop_gaps", "loop_jacobian", "loop_wrenches", "tree_ta
 """Tasks of which messages, `transmission` and `loop_wrenches` are made; a prepared call has none of them."""
 FREE_BASE_OUTPUTS: Final = ("a1", "alpha1")  # of forward dynamics, where forces move the base
 ALL_COORDINATES: Final = ("q_all", "qd_all", "qdd_all")  # of a closed mechanism; each is a task, with those before it
-_J: Final = ("frames", *BASE)
+_J: Final = ("frames", *BASE_OPTIONS)
 _OF_POSE: Final = ("mass_matrix", "centre_of_mass", "centre_of_mass_jacobian", "centroidal_momentum_matrix")
 
 ROBOT_TASKS: Final[Mapping[str, Task]] = {
@@ -90,23 +90,30 @@ ROBOT_TASKS: Final[Mapping[str, Task]] = {
     },
     **{name: Task(ROWS[: 1 + name.endswith("_rate")], (name,), None, _J) for name in JACOBIANS},
     "acceleration_bias": Task(("q", "qd"), ("acceleration_bias",), None, _J),
-    "inverse_dynamics": Task(ROWS, ("tau", "force1", "torque1"), MechanismForces, DYNAMICS),
-    "inverse_dynamics_derivatives": Task(ROWS, DYNAMICS_MATRICES[:3], MechanismDerivatives, DYNAMICS),
-    "joint_wrenches": Task(ROWS, ("force", "torque"), JointWrenches, WRENCHES),
-    "torque_regressor": Task(ROWS, ("torque_regressor",), None, WEIGHT),
-    "forward_dynamics": Task(("q", "qd", "tau"), ("qdd", *FREE_BASE_OUTPUTS), MechanismAccelerations, FORWARD),
-    "forward_dynamics_derivatives": Task(("q", "qd", "tau"), DYNAMICS_MATRICES[3:], MechanismDerivatives, FORWARD),
-    **{name: Task(ROWS[:order], ALL_COORDINATES[:order], None, RUN) for order, name in enumerate(ALL_COORDINATES, 1)},
-    "struts": Task(("q", "qd"), ("strut_length", "strut_rate", "strut_force"), None, RUN),
-    **{name: Task(("q",), (name,), None, BASE) for name in (*_OF_POSE, *PARTS_OF_LOOPS[:3])},
-    "tree_tau": Task(ROWS, ("tree_tau",), None, LOOP),
-    "bias_forces": Task(("q", "qd"), ("bias_forces",), None, WEIGHT),
-    "gravity_forces": Task(("q",), ("gravity_forces",), None, WEIGHT),
-    "centroidal_momentum_matrix_rate": Task(("q", "qd"), ("centroidal_momentum_matrix_rate",), None, BASE),
-    "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy, WEIGHT),
-    "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Momentum, BASE),
+    "inverse_dynamics": Task(ROWS, ("tau", "force1", "torque1"), MechanismForces, DYNAMICS_OPTIONS),
+    "inverse_dynamics_derivatives": Task(ROWS, DYNAMICS_MATRICES[:3], MechanismDerivatives, DYNAMICS_OPTIONS),
+    "joint_wrenches": Task(ROWS, ("force", "torque"), JointWrenches, WRENCHES_OPTIONS),
+    "torque_regressor": Task(ROWS, ("torque_regressor",), None, WEIGHT_OPTIONS),
+    "forward_dynamics": Task(
+        ("q", "qd", "tau"), ("qdd", *FREE_BASE_OUTPUTS), MechanismAccelerations, FORWARD_OPTIONS
+    ),
+    "forward_dynamics_derivatives": Task(
+        ("q", "qd", "tau"), DYNAMICS_MATRICES[3:], MechanismDerivatives, FORWARD_OPTIONS
+    ),
     **{
-        f"momentum_about_{point}": Task(("q", "qd"), ("linear", f"angular_about_{point}"), Momentum, BASE)
+        name: Task(ROWS[:order], ALL_COORDINATES[:order], None, RUN_OPTIONS)
+        for order, name in enumerate(ALL_COORDINATES, 1)
+    },
+    "struts": Task(("q", "qd"), ("strut_length", "strut_rate", "strut_force"), None, RUN_OPTIONS),
+    **{name: Task(("q",), (name,), None, BASE_OPTIONS) for name in (*_OF_POSE, *PARTS_OF_LOOPS[:3])},
+    "tree_tau": Task(ROWS, ("tree_tau",), None, LOOP_OPTIONS),
+    "bias_forces": Task(("q", "qd"), ("bias_forces",), None, WEIGHT_OPTIONS),
+    "gravity_forces": Task(("q",), ("gravity_forces",), None, WEIGHT_OPTIONS),
+    "centroidal_momentum_matrix_rate": Task(("q", "qd"), ("centroidal_momentum_matrix_rate",), None, BASE_OPTIONS),
+    "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy, WEIGHT_OPTIONS),
+    "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Momentum, BASE_OPTIONS),
+    **{
+        f"momentum_about_{point}": Task(("q", "qd"), ("linear", f"angular_about_{point}"), Momentum, BASE_OPTIONS)
         for point in ("origin", "centre")
     },
 }
@@ -122,21 +129,21 @@ _WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque
 
 
 def _levels(kind: PairKind) -> dict[str, Task]:
-    levels, options = enumerate(MOTION_LEVELS), ("outputs", *OUT) if kind.planar else EULER
+    levels, options = enumerate(MOTION_LEVELS), ("outputs", *OUT_OPTIONS) if kind.planar else EULER_OPTIONS
     return {level: Task(ROWS[: k + 1], kind.default_outputs(k), STATES[kind], options) for k, level in levels}
 
 
 PAIR_TASKS: Final[Mapping[PairKind, Mapping[str, Task]]] = {
     SPACE: {
         **_levels(SPACE),
-        "from_body1": Task((), (), PairState, ("outputs", *OUT)),
+        "from_body1": Task((), (), PairState, ("outputs", *OUT_OPTIONS)),
         "jacobian": Task(("S1", "psi"), ("jacobian",)),
         "acceleration_bias": Task(_OF_BODY1, ("acceleration_bias",)),
         "mass_matrix": Task(("S1", "psi"), ("mass_matrix",)),
-        "inverse_dynamics": Task(_MOVED, FORCES, Forces, GRAVITY),
-        "forward_dynamics": Task((*_OF_BODY1, *FORCES), ACCELERATIONS, Accelerations, GRAVITY),
-        "hinge_wrench": Task(_MOVED, _WRENCH, HingeWrench, GRAVITY),
-        "energy": Task(_PLACED, ("kinetic", "potential"), Energy, GRAVITY),
+        "inverse_dynamics": Task(_MOVED, FORCES, Forces, GRAVITY_OPTIONS),
+        "forward_dynamics": Task((*_OF_BODY1, *FORCES), ACCELERATIONS, Accelerations, GRAVITY_OPTIONS),
+        "hinge_wrench": Task(_MOVED, _WRENCH, HingeWrench, GRAVITY_OPTIONS),
+        "energy": Task(_PLACED, ("kinetic", "potential"), Energy, GRAVITY_OPTIONS),
         "momentum": Task(_PLACED, ("linear", "angular"), Momentum),
     },
     PLANE: _levels(PLANE),
@@ -153,8 +160,8 @@ Watch = Callable[[Any, Mapping[str, Any]], None]
 """Function of results and arguments, which warns where a mass matrix is singular or loops cannot be closed."""
 
 
-class Request(NamedTuple):
-    """A call of a method: what is computed, and from what."""
+class MethodCall(NamedTuple):
+    """A call of a method, planned: what is computed, and from what."""
 
     computation: Computation
     given: Mapping[str, Any]  # the arguments by input name
@@ -165,8 +172,8 @@ class Request(NamedTuple):
     lasts: bool = True  # whether the next such call is the same
 
 
-class Planned(NamedTuple):
-    """A prepared call: what is computed, and from what."""
+class PreparedCall(NamedTuple):
+    """A call of `prepare`, planned: what is computed, and from what."""
 
     computation: Computation
     options: Mapping[str, Any]  # of `prepare`, as they make the call anew
@@ -184,11 +191,13 @@ class Subject:
     def __init__(self) -> None:
         self.cache = Cache()
 
-    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
-        """Return the request of a method's call."""
+    def _method_call(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> MethodCall:
+        """Return the call of a method, planned."""
         raise NotImplementedError
 
-    def _planned(self, task: str | None, names: tuple[str, ...], outputs: tuple[str, ...], options: Any) -> Planned:
+    def _prepared_call(
+        self, task: str | None, names: tuple[str, ...], outputs: tuple[str, ...], options: Any
+    ) -> PreparedCall:
         """Return what a prepared call computes: of a task, or of arguments with these names."""
         raise NotImplementedError
 
@@ -229,10 +238,10 @@ class Subject:
         names, word = self.named(given), given if isinstance(given, str) else None
         if isinstance(outputs, Iterable) and not isinstance(outputs, str):
             outputs = tuple(outputs)
-        task = word or (motion_level(names) if PUSHES.isdisjoint(names) else "forward_dynamics")
+        task = word or (motion_level(names) if LOAD_ARGUMENTS.isdisjoint(names) else "forward_dynamics")
         default = self.available(self.tasks[task].outputs)
         asked = requested_outputs(outputs, None, self._accepted(names), default)
-        planned = self._planned(word, names, asked, options)
+        planned = self._prepared_call(word, names, asked, options)
         computation, all_names = planned.computation, (*names, *planned.further)
         for output in asked:
             if missing := computation.missing_inputs(output, all_names):
@@ -244,6 +253,21 @@ class Subject:
         )  # fmt: skip
         vector = read_gravity(options.get("gravity", DEFAULT_GRAVITY))
         return Prepared(computation, all_names, execution, vector, remade, planned.watch)
+
+
+S_co = TypeVar("S_co", bound=Subject, covariant=True)
+
+
+class _OfSubject(Protocol[S_co]):
+    """A HingePair, a PlanarPair or a Mechanism."""
+
+    @property
+    def _subject(self) -> S_co: ...
+
+
+def subject_of(one: _OfSubject[S_co]) -> S_co:
+    """Return what answers the calls of a pair or a robot."""
+    return one._subject
 
 
 def warn_of_pivots(name: str, bad: Any, pivots: Any, limits: Any, labels: Sequence[str]) -> None:
@@ -271,7 +295,7 @@ def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names:
 
     Args:
         subject: the pair or the robot.
-        task: name of the row of TASKS.
+        task: name of the row of the subject's tasks.
         values: the arguments.
         options: the options of the method.
         names: names of the arguments; by default those of the row.
@@ -282,9 +306,11 @@ def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names:
         out = options.pop("out", None)
         asked = tuple(out) if type(out) is dict and "outputs" not in options else None  # outputs that `out` asks for
         key = task, names, asked, *options, *options.values()
-    cache = subject.cache
+
+    # Answer by the call that was kept, if there is one. Its key has the names and values of the options, which were
+    # therefore checked when it was planned.
     try:
-        kept = cache.calls.get(key)
+        kept = subject.cache.calls.get(key)
     except TypeError:  # an option that cannot be hashed
         kept, key = None, None
     if kept is not None:
@@ -297,18 +323,27 @@ def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names:
             if watch is not None:
                 watch(result, dict(zip(call.argument_shapes, values, strict=True)))
             return result
+
+    # Plan what is computed, and from what.
     row = subject.tasks[task]
     check_options(_METHODS.get(task, task), options, row.options)
     execution = execution_of(options.get("backend", "auto"), options.get("workers", 1))
     given = dict(zip(names or row.given, values, strict=bool(names)))
-    request = subject._request(row, given, options, out)
-    lasts = request.lasts and key is not None and all(map(_lasts, options.values()))
-    result = request.computation.compute(
-        request.given, execution, request.gravity, out, labels=request.labels,
-        keep=(cache, key, request.watch) if lasts else None, remade=request.remade,
-    )  # fmt: skip
-    if request.watch is not None:
-        request.watch(result, given)
+    planned = subject._method_call(row, given, options, out)
+    computation, watch = planned.computation, planned.watch
+
+    # Keep it, if the next call with this key means the same.
+    computation.check_given(planned.given, planned.labels)
+    if kept is None and key is not None and planned.lasts and all(map(_lasts, options.values())):
+        call = computation.call(tuple(planned.given), execution.backend, planned.gravity)
+        subject.cache.calls[key] = call, watch
+
+    # Compute, and look at the results.
+    result = computation.compute(
+        planned.given, execution, planned.gravity, out, labels=planned.labels, remade=planned.remade
+    )
+    if watch is not None:
+        watch(result, given)
     return result
 
 

@@ -61,7 +61,7 @@ class RobotPrograms:
         frames = tuple(tree_of(robot).known_frame("wrenches", link) for link in links)
         constants = robot_constants(tree_of(robot), self.has_momenta)
         computation = RobotComputation(constants, ("qdd",), (), frames)
-        form, request = computation.form, computation.request._replace(shown=None)
+        form, request = computation.form, computation.request._replace(shown_count=None)
         self._known: dict[str, Any] = {**computation.known, **rest, "gravity": loads.gravity}
         matrices = ("mass_matrix", "bias_forces", *(("jacobian",) if frames else ()))
         if self.has_momenta:
@@ -71,7 +71,7 @@ class RobotPrograms:
             rates = state_loop(form, blank, pinned, ("rates",))
             self._terms = self._call(terms, ("state", "S0"))
         else:
-            without_loads = request._replace(outputs=matrices, loaded=())
+            without_loads = request._replace(outputs=matrices, pushed=())
             self._terms = self._call(request_loop(form, without_loads), ("q", "qd", *base_inputs))
             rates = request_loop(form, request)
         of_links = (f"{kind}_{k}" for k in range(len(frames)) for kind in ("force", "torque"))

@@ -14,8 +14,8 @@ from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.pairs.requests import PairRequests, check_pair, constants_of
-from hingepair.mechanism.requests import STATES
+from hingepair.mechanism.pairs.subject import PairSubject, check_pair
+from hingepair.mechanism.requests import STATES, subject_of
 from hingepair.motion.magnus import AngleIntegral, AttitudeIntegral, Integral
 from hingepair.motion.signals import SampledSignal, interpolate, read_position, read_signal
 from hingepair.motion.steps import estimate_error, select_steps
@@ -185,8 +185,8 @@ def integrate(
     }
     size = 2 if planar else 3
     points = read_position(np.zeros(size) if R1 is None else R1, instants, size)
-    constants = constants_of(pair)
-    names = _checked_outputs(constants, outputs, signals.keys() | points.keys())
+    subject = subject_of(pair)
+    names = _checked_outputs(subject, outputs, signals.keys() | points.keys())
     sampled = [one for name in ("omega1", "psid") if isinstance(one := signals[name], SampledSignal)]
     interpolate(sampled)
     turning: Integral = AngleIntegral("omega1", signals["omega1"], execution, start)
@@ -202,7 +202,7 @@ def integrate(
         inputs["phi1"] = solution.attitudes
     elif names:
         inputs["S1"] = quaternions_to_matrices(solution.attitudes)
-    for name in _needed_inputs(constants, names) & _RATES.keys():
+    for name in _needed_inputs(subject, names) & _RATES.keys():
         inputs[name] = signals[_RATES[name]].values_at(instants)
         if frame == "body" and name in {"omega1", "alpha1"}:
             inputs[name] = rotate_to_world(inputs["S1"], inputs[name])
@@ -210,7 +210,7 @@ def integrate(
         "t": read_only(instants),
         "psi": read_only(solution.psi),
         "R1": read_only(np.broadcast_to(points["R1"], (len(instants), size))),
-        "state": _state(constants, names, inputs, execution_of(backend, 1)),
+        "state": _state(subject, names, inputs, execution_of(backend, 1)),
         "pair": pair,
         "method": method,
         "steps": solution.steps,
@@ -246,7 +246,7 @@ def _start(planar: bool, S1_0: Any, phi_0: Any) -> Any:
     return matrix_to_quaternion(S)
 
 
-def _state(pair: PairRequests, outputs: tuple[str, ...], inputs: Mapping[str, Any], execution: Execution) -> Any:
+def _state(pair: PairSubject, outputs: tuple[str, ...], inputs: Mapping[str, Any], execution: Execution) -> Any:
     """Return the outputs at all instants as a `PairState` or `PlanarState`."""
     result, shape = STATES[pair.kind], inputs["psi"].shape
     if not outputs:
@@ -256,13 +256,13 @@ def _state(pair: PairRequests, outputs: tuple[str, ...], inputs: Mapping[str, An
     return call.run(needed, {"t": shape}, workers=execution.workers)
 
 
-def _needed_inputs(pair: PairRequests, outputs: tuple[str, ...]) -> set[str]:
+def _needed_inputs(pair: PairSubject, outputs: tuple[str, ...]) -> set[str]:
     """Return the names of the inputs that outputs need, the constants of the pair apart."""
     computation, attitude = pair.computation(outputs), "phi1" if pair.kind.planar else "S1"
     return {name for one in outputs for name in computation.missing_inputs(one, ())} | {attitude, "psi"}
 
 
-def _checked_outputs(pair: PairRequests, outputs: Outputs, arguments: Set[str]) -> tuple[str, ...]:
+def _checked_outputs(pair: PairSubject, outputs: Outputs, arguments: Set[str]) -> tuple[str, ...]:
     """Return the names of the outputs, all of body 2 for which the `arguments` suffice if `outputs` is None; refuse
     those that need more.
     """

@@ -14,8 +14,7 @@ import numpy as np
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.mechanism import Mechanism, robot_of, tree_of
-from hingepair.mechanism.requests import ask
-from hingepair.mechanism.robots.methods import requests_of
+from hingepair.mechanism.requests import ask, subject_of
 from hingepair.mechanism.struts import pushed_frames, with_function_wrenches
 from hingepair.motion.loads import MotionAtInstants
 from hingepair.numeric.arrays import Float64Array as Array
@@ -96,7 +95,7 @@ def with_strut_loads(robot: Mechanism, wrenches: Mapping[str, tuple[Any, Any]] |
     given = dict(wrenches or {})
 
     def push(frame: str, t: Array, now: MotionAtInstants) -> Array:
-        compute = functools.partial(ask, requests_of(robot))
+        compute = functools.partial(ask, subject_of(robot))
         found = with_function_wrenches(compute, tree, now.q, now.qd, now.base_motion, None)[frame][0]
         own = given[frame][0] if frame in given else 0.0
         return np.asarray(found + (own(t, now) if callable(own) else np.asarray(own)))

@@ -14,7 +14,8 @@ from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeTorque
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.requests import check_pair, constants_of
+from hingepair.mechanism.pairs.subject import check_pair
+from hingepair.mechanism.requests import subject_of
 from hingepair.motion.given import LoadArgument
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import is_zero
@@ -64,7 +65,7 @@ def pair_as_robot(
     moving, moves_body1 = callable(base), base in ("free", "pinned")
     if moving and body1 is not None:
         raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
-    if pair.body2 is not None and constants_of(pair).constants.pivot_thresholds[0] > 0:  # what is below is rounding
+    if pair.body2 is not None and subject_of(pair).constants.pivot_thresholds[0] > 0:  # what is below is rounding
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off"
         raise ArgumentError("pair.body2", expected, pair.body2)
     held = "free" if moves_body1 else "fixed"

@@ -10,8 +10,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.errors import ArgumentError, choices, nearest, quoted, warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion, motion_arrays
 from hingepair.mechanism.bodies.hinge_load import HingeTorque, stop_range
 from hingepair.mechanism.mechanism import Mechanism, tree_of

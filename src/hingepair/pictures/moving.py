@@ -13,7 +13,7 @@ from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.requests import check_single_pair
+from hingepair.mechanism.pairs.subject import check_single_pair
 from hingepair.mechanism.results import RESULT_ROWS_PER_BLOCK
 from hingepair.mechanism.tree import Joint
 from hingepair.motion.simulated import SimulatedMotion, SimulatedRobotMotion

@@ -14,7 +14,7 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.requests import constants_of
+from hingepair.mechanism.requests import subject_of
 from hingepair.mechanism.results import OverInstants, Record
 from hingepair.numeric.arrays import check_choice
 from hingepair.pictures.curves import (
@@ -151,7 +151,7 @@ def _columns(shown: Moving, units: str | None) -> Columns:
             own |= zip((f"{quantity}_{row.name}" for quantity in _OF_JOINTS), row.units, strict=True)
         unit = unit_of if scene is None else scene.unit
     else:
-        points = point_outputs(constants_of(subject).points)
+        points = point_outputs(subject_of(subject).points)
         unit = (lambda name: unit_among(points, name)) if scene is None else scene.in_units(units).si_unit
     of_units = Units.of(units) if scene is None else scene.in_units(units).units
 

@@ -17,7 +17,7 @@ from hingepair.numeric.arrays import (
     real_array,
     vectors,
 )
-from hingepair.plans.trees import COORDINATES
+from hingepair.plans.trees import COORDINATE_INPUTS
 
 Coordinates: TypeAlias = ArrayLike | tuple[Any, ...] | Mapping[str, Any]
 """q, qd, qdd or tau: an array with the coordinates last; a tuple, or a dict by name, of numbers and arrays that
@@ -90,7 +90,7 @@ def read_arguments(
     values, shapes = {}, {}
     for name, value in given.items():
         label, tail = labels.get(name, name), sample_shapes[name]
-        is_coordinates = name.removeprefix("change_") in COORDINATES
+        is_coordinates = name.removeprefix("change_") in COORDINATE_INPUTS
         if value is None:
             expected = f"values of the {coordinates.noun}" if is_coordinates else "a value"
             raise ArgumentError(label, f"{expected}, since what is asked for needs it", None)

@@ -21,8 +21,8 @@ from hingepair.plans.dask_chunks import is_dask
 from hingepair.plans.derivatives import Derivative, derivative_loop
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERRORS, check_rotation
 
-QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
-_ATTITUDES: Final = ("S1", "S2", *QUATERNIONS)  # inputs that a prepared call checks
+QUATERNION_INPUTS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
+_ATTITUDES: Final = ("S1", "S2", *QUATERNION_INPUTS)  # inputs that a prepared call checks
 _MAX_CALLS: Final = 64  # most that a computation keeps, before it forgets all
 
 
@@ -150,7 +150,6 @@ class Computation:
         out: Any = None,
         *,
         labels: Mapping[str, str] | None = None,
-        keep: tuple[Cache, Any, Any] | None = None,
         remade: Callable[[], Computation] | None = None,
     ) -> Any:
         """Compute a plain call with arguments of any form, Dask arrays among them.
@@ -161,14 +160,10 @@ class Computation:
             gravity: acceleration of free fall [m/s^2], where outputs depend on it.
             out: arrays to write into.
             labels: names of inputs in messages, where they differ.
-            keep: cache and key by which this call is found again, and what looks at its results.
             remade: function that can be pickled and makes this computation anew; without it, Dask arrays are refused.
         """
         self.check_given(given, labels)
         call = self.call(tuple(given), execution.backend, gravity)
-        if keep is not None:
-            cache, key, watch = keep
-            cache.calls[key] = call, watch
         if remade is not None and any(map(is_dask, given.values())):
             function = functools.partial(_compute_chunk, remade, execution, gravity, tuple(given))
             return self.over_chunks(call, function, given, out, labels)
@@ -227,13 +222,13 @@ def _compute_chunk(
 
 def _limits(name: str) -> Mapping[int, float]:
     """Return the limits of the check of an attitude, by the size of a number in bytes."""
-    return {8: 1.0, 4: 1.0} if name in QUATERNIONS else MAX_ORTHOGONALITY_ERRORS  # of a zero, 2
+    return {8: 1.0, 4: 1.0} if name in QUATERNION_INPUTS else MAX_ORTHOGONALITY_ERRORS  # of a zero, 2
 
 
 def _check_attitudes(values: Mapping[str, Any], labels: Mapping[str, str] | None = None) -> None:
     """Raise a RotationError for a matrix that is no rotation, or a quaternion that is zero."""
     for name, value in values.items():
-        if name in QUATERNIONS and (np.asarray(value) == 0).all(axis=-1).any():
+        if name in QUATERNION_INPUTS and (np.asarray(value) == 0).all(axis=-1).any():
             raise RotationError(name, "non-zero quaternions", "a zero quaternion")
         if name in ("S1", "S2"):
             check_rotation((labels or {}).get(name, name), np.asarray(value))

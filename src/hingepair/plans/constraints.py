@@ -12,7 +12,8 @@ from hingepair.equations import spatial as eq
 from hingepair.equations.spatial import Scalar, Vector
 from hingepair.numeric.blocks import components
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.plans.functions import rotation_defect, sum_of, with_variables
+from hingepair.plans.attitudes import rotation_defect
+from hingepair.plans.changes import sum_of, with_variables
 
 
 class ConstraintQuantities:

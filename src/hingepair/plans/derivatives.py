@@ -15,7 +15,7 @@ from hingepair.engine.derivatives import jacobian, pullback, pushforward, weight
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import Operand
 from hingepair.numeric.blocks import components
-from hingepair.plans.functions import (
+from hingepair.plans.changes import (
     Moves,
     change_of,
     change_shape,

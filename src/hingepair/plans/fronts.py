@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Final
 from hingepair.equations.spatial import Matrix, Scalar, Vector
 from hingepair.numeric.blocks import angle_terms, cosine, sine
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.plans.functions import quaternion_rotation, zero_quaternion_check
+from hingepair.plans.attitudes import quaternion_rotation, zero_quaternion_check
 from hingepair.plans.trees import TreeQuantities
 from hingepair.rotations.sequences import EulerSequence, find_sequence
 
@@ -161,7 +161,7 @@ def _quaternion(name: str, *places: int) -> type[Quaternion]:
     return type(f"Quaternion_{name}", (Quaternion,), {"name": name, "places": places, "needs": needs})
 
 
-QUATERNIONS: Final = {
+QUATERNION_FRONTS: Final = {
     "quat_xyzw": _quaternion("quat_xyzw", 3, 0, 1, 2),
     "quat_wxyz": _quaternion("quat_wxyz", 0, 1, 2, 3),
 }

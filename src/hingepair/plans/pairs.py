@@ -23,7 +23,7 @@ from hingepair.numeric.blocks import hinge_terms
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.constraints import CONSTRAINTS, ConstraintQuantities
 from hingepair.plans.fronts import (
-    QUATERNIONS,
+    QUATERNION_FRONTS,
     ForwardDynamics,
     FourCoordinates,
     Front,
@@ -42,8 +42,8 @@ from hingepair.plans.trees import (
     PIVOT_SHAPES,
     Form,
     Output,
-    Request,
     TreeQuantities,
+    TreeRequest,
 )
 
 # ---- points
@@ -246,7 +246,7 @@ PLANE: Final = PairKind(
 
 # ---- the program
 
-LOADS: Final = ("force1", "torque1", "force2", "torque2", "hinge_torque")
+APPLIED_LOADS: Final = ("force1", "torque1", "force2", "torque2", "hinge_torque")
 """Names of the loads that forward dynamics take."""
 FORCES: Final = ("force1", "torque1", "hinge_torque")
 """Outputs of inverse dynamics."""
@@ -291,7 +291,7 @@ class PairRequest(NamedTuple):
         elif "q" in self.given:
             found = [SevenCoordinates, euler_angles(self.sequence or "XYZ")]
         else:
-            found = [QUATERNIONS[name] for name in self.given if name in QUATERNIONS]
+            found = [QUATERNION_FRONTS[name] for name in self.given if name in QUATERNION_FRONTS]
         found.append(HingeAngle)
         if self.by_geometry:
             found.append(Geometry)
@@ -300,14 +300,14 @@ class PairRequest(NamedTuple):
     @property
     def solves(self) -> bool:
         """Whether accelerations are solved for, because loads are given."""
-        return any(name in LOADS for name in self.given)
+        return any(name in APPLIED_LOADS for name in self.given)
 
     @property
-    def tree(self) -> Request:
+    def tree(self) -> TreeRequest:
         """What the tree has beside the hinge: a frame of body 2, one for each point, and the loads on body 2."""
         frames = (1, *(point.body - 1 for point in self.points))
         known = (None,) * FRAME_NUMBERS * len(frames)
-        return Request((), True, frames, known, (0,) if self.solves else (), varied=self.varied)
+        return TreeRequest((), True, frames, known, (0,) if self.solves else (), varied=self.varied)
 
     def inputs(self) -> dict[str, ArrayShape]:
         """Return the shape of one sample of each input that the outputs need, by name."""

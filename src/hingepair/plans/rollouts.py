@@ -20,9 +20,9 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 from hingepair.equations.spatial import ZERO_VECTOR, Matrix, Scalar, Vector, add, compose, cross, dot, scale, subtract
 from hingepair.numeric.blocks import cosine, sine
+from hingepair.plans.changes import change_shape
 from hingepair.plans.derivatives import Derivative, derivative_loop
-from hingepair.plans.functions import change_shape
-from hingepair.plans.trees import Form, Request, TreeQuantities, input_shapes
+from hingepair.plans.trees import Form, TreeQuantities, TreeRequest, input_shapes
 
 METHODS = ("semi_implicit", "rk4")  # of integration, explained above
 BASE_STATE = {"R1": (3,), "v1": (3,), "omega1": (3,), "S1": (3, 3)}
@@ -70,7 +70,7 @@ class RolloutStep(NamedTuple):
     """A step, or a stage of one, of a robot."""
 
     form: Form  # form of the robot
-    request: Request  # says whether the base is free, and where wrenches act; it has no outputs
+    request: TreeRequest  # says whether the base is free, and where wrenches act; it has no outputs
     method: str  # one of METHODS
     control: Control  # where the efforts come from
 
@@ -91,7 +91,7 @@ class RolloutStep(NamedTuple):
         return self.state | ({} if self.stages == 1 else dict.fromkeys(("stage", "total"), (size,)))
 
     @property
-    def solved(self) -> Request:
+    def solved(self) -> TreeRequest:
         """The request of accelerations."""
         return self.request._replace(outputs=("a1", "alpha1", "qdd") if self.request.free else ("qdd",))
 

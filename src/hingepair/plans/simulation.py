@@ -18,8 +18,8 @@ from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross,
 from hingepair.plans.trees import (
     OUTPUTS,
     Form,
-    Request,
     TreeQuantities,
+    TreeRequest,
     input_shapes,
     output_shape,
 )
@@ -38,26 +38,28 @@ def state_size(form: Form) -> int:
 
 
 @functools.lru_cache(maxsize=128)
-def state_loop(form: Form, request: Request, pinned: bool, outputs: tuple[str, ...]) -> Loop:
+def state_loop(form: Form, request: TreeRequest, pinned: bool, outputs: tuple[str, ...]) -> Loop:
     """Return the cached loop from `state` and `S0` to outputs: those of `MOTION`, "centre" (from R1 to the centre of
     mass), outputs of trees, and "rates", the derivative of the state. The request, which has no outputs, says where
     wrenches act.
     """
     of_tree = tuple(name for name in outputs if name in OUTPUTS and name not in _MOTION_SHAPES)
-    loaded = request if "rates" in outputs else request._replace(loaded=())
-    asked = loaded._replace(outputs=(*of_tree, *(("qdd",) if "rates" in outputs else ())))
+    pushed = request if "rates" in outputs else request._replace(pushed=())
+    asked = pushed._replace(outputs=(*of_tree, *(("qdd",) if "rates" in outputs else ())))
     needed = input_shapes(form, asked)
     inputs = {name: tail for name, tail in needed.items() if name not in {"q", "qd", *MOTION}}
     inputs |= {"state": (state_size(form),), "S0": (3, 3)}
     shapes: dict[str, ArrayShape] = {**_MOTION_SHAPES, "rates": (state_size(form),)}
     shapes |= {name: output_shape(name, form, request) for name in of_tree}
     return Loop(
-        "state", functools.partial(_outputs, form, loaded, pinned, outputs), inputs,
-        {name: shapes[name] for name in outputs}, form=("state", form, loaded, pinned, outputs),
+        "state", functools.partial(_outputs, form, pushed, pinned, outputs), inputs,
+        {name: shapes[name] for name in outputs}, form=("state", form, pushed, pinned, outputs),
     )  # fmt: skip
 
 
-def _outputs(form: Form, request: Request, pinned: bool, outputs: tuple[str, ...], values: Values) -> dict[str, Any]:
+def _outputs(
+    form: Form, request: TreeRequest, pinned: bool, outputs: tuple[str, ...], values: Values
+) -> dict[str, Any]:
     """Return the named outputs of the motion that a state stands for."""
     dof, state = form.dof, values["state"]
     base_point, P, L, g = (state[3 * k : 3 * k + 3] for k in range(4))
@@ -94,7 +96,7 @@ def _rates(
     """Return the time derivative of the state."""
     values = moving.values
     force, torque = values["force1"], values["torque1"]
-    for k, place in enumerate(moving.request.loaded):
+    for k, place in enumerate(moving.request.pushed):
         pose = moving.frame_poses[place]
         force = add(force, values[f"force_{k}"])
         torque = add(torque, add(values[f"torque_{k}"], cross(pose.d, values[f"force_{k}"])))

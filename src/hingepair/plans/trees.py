@@ -39,8 +39,9 @@ from hingepair.equations.spatial import (
 )
 from hingepair.numeric.blocks import components
 from hingepair.numeric.caching import lock_free_cached_property
+from hingepair.plans.attitudes import rotation_defect
+from hingepair.plans.changes import Moves, group_of, sum_of, with_variables
 from hingepair.plans.closures import Chains, Closure, condition_count, placements
-from hingepair.plans.functions import Moves, group_of, rotation_defect, sum_of, with_variables
 from hingepair.plans.struts import Strut, StrutForm, line_of_action
 
 # Shapes of the constants of the base.
@@ -94,7 +95,7 @@ class Form(NamedTuple):
         return self.dof < len(self.columns) or self.closure is not None
 
 
-class Request(NamedTuple):
+class TreeRequest(NamedTuple):
     """A request for outputs of a robot."""
 
     outputs: tuple[str, ...]  # names out of OUTPUTS
@@ -102,23 +103,29 @@ class Request(NamedTuple):
     frames: tuple[int, ...] = ()  # for each frame, the number of its body
     # the constants of the frames and loads that are 0, 1 or -1; None for all others
     known: tuple[float | None, ...] = ()
-    loaded: tuple[int, ...] = ()  # indices of the frames that belong to links on which wrenches act
+    pushed: tuple[int, ...] = ()  # indices of the frames on which wrenches act, those of links
     joint_loads: bool = False  # whether springs, dampers and dry friction act at the joints (T14)
     varied: tuple[int, ...] = ()  # places of the constants that the input "samples" has
-    shown: int | None = None  # how many frames, the first, have outputs; None: all
+    shown_count: int | None = None  # how many frames, the first, have outputs; None: all
     single: bool = False  # whether a frame was asked for by its name: results then have no axis of frames
 
     @property
-    def shown_frames(self) -> tuple[int, ...]:
+    def shown_bodies(self) -> tuple[int, ...]:
         """Bodies of the frames that have outputs."""
-        return self.frames[: self.shown]
+        return self.frames[: self.shown_count]
 
 
 class TreeForm(NamedTuple):
     """What a loop of a robot computes."""
 
     form: Form
-    request: Request
+    request: TreeRequest
+
+    def compute(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the outputs by name, each a scalar or a flat tuple of components, from the inputs by name, which may
+        be scalars of any kind.
+        """
+        return TreeQuantities(self.form, self.request, values).outputs(self.request.outputs)
 
 
 class Output(NamedTuple):
@@ -133,14 +140,14 @@ class Output(NamedTuple):
     has_bounds: bool = True  # whether `error_bounds` can follow it: derivatives need traced values
 
 
-def velocity_count(form: Form, request: Request) -> int:
+def velocity_count(form: Form, request: TreeRequest) -> int:
     """Return the number of velocities of a robot: one for each coordinate, and six more of a free base."""
     return form.dof + 6 * request.free
 
 
 class TreeQuantities:
-    """The quantities of a robot for one set of values, given a `Form`, a `Request` and the inputs by name. Quantities
-    that several outputs need are properties, which are computed at first access and cached.
+    """The quantities of a robot for one set of values, given a `Form`, a `TreeRequest` and the inputs by name.
+    Quantities that several outputs need are properties, which are computed at first access and cached.
 
     Args:
         form: the robot's build.
@@ -149,7 +156,7 @@ class TreeQuantities:
             any kind, vectors as tuples.
     """
 
-    def __init__(self, form: Form, request: Request, values: Mapping[str, Any]) -> None:
+    def __init__(self, form: Form, request: TreeRequest, values: Mapping[str, Any]) -> None:
         self.form, self.request, self.values = form, request, values
         parts = iter(values.get("numbers") or complete_numbers(form, request, values))
         self.base = eq.Base(**_take_numbers(parts, BASE_SHAPES))
@@ -168,14 +175,14 @@ class TreeQuantities:
             self.chains = Chains(form.closure, numbers, self.links, self.ratios, form.columns, values["q"])
         self.strut_list = [Strut.of_numbers(one, [next(parts) for _ in range(one.size)]) for one in form.struts]
         self.frames = [(body, _take_numbers(parts, FRAME_SHAPES)) for body in request.frames]
-        self.shown = self.frames[: request.shown]
-        loaded = form.parents if request.joint_loads else ()
-        self.loads = [eq.JointLoad(**_take_numbers(parts, LOAD_SHAPES)) for _ in loaded]
-        if self.loads and "implicit_step" in values:
+        self.shown_frames = self.frames[: request.shown_count]
+        with_loads = form.parents if request.joint_loads else ()
+        self.joint_load_list = [eq.JointLoad(**_take_numbers(parts, LOAD_SHAPES)) for _ in with_loads]
+        if self.joint_load_list and "implicit_step" in values:
             # A damper of the rate at the end of the step, d (q' + h q''), resists like a rotor of the inertia h d.
             self.links = [
                 link._replace(armature=link.armature + values["implicit_step"] * load.damping)
-                for link, load in zip(self.links, self.loads, strict=True)
+                for link, load in zip(self.links, self.joint_load_list, strict=True)
             ]
 
     def outputs(self, names: Iterable[str]) -> dict[str, Any]:
@@ -295,12 +302,12 @@ class TreeQuantities:
     @property
     def shown_poses(self) -> list[eq.Pose]:
         """List of the poses of the frames with outputs, world axes."""
-        return self.frame_poses[: self.request.shown]
+        return self.frame_poses[: self.request.shown_count]
 
     @lock_free_cached_property
     def frame_velocities(self) -> list[eq.Rates]:
         """List of (v, omega) of the frames with outputs, world axes."""
-        bodies = (self.velocities[body] for body, _ in self.shown)
+        bodies = (self.velocities[body] for body, _ in self.shown_frames)
         return [eq.frame_velocity(pose, body) for pose, body in zip(self.shown_poses, bodies, strict=True)]
 
     @lock_free_cached_property
@@ -308,7 +315,7 @@ class TreeQuantities:
         """List of (a, alpha) of the frames with outputs, world axes."""
         return [
             eq.frame_acceleration(pose, self.velocities[body][1], self.accelerations[body])
-            for pose, (body, _) in zip(self.shown_poses, self.shown, strict=True)
+            for pose, (body, _) in zip(self.shown_poses, self.shown_frames, strict=True)
         ]
 
     def frame_positions(self) -> tuple[Scalar, ...]:
@@ -328,7 +335,7 @@ class TreeQuantities:
         a flat tuple row by row; (v, omega) in the axes of the frame if `in_frame`, else of the world.
         """
         entries: list[Scalar] = []
-        for pose, (body, _) in zip(self.shown_poses, self.shown, strict=True):
+        for pose, (body, _) in zip(self.shown_poses, self.shown_frames, strict=True):
             columns = eq.point_jacobian_columns(self.links, self.poses, body, pose.d)
             on_base = eq.base_jacobian_columns(pose.d) if self.request.free else []
             if in_frame:
@@ -365,7 +372,7 @@ class TreeQuantities:
         its reference point, with the total wrench on the base first (T2, T3).
         """
         wrenches = eq.inertial_wrenches(self.base, self.links, self.motions_in_own_axes)
-        for k, place in enumerate(self.request.loaded):
+        for k, place in enumerate(self.request.pushed):
             body, frame = self.frames[place]
             back = transpose(self.poses[body].S)
             force, torque = rotate(back, self.values[f"force_{k}"]), rotate(back, self.values[f"torque_{k}"])
@@ -395,8 +402,8 @@ class TreeQuantities:
     def efforts(self) -> tuple[Scalar, ...]:
         """Return a tuple of the efforts tau of all coordinates (inverse dynamics)."""
         efforts = self.motor_efforts
-        if self.loads:
-            rates = zip(self.loads, self.qd, strict=True)
+        if self.joint_load_list:
+            rates = zip(self.joint_load_list, self.qd, strict=True)
             friction = [self._dry_friction(load.friction, 0.0, 0.0, rate) for load, rate in rates]
             parts = zip(efforts, self.spring_and_damper_efforts, friction, strict=True)
             efforts = [effort - smooth - dry for effort, smooth, dry in parts]
@@ -421,7 +428,7 @@ class TreeQuantities:
     @lock_free_cached_property
     def spring_and_damper_efforts(self) -> list[Scalar]:
         """List of the efforts of springs and dampers at all joints (T14); empty where loads are not asked for."""
-        joints = zip(self.loads, self.q, self.qd, strict=True) if self.loads else ()
+        joints = zip(self.joint_load_list, self.q, self.qd, strict=True) if self.joint_load_list else ()
         return [eq.spring_and_damper_effort(load, q, qd) for load, q, qd in joints]
 
     def _dry_friction(self, most: Scalar, effort: Scalar, inertia: Scalar, rate: Scalar) -> Scalar:
@@ -566,13 +573,13 @@ class TreeQuantities:
     def bias(self) -> list[Scalar]:
         """List of the efforts of all joints for which q'' = 0, beside those of springs and dampers."""
         bias = self.unforced.motor_efforts
-        if not self.loads:
+        if not self.joint_load_list:
             return bias
         return [force - load for force, load in zip(bias, self.spring_and_damper_efforts, strict=True)]
 
     def _friction_of_joint(self, k: int, effort: Scalar, pivot: Scalar) -> Scalar:
         """Return the effort of dry friction at a joint; all else has this effort while the joint's parent rests."""
-        return self._dry_friction(self.loads[k].friction, effort, pivot, self.qd[k])
+        return self._dry_friction(self.joint_load_list[k].friction, effort, pivot, self.qd[k])
 
     @lock_free_cached_property
     def articulated(self) -> tuple[list[eq.JointElimination], eq.SpatialInertia]:
@@ -603,7 +610,7 @@ class TreeQuantities:
         adds to the torques, which takes fewer operations than to differentiate their recursion. Dry friction depends
         on what that finds for each joint.
         """
-        if self.loads:
+        if self.joint_load_list:
             return found
         names, loads = (group_of(kind, self.request.free) for kind in ("qdd", "tau"))
         places = [0, *itertools.accumulate(map(len, found))]
@@ -628,7 +635,7 @@ class TreeQuantities:
     def _solve_by_articulated_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
         """Return (a1, alpha1, q'') by articulated bodies (T5), a1 less gravity."""
         steps, _ = self.articulated
-        friction = self._friction_of_joint if self.loads else None
+        friction = self._friction_of_joint if self.joint_load_list else None
         loads = [
             self.values["tau"][column] - force for column, force in zip(self.form.columns, self.bias, strict=True)
         ]
@@ -700,7 +707,7 @@ class TreeQuantities:
         values, shift = self.values, 6 * self.request.free
         pairs = zip(values["tau"], self.efforts_by_coordinate(self.bias), strict=True)
         loads = [load - force for load, force in pairs]
-        if self.loads:
+        if self.joint_load_list:
             loads = self._with_friction(loads)
         if shift:
             f, t = (self.unforced.base_wrench(kind) for kind in (0, 1))
@@ -712,7 +719,7 @@ class TreeQuantities:
     def _with_friction(self, loads: Sequence[Scalar]) -> list[Scalar]:
         """Return the loads of all coordinates with dry friction, which takes the other coordinates as at rest."""
         most: list[Scalar] = [0.0] * self.form.tree_dof
-        for column, (ratio, _), load in zip(self.form.columns, self.ratios, self.loads, strict=True):
+        for column, (ratio, _), load in zip(self.form.columns, self.ratios, self.joint_load_list, strict=True):
             size = abs(ratio) if isinstance(ratio, float) else square_root(ratio * ratio)
             most[column] = most[column] + load.friction * size
         if self.chains is not None:  # joints that are no coordinates have no friction
@@ -806,7 +813,7 @@ def _reciprocal(x: Scalar) -> Scalar:
     return math.inf if type(x) is float and x == 0 else 1.0 / x
 
 
-def complete_numbers(form: Form, request: Request, values: Mapping[str, Any]) -> list[Scalar]:
+def complete_numbers(form: Form, request: TreeRequest, values: Mapping[str, Any]) -> list[Scalar]:
     """Return all constants of a robot and its frames in order: known ones, parameters, and those of samples."""
     left = iter(values["constants"])
     numbers = [next(left) if known is None else known for known in (*form.known, *request.known)]
@@ -875,14 +882,14 @@ def axes_shape(form: Form) -> ArrayShape:
     return (9 * (len(form.parents) + 1),)
 
 
-def output_shape(name: str, form: Form, request: Request) -> ArrayShape:
+def output_shape(name: str, form: Form, request: TreeRequest) -> ArrayShape:
     """Return the shape of one sample of an output."""
     sizes = {"coordinates": form.dof, "velocities": velocity_count(form, request), "joints": len(form.parents)}
     sizes |= {"tree": form.tree_dof, "conditions": 0 if form.closure is None else condition_count(form.closure)}
     sizes |= {"struts": len(form.struts), "loops": 0 if form.closure is None else len(form.closure.loops)}
     sizes["parameters"] = 10 * (len(form.parents) + request.free)  # of the torque regressor
     shape = sample_shape(name, sizes)
-    return (len(request.shown_frames), *shape) if name in OF_FRAMES and not request.single else shape
+    return (len(request.shown_bodies), *shape) if name in OF_FRAMES and not request.single else shape
 
 
 JACOBIANS: Final = ("jacobian", "jacobian_in_frame", "jacobian_rate", "jacobian_in_frame_rate")
@@ -973,13 +980,13 @@ FRAME_OUTPUTS: Final = tuple(_MOTION)
 OF_FRAMES: Final = frozenset(name for name, output in OUTPUTS.items() if output.of_frames)
 """What is computed of frames."""
 
-COORDINATES: Final = ("q", "qd", "qdd", "tau")  # inputs with a component for each coordinate
+COORDINATE_INPUTS: Final = ("q", "qd", "qdd", "tau")  # inputs with a component for each coordinate
 BASE_MOTION: Final = ("R1", "S1", "v1", "omega1", "a1", "alpha1")  # inputs; a1, alpha1 of one that is not free
 BASE_LOADS: Final = ("force1", "torque1")  # inputs of a free base
 
 
 @functools.lru_cache(maxsize=512)
-def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
+def input_shapes(form: Form, request: TreeRequest) -> dict[str, ArrayShape]:
     """Return the shape of one sample of each input that a request needs, by name, "constants" first. The dictionary
     is cached and must not be changed.
     """
@@ -993,22 +1000,15 @@ def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
         shapes["axes"] = axes_shape(form)
     if request.varied:
         shapes["samples"] = (len(request.varied),)
-    for name in (*COORDINATES, "gravity", *BASE_MOTION, *BASE_LOADS):
+    for name in (*COORDINATE_INPUTS, "gravity", *BASE_MOTION, *BASE_LOADS):
         if name in names:
             shapes[name] = output_shape(name, form, request)
-    return shapes | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
-
-
-def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the outputs of a request by name, each a scalar or a flat tuple of components, from the inputs by name,
-    which may be scalars of any kind.
-    """
-    return TreeQuantities(form, request, values).outputs(request.outputs)
+    return shapes | {f"{kind}_{k}": (3,) for k in range(len(request.pushed)) for kind in ("force", "torque")}
 
 
 @functools.lru_cache(maxsize=512)
-def request_loop(form: Form, request: Request) -> Loop:
+def request_loop(form: Form, request: TreeRequest) -> Loop:
     """Return the `Loop` that computes a request over samples, cached by form and request."""
     outputs = {name: output_shape(name, form, request) for name in request.outputs}
-    function = functools.partial(compute_request, form, request)
-    return Loop("robot", function, input_shapes(form, request), outputs, form=TreeForm(form, request))
+    tree = TreeForm(form, request)
+    return Loop("robot", tree.compute, input_shapes(form, request), outputs, form=tree)

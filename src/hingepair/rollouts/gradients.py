@@ -17,7 +17,7 @@ from hingepair.engine.threads import run_in_threads
 from hingepair.errors import ShapeError
 from hingepair.numeric.arrays import FloatArray, real_array
 from hingepair.plans.arguments import chosen_names
-from hingepair.plans.functions import change_shape
+from hingepair.plans.changes import change_shape
 from hingepair.plans.rollouts import BASE_STATE, backward_loop
 from hingepair.rollouts.motions import Motions, compiled_scan
 

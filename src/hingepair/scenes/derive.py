@@ -91,7 +91,7 @@ def derive(
     if frame is not None:
         raise ArgumentError("frame", "a robot, whose frame it is", quoted(scene_or_pair))
     if isinstance(scene_or_pair, Scene):
-        scene, pair = scene_or_pair, scene_or_pair.subject.pair
+        scene, pair = scene_or_pair, scene_or_pair.assembly.pair
         names = _symbolic_names(symbolic, pair, scene.constants)
         symbolic_constants = tuple(name for name in names if name in scene.constants)
         written = _exact_pair_values(scene.tables, symbolic_constants)
@@ -111,8 +111,8 @@ def _fixed_body1(scene: Scene) -> dict[str, Expr]:
     if "dynamics" not in scene.tables.values or scene.dynamics.base != "fixed" or start is None:
         return {}
     x, y, z, *phi = map(exact, (*start.R.tolist(), *matrix_to_euler(start.S).tolist()))
-    given = (x, y, phi[2]) if scene.subject.planar else (x, y, z, *phi)
-    return dict(zip(scene.subject.kind.coordinates[:-1], given, strict=True))
+    given = (x, y, phi[2]) if scene.assembly.planar else (x, y, z, *phi)
+    return dict(zip(scene.assembly.kind.coordinates[:-1], given, strict=True))
 
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:

@@ -40,7 +40,7 @@ class SceneForces(Record):
     def __init__(
         self, scene: Any, known: Known, arrays: dict[str, Any], gravity: tuple[float, ...], *, assumed: bool
     ) -> None:
-        self.tau, self.gravity, self._scene = arrays.pop("tau", None), gravity[: scene.subject.dimensions], scene
+        self.tau, self.gravity, self._scene = arrays.pop("tau", None), gravity[: scene.assembly.dimensions], scene
         columns = known.joint_columns(0) | arrays
         super().__init__(scene.t, columns, f"forces: {scene.title}", scene.files, scene.unit, scene.units)
         self.notes = tuple(_notes(scene, known, arrays, assumed=assumed))
@@ -56,7 +56,7 @@ class SceneForces(Record):
 
     def _summary(self, units: UnitsLike) -> Summary:
         """Return the summary of what is recorded beside coordinates."""
-        summary, names = Summary(self._scene, units), self._scene.subject.names
+        summary, names = Summary(self._scene, units), self._scene.assembly.names
         summary.add(self.t, {name: array for name, array in self.recorded().items() if name not in names})
         return summary
 
@@ -73,7 +73,7 @@ class SceneForces(Record):
         """Return the rows of the table that `hingepair forces` prints, headings first, and sentences on what it
         leaves out. `units` are as for `ranges`.
         """
-        limits = {_effort_name(joint, self.recorded()): joint.effort_limit for joint in self._scene.subject.joints}
+        limits = {_effort_name(joint, self.recorded()): joint.effort_limit for joint in self._scene.assembly.joints}
         return self._summary(units).table_of_sizes({name: own for name, own in limits.items() if math.isfinite(own)})
 
 
@@ -85,9 +85,9 @@ def _effort_name(joint: Joint, forces: Mapping[str, Any]) -> str:
 
 def _notes(scene: Any, known: Known, arrays: Mapping[str, NDArray[Any]], *, assumed: bool) -> Iterator[str]:
     """Yield sentences on forces that are not finite or not known, on gravity and on limits that are exceeded."""
-    subject, motion, count = scene.subject, scene.motion, scene.samples
+    assembly, motion, count = scene.assembly, scene.motion, scene.samples
     dynamics = scene.tables.table("dynamics", required=False)
-    units = {joint.name: joint.unit for joint in subject.joints}
+    units = {joint.name: joint.unit for joint in assembly.joints}
     if motion.simulated is not None:
         yield from impact_sentences(motion.simulated.impacts, units)
     for name, load in motion.loads.items() if motion.simulated is None else ():
@@ -98,10 +98,10 @@ def _notes(scene: Any, known: Known, arrays: Mapping[str, NDArray[Any]], *, assu
                 f"friction of {name} is 0 at {still} of {count} instants, where {name}' is 0; it may hold up to "
                 f"{load.sticking_friction:g} {unit} there"
             )
-    if motion.simulated is None and subject.planar and assumed:
+    if motion.simulated is None and assembly.planar and assumed:
         down = ", ".join(f"{component:g}" for component in scene.gravity[:2])
         yield f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0"
-    for joint in subject.joints:
+    for joint in assembly.joints:
         effort, (least, most) = arrays[_effort_name(joint, arrays)], joint.effort_bounds
         beyond = np.flatnonzero((effort < least) | (effort > most))
         if beyond.size:
@@ -110,6 +110,6 @@ def _notes(scene: Any, known: Known, arrays: Mapping[str, NDArray[Any]], *, assu
                 f"of {joint.effort_limit:g}, at {beyond.size} of {count} instants, first at t = "
                 f"{instant_text(scene.t[beyond[0]])} s"
             )
-    left_out = loads_note(tree_of(subject.mechanism)) if subject.mechanism is not None else ""
+    left_out = loads_note(tree_of(assembly.mechanism)) if assembly.mechanism is not None else ""
     if left_out and not dynamics.flag("joint_loads"):
         yield f"{left_out}; joint_loads = true in [dynamics] counts them"

@@ -29,6 +29,7 @@ from hingepair.motion.trajectory import describe_instants
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.scenes import suspicions
+from hingepair.scenes.assembly import Acting, Assembly, Computed, Items, order_of
 from hingepair.scenes.bodies import MECHANISM_TABLES, is_of_mechanism, read_mechanism, read_pair
 from hingepair.scenes.forces import SceneForces
 from hingepair.scenes.motions.functions import FunctionsOfTime, read_function_motion
@@ -42,7 +43,6 @@ from hingepair.scenes.motions.simulated import (
     simulates,
 )
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers
-from hingepair.scenes.subject import Acting, Computed, Request, Subject, order_of
 from hingepair.scenes.tables import Table, read_constants, read_tables
 from hingepair.tables.column_tables import column_table
 from hingepair.tables.sheets import instant_text
@@ -140,7 +140,7 @@ class SceneResult(Record):
     def __getattr__(self, name: str) -> Any:
         if not name.startswith("_") and name not in SceneResult.__slots__:
             with contextlib.suppress(KeyError):
-                return self.scene.subject.attribute(name, self.known, self.computed)
+                return self.scene.assembly.attribute(name, self.known, self.computed)
         raise missing_attribute_error(self, name)
 
     def _available_names(self) -> Iterable[str]:
@@ -199,44 +199,44 @@ class Scene:
 
     def checked(self) -> Scene:
         """Return the scene, once all of its keys are read and its motion is computed."""
-        _ = self.subject, self.dynamics, self.motion, self.title, self.units, self.outputs
+        _ = self.assembly, self.dynamics, self.motion, self.title, self.units, self.outputs
         return self
 
     # ---- what the file says
 
     @lock_free_cached_property
-    def subject(self) -> Subject:
+    def assembly(self) -> Assembly:
         """What moves."""
         base = self.tables.table("dynamics", required=False).values.get("base")
         if not is_of_mechanism(self.tables):
-            return Subject(read_pair(self.tables), is_fixed=base == "fixed")
+            return Assembly(read_pair(self.tables), is_fixed=base == "fixed")
         frames = self.tables.table("mechanism", required=False).table("frames", required=False)
         robot = read_mechanism(self.tables, self.path.parent, base="free" if base in ("free", "pinned") else "fixed")
-        return Subject(robot, tuple(frames.values) or robot.tips)
+        return Assembly(robot, tuple(frames.values) or robot.tips)
 
     @lock_free_cached_property
     def dynamics(self) -> Dynamics:
         """What the table [dynamics] says, or what counts without it."""
-        return read_dynamics(self.tables, self.subject)
+        return read_dynamics(self.tables, self.assembly)
 
     @lock_free_cached_property
     def motion(self) -> Motion:
         """The motion and its instants."""
-        tables, subject, dynamics = self.tables, self.subject, self.dynamics
+        tables, assembly, dynamics = self.tables, self.assembly, self.dynamics
         if self.is_simulated:
-            return read_simulated_motion(tables, subject, dynamics)
+            return read_simulated_motion(tables, assembly, dynamics)
         if "file" in tables.table("motion").values:
             from hingepair.scenes.motions.logged import read_log
 
-            motion = read_log(tables, self.path.parent, subject)
+            motion = read_log(tables, self.path.parent, assembly)
         else:
-            motion = read_function_motion(tables, subject)
+            motion = read_function_motion(tables, assembly)
         return replace(motion, loads=dynamics.loads, wrenches=dynamics.wrenches)
 
     @lock_free_cached_property
     def title(self) -> str:
         """Title of the scene, a sentence."""
-        return self.tables.text("title", default=self.subject.name)
+        return self.tables.text("title", default=self.assembly.name)
 
     @lock_free_cached_property
     def outputs(self) -> tuple[str, ...] | None:
@@ -247,7 +247,7 @@ class Scene:
         names = outputs.names("names", 'a list of names such as ["R2", "v2"], of a robot ["R", "tau"]')
         if names is not None:
             with outputs.naming("names"):
-                self.subject.request(names, self.motion)
+                self.assembly.request(names, self.motion)
         return names
 
     @lock_free_cached_property
@@ -291,7 +291,7 @@ class Scene:
     @property
     def is_simulated(self) -> bool:
         """Whether [dynamics] simulates the motion."""
-        return simulates(self.tables, self.subject)
+        return simulates(self.tables, self.assembly)
 
     def refuse_linkage(self, reason: str) -> None:
         """Raise a SceneError if the scene has loops or struts."""
@@ -304,25 +304,25 @@ class Scene:
     @property
     def pair(self) -> HingePair | PlanarPair | None:
         """The HingePair, or for a planar scene the PlanarPair; None in the scene of a mechanism."""
-        pair: HingePair | PlanarPair | None = self.subject.pair
+        pair: HingePair | PlanarPair | None = self.assembly.pair
         return pair
 
     @property
     def mechanism(self) -> Mechanism | None:
         """The robot, with the frames and the payload of the file; None in the scene of a pair."""
-        return self.subject.mechanism
+        return self.assembly.mechanism
 
     @property
     def frames(self) -> tuple[str, ...]:
         """Frames of a mechanism that are computed by default; none of a pair."""
-        return self.subject.frames
+        return self.assembly.frames
 
     @property
     def space(self) -> HingePair:
         """The pair as a HingePair; a SceneError in the scene of a mechanism."""
         if self.pair is None:
             self.tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
-        return self.subject.space
+        return self.assembly.space
 
     @property
     def sequence(self) -> str | None:
@@ -332,7 +332,7 @@ class Scene:
     @property
     def dimensions(self) -> int:
         """Number of components of a vector such as gravity."""
-        return self.subject.dimensions
+        return self.assembly.dimensions
 
     def coordinates(self) -> JointCoordinates:
         """Return (q, qd, qdd) of the joints at all instants, each of shape (samples, dof); psi of a pair."""
@@ -361,7 +361,7 @@ class Scene:
         """
         import sympy
 
-        return dict.fromkeys(self.subject.base_names, sympy.S.Zero) | self.functions.expressions()
+        return dict.fromkeys(self.assembly.base_names, sympy.S.Zero) | self.functions.expressions()
 
     @property
     def has_own_gravity(self) -> bool:
@@ -430,7 +430,7 @@ class Scene:
         tables = replace(self.tables, values=with_numbers(self.tables.values, paths, numbers), constants={})
         made: dict[str, Any] = {}
         if {path[0] for path in paths} <= {"motion", "time", "outputs", "title"}:
-            made["subject"] = self.subject
+            made["assembly"] = self.assembly
         if self.motion.simulated is None and keep_motion(paths):
             made["motion"] = self.motion
         return Scene(with_constants_evaluated(tables), self.path, **made).checked()
@@ -487,19 +487,19 @@ class Scene:
             rows = slice(start, start + RESULT_ROWS_PER_BLOCK)
             yield self._evaluated(rows, request, min(self.motion.level, VELOCITY))
 
-    def request(self, outputs: Iterable[str] | None) -> Request:
+    def request(self, outputs: Iterable[str] | None) -> Items:
         """Return what `evaluate` computes for these outputs; raise an ArgumentError for unknown ones, or for outputs
         that need derivatives that the motion lacks.
         """
-        return self.subject.request(self.outputs if outputs is None else outputs, self.motion)
+        return self.assembly.request(self.outputs if outputs is None else outputs, self.motion)
 
     def arrays(self, outputs: Iterable[str] | None = None) -> dict[str, NDArray[Any]]:
         """Return outputs by name; shape (samples, ...)."""
         return self.evaluate(outputs).requested_arrays()
 
-    def _evaluated(self, rows: Rows, request: Request, min_order: int = 0) -> SceneResult:
+    def _evaluated(self, rows: Rows, request: Items, min_order: int = 0) -> SceneResult:
         known = self.known(rows, max(order_of(request), min_order))
-        computed = self.subject.compute(request, known, self._acting(rows), self.backend)
+        computed = self.assembly.compute(request, known, self._acting(rows), self.backend)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
         return SceneResult(self.motion.t[rows], self, known, computed, first)
 
@@ -514,7 +514,7 @@ class Scene:
         """
         request, level = self.request(outputs), self.motion.level
         names = tuple(item.name for item in request if item.of in ("state", "force"))
-        operations = self.subject.operations(request, self.motion)
+        operations = self.assembly.operations(request, self.motion)
         reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
         skipped = [
             (f"{('first', 'second')[i]} derivatives of the coordinates", reasons[i])
@@ -524,7 +524,7 @@ class Scene:
 
     def unit(self, name: str) -> str:
         """Return the unit of an output, or of one of its components such as R2_x."""
-        return self.subject.unit(name)
+        return self.assembly.unit(name)
 
     def in_units(self, units: UnitsLike) -> Columns:
         """Return names and numbers of columns in units; None for those of the scene."""
@@ -542,7 +542,7 @@ class Scene:
         """
         rows = slice(None) if max_instants is None else self.spread(max_instants)
         with self.tables.naming():
-            return self.subject.compare(self.known(rows, self.motion.level), self._acting(rows))
+            return self.assembly.compare(self.known(rows, self.motion.level), self._acting(rows))
 
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
         """Compute the forces that the motion requires at the instants.
@@ -593,9 +593,11 @@ class Scene:
         assumed = gravity is None and not self.has_own_gravity
         known, acting = self.known(slice(None), ACCELERATION), self._acting(slice(None), fall)
         with self.tables.naming():
-            arrays = self.subject.forces(known, acting)
-        struts = tuple(item for item in self.subject.items.values() if item.of == "strut" and item.quantity != "rate")
-        arrays |= self.subject.compute(struts, known, acting, self.backend).arrays
+            arrays = self.assembly.forces(known, acting)
+        struts = tuple(
+            item for item in self.assembly.items.values() if item.of == "strut" and item.quantity != "rate"
+        )
+        arrays |= self.assembly.compute(struts, known, acting, self.backend).arrays
         return SceneForces(self, known, arrays, fall, assumed=assumed)
 
     def energy_balance(self) -> EnergyBalance:
@@ -627,7 +629,7 @@ class Scene:
         parts = [self.known(piece, level) for piece in pieces]  # all instants at once would take much memory
         q, *rates = (np.concatenate([part.array(order) for part in parts]) for order in range(level + 1))
         sentences, last = [*self.suspicions()], list[str]()
-        for i, joint in enumerate(self.subject.joints):
+        for i, joint in enumerate(self.assembly.joints):
             own, unit = q[:, i], joint.unit
             stops = stop_range(motion.loads.get(joint.name, HingeLoad()))
             (lower, upper), extremes = joint.position_limits, (float(np.fmin.reduce(own)), float(np.fmax.reduce(own)))
@@ -648,7 +650,7 @@ class Scene:
         """Return sentences on numbers of the file, and on functions at up to 101 instants, that are probably in
         another unit, such as degrees or millimetres.
         """
-        limits = {joint.name: joint.position_limits for joint in self.subject.joints if joint.unit == "rad"}
+        limits = {joint.name: joint.position_limits for joint in self.assembly.joints if joint.unit == "rad"}
         sentences = [*suspicions.file_suspicions(self.tables.values, limits)]
         if self.has_motion and self.motion.functions is not None:
             rows, motion = self.spread(suspicions.MAX_JUDGED), self.motion
@@ -662,12 +664,12 @@ class Scene:
         """Return a line on what moves, and a line on the instants."""
         t = f"t = {instant_text(self.start)} to {instant_text(self.stop)} s"
         count = f"{self.samples} instant{'s' * (self.samples != 1)}, {t}; {self.motion.description}"
-        return self.subject.describe(self.motion.moving), count
+        return self.assembly.describe(self.motion.moving), count
 
     def facts(self) -> dict[str, Any]:
         """Return what commands with --json print of the scene."""
         facts = {"scene": str(self.path), "title": self.title, "samples": self.samples}
-        return {**facts, "start": self.start, "stop": self.stop, **self.subject.facts(self.motion)}
+        return {**facts, "start": self.start, "stop": self.stop, **self.assembly.facts(self.motion)}
 
     def __repr__(self) -> str:
         return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
@@ -676,10 +678,10 @@ class Scene:
 def scene_of_simulation(found: SimulatedRobotMotion) -> Scene:
     """Return a simulated motion of a robot as a scene, for pictures; it has no file, and stops are not noted."""
     robot = found.robot
-    subject = Subject(robot, found.state().frames)
+    assembly = Assembly(robot, found.state().frames)
     return Scene(
-        Table(robot.name, "", {}, {}), Path(robot.name), title=found.described, subject=subject, files=(),
-        motion=simulated_motion(subject, found, {}), gravity=found.gravity,
+        Table(robot.name, "", {}, {}), Path(robot.name), title=found.described, assembly=assembly, files=(),
+        motion=simulated_motion(assembly, found, {}), gravity=found.gravity,
     )  # fmt: skip
 
 

@@ -19,7 +19,8 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.pairs.requests import check_single_pair, constants_of
+from hingepair.mechanism.pairs.subject import check_single_pair
+from hingepair.mechanism.requests import subject_of
 from hingepair.mechanism.tree import Joint
 from hingepair.plans.pairs import PLANE, SPACE, point_outputs, unit_among
 from hingepair.rotations.sequences import find_sequence
@@ -62,7 +63,7 @@ def pair_forms(
         ArgumentError: `pair` holds more than one pair.
     """
     check_single_pair(pair)
-    planar, points = isinstance(pair, PlanarPair), constants_of(pair).points
+    planar, points = isinstance(pair, PlanarPair), subject_of(pair).points
     kind = PLANE if planar else SPACE
     names = (*kind.levels, *point_outputs(points))
     outputs = {}
@@ -99,8 +100,8 @@ def _constants(
     pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, Exprs]
 ) -> dict[str, Exprs]:
     """Return u1, u2, n, home and points: symbols, `exact_values`, or exact numbers made of the pair's floats."""
-    constants = constants_of(pair)
-    floats = {key: tuple(array.ravel().tolist()) for key, array in constants.arrays.items()}
+    subject = subject_of(pair)
+    floats = {key: tuple(array.ravel().tolist()) for key, array in subject.arrays.items()}
     floats |= {point_key(name): tuple(R.tolist()) for name, R in {**pair.points1, **pair.points2}.items()}
     found: dict[str, Exprs] = {"n": (0, 0, 1), "home": _IDENTITY}
     for key, value in floats.items():
@@ -109,7 +110,7 @@ def _constants(
         elif key in exact_values:
             found[key] = exact_values[key]
         elif key == "home":
-            found[key] = tuple(map(exact_entry, value)) if constants.has_home else _IDENTITY
+            found[key] = tuple(map(exact_entry, value)) if subject.has_home else _IDENTITY
         else:
             found[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
         if len(found[key]) == 2:

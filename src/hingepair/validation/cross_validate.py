@@ -23,7 +23,7 @@ from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.accuracy import euler_rate_sizes, unit_roundoff
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.pairs.requests import check_pair, read_rows
+from hingepair.mechanism.pairs.subject import check_pair, read_rows
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.plans.arguments import Coordinates

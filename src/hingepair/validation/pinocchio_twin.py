@@ -26,7 +26,7 @@ from hingepair.mechanism.building.pairs import tree_of_pair
 from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.requests import check_pair, check_single_pair
+from hingepair.mechanism.pairs.subject import check_pair, check_single_pair
 from hingepair.mechanism.robots.conventions import PINOCCHIO, check_base, read_state, written_a, written_q, written_v
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors

@@ -8,7 +8,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.bench.truth import DIGITS, exactly, unit
-from hingepair.mechanism.pairs.requests import constants_of
+from hingepair.mechanism.requests import subject_of
 from support.states import generator, rotations
 
 U = 2.0**-53
@@ -29,7 +29,7 @@ def test_frames_of_the_hinge(case):
     sizes, rng = CASES[case], generator(80)
     u1, u2, n = (rng.normal(size=(40, 3)) * size for size in sizes)
     home = rotations(rng, 40)
-    tree = constants_of(hp.HingePair(u1=u1, u2=u2, n=n, home=home)).tree_numbers
+    tree = subject_of(hp.HingePair(u1=u1, u2=u2, n=n, home=home)).tree_numbers
     columns = [
         list(tree.varied).index(place)
         for place in (*range(10, 19), *range(len(tree.numbers) - 12, len(tree.numbers) - 9))

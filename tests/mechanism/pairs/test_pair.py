@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.mechanism.pairs.requests import constants_of
+from hingepair.mechanism.requests import subject_of
 from support.hinged import made
 from support.states import generator
 from support.states import pair as random_pair
@@ -50,8 +50,8 @@ def test_what_is_not_replaced_keeps_its_last_bits(key):
     pair = made(key)
     others = (*copies(pair), replace(pair, name="knee"), replace(replace(pair, u1=(1, 2, 3)), u1=pair.u1))
     for other in others:
-        for name, array in constants_of(pair).arrays.items():
-            assert constants_of(other).arrays[name].tobytes() == array.tobytes(), name
+        for name, array in subject_of(pair).arrays.items():
+            assert subject_of(other).arrays[name].tobytes() == array.tobytes(), name
     assert np.array_equal(replace(pair, n=made(key + 1).n).n, hp.HingePair((0, 0, 0), (0, 0, 0), made(key + 1).n).n)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
@@ -24,20 +22,6 @@ INERTIA_ENTRIES: Final = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 SECOND_MOMENTS: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Rows and columns of the entries of a second moment, in the order of programs."""
-
-
-class DynamicsWarning(UserWarning):
-    """Warns that forces or motion may be wrong: a mass was not given or no rigid body can have it, a mass matrix is
-    singular, a joint is beyond its limits.
-    """
-
-
-def warn_of_dynamics(message: str) -> None:
-    """Issue a DynamicsWarning that points at the line which called the package."""
-    frame, level = sys._getframe(), 1
-    while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith(("hingepair.", "functools")):
-        frame, level = frame.f_back, level + 1
-    warnings.warn(message, DynamicsWarning, level)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
+from hingepair.errors import ArgumentError, quoted, warn_of_dynamics
+from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import placed_shapes
 from hingepair.mechanism.building.folding import mass_properties

@@ -15,8 +15,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hingepair.equations.spatial import hinge_rotation
-from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
+from hingepair.errors import ArgumentError, choices, nearest, quoted, warn_of_dynamics
+from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.shapes import NOT_DRAWN, body_drawing
 from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.options import DEFAULT_GRAVITY

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.errors import ArgumentError, quoted, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import Drawing
 from hingepair.mechanism.building.folding import (

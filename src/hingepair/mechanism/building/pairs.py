@@ -19,7 +19,7 @@ from hingepair.mechanism.building.folding import body_masses, fold, framed, writ
 from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, JointOfSeveral, RobotJoint
 from hingepair.mechanism.pairs.geometry import Points
 from hingepair.mechanism.pairs.hinge_pair import HingePair
-from hingepair.mechanism.pairs.requests import constants_of
+from hingepair.mechanism.requests import subject_of
 from hingepair.mechanism.robots.samples import JointSamples, Payload, Samples
 from hingepair.mechanism.tree import BASE_KINDS, NO_LOAD, Tree, check_name
 from hingepair.numeric.arrays import check_choice, read_only
@@ -182,7 +182,7 @@ def _single_tree(
 
 def nominal_pair(pair: Any) -> Any:
     """Return a pair; if its geometry has leading axes, that of the first sample."""
-    if not isinstance(pair, HingePair) or constants_of(pair).single:
+    if not isinstance(pair, HingePair) or subject_of(pair).single:
         return pair
     first = {name: getattr(pair, name).reshape(-1, 3)[0] for name in ("u1", "u2", "n")}
     return replace(pair, **first, home=pair.home.reshape(-1, 3, 3)[0], points1={}, points2={})

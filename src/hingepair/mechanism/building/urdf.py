@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import cast
 
-from hingepair.errors import ArgumentError, URDFError, choices, nearest, quoted
-from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.errors import ArgumentError, URDFError, choices, nearest, quoted, warn_of_dynamics
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import link_drawing
 from hingepair.mechanism.building.changes import pair_of

@@ -11,14 +11,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of
-from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import Body, warn_of_dynamics
+from hingepair.errors import ArgumentError, quoted, warn_of_dynamics
+from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.options import DEFAULT_GRAVITY, EULER, GRAVITY, OUT, Options, with_options
+from hingepair.mechanism.options import (
+    DEFAULT_GRAVITY,
+    EULER_OPTIONS,
+    GRAVITY_OPTIONS,
+    OUT_OPTIONS,
+    Options,
+    with_options,
+)
 from hingepair.mechanism.pairs import residuals
 from hingepair.mechanism.pairs.geometry import Points, checked_record, spatial_arrays
-from hingepair.mechanism.pairs.requests import PairRequests, body1_inputs
 from hingepair.mechanism.pairs.residuals import Residuals
+from hingepair.mechanism.pairs.subject import PairSubject, body1_inputs
 from hingepair.mechanism.pairs.tolerances import (
     TOLERANCE_DEFAULTS,
     PoseCovariance,
@@ -129,7 +136,7 @@ class HingePair(Frozen, Shown):
     rate_limit: float | None
     points1: Points
     points2: Points
-    _constants: PairRequests
+    _subject: PairSubject
 
     def __init__(
         self,
@@ -146,15 +153,15 @@ class HingePair(Frozen, Shown):
         points1: Mapping[str, ArrayLike] | None = None,
         points2: Mapping[str, ArrayLike] | None = None,
         *,
-        _constants: PairRequests | None = None,  # dataclasses.replace passes it: n keeps its last bits
+        _subject: PairSubject | None = None,  # dataclasses.replace passes it: n keeps its last bits
     ) -> None:
         record = checked_record(3, name, body1, body2, points1, points2)
-        axis = _constants.axis if _constants is not None and n is _constants.arrays["n"] else n
+        axis = _subject.axis if _subject is not None and n is _subject.arrays["n"] else n
         arrays, given_axis = spatial_arrays(u1, u2, n if axis is None else axis, home)
         points = record["points1"], record["points2"]
         checked = checked_limits(limits)
         # Files of robots have limits of some turns; degrees are whole numbers, up to a turn.
-        if checked and _constants is None and any(45 <= abs(x) <= 360 and x.is_integer() for x in checked):
+        if checked and _subject is None and any(45 <= abs(x) <= 360 and x.is_integer() for x in checked):
             for sentence in suspicions("written angles", "limits", checked):
                 warn_of_dynamics(sentence)
         most = {"torque_limit": torque_limit, "rate_limit": rate_limit}
@@ -164,13 +171,13 @@ class HingePair(Frozen, Shown):
             **record,
             limits=checked,
             **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
-            _constants=PairRequests(record["name"], SPACE, arrays, given_axis, points, (body1, body2)),
+            _subject=PairSubject(record["name"], SPACE, arrays, given_axis, points, (body1, body2)),
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        arguments = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "_constants"}
+        arguments = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "_subject"}
         points = {key: dict(arguments[key]) for key in ("points1", "points2")}
-        return partial(type(self), **arguments | points | {"n": self._constants.axis}), ()
+        return partial(type(self), **arguments | points | {"n": self._subject.axis}), ()
 
     def __repr__(self) -> str:
         limits = ("limits", "torque_limit", "rate_limit")
@@ -180,7 +187,7 @@ class HingePair(Frozen, Shown):
         """Return the printed table: geometry, limits and masses."""
         return pair_sheet(self, ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit"))
 
-    @with_options(*EULER)
+    @with_options(*EULER_OPTIONS)
     def forward_kinematics(
         self,
         q: Coordinates,
@@ -200,7 +207,7 @@ class HingePair(Frozen, Shown):
         array([ 1.,  4., -1.])
         """
         given = coordinate_rows(q, qd, qdd)
-        return ask(self._constants, MOTION_LEVELS[len(given) - 1], given, options)
+        return ask(self._subject, MOTION_LEVELS[len(given) - 1], given, options)
 
     def prepare(
         self,
@@ -256,9 +263,9 @@ class HingePair(Frozen, Shown):
         array([0., 4., 0., 0., 0., 3.])
         """
         how = execution_of(backend, workers)
-        return self._constants.prepare(self.prepare, given, outputs, how, gravity=gravity, sequence=sequence)
+        return self._subject.prepare(self.prepare, given, outputs, how, gravity=gravity, sequence=sequence)
 
-    @with_options("outputs", *OUT)
+    @with_options("outputs", *OUT_OPTIONS)
     def forward_kinematics_from_body1(
         self,
         body1: BodyMotion | None,
@@ -278,7 +285,8 @@ class HingePair(Frozen, Shown):
         >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
-        return self._constants.ask("from_body1", body1_inputs(body1, psi, psid, psidd), options)
+        given = body1_inputs(body1, psi, psid, psidd)
+        return ask(self._subject, "from_body1", tuple(given.values()), options, tuple(given))
 
     def error_bounds(
         self,
@@ -317,11 +325,11 @@ class HingePair(Frozen, Shown):
         if isinstance(q, BodyMotion):
             if sequence != "XYZ":
                 raise ArgumentError("sequence", "nothing, since there are no Euler angles", quoted(sequence))
-            return self._constants.error_bounds(body1_inputs(q, qd, qdd, psidd), outputs)
+            return self._subject.error_bounds(body1_inputs(q, qd, qdd, psidd), outputs)
         if psidd is not None:
             raise ArgumentError("psidd", "nothing, since the first argument is no BodyMotion", quoted(psidd))
         given = dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False))
-        return self._constants.error_bounds(given, outputs, sequence)
+        return self._subject.error_bounds(given, outputs, sequence)
 
     def with_strut(self, point1: str, point2: str, name: str, **strut: Any) -> Mechanism:
         """Return the robot of this joint alone, on a fixed base, with a strut between two of its points: a spring, a
@@ -344,7 +352,7 @@ class HingePair(Frozen, Shown):
 
         return Mechanism([self]).with_strut(point1, point2, name, **strut)
 
-    @with_options(*OUT)
+    @with_options(*OUT_OPTIONS)
     def mass_matrix(self, body1: BodyMotion | None, psi: ArrayLike, **options: Unpack[Options]) -> FloatArray:
         """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (T4).
 
@@ -358,9 +366,9 @@ class HingePair(Frozen, Shown):
         >>> pair.mass_matrix(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).diagonal().round(12).tolist()
         [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
-        return self._constants.ask_of_body1("mass_matrix", body1, options, psi=psi)
+        return self._subject.ask_of_body1("mass_matrix", body1, options, psi=psi)
 
-    @with_options(*GRAVITY)
+    @with_options(*GRAVITY_OPTIONS)
     def inverse_dynamics(
         self,
         body1: BodyMotion | None,
@@ -383,9 +391,9 @@ class HingePair(Frozen, Shown):
         ([0.0, 0.0, 39.24], -19.62)
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
-        return self._constants.ask_of_body1("inverse_dynamics", body1, options, **hinge)
+        return self._subject.ask_of_body1("inverse_dynamics", body1, options, **hinge)
 
-    @with_options(*GRAVITY)
+    @with_options(*GRAVITY_OPTIONS)
     def forward_dynamics(
         self,
         body1: BodyMotion | None,
@@ -425,9 +433,9 @@ class HingePair(Frozen, Shown):
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
         loads = {name: load for name, load in loads.items() if not is_zero(load)}
-        return self._constants.ask_of_body1("forward_dynamics", body1, options, **hinge, **loads)
+        return self._subject.ask_of_body1("forward_dynamics", body1, options, **hinge, **loads)
 
-    @with_options(*GRAVITY)
+    @with_options(*GRAVITY_OPTIONS)
     def hinge_wrench(
         self,
         body1: BodyMotion | None,
@@ -449,9 +457,9 @@ class HingePair(Frozen, Shown):
         [0.0, 0.0, 19.62]
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
-        return self._constants.ask_of_body1("hinge_wrench", body1, options, **hinge)
+        return self._subject.ask_of_body1("hinge_wrench", body1, options, **hinge)
 
-    @with_options(*GRAVITY)
+    @with_options(*GRAVITY_OPTIONS)
     def energy(self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[Options]) -> Energy:
         """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
         1 has no mass properties.
@@ -466,9 +474,9 @@ class HingePair(Frozen, Shown):
         >>> [round(float(part), 9) for part in pair.energy(body1, psi=0.0, psid=0.0)]
         [2.0, 78.48]
         """
-        return self._constants.ask_of_body1("energy", body1, options, psi=psi, psid=psid)
+        return self._subject.ask_of_body1("energy", body1, options, psi=psi, psid=psid)
 
-    @with_options(*OUT)
+    @with_options(*OUT_OPTIONS)
     def momentum(
         self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[Options]
     ) -> Momentum:
@@ -484,7 +492,7 @@ class HingePair(Frozen, Shown):
         >>> pair.momentum(body1, psi=0.0, psid=0.0).linear.tolist()
         [4.0, 0.0, 0.0]
         """
-        return self._constants.ask_of_body1("momentum", body1, options, psi=psi, psid=psid)
+        return self._subject.ask_of_body1("momentum", body1, options, psi=psi, psid=psid)
 
     def residuals(
         self,
@@ -522,9 +530,9 @@ class HingePair(Frozen, Shown):
         >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
         True
         """
-        return residuals.residuals(self._constants, body1, body2, tolerances, t)
+        return residuals.residuals(self._subject, body1, body2, tolerances, t)
 
-    @with_options(*OUT)
+    @with_options(*OUT_OPTIONS)
     def jacobian(self, body1: BodyMotion | None, psi: ArrayLike, **options: Unpack[Options]) -> FloatArray:
         """Compute the Jacobian J in (v2, omega2) = J @ (v1, omega1, psi'), world axes; shape (..., 6, 7) (E8, E2).
 
@@ -536,9 +544,9 @@ class HingePair(Frozen, Shown):
         >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return self._constants.ask_of_body1("jacobian", body1, options, psi=psi)
+        return self._subject.ask_of_body1("jacobian", body1, options, psi=psi)
 
-    @with_options(*OUT)
+    @with_options(*OUT_OPTIONS)
     def acceleration_bias(
         self, body1: BodyMotion | None, psi: ArrayLike, psid: ArrayLike, **options: Unpack[Options]
     ) -> FloatArray:
@@ -554,7 +562,7 @@ class HingePair(Frozen, Shown):
         >>> pair.acceleration_bias(body1, 0.0, 2.0)
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        return self._constants.ask_of_body1("acceleration_bias", body1, options, psi=psi, psid=psid)
+        return self._subject.ask_of_body1("acceleration_bias", body1, options, psi=psi, psid=psid)
 
     @with_options(**TOLERANCE_DEFAULTS)
     def propagate_covariance(
@@ -599,7 +607,7 @@ class HingePair(Frozen, Shown):
         >>> (1000 * pair.propagate_covariance(still, 1.0, u1="+-0.3 mm").R2_std).round(6)
         array([0.1, 0.1, 0.1])
         """
-        return propagate_covariance(self._constants, body1, psi, options)
+        return propagate_covariance(self._subject, body1, psi, options)
 
 
 def pair_sheet(pair: Any, names: Iterable[str]) -> Sheet:

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.body_motion import motion_of_rotations
-from hingepair.mechanism.options import OUT, Options, with_options
+from hingepair.mechanism.options import OUT_OPTIONS, Options, with_options
 from hingepair.mechanism.pairs.geometry import Points, checked_record, lifted
 from hingepair.mechanism.pairs.hinge_pair import HingePair, pair_sheet
-from hingepair.mechanism.pairs.requests import PairRequests, read_rows
+from hingepair.mechanism.pairs.subject import PairSubject, read_rows
 from hingepair.mechanism.requests import MOTION_LEVELS, ROWS, ask, coordinate_rows
 from hingepair.mechanism.states import PlanarState
 from hingepair.numeric.arrays import Frozen, broadcast_shape, call_text, constant, set_frozen
@@ -69,7 +69,7 @@ class PlanarPair(Frozen, Shown):
     body2: Body | None
     points1: Points
     points2: Points
-    _constants: PairRequests = field(init=False)
+    _subject: PairSubject = field(init=False)
 
     def __init__(
         self,
@@ -84,8 +84,8 @@ class PlanarPair(Frozen, Shown):
         record = checked_record(2, name, body1, body2, points1, points2)
         arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
         points = record["points1"], record["points2"]
-        constants = PairRequests(name, PLANE, arrays, None, points, (body1, body2))
-        set_frozen(self, **arrays, **record, _constants=constants)
+        subject = PairSubject(name, PLANE, arrays, None, points, (body1, body2))
+        set_frozen(self, **arrays, **record, _subject=subject)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (
@@ -100,7 +100,7 @@ class PlanarPair(Frozen, Shown):
         """Return the printed table: u1, u2 and the masses."""
         return pair_sheet(self, ("u1", "u2"))
 
-    @with_options("outputs", *OUT)
+    @with_options("outputs", *OUT_OPTIONS)
     def forward_kinematics(
         self,
         q: Coordinates,
@@ -120,7 +120,7 @@ class PlanarPair(Frozen, Shown):
         (array([1., 4.]), np.float64(2.0))
         """
         given = coordinate_rows(q, qd, qdd)
-        return ask(self._constants, MOTION_LEVELS[len(given) - 1], given, options)
+        return ask(self._subject, MOTION_LEVELS[len(given) - 1], given, options)
 
     def prepare(
         self,
@@ -145,7 +145,7 @@ class PlanarPair(Frozen, Shown):
         >>> (f.jacobian((np.zeros(4),))["R2"]["q"] + 0.0).tolist()
         [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 2.0, 1.0]]
         """
-        return self._constants.prepare(self.prepare, given, outputs, execution_of(backend, workers))
+        return self._subject.prepare(self.prepare, given, outputs, execution_of(backend, workers))
 
     def error_bounds(
         self, q: Coordinates, qd: Coordinates | None = None, qdd: Coordinates | None = None, outputs: Outputs = None
@@ -159,7 +159,7 @@ class PlanarPair(Frozen, Shown):
         True
         """
         given = dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False))
-        return self._constants.error_bounds(given, outputs)
+        return self._subject.error_bounds(given, outputs)
 
     def to_spatial(self) -> HingePair:
         """Return this pair as a HingePair with n = (0, 0, 1), and the same mass properties.

@@ -14,7 +14,7 @@ from hingepair.equations.quantities import QUANTITIES, attribute_texts
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.mechanism.bodies.body_motion import MOTION_SHAPES, BodyMotion, motion_arrays
 from hingepair.mechanism.pairs.accuracy import largest, norm, unit_roundoff
-from hingepair.mechanism.pairs.requests import PairRequests
+from hingepair.mechanism.pairs.subject import PairSubject
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
 from hingepair.plans.constraints import CONSTRAINTS
 from hingepair.tables.sheets import Sheet, align_columns, instant_text, left_out_remark
@@ -142,7 +142,7 @@ class Residuals(Results):
 
 
 def residuals(
-    pair: PairRequests,
+    pair: PairSubject,
     body1: BodyMotion,
     body2: BodyMotion,
     tolerances: Mapping[str, float] | None,
@@ -186,7 +186,7 @@ def _missing(name: str, motions: Mapping[str, Any]) -> list[str]:
             if f"{letter}{k}" in needed and f"{letter}{k}" not in motions]  # fmt: skip
 
 
-def _scales(pair: PairRequests, motions: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+def _scales(pair: PairSubject, motions: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     """Return the scales that the rounding errors of residuals are relative to, 0 in place of what is not given."""
     u1, u2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
     size = {name: (largest if name[0] in "Rva" and len(name) == 2 else norm)(one) for name, one in motions.items()}

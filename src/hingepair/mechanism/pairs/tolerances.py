@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
 from hingepair.mechanism.options import check_options, with_options
-from hingepair.mechanism.pairs.requests import INPUT_LABELS, PairRequests, body1_inputs, check_pair, check_single_pair
+from hingepair.mechanism.pairs.subject import INPUT_LABELS, PairSubject, body1_inputs, check_pair, check_single_pair
 from hingepair.numeric.arrays import Float64Array, Frozen, number_not_below_0, one_constant, read_only
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.geometry import GEOMETRY_SHAPES
@@ -160,7 +160,7 @@ class PoseCovariance(_FirstOrder):
 
 
 def propagate_covariance(
-    pair: PairRequests, body1: BodyMotion | None, psi: ArrayLike, tolerances: ToleranceOptions
+    pair: PairSubject, body1: BodyMotion | None, psi: ArrayLike, tolerances: ToleranceOptions
 ) -> PoseCovariance:
     """Compute what `HingePair.propagate_covariance` returns, from a covariance, or else from tolerances (E5, E7)."""
     if not pair.single:

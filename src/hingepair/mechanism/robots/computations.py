@@ -7,7 +7,6 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
@@ -35,10 +34,10 @@ from hingepair.plans.derivatives import body_constants
 from hingepair.plans.trees import (
     BASE_LOADS,
     BASE_MOTION,
-    COORDINATES,
+    COORDINATE_INPUTS,
     FRAME_OUTPUTS,
     OUTPUTS,
-    Request,
+    TreeRequest,
     input_shapes,
     output_shape,
     request_loop,
@@ -63,7 +62,7 @@ _RESULTS: Final = {
     **dict.fromkeys(FRAME_OUTPUTS, MechanismState),
 }
 ALL_OUTPUTS: Final = tuple(name for name in _RESULTS if name not in PARTS_OF_LOOPS)
-PREPARED_ARGUMENTS: Final = (*COORDINATES, *BASE_MOTION, *BASE_LOADS)
+PREPARED_ARGUMENTS: Final = (*COORDINATE_INPUTS, *BASE_MOTION, *BASE_LOADS)
 """Arguments that a prepared call can take."""
 
 
@@ -143,7 +142,7 @@ class RobotComputation(Computation):
         constants: constants of the robot.
         outputs: names out of `plans.trees.OUTPUTS`.
         frames: frames whose motion is computed.
-        loaded: frames on which wrenches act.
+        pushed: frames on which wrenches act.
         result: class of the result; None to return the only output as a bare array.
         joint_loads: whether springs, dampers and dry friction act at the joints.
         single: whether results have no axis of frames.
@@ -154,14 +153,14 @@ class RobotComputation(Computation):
         constants: RobotConstants,
         outputs: tuple[str, ...],
         frames: tuple[Frame, ...],
-        loaded: tuple[Frame, ...] = (),
+        pushed: tuple[Frame, ...] = (),
         result: type[Results] | None = None,
         joint_loads: bool = False,
         single: bool = False,
     ) -> None:
-        self._arguments = outputs, frames, loaded, result, joint_loads, single
-        shown, free, places = len(frames), constants.free, tuple(range(len(frames), len(frames) + len(loaded)))
-        frames = (*frames, *loaded)
+        self._arguments = outputs, frames, pushed, result, joint_loads, single
+        shown_count, free, places = len(frames), constants.free, tuple(range(len(frames), len(frames) + len(pushed)))
+        frames = (*frames, *pushed)
         numbers = frame_numbers(constants, frames)
         if joint_loads:
             numbers += load_numbers(constants.tree)
@@ -174,9 +173,11 @@ class RobotComputation(Computation):
             behind = len(self.form.known)
             varied = {**constants.varied, **{behind + place: column for place, column in moved.items()}}
         bodies = tuple(frame.body for frame in frames)
-        self.request = Request(outputs, free, bodies, folded, places, joint_loads, tuple(varied), shown, single)
+        self.request = TreeRequest(
+            outputs, free, bodies, folded, places, joint_loads, tuple(varied), shown_count, single
+        )
         self.inputs = input_shapes(self.form, self.request)
-        self.asked: tuple[Any, ...] = ()  # by which `Mechanism._computation_of` makes it anew
+        self.asked: tuple[Any, ...] = ()  # by which `RobotSubject.computation` makes it anew
         known: dict[str, Any] = {
             **RESTING_BASE,
             "constants": read_only(np.array([*constants.numbers, *parameters], dtype=np.float64)),
@@ -185,7 +186,7 @@ class RobotComputation(Computation):
         if varied:
             known["samples"] = read_only(np.stack(np.broadcast_arrays(*varied.values()), axis=-1))
         super().__init__(
-            self._request_loop, outputs,
+            lambda names, _: request_loop(self.form, self.request._replace(outputs=names)), outputs,
             {**{name: output_shape(name, self.form, self.request) for name in PREPARED_ARGUMENTS}, **self.inputs},
             known, result, constants.tree.coordinate_names,
             owner="robot" if samples is None else "lengths" if samples.lengths else "payload",
@@ -198,9 +199,6 @@ class RobotComputation(Computation):
         """The same computation with all mass counted with its own body, whose derivatives by constants are taken."""
         constants = robot_constants(self.constants.tree, self.constants.free, whole=True)
         return RobotComputation(constants, *self._arguments)
-
-    def _request_loop(self, outputs: tuple[str, ...], _: tuple[str, ...]) -> Loop:
-        return request_loop(self.form, self.request._replace(outputs=outputs))
 
     def given(
         self, coordinates: Mapping[str, Any], base_motion: BodyMotion | None, loads: Loads

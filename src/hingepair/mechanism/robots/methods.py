@@ -14,9 +14,9 @@ from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism.linkages import LoopWrench, follow_path, loop_wrenches, transmission
 from hingepair.mechanism.options import (
-    BOUNDS,
+    BOUNDS_OPTIONS,
     DEFAULT_GRAVITY,
-    ROLLOUT,
+    ROLLOUT_OPTIONS,
     SEARCH_DEFAULTS,
     FurtherOptions,
     Method,
@@ -34,8 +34,8 @@ from hingepair.mechanism.requests import (
 )
 from hingepair.mechanism.robots.conventions import StateConventions
 from hingepair.mechanism.robots.inverse_kinematics import PreparedInverseKinematics, read_query, read_solutions
-from hingepair.mechanism.robots.requests import RobotRequests
 from hingepair.mechanism.robots.rollout import PreparedRollout, Rollout, roll_out
+from hingepair.mechanism.robots.subject import RobotSubject
 from hingepair.mechanism.states import (
     Energy,
     JointWrenches,
@@ -79,15 +79,15 @@ class MechanismMethods(StateConventions, Frozen, Shown):
 
     _tree: Tree  # record of the robot
     base: str  # "fixed": the base is held, or moves as given; "free": forces move the base
-    _kept: RobotRequests
+    _kept: RobotSubject
 
     @property
-    def _robot(self) -> RobotRequests:
+    def _subject(self) -> RobotSubject:
         """What computes the robot, made once."""
         try:
             return self._kept
         except AttributeError:
-            set_frozen(self, _kept=RobotRequests(self._tree, self.base))
+            set_frozen(self, _kept=RobotSubject(self._tree, self.base))
             return self._kept
 
     # ---- kinematics
@@ -119,7 +119,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         ((5, 2, 3), (5, 3, 3))
         """
         given = coordinate_rows(q, qd, qdd)
-        return ask(self._robot, MOTION_LEVELS[len(given) - 1], given, options)
+        return ask(self._subject, MOTION_LEVELS[len(given) - 1], given, options)
 
     @answers("jacobian")
     def jacobian(
@@ -149,7 +149,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         (5, 2, 6, 6)
         """
         check_choice("axes", axes, tuple(_JACOBIANS))
-        return ask(self._robot, _JACOBIANS[axes], (q,), {"frames": frames, **options})
+        return ask(self._subject, _JACOBIANS[axes], (q,), {"frames": frames, **options})
 
     @answers("jacobian_rate")
     def jacobian_rate(
@@ -173,7 +173,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         True
         """
         check_choice("axes", axes, tuple(_JACOBIANS))
-        return ask(self._robot, f"{_JACOBIANS[axes]}_rate", (q, qd), {"frames": frames, **options})
+        return ask(self._subject, f"{_JACOBIANS[axes]}_rate", (q, qd), {"frames": frames, **options})
 
     @answers("acceleration_bias")
     def acceleration_bias(
@@ -193,7 +193,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> hp.load_robot("ur5_robot").acceleration_bias(np.zeros(6), np.zeros(6), "tool0").tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
-        return ask(self._robot, "acceleration_bias", (q, qd), {"frames": frames, **options})
+        return ask(self._subject, "acceleration_bias", (q, qd), {"frames": frames, **options})
 
     @with_options(**SEARCH_DEFAULTS)
     def inverse_kinematics(
@@ -256,7 +256,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         ((100, 6), True)
         """
         count = read_solutions(solutions, select, options.get("q0"))
-        query = read_query(self._tree, self._robot.constants, R, S, "inverse_kinematics", **options)
+        query = read_query(self._tree, self._subject.constants, R, S, "inverse_kinematics", **options)
         return query.solve(count, select == "nearest")
 
     @with_options(**SEARCH_DEFAULTS)
@@ -294,12 +294,12 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> found.q.shape, bool(found.ok.all()), int(found.jumps.sum())
         ((200, 6), True, 0)
         """
-        query = read_query(self._tree, self._robot.constants, R, S, "inverse_kinematics_path", **options)
+        query = read_query(self._tree, self._subject.constants, R, S, "inverse_kinematics_path", **options)
         if not finite_number("max_change", max_change) > 0:
             raise ArgumentError("max_change", "a positive number", max_change)
         return query.follow(max_change)
 
-    @with_options(*BOUNDS)
+    @with_options(*BOUNDS_OPTIONS)
     def error_bounds(
         self,
         q: Coordinates,
@@ -330,7 +330,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> bool(robot.error_bounds([0.1] * 6, frames="tool0")["R"].max() < 1e-14)
         True
         """
-        return self._robot.error_bounds(dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False)), options)
+        return self._subject.error_bounds(dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False)), options)
 
     # ---- dynamics
 
@@ -356,7 +356,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> robot.inverse_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).tau.shape
         (6,)
         """
-        return ask(self._robot, "inverse_dynamics", (q, qd, qdd), options)
+        return ask(self._subject, "inverse_dynamics", (q, qd, qdd), options)
 
     @answers("forward_dynamics")
     def forward_dynamics(
@@ -383,7 +383,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> robot.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).qdd.shape
         (6,)
         """
-        return ask(self._robot, "forward_dynamics", (q, qd, tau), options)
+        return ask(self._subject, "forward_dynamics", (q, qd, tau), options)
 
     @answers("joint_wrenches")
     def joint_wrenches(
@@ -406,7 +406,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> robot.joint_wrenches(np.zeros(6), np.zeros(6), np.zeros(6))["wrist_3_joint"].force.shape
         (3,)
         """
-        return ask(self._robot, "joint_wrenches", (q, qd, qdd), options)
+        return ask(self._subject, "joint_wrenches", (q, qd, qdd), options)
 
     @answers("torque_regressor")
     def torque_regressor(
@@ -427,7 +427,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> Y.shape, np.allclose(Y @ robot.inertial_parameters, robot.inverse_dynamics(q, q, q).tau)
         ((6, 60), True)
         """
-        return ask(self._robot, "torque_regressor", (q, qd, qdd), options)
+        return ask(self._subject, "torque_regressor", (q, qd, qdd), options)
 
     @answers("inverse_dynamics_derivatives")
     def inverse_dynamics_derivatives(
@@ -458,7 +458,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> d.tau_q.shape, np.allclose(d.tau_qdd, robot.mass_matrix(np.zeros(6)))
         ((6, 6), True)
         """
-        return ask(self._robot, "inverse_dynamics_derivatives", (q, qd, qdd), options)
+        return ask(self._subject, "inverse_dynamics_derivatives", (q, qd, qdd), options)
 
     @answers("forward_dynamics_derivatives")
     def forward_dynamics_derivatives(
@@ -487,9 +487,9 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> robot.forward_dynamics_derivatives(np.zeros(6), np.zeros(6), np.zeros(6)).qdd_tau.shape
         (6, 6)
         """
-        return ask(self._robot, "forward_dynamics_derivatives", (q, qd, tau), options)
+        return ask(self._subject, "forward_dynamics_derivatives", (q, qd, tau), options)
 
-    @with_options(*ROLLOUT)
+    @with_options(*ROLLOUT_OPTIONS)
     def rollout(
         self,
         q0: Coordinates,
@@ -545,7 +545,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> robot.rollout(np.zeros(6), np.zeros(6), tau, 1e-3).q.shape
         (100, 51, 6)
         """
-        return roll_out(self._robot, q0, qd0, tau, dt, method, steps, every, effort_limits, options)
+        return roll_out(self._subject, q0, qd0, tau, dt, method, steps, every, effort_limits, options)
 
     @answers("q_all")
     def all_coordinates(
@@ -563,7 +563,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         """
         given = coordinate_rows(q, qd, qdd)
         outputs = ALL_COORDINATES[: len(given)]
-        found = ask(self._robot, outputs[-1], given, options)
+        found = ask(self._subject, outputs[-1], given, options)
         return found if len(given) == 1 else tuple(found[name] for name in outputs)
 
     def follow(self, q: Coordinates, guess: Mapping[str, float] | None = None) -> Float64Array:
@@ -597,8 +597,11 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         closure = self._tree.loops()
         run: Any = {"backend": options.get("backend", "auto")}
         base: Any = {"base_motion": options.get("base_motion"), **run}
-        efforts = ask(self._robot, "tree_tau", (q, qd, qdd), options)
-        jacobian, units = ask(self._robot, "loop_jacobian", (q,), run), ask(self._robot, "loop_wrenches", (q,), base)
+        efforts = ask(self._subject, "tree_tau", (q, qd, qdd), options)
+        jacobian, units = (
+            ask(self._subject, "loop_jacobian", (q,), run),
+            ask(self._subject, "loop_wrenches", (q,), base),
+        )
         return loop_wrenches(closure, efforts, jacobian, units)
 
     def transmission(self, q: Coordinates, *, backend: str = "auto") -> FloatArray:
@@ -609,7 +612,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         `Mechanism`.
         """
         closure = self._tree.loops()
-        return transmission(closure, ask(self._robot, "loop_jacobian", (q,), {"backend": backend}))
+        return transmission(closure, ask(self._subject, "loop_jacobian", (q,), {"backend": backend}))
 
     @answers("struts")
     def struts(
@@ -621,8 +624,8 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         Args:
             qd: time derivatives of q; by default 0.
         """
-        rates = (0.0,) * len(self._robot.constants.names) if qd is None else qd
-        found, states = ask(self._robot, "struts", (q, rates), options), {}
+        rates = (0.0,) * len(self._subject.constants.names) if qd is None else qd
+        found, states = ask(self._subject, "struts", (q, rates), options), {}
         for k, strut in enumerate(self._tree.struts):
             length, rate, force = (column[..., k] for column in found.arrays().values())
             if strut.function is not None:
@@ -644,7 +647,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> M.shape, bool((M == M.T).all())
         ((6, 6), True)
         """
-        return ask(self._robot, "mass_matrix", (q,), options)
+        return ask(self._subject, "mass_matrix", (q,), options)
 
     @answers("bias_forces")
     def bias_forces(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> FloatArray:
@@ -661,7 +664,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> robot.bias_forces(np.zeros(6), np.zeros(6)).shape
         (6,)
         """
-        return ask(self._robot, "bias_forces", (q, qd), options)
+        return ask(self._subject, "bias_forces", (q, qd), options)
 
     @answers("gravity_forces")
     def gravity_forces(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
@@ -675,7 +678,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> hp.load_robot("ur5_robot").gravity_forces(np.zeros(6)).shape
         (6,)
         """
-        return ask(self._robot, "gravity_forces", (q,), options)
+        return ask(self._subject, "gravity_forces", (q,), options)
 
     @answers("centre_of_mass")
     def centre_of_mass(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
@@ -689,7 +692,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass(np.zeros(6)).shape
         (3,)
         """
-        return ask(self._robot, "centre_of_mass", (q,), options)
+        return ask(self._subject, "centre_of_mass", (q,), options)
 
     @answers("centre_of_mass_jacobian")
     def centre_of_mass_jacobian(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
@@ -703,7 +706,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass_jacobian(np.zeros(6)).shape
         (3, 6)
         """
-        return ask(self._robot, "centre_of_mass_jacobian", (q,), options)
+        return ask(self._subject, "centre_of_mass_jacobian", (q,), options)
 
     @answers("centroidal_momentum_matrix")
     def centroidal_momentum_matrix(self, q: Coordinates, **options: Unpack[Options]) -> FloatArray:
@@ -719,7 +722,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> np.allclose(robot.centroidal_momentum_matrix(q) @ qd, [*h.linear, *h.angular])
         True
         """
-        return ask(self._robot, "centroidal_momentum_matrix", (q,), options)
+        return ask(self._subject, "centroidal_momentum_matrix", (q,), options)
 
     @answers("centroidal_momentum_matrix_rate")
     def centroidal_momentum_matrix_rate(
@@ -736,7 +739,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> hp.load_robot("ur5_robot").centroidal_momentum_matrix_rate(np.zeros(6), np.ones(6)).shape
         (6, 6)
         """
-        return ask(self._robot, "centroidal_momentum_matrix_rate", (q, qd), options)
+        return ask(self._subject, "centroidal_momentum_matrix_rate", (q, qd), options)
 
     @answers("energy")
     def energy(self, q: Coordinates, qd: Coordinates, **options: Unpack[Options]) -> Energy:
@@ -751,7 +754,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         >>> float(hp.load_robot("ur5_robot").energy(np.zeros(6), np.zeros(6)).kinetic)
         0.0
         """
-        return ask(self._robot, "energy", (q, qd), options)
+        return ask(self._subject, "energy", (q, qd), options)
 
     @answers("momentum")
     def momentum(
@@ -775,7 +778,7 @@ class MechanismMethods(StateConventions, Frozen, Shown):
         angular = f"angular_about_{about}"
         if "out" in options:
             options["out"] = renamed_out(options["out"], {"angular": angular})
-        return ask(self._robot, f"momentum_about_{about}", (q, qd), options)
+        return ask(self._subject, f"momentum_about_{about}", (q, qd), options)
 
     @overload
     def prepare(self, given: Literal["rollout"], **options: Any) -> PreparedRollout: ...
@@ -841,19 +844,14 @@ class MechanismMethods(StateConventions, Frozen, Shown):
             options |= {name: value for name, value in shared.items() if value is not None}
             inspect.signature(self.rollout).bind("q0", "qd0", "tau", **options)  # a TypeError as of any call
             return PreparedRollout(
-                functools.partial(self.rollout, **options), len(self._robot.constants.names), self.base
+                functools.partial(self.rollout, **options), len(self._subject.constants.names), self.base
             )
         if given == "inverse_kinematics":
-            return PreparedInverseKinematics(self._tree, self._robot.constants, frames, outputs, options)
+            return PreparedInverseKinematics(self._tree, self._subject.constants, frames, outputs, options)
         for name, value in options.items():
             known = ("outputs", "frames", "gravity", "wrenches", "joint_loads", "workers", "backend")
             raise ArgumentError(name, f"{choices(known)}{nearest(name, known)} for {given!r}", quoted(value))
-        return self._robot.prepare(
+        return self._subject.prepare(
             self.prepare, given, outputs, execution_of(backend, workers), gravity=gravity,
             frames=frames, wrenches=wrenches, joint_loads=joint_loads,
         )  # fmt: skip
-
-
-def requests_of(robot: MechanismMethods) -> RobotRequests:
-    """Return what computes a robot."""
-    return robot._robot

@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike
 
 from hingepair.engine import jax_torch
 from hingepair.engine.backend import execution_of
-from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.errors import ArgumentError, quoted, warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.options import DEFAULT_GRAVITY, ROLLOUT, Options, check_options
+from hingepair.mechanism.options import DEFAULT_GRAVITY, ROLLOUT_OPTIONS, Options, check_options
 from hingepair.mechanism.requests import ask, read_gravity
 from hingepair.mechanism.robots.computations import RESTING_BASE, base_inputs, read_wrenches
-from hingepair.mechanism.robots.requests import RobotRequests
+from hingepair.mechanism.robots.subject import RobotSubject
 from hingepair.mechanism.states import Named, with_names
 from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
 from hingepair.plans.arguments import Coordinates, check_out
@@ -188,7 +187,7 @@ class PreparedRollout:
 
 
 def roll_out(
-    robot: RobotRequests,
+    robot: RobotSubject,
     q0: Coordinates,
     qd0: Coordinates,
     tau: Any,
@@ -200,7 +199,7 @@ def roll_out(
     options: Options,
 ) -> Rollout:
     """Return what `Mechanism.rollout` describes."""
-    check_options("rollout", options, ROLLOUT)
+    check_options("rollout", options, ROLLOUT_OPTIONS)
     tree, base_motion = robot.tree, options.get("base_motion")
     loads, links = read_wrenches(options.get("wrenches"), tree)
     computation = robot.optioned(("qdd",), links, options)

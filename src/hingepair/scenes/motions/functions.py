@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.sequences import SEQUENCE_NAMES
+from hingepair.scenes.assembly import Assembly
 from hingepair.scenes.motions.known import PSI, EulerBase, Known, Rows
 from hingepair.scenes.motions.motion import Motion, read_instants
 from hingepair.scenes.motions.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
-from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import Table, read_constants
 from hingepair.symbolic.expressions import Expression, number, parse_expression
 from hingepair.symbolic.time_functions import TimeFunctions
@@ -81,7 +81,7 @@ class FunctionSource:
 
     #: instants [s]
     t: Float64Array
-    subject: Subject
+    assembly: Assembly
     #: of the joints that move [rad or m], and of body 1 or the base unless it rests at the origin [m, rad]
     functions: FunctionsOfTime
     #: Euler sequence of the base; None in the plane
@@ -94,45 +94,45 @@ class FunctionSource:
 
     def at(self, t: Float64Array, order: int, given: Mapping[str, Float64Array] | None = None) -> Known:
         """Return the motion at instants t, with derivatives up to `order`; `given` are values of further symbols."""
-        found, rests = self.functions.rows(t, order, given), self.subject.rests
+        found, rests = self.functions.rows(t, order, given), self.assembly.rests
         joints = tuple(
             tuple(row.get(name, rests[name] if k == 0 else 0.0) for name in rests) for k, row in enumerate(found)
         )
-        return Known(self.subject.names, t.size, joints, base_of(self.subject, found, self.sequence))
+        return Known(self.assembly.names, t.size, joints, base_of(self.assembly, found, self.sequence))
 
 
-def base_of(subject: Subject, rows: Sequence[Mapping[str, Any]], sequence: str | None) -> EulerBase | None:
+def base_of(assembly: Assembly, rows: Sequence[Mapping[str, Any]], sequence: str | None) -> EulerBase | None:
     """Return the motion of body 1 or a base by functions of time, from their rows; None where it rests."""
-    names = [name for name in subject.base_names if name in rows[0]]
+    names = [name for name in assembly.base_names if name in rows[0]]
     return EulerBase(tuple(tuple(row[name] for name in names) for row in rows), sequence) if names else None
 
 
-def read_function_motion(tables: Table, subject: Subject) -> Motion:
+def read_function_motion(tables: Table, assembly: Assembly) -> Motion:
     """Return the Motion that the tables [motion] and [time] define by functions of t."""
     motion = tables.table("motion")
-    subject.check_motion_keys(motion)
-    joints = PSI if subject.pair is not None else subject.moved_by(motion)
-    functions, sequence = read_functions(motion, subject, joints), read_sequence(motion, subject)
+    assembly.check_motion_keys(motion)
+    joints = PSI if assembly.pair is not None else assembly.moved_by(motion)
+    functions, sequence = read_functions(motion, assembly, joints), read_sequence(motion, assembly)
     t = read_instants(tables.table("time"))
-    source = FunctionSource(t, subject, functions, sequence)
+    source = FunctionSource(t, assembly, functions, sequence)
     how = ""
-    if subject.pair is not None:
+    if assembly.pair is not None:
         turns = f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}" if sequence else "in the plane z = 0"
         how = "body 1 rests at the origin" if functions.names == PSI else turns
     return Motion(t=t, source=source, origin="functions of t", how=how, functions=functions, moving=joints)
 
 
-def read_sequence(motion: Table, subject: Subject) -> str | None:
+def read_sequence(motion: Table, assembly: Assembly) -> str | None:
     """Return the Euler sequence of body 1 or the base; None in the plane."""
-    return None if subject.planar else motion.choice("sequence", SEQUENCE_NAMES, "XYZ")
+    return None if assembly.planar else motion.choice("sequence", SEQUENCE_NAMES, "XYZ")
 
 
-def read_functions(motion: Table, subject: Subject, joints: tuple[str, ...]) -> FunctionsOfTime:
+def read_functions(motion: Table, assembly: Assembly, joints: tuple[str, ...]) -> FunctionsOfTime:
     """Return the functions of joints in [motion], and of body 1 or the base if it has any of its coordinates: of a
     pair all are required, of a mechanism they are 0 unless given.
     """
-    base = subject.base_names if not motion.values.keys().isdisjoint(subject.base_names) else ()
-    zeros = dict.fromkeys(base, 0) if subject.pair is None else {}
+    base = assembly.base_names if not motion.values.keys().isdisjoint(assembly.base_names) else ()
+    zeros = dict.fromkeys(base, 0) if assembly.pair is None else {}
     table, names = replace(motion, values=zeros | motion.values), (*base, *joints)
     return FunctionsOfTime(names, tuple(_read_coordinate(table, key) for key in names), table)
 

@@ -15,8 +15,8 @@ import numpy as np
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.pairs import SPACE
 from hingepair.rotations.matrices import quaternion_to_matrix
+from hingepair.scenes.assembly import Assembly
 from hingepair.scenes.motions.known import RATE_SUFFIXES
-from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import NamedSource, Table
 from hingepair.tables.column_tables import ColumnTable
 from hingepair.tables.instants import gap_sentences, instants_of, sample_text
@@ -79,7 +79,7 @@ class Log(NamedSource):
 
     Args:
         path: the file, or a table in its place.
-        subject: what moves.
+        assembly: what moves.
         table: [motion] of the scene, whose key `columns` says how the file's columns are read.
 
     Attributes:
@@ -91,13 +91,13 @@ class Log(NamedSource):
 
     hint = "; motion.smooth = true finds the rates of poses"
 
-    def __init__(self, path: Path | ColumnTable, subject: Subject, table: Table) -> None:
+    def __init__(self, path: Path | ColumnTable, assembly: Assembly, table: Table) -> None:
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
-        self._subject, self._sequence = subject, table.values.get("sequence", "XYZ")
+        self._assembly, self._sequence = assembly, table.values.get("sequence", "XYZ")
         self.notes: list[str] = []
-        arrays = dict(LOG_ARRAYS) if subject.base_names else {}
-        if subject.pair is None:
-            arrays |= {f"q{ending}": tuple(name + ending for name in subject.names) for ending in RATE_SUFFIXES}
+        arrays = dict(LOG_ARRAYS) if assembly.base_names else {}
+        if assembly.pair is None:
+            arrays |= {f"q{ending}": tuple(name + ending for name in assembly.names) for ending in RATE_SUFFIXES}
         self._known = tuple(dict.fromkeys(("t", *(column for own in arrays.values() for column in own))))
         # A joint may be called q.
         self._arrays = {name: own for name, own in arrays.items() if own == (name,) or name not in self._known}
@@ -105,9 +105,9 @@ class Log(NamedSource):
 
         def components(name: str, shape: tuple[int, ...]) -> Any:
             """Return the columns that form an array; one column may have another name, such as phi in a plane."""
-            return self.columns_of(name) if shape else _PHI.get(name, name) if subject.base_names else name
+            return self.columns_of(name) if shape else _PHI.get(name, name) if assembly.base_names else name
 
-        vocabulary = Vocabulary(self._known, subject.unit, components, self._headings)
+        vocabulary = Vocabulary(self._known, assembly.unit, components, self._headings)
         with self.naming():
             columns = open_columns(path)
         with table.naming():
@@ -135,7 +135,7 @@ class Log(NamedSource):
 
     def unit_of(self, column: str) -> str:
         """Return the SI unit of a column."""
-        return self._subject.unit(column)
+        return self._assembly.unit(column)
 
     def _note_unknown(self) -> None:
         """Say which columns of the file are not read."""
@@ -150,14 +150,14 @@ class Log(NamedSource):
 
     def _judge_units(self, stated: Set[str]) -> None:
         """Add notes on columns that are probably not in SI units, unless they are in `stated`."""
-        hinges = [joint.name for joint in self._subject.joints if joint.unit == "rad"]
+        hinges = [joint.name for joint in self._assembly.joints if joint.unit == "rad"]
         written = {name: own for name, own in self.columns.items() if name not in stated}
         angles = {name: written[name] for name in (*self.columns_of("phi"), *hinges) if name in written}
         self.notes += doubts_about_angles(
             angles, lambda name: (_HEADINGS if name in self._headings else _DEGREES).format(name)
         )
         judged = dict.fromkeys((f"{name}d" for name in hinges), "rate")
-        judged |= {"qx": "quaternion x", "omega1": "gyroscope"} if self._subject.base_names else {}
+        judged |= {"qx": "quaternion x", "omega1": "gyroscope"} if self._assembly.base_names else {}
         for name, quantity in judged.items():
             names = self.columns_of(name)
             if stated.isdisjoint(names) and all(column in self.columns for column in names):
@@ -179,7 +179,7 @@ class Log(NamedSource):
 
     def _complete_planar_columns(self, absence: str) -> None:
         """Add what a log of a motion in the plane leaves out, as zeros; a note on them starts with `absence`."""
-        added = planar_zeros(self.columns, _PLANAR, self._sequence) if self._subject.base_names else []
+        added = planar_zeros(self.columns, _PLANAR, self._sequence) if self._assembly.base_names else []
         self.columns |= dict.fromkeys(added, np.zeros(len(self.columns["t"])))
         if added:
             self.notes.append(f"{absence} {', '.join(added)}: they were taken as 0, as of a motion in the plane")

@@ -21,11 +21,11 @@ from hingepair.motion.trajectory import rotate_to_world
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.sequences import SEQUENCE_NAMES
+from hingepair.scenes.assembly import Assembly
 from hingepair.scenes.motions.functions import base_of, read_functions
 from hingepair.scenes.motions.known import PSI, RATE_SUFFIXES, EulerBase, Known
 from hingepair.scenes.motions.log_columns import EULER, HINGE_NAMES, LOG_ARRAYS, POSITION, QUATERNION, Log, log_path
 from hingepair.scenes.motions.motion import Motion
-from hingepair.scenes.subject import Subject
 from hingepair.scenes.tables import Table
 from hingepair.tables.instants import MeasurementWarning, split_at_gaps
 from hingepair.tables.suspicions import suspicions
@@ -35,10 +35,10 @@ _INTEGRATION_KEYS: Final = ("psi_0", "method", "S1_0")
 Parts = dict[str, list[Any]]  # quantities with their derivatives, by the name of the quantity; None if unknown
 
 
-def read_log(tables: Table, folder: Path, subject: Subject) -> Motion:
+def read_log(tables: Table, folder: Path, assembly: Assembly) -> Motion:
     """Return the motion of the log that [motion] names, as it is, smoothed or integrated."""
     table = tables.table("motion")
-    if subject.planar:
+    if assembly.planar:
         table.fail(
             "file",
             "no such key beside planar = true: without it, u1 and u2 have three numbers, n = [0, 0, 1], and a log in "
@@ -46,11 +46,11 @@ def read_log(tables: Table, folder: Path, subject: Subject) -> Motion:
         )
     if "time" in tables.values:
         tables.fail("time", "no such table, since the column t of motion.file has the instants")
-    integrates, smooths = subject.pair is not None and table.flag("integrate"), table.flag("smooth")
+    integrates, smooths = assembly.pair is not None and table.flag("integrate"), table.flag("smooth")
     options = ("file", "columns", "frame", *_SMOOTHING_KEYS, *(_INTEGRATION_KEYS if integrates else ("sequence",)))
-    options = (*options, *(subject.base_names if subject.pair is None else ("integrate",)))
-    subject.check_joint_names(table, options)
-    for key in _INTEGRATION_KEYS if subject.pair is not None and not integrates else ():
+    options = (*options, *(assembly.base_names if assembly.pair is None else ("integrate",)))
+    assembly.check_joint_names(table, options)
+    for key in _INTEGRATION_KEYS if assembly.pair is not None and not integrates else ():
         if key in table.values:
             table.fail(key, "no such key without integrate = true, which integrates a log of rates")
     table.check_keys(options)
@@ -59,30 +59,30 @@ def read_log(tables: Table, folder: Path, subject: Subject) -> Motion:
             table.fail(key, "no such key without smooth = true")
     if smooths and integrates:
         table.fail("smooth", "no such key together with integrate: smoothing computes all rates")
-    log = Log(log_path(table, folder), subject, table)
-    return _integrated(table, log, subject) if integrates else _sampled(table, log, subject, smooths)
+    log = Log(log_path(table, folder), assembly, table)
+    return _integrated(table, log, assembly) if integrates else _sampled(table, log, assembly, smooths)
 
 
-def _sampled(table: Table, log: Log, subject: Subject, smooths: bool) -> Motion:
+def _sampled(table: Table, log: Log, assembly: Assembly, smooths: bool) -> Motion:
     """Return the motion of the samples of a log, with derivatives up to the highest order that the log has, or with
     all of them where it is smoothed.
     """
-    is_pair = subject.pair is not None
-    attitude = _attitude_names(log) if subject.base_names else ()
+    is_pair = assembly.pair is not None
+    attitude = _attitude_names(log) if assembly.base_names else ()
     if is_pair and not attitude:
         log.notes.append("body 1 rests at the origin, since the log has psi alone")
     sequence = table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     if attitude is QUATERNION and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
     groups = [POSITION, attitude] if attitude else []
-    for name in subject.names:
+    for name in assembly.names:
         names = tuple(name + ending for ending in RATE_SUFFIXES)
         if is_pair or not {*names}.isdisjoint(log.columns):
             groups.append(names)
     parts = {names[0]: log.derivatives(names) for names in groups}
-    moving = tuple(name for name in subject.names if name in parts)
+    moving = tuple(name for name in assembly.names if name in parts)
     if not moving:
-        log.refuse(subject.names[0] if subject.names else "t", "a column for each joint that moves", "none of them")
+        log.refuse(assembly.names[0] if assembly.names else "t", "a column for each joint that moves", "none of them")
     base: Any
     if smooths:
         level = ACCELERATION
@@ -97,17 +97,17 @@ def _sampled(table: Table, log: Log, subject: Subject, smooths: bool) -> Motion:
         base = _base_of_samples(log, parts, attitude, sequence, _velocity_frame(table, log), level)
         if not level and is_pair:
             log.notes.append("the log has no rates: smooth = true in [motion] gives v2, a2, ...")
-    functions = None if attitude or is_pair else read_functions(table, subject, ())
+    functions = None if attitude or is_pair else read_functions(table, assembly, ())
     if functions is not None:
-        base = base_of(subject, functions.rows(log.t, level), sequence)
-    rests = subject.rests
+        base = base_of(assembly, functions.rows(log.t, level), sequence)
+    rests = assembly.rests
     joints = tuple(
-        tuple(_float_if_constant(parts[n][k]) if n in parts else rests[n] * (k == 0) for n in subject.names)
+        tuple(_float_if_constant(parts[n][k]) if n in parts else rests[n] * (k == 0) for n in assembly.names)
         for k in range(level + 1)
     )
     return Motion(
         t=log.t,
-        source=Known(subject.names, log.t.size, joints, base),
+        source=Known(assembly.names, log.t.size, joints, base),
         origin=f"samples in a file{', smoothed, with their rates' * smooths}",
         hint="" if smooths else log.hint,
         notes=tuple(log.notes),
@@ -254,7 +254,7 @@ def _missing_sample_sentences(
 # ---- integration
 
 
-def _integrated(table: Table, log: Log, subject: Subject) -> Motion:
+def _integrated(table: Table, log: Log, assembly: Assembly) -> Motion:
     """Return the motion of a pair by rates (E12); without columns of its position, body 1 stays at the origin."""
     known = (*POSITION, *QUATERNION[1:], *HINGE_NAMES[1:])
     _check_columns(log, known, "columns of rates and of R1", "integrate")
@@ -270,7 +270,7 @@ def _integrated(table: Table, log: Log, subject: Subject) -> Motion:
     with table.naming(psid="psi_dot"), warnings.catch_warnings():
         warnings.simplefilter("ignore", MeasurementWarning)  # notes say it
         found = integrate(
-            subject.pair, log.since, omega1, psid, S1_0=start, psi_0=table.number("psi_0", 0.0), method=method,
+            assembly.pair, log.since, omega1, psid, S1_0=start, psi_0=table.number("psi_0", 0.0), method=method,
             frame=frame, outputs=(),
         )  # fmt: skip
     level = 2 if all(own is not None for own in (a1, alpha1, psidd)) else 1

@@ -251,10 +251,10 @@ class _Tried:
 
 def _output_in(scene: Scene, column: str, argument: str) -> str:
     """Return the output whose component, or the magnitude of which, a column is."""
-    item = scene.subject.item(column)
+    item = scene.assembly.item(column)
     if item is None:
         raise ArgumentError(
-            argument, f"a component of an output of the scene{nearest(column, scene.subject.items)}", quoted(column)
+            argument, f"a component of an output of the scene{nearest(column, scene.assembly.items)}", quoted(column)
         )
     return item.name
 

@@ -11,8 +11,8 @@ import numpy as np
 from hingepair.equations.quantities import POSE
 from hingepair.errors import SceneError
 from hingepair.mechanism.bodies.body_motion import BodyMotion
-from hingepair.mechanism.pairs.requests import constants_of
 from hingepair.mechanism.pairs.tolerances import LIMITS, point_covariances, read_limits
+from hingepair.mechanism.requests import subject_of
 from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.scenes.scene import Scene
 from hingepair.tables.sheets import instant_text
@@ -94,7 +94,7 @@ def read_tolerances(scene: Scene) -> dict[str, Any]:
 
 
 def _point_names(scene: Scene) -> list[str]:
-    return [point.name for point in constants_of(scene.space).points]
+    return [point.name for point in subject_of(scene.space).points]
 
 
 def study_tolerances(scene: Scene, **tolerances: Any) -> ToleranceStudy:
@@ -128,7 +128,7 @@ def study_tolerances(scene: Scene, **tolerances: Any) -> ToleranceStudy:
             arrays[name] = (found[name].R_std, found[name].contributions())
     for name, (deviations, causes) in arrays.items():
         for k, letter in enumerate("xyz"):
-            if not scene.subject.planar or (letter == "z") == (name == "attitude"):
+            if not scene.assembly.planar or (letter == "z") == (name == "attitude"):
                 std[f"{name}_{letter}"] = deviations[:, k]
                 contributions[f"{name}_{letter}"] = {cause: own[:, k] for cause, own in causes.items()}
     return ToleranceStudy(

@@ -16,12 +16,12 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body import Body
 from hingepair.numeric.arrays import Float64Array, real_array
 from hingepair.numeric.caching import lock_free_cached_property
+from hingepair.scenes.assembly import Acting, Arrays, Assembly, order_of
 from hingepair.scenes.bodies import read_body, read_mechanism
 from hingepair.scenes.motions.functions import read_function_motion
 from hingepair.scenes.motions.known import PSI, Known
 from hingepair.scenes.numbers import NumberPath, keep_motion, number_path, with_numbers, write_numbers
 from hingepair.scenes.scene import Scene, load_scene, with_constants_evaluated
-from hingepair.scenes.subject import Acting, Arrays, Subject, order_of
 from hingepair.scenes.tables import Table
 from hingepair.scenes.variants.reductions import check_reductions, reduce_arrays
 from hingepair.symbolic.expressions import Expression
@@ -198,23 +198,23 @@ class Variants:
         try:
             tables = with_constants_evaluated(tables)
             _ = Scene(tables, scene.path).dynamics
-            source: Any = read_function_motion(tables, scene.subject).source
+            source: Any = read_function_motion(tables, scene.assembly).source
         except (ArgumentError, TypeError):  # a symbol is no number
             return None
         given = {name: np.repeat(column, scene.samples) for name, column in zip(names, numbers.T, strict=True)}
         known = source.at(np.tile(scene.t, len(numbers)), level, given)
-        arrays = self._arrays(scene.subject, known)
+        arrays = self._arrays(scene.assembly, known)
         if not all(np.isfinite(own).all() for own in arrays.values()):
             return None
         shape = (len(numbers), scene.samples)
         arrays = {name: own.reshape(*shape, *own.shape[1:]) for name, own in arrays.items()}
         return Batch(scene.t, arrays, [""] * len(numbers))
 
-    def _arrays(self, subject: Subject, known: Known) -> Arrays:
-        """Return the outputs, and forces, of a subject along a known motion."""
+    def _arrays(self, assembly: Assembly, known: Known) -> Arrays:
+        """Return the outputs, and forces, of an assembly along a known motion."""
         scene, request = self.scene, self.scene.request(self.outputs)
         part = known.part(slice(None), order_of(request))
-        return subject.compute(request, part, Acting(scene.motion, slice(None), scene.gravity), "auto").arrays
+        return assembly.compute(request, part, Acting(scene.motion, slice(None), scene.gravity), "auto").arrays
 
     def _of_subjects(self, numbers: Float64Array) -> Batch | None:
         """Compute variants along one motion, whose geometry and masses are arrays with an axis of variants; None if
@@ -231,19 +231,19 @@ class Variants:
         found = dict(zip(places, zip(*rows, strict=True), strict=True))
         vectors = {str(place[1]): np.array(own)[:, None] for place, own in found.items() if place[1] in _VECTORS}
         bodies = {str(place[-1]): own for place, own in found.items() if place[1] not in _VECTORS}
-        subject = scene.subject
+        assembly = scene.assembly
         if vectors:
-            subject = Subject(replace(subject.pair, **vectors))
-        if bodies and subject.pair is not None:
-            bare = Subject(replace(subject.pair, **dict.fromkeys(bodies, _MASSLESS))).robot.with_base(
-                subject.robot.base
+            assembly = Assembly(replace(assembly.pair, **vectors))
+        if bodies and assembly.pair is not None:
+            bare = Assembly(replace(assembly.pair, **dict.fromkeys(bodies, _MASSLESS))).robot.with_base(
+                assembly.robot.base
             )
             links = {"body1": bare.links[0], "body2": PSI[0]}
-            subject = Subject(subject.pair)
-            subject.robot = _with_payloads(bare, {links[body]: own for body, own in bodies.items()})
+            assembly = Assembly(assembly.pair)
+            assembly.robot = _with_payloads(bare, {links[body]: own for body, own in bodies.items()})
         elif bodies:
-            subject = Subject(_with_payloads(self._without_payloads([*bodies]), bodies), scene.frames)
-        arrays, plain = self._arrays(subject, scene.known(slice(None), scene.motion.level)), self._plain.arrays
+            assembly = Assembly(_with_payloads(self._without_payloads([*bodies]), bodies), scene.frames)
+        arrays, plain = self._arrays(assembly, scene.known(slice(None), scene.motion.level)), self._plain.arrays
         whole = {name: np.broadcast_to(own, (len(numbers), *plain[name].shape[1:])) for name, own in arrays.items()}
         return Batch(scene.t, whole, [""] * len(numbers))
 
@@ -253,7 +253,7 @@ class Variants:
         mechanism = dict(tables.values["mechanism"])
         mechanism["payload"] = {link: own for link, own in mechanism["payload"].items() if link not in links}
         tables = replace(tables, values={**tables.values, "mechanism": mechanism})
-        return read_mechanism(tables, self.scene.path.parent, base=self.scene.subject.robot.base)
+        return read_mechanism(tables, self.scene.path.parent, base=self.scene.assembly.robot.base)
 
 
 _MASSLESS: Final = Body(1e-200, inertia=(1e-200,) * 3)  # nothing beside the bodies that are added to it

@@ -1,10 +1,10 @@
-"""What is asked of pairs: their computations, and the requests of methods and of `prepare`."""
+"""What is asked of pairs: their computations, and the calls of methods and of `prepare`."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Collection, Iterable, Mapping
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +25,12 @@ from hingepair.mechanism.pairs.geometry import (
     tree_of_arrays,
 )
 from hingepair.mechanism.requests import (
+    LOAD_ARGUMENTS,
     PAIR_TASKS,
-    PUSHES,
     ROWS,
     STATES,
-    Planned,
-    Request,
+    MethodCall,
+    PreparedCall,
     Subject,
     Task,
     Watch,
@@ -38,6 +38,7 @@ from hingepair.mechanism.requests import (
     coordinate_rows,
     motion_level,
     read_gravity,
+    subject_of,
 )
 from hingepair.mechanism.robots.computations import moved_frames
 from hingepair.mechanism.robots.constants import (
@@ -46,7 +47,7 @@ from hingepair.mechanism.robots.constants import (
     numbers_with_bounds,
     program_numbers,
 )
-from hingepair.mechanism.robots.requests import RobotRequests
+from hingepair.mechanism.robots.subject import RobotSubject
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, read_only
 from hingepair.numeric.blocks import Components, numbers
@@ -54,11 +55,11 @@ from hingepair.numeric.bounded import UNIT_ROUNDOFF, Bounded, in_last_places
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Arguments, CoordinateNames, Outputs, read_arguments, requested_outputs
 from hingepair.plans.bounds import Known, output_bounds
-from hingepair.plans.computation import QUATERNIONS, Computation
+from hingepair.plans.computation import QUATERNION_INPUTS, Computation
 from hingepair.plans.constraints import CONSTRAINTS
 from hingepair.plans.geometry import GEOMETRY_SHAPES, Geometry
 from hingepair.plans.pairs import (
-    LOADS,
+    APPLIED_LOADS,
     NO_MASSES,
     PLANE,
     SPACE,
@@ -72,14 +73,14 @@ from hingepair.plans.pairs import (
 )
 from hingepair.rotations.sequences import find_sequence
 
-COORDINATES: Final = {kind: CoordinateNames(kind.coordinates, kind.columns) for kind in (SPACE, PLANE)}
+COORDINATE_NAMES: Final = {kind: CoordinateNames(kind.coordinates, kind.columns) for kind in (SPACE, PLANE)}
 """Names of the coordinates."""
 INPUT_LABELS: Final = {f"{letter}{k}": f"body{k}.{letter}" for k in "12" for letter in MOTION_SHAPES}
 """Names of the arrays of bodies in messages, by input."""
 _INPUTS: Final = {  # that a prepared call can take
     SPACE: (
         *(*ROWS, "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
-        *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOADS),
+        *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNION_INPUTS, *APPLIED_LOADS),
     ),
     PLANE: ROWS,
 }
@@ -100,7 +101,7 @@ class TreeNumbers(NamedTuple):
     samples: Float64Array | None  # these, shape (..., len(varied)); None if there are none
 
 
-class PairRequests(Subject):
+class PairSubject(Subject):
     """What is asked of a pair, and its computations, which are made once.
 
     Args:
@@ -172,11 +173,11 @@ class PairRequests(Subject):
         return {"n": _UPRIGHT, "home": IDENTITY, **{name: lifted(array) for name, array in self.arrays.items()}}
 
     @lock_free_cached_property
-    def robot(self) -> RobotRequests:
+    def robot(self) -> RobotSubject:
         """The robot with one joint and a free base that this pair is; its masses are whole, as wrenches need them."""
         points = [*zip(self.points, map(lifted, self.positions), strict=True)]
         arrays = {**self.in_space, "n": _UPRIGHT if self.axis is None else self.axis}
-        return RobotRequests(tree_of_arrays(self.name, arrays, points, self.bodies), "free", whole=True)
+        return RobotSubject(tree_of_arrays(self.name, arrays, points, self.bodies), "free", whole=True)
 
     @property
     def constants(self) -> RobotConstants:
@@ -208,13 +209,10 @@ class PairRequests(Subject):
         turned = {name: numbers(joined(getattr(axes, name)) + 0.0) for name in _AXES}
         return {"n": given["n"], **turned, **{name: numbers(self.arrays[name]) for name in ("u1", "u2")}}
 
-    def ask(self, task: str, given: Mapping[str, Any], options: Any) -> Any:
-        """Compute what a method returns, from arguments by input name."""
-        return ask(self, task, tuple(given.values()), options, tuple(given))
-
     def ask_of_body1(self, task: str, body1: BodyMotion | None, options: Any, **hinge: Any) -> Any:
         """Compute what a method returns, from the arrays of body 1 that its task takes, and values of the hinge."""
-        return self.ask(task, {**motion_inputs("body1", body1, _LETTERS[task]), **hinge}, options)
+        given = {**motion_inputs("body1", body1, _LETTERS[task]), **hinge}
+        return ask(self, task, tuple(given.values()), options, tuple(given))
 
     def computation(
         self,
@@ -240,7 +238,7 @@ class PairRequests(Subject):
             masses = bool(self.massive_bodies(outputs, solves))
             known: dict[str, Any] = {"constants": tree_parameters(tree.numbers), "samples": tree.samples}
             if masses:
-                known |= {name: np.zeros(self.kind.shapes[name]) for name in LOADS}
+                known |= {name: np.zeros(self.kind.shapes[name]) for name in APPLIED_LOADS}
             if spatial:  # numbers of a single pair fold
                 known |= {
                     name: tuple(self.arrays[name].ravel().tolist()) if self.single else self.arrays[name]
@@ -259,7 +257,7 @@ class PairRequests(Subject):
                 return pair_loop(request._replace(outputs=names, given=given))
 
             found = self.cache.computations[key] = Computation(
-                loop, outputs, self.shapes, known, result, COORDINATES[self.kind], shape=self.shape, shared=True,
+                loop, outputs, self.shapes, known, result, COORDINATE_NAMES[self.kind], shape=self.shape, shared=True,
                 constant_shapes=GEOMETRY_SHAPES if spatial and not masses else {},
                 by_constants=functools.partial(self.computation, outputs, sequence, result, True, solves),
             )  # fmt: skip
@@ -307,10 +305,10 @@ class PairRequests(Subject):
         if isinstance(psidd, np.ndarray | np.generic):
             self.robot.warn_where_singular(np.isnan(psidd), np.zeros(1))  # psi does not matter to the hinge's pivot
 
-    # ---- requests
+    # ---- calls
 
-    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
-        """Return the request of a method."""
+    def _method_call(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> MethodCall:
+        """Return the call of a method, planned."""
         outputs, sequence = task.outputs, None
         if "outputs" in task.options:
             default = self.kind.default_outputs(("psid" in given) + ("psidd" in given))
@@ -320,7 +318,7 @@ class PairRequests(Subject):
         self.require_masses(self.massive_bodies(outputs, solves))
         gravity = read_gravity(options.get("gravity", DEFAULT_GRAVITY))
         remade = functools.partial(self.computation, outputs, sequence, task.result, False, solves)
-        return Request(remade(), given, INPUT_LABELS, gravity, remade, self._watch(outputs, solves))
+        return MethodCall(remade(), given, INPUT_LABELS, gravity, remade, self._watch(outputs, solves))
 
     def _sequence(self, names: Collection[str], sequence: str) -> str | None:
         """Return the Euler sequence of arguments; None without Euler angles."""
@@ -335,18 +333,20 @@ class PairRequests(Subject):
         of_tasks = (name for task in self.tasks.values() for name in task.outputs)
         return dict.fromkeys((*self.levels, *of_tasks, *of_both))
 
-    def _planned(self, task: str | None, names: tuple[str, ...], outputs: tuple[str, ...], options: Any) -> Planned:
+    def _prepared_call(
+        self, task: str | None, names: tuple[str, ...], outputs: tuple[str, ...], options: Any
+    ) -> PreparedCall:
         """Return what a prepared call computes."""
-        if sum(name in {"q", "S1", *QUATERNIONS} for name in names) != 1:
+        if sum(name in {"q", "S1", *QUATERNION_INPUTS} for name in names) != 1:
             expected = "q" if self.kind.planar else "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz"
             raise ArgumentError("given", expected, quoted(names))
-        solves = not PUSHES.isdisjoint(names)
+        solves = not LOAD_ARGUMENTS.isdisjoint(names)
         self.require_masses(self.massive_bodies(outputs, solves))
         of_task = self.tasks[task] if task is not None else None
         result = of_task.result if of_task is not None and {*outputs} <= {*of_task.outputs} else None
         sequence = self._sequence(names, options.get("sequence", "XYZ"))
         computation = self.computation(outputs, sequence, result or STATES[self.kind], False, solves)
-        return Planned(computation, options, self._watch(outputs, solves))
+        return PreparedCall(computation, options, self._watch(outputs, solves))
 
     def error_bounds(
         self, given: Mapping[str, Any], outputs: Outputs, sequence: str = "XYZ"
@@ -357,7 +357,7 @@ class PairRequests(Subject):
         names = requested_outputs(outputs, None, self.levels, self.tasks[motion_level(given)].outputs)
         of_q = self._sequence(given, sequence)
         self.computation(names, of_q).check_given(given, INPUT_LABELS)
-        arguments = read_arguments(given, self.shapes, COORDINATES[self.kind], INPUT_LABELS)
+        arguments = read_arguments(given, self.shapes, COORDINATE_NAMES[self.kind], INPUT_LABELS)
         read, planar = tuple(arguments.values), self.kind.planar
         request = PairRequest(names, read, planar, of_q, self.points, has_home=self.has_home)
         check_single(self)
@@ -386,7 +386,7 @@ class PairRequests(Subject):
 def read_rows(kind: PairKind, q: Any, qd: Any = None, qdd: Any = None) -> Arguments:
     """Check the coordinates of a pair and their derivatives, and return them in the form that calls take."""
     rows = dict(zip(ROWS, coordinate_rows(q, qd, qdd), strict=False))
-    return read_arguments(rows, kind.shapes, COORDINATES[kind])
+    return read_arguments(rows, kind.shapes, COORDINATE_NAMES[kind])
 
 
 def body1_inputs(body1: BodyMotion | None, psi: Any, psid: Any = None, psidd: Any = None) -> dict[str, Any]:
@@ -404,18 +404,6 @@ def body1_inputs(body1: BodyMotion | None, psi: Any, psid: Any = None, psidd: An
 
 
 # ---- pairs as arguments
-
-
-class _Pair(Protocol):
-    """A HingePair or a PlanarPair."""
-
-    @property
-    def _constants(self) -> PairRequests: ...
-
-
-def constants_of(pair: _Pair) -> PairRequests:
-    """Return the checked geometry and masses of a pair, and what is asked of it."""
-    return pair._constants
 
 
 def check_pair(pair: object) -> None:
@@ -436,10 +424,10 @@ def check_single_pair(pair: Any, condition: str = "") -> None:
     Raises:
         ShapeError: u1, u2, n or home have leading axes.
     """
-    check_single(constants_of(pair), type(pair).__name__, condition)
+    check_single(subject_of(pair), type(pair).__name__, condition)
 
 
-def check_single(pair: PairRequests, kind: str = "HingePair", condition: str = "") -> None:
+def check_single(pair: PairSubject, kind: str = "HingePair", condition: str = "") -> None:
     """Raise ShapeError if a pair has leading axes; see `check_single_pair`."""
     if not pair.single:
         raise ShapeError("pair", f"one pair{condition}, such as {kind}(u1[i], ...)", f"pairs of shape {pair.shape}")

@@ -1,20 +1,17 @@
-"""Results of a program as functions that can be differentiated; attitudes, how they change, and those that are given.
+"""Changes of arguments and results, by which programs are differentiated.
 
 A change of an attitude is a rotation about world axes: three numbers, not nine.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.derivatives import Change, variables, weighted_sum
-from hingepair.engine.trace import Operand, square_root, where_less
-from hingepair.equations import spatial as eq
-from hingepair.equations.spatial import Matrix, Scalar
+from hingepair.engine.trace import Operand
 from hingepair.numeric.blocks import components
 
 Parts: TypeAlias = Mapping[str, Sequence[Operand]]
@@ -25,7 +22,7 @@ Moves: TypeAlias = dict[str, list[Change]]
 
 # They change by rotations about world axes, home about those of body 1; next_S1 is S1 after a step in time.
 _ATTITUDES: Final = frozenset({"S", "S1", "S2", "home", "next_S1"})
-_QUATERNIONS: Final = {"quat_xyzw": (3, 0, 1, 2), "quat_wxyz": (0, 1, 2, 3)}  # places of w, x, y, z
+_WXYZ_PLACES: Final = {"quat_xyzw": (3, 0, 1, 2), "quat_wxyz": (0, 1, 2, 3)}  # places of w, x, y, z
 # For each quantity of the joints, those of a free base that come before it, and itself.
 _GROUPS: Final = {
     "q": ("R1", "S1", "q"),
@@ -41,7 +38,7 @@ def change_shape(name: str, sample_shape: ArrayShape) -> ArrayShape:
     >>> change_shape("S", (2, 3, 3)), change_shape("q", (7,))
     ((2, 3), (7,))
     """
-    if name in _QUATERNIONS:
+    if name in _WXYZ_PLACES:
         return (3,)
     return sample_shape[:-1] if name in _ATTITUDES else sample_shape
 
@@ -81,8 +78,8 @@ def sum_of(changes: Iterable[tuple[Operand, Change]]) -> list[tuple[Operand, Ope
 
 def changes_of(name: str, value: Sequence[Operand]) -> list[list[tuple[int, Operand]]]:
     """Return for each component of a change of a value which components of the value change, and how fast."""
-    if name in _QUATERNIONS:  # half the product of a unit vector and the quaternion
-        w, x, y, z = _QUATERNIONS[name]
+    if name in _WXYZ_PLACES:  # half the product of a unit vector and the quaternion
+        w, x, y, z = _WXYZ_PLACES[name]
         rows = [(w, -1.0, x), (x, 1.0, w), (y, -1.0, z), (z, 1.0, y)]  # of the x axis: w changes by -x/2, ...
         turns = {w: w, x: y, y: z, z: x}
         changes = []
@@ -111,31 +108,3 @@ def change_of(name: str, value: Sequence[Operand], rates: Sequence[Operand]) -> 
 def share_of(name: str) -> float:
     """Return the share of the changes of entries that makes a change: a rotation is read off two rows."""
     return 0.5 if name in _ATTITUDES else 1.0
-
-
-# ---- attitudes that are given
-
-
-def quaternion_rotation(quat: tuple[Any, ...]) -> Matrix:
-    """Return the rotation matrix of a quaternion (w, x, y, z) of any length but zero."""
-    scale = _largest_component(quat)
-    w, x, y, z = (c / scale for c in quat)
-    length = square_root(w * w + x * x + y * y + z * z)
-    return eq.quaternion_attitude((w / length, x / length, y / length, z / length))
-
-
-def rotation_defect(S: Matrix) -> Scalar:
-    """Return the largest entry of S S^T - I; 2 for a reflection."""
-    *errors, volume = eq.orthonormality_terms(S)
-    return where_less(volume, 0.0, 2.0, _largest_component(tuple(errors)))
-
-
-def zero_quaternion_check(quat: tuple[Any, ...]) -> Scalar:
-    """Return 2 for a quaternion of zeros, else 0."""
-    size = sum(where_less(c, 0.0, -c, c) for c in quat)
-    return where_less(0.0, size, 0.0, where_less(size, 1.0, 2.0, 0.0))
-
-
-def _largest_component(parts: tuple[Any, ...]) -> Scalar:
-    """Return the largest absolute value among the components."""
-    return functools.reduce(lambda a, b: where_less(a, b, b, a), (where_less(c, 0.0, -c, c) for c in parts))

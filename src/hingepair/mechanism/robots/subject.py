@@ -10,17 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import execution_of
-from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import warn_of_dynamics
+from hingepair.errors import ArgumentError, quoted, warn_of_dynamics
 from hingepair.mechanism.bodies.body_motion import BodyMotion
 from hingepair.mechanism.linkages import open_samples
-from hingepair.mechanism.options import BOUNDS, DEFAULT_GRAVITY, FurtherOptions, check_options
+from hingepair.mechanism.options import BOUNDS_OPTIONS, DEFAULT_GRAVITY, FurtherOptions, check_options
 from hingepair.mechanism.requests import (
     FREE_BASE_OUTPUTS,
     ROBOT_TASKS,
     SOLVED,
-    Planned,
-    Request,
+    MethodCall,
+    PreparedCall,
     Subject,
     Task,
     Watch,
@@ -52,10 +51,10 @@ from hingepair.numeric.arrays import Float64Array, is_zero
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Coordinates, requested_outputs
 from hingepair.plans.bounds import output_bounds
-from hingepair.plans.trees import BASE_LOADS, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES, OUTPUTS, compute_request
+from hingepair.plans.trees import BASE_LOADS, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES, OUTPUTS
 
 
-class RobotRequests(Subject):
+class RobotSubject(Subject):
     """What is asked of a robot, and its computations, which are made once.
 
     Args:
@@ -84,8 +83,8 @@ class RobotRequests(Subject):
         """The constants without masses shifted to parent bodies (T9), for the wrenches of joints."""
         return robot_constants(self.tree, self.base == "free", whole=True)
 
-    def _request(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> Request:
-        """Return the request of a method."""
+    def _method_call(self, task: Task, given: dict[str, Any], options: Mapping[str, Any], out: Any) -> MethodCall:
+        """Return the call of a method, planned."""
         default = self.available(task.outputs)
         accepted = FRAME_OUTPUTS if task.result is MechanismState else default
         computed = requested_outputs(options.get("outputs"), out, accepted, default)
@@ -102,7 +101,7 @@ class RobotRequests(Subject):
         computation = self.optioned(computed, links, options)
         coordinates = {label: x for label, x in given.items() if x is not None}
         arguments, labels = computation.given(coordinates, options.get("base_motion"), loads)
-        return Request(
+        return MethodCall(
             computation, arguments, labels, read_gravity(options.get("gravity", DEFAULT_GRAVITY)),
             functools.partial(self.computation, *computation.asked), self.watch(computed, plain=True),
             # What the arrays of `out` ask for can be something else the next time.
@@ -117,7 +116,9 @@ class RobotRequests(Subject):
         """Return the outputs that a prepared call can have."""
         return tuple(name for name in self.available(ALL_OUTPUTS) if name not in names)
 
-    def _planned(self, _: str | None, names: tuple[str, ...], outputs: tuple[str, ...], options: Any) -> Planned:
+    def _prepared_call(
+        self, _: str | None, names: tuple[str, ...], outputs: tuple[str, ...], options: Any
+    ) -> PreparedCall:
         """Return what a prepared call computes."""
         loads = [name for name in names if name in BASE_LOADS]
         if loads and self.base != "free":
@@ -128,25 +129,25 @@ class RobotRequests(Subject):
         links = (given,) if isinstance(given, str) else tuple(given)
         further = tuple(read_wrenches(dict.fromkeys(links, (0, 0)), self.tree)[0])
         computation = self.optioned(outputs, links, options)
-        frames, loaded = computation.asked[1], computation.asked[3]
-        remade = {**options, "frames": frames or None, "wrenches": links, "joint_loads": loaded}
-        return Planned(computation, remade, self.watch(outputs), further)
+        frames, joint_loads = computation.asked[1], computation.asked[3]
+        remade = {**options, "frames": frames or None, "wrenches": links, "joint_loads": joint_loads}
+        return PreparedCall(computation, remade, self.watch(outputs), further)
 
     def optioned(
-        self, outputs: tuple[str, ...], loaded: tuple[str, ...], options: Mapping[str, Any]
+        self, outputs: tuple[str, ...], pushed: tuple[str, ...], options: Mapping[str, Any]
     ) -> RobotComputation:
         """Return the computation of outputs under the options `frames` and `joint_loads`; wrenches act on the frames
-        in `loaded`. The first that uses masses warns of them.
+        in `pushed`. The first that uses masses warns of them.
         """
         counted = any(OUTPUTS[name].has_loads for name in outputs) and self.counts_loads(options.get("joint_loads"))
-        computation = self.computation(outputs, self._frames_of(outputs, options.get("frames")), loaded, counted)
+        computation = self.computation(outputs, self._frames_of(outputs, options.get("frames")), pushed, counted)
         if computation.needs_masses:
             self.warn_of_masses()
         return computation
 
     def error_bounds(self, coordinates: Mapping[str, Any], options: FurtherOptions) -> dict[str, Float64Array]:
         """Return what `Mechanism.error_bounds` describes: by output (...), of frames' motion (..., frames)."""
-        check_options("error_bounds", options, BOUNDS)
+        check_options("error_bounds", options, BOUNDS_OPTIONS)
         accepted = tuple(name for name in self.available(ALL_OUTPUTS) if OUTPUTS[name].has_bounds)
         asked = requested_outputs(
             options.get("outputs"), None, accepted, ROBOT_TASKS[motion_level(coordinates)].outputs
@@ -160,11 +161,11 @@ class RobotRequests(Subject):
         constants.tree.plain()
         # Which constants fold is said by their errors here: one that is 0 may be 1e-17 in the exact robot.
         form = computation.form._replace(known=(None,) * len(computation.form.known))
-        program = functools.partial(compute_request, form, request._replace(known=(None,) * len(request.known)))
+        program = TreeForm(form, request._replace(known=(None,) * len(request.known))).compute
         numbers = numbers_with_bounds(constants, computation.frames)
         vector = read_gravity(options.get("gravity", DEFAULT_GRAVITY))
         known = {**computation.known, "gravity": vector, "constants": numbers}
-        shown = 0 if request.single else len(request.shown_frames)
+        shown = 0 if request.single else len(request.shown_bodies)
         parts = {name: shown if name in FRAME_OUTPUTS else 0 for name in request.outputs}
         return output_bounds(program, values, computation.inputs, known, parts)
 
@@ -212,26 +213,28 @@ class RobotRequests(Subject):
         self,
         outputs: tuple[str, ...],
         frames: str | tuple[str, ...] = (),
-        loaded: tuple[str, ...] = (),
+        pushed: tuple[str, ...] = (),
         joint_loads: bool = False,
     ) -> RobotComputation:
-        """Return the computation of outputs, which is made once; wrenches act on the frames in `loaded`. Results of a
+        """Return the computation of outputs, which is made once; wrenches act on the frames in `pushed`. Results of a
         single name have no axis of frames.
         """
-        key = outputs, frames, loaded, joint_loads
+        key = outputs, frames, pushed, joint_loads
         computations = self.cache.computations
         found: RobotComputation | None = computations.get(key)
         if found is None:
             constants, single = self.constants, isinstance(frames, str)
-            named = ((frames,) if isinstance(frames, str) else frames), loaded
-            shown, pushed = (tuple(self.tree.known_frame("frames", one) for one in group) for group in named)
+            named = ((frames,) if isinstance(frames, str) else frames), pushed
+            shown_frames, pushed_frames = (
+                tuple(self.tree.known_frame("frames", one) for one in group) for group in named
+            )
             if not {*outputs}.isdisjoint(ROBOT_TASKS["joint_wrenches"].outputs):
                 if self.tree.closure is not None:
                     expected = "one without loops; loop_wrenches has what closes them"
                     raise ArgumentError("robot", expected, "a closed mechanism")
                 constants = self.whole_constants
             result = result_class(outputs, frames, constants)
-            found = RobotComputation(constants, outputs, shown, pushed, result, joint_loads, single)
+            found = RobotComputation(constants, outputs, shown_frames, pushed_frames, result, joint_loads, single)
             found.asked = key
             computations[key] = found
         return found
@@ -358,7 +361,7 @@ def _has_nan(result: Any) -> bool:
 
 
 def count_operations(
-    robot: RobotRequests,
+    robot: RobotSubject,
     coordinates: tuple[Coordinates, ...],
     outputs: tuple[str, ...],
     frames: tuple[str, ...] = (),

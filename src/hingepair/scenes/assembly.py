@@ -17,10 +17,8 @@ from hingepair.mechanism.bodies.hinge_load import TORQUE_PARTS
 from hingepair.mechanism.mechanism import Mechanism, tree_of
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair, dynamics_in_space
-from hingepair.mechanism.pairs.requests import constants_of
-from hingepair.mechanism.requests import ROWS
-from hingepair.mechanism.robots.methods import requests_of
-from hingepair.mechanism.robots.requests import count_operations
+from hingepair.mechanism.requests import ROWS, subject_of
+from hingepair.mechanism.robots.subject import count_operations
 from hingepair.mechanism.states import PairState, PlanarState
 from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array
@@ -66,10 +64,10 @@ class Item(NamedTuple):
     unit: str = "1"
 
 
-Request = tuple[Item, ...]
+Items = tuple[Item, ...]
 
 
-def order_of(request: Request) -> int:
+def order_of(request: Items) -> int:
     """Return the order of the derivatives that a request needs."""
     return max((item.order for item in request), default=POSE)
 
@@ -127,7 +125,7 @@ class Acting:
         return found
 
 
-class Subject:
+class Assembly:
     """What moves in a scene. A pair is the mechanism `robot` of one joint, psi, whose base is body 1; its motion is
     computed by the pair itself.
 
@@ -243,7 +241,7 @@ class Subject:
 
     def _items_of_pair(self) -> Iterator[Item]:
         quantities = {name: QUANTITIES[name] for name in self.kind.levels}
-        for name, quantity in (quantities | point_outputs(constants_of(self.pair).points)).items():
+        for name, quantity in (quantities | point_outputs(subject_of(self.pair).points)).items():
             yield Item(name, "state", name, "", quantity.order, quantity.unit)
         for order, ending in enumerate(RATE_SUFFIXES):
             yield Item(PSI[0] + ending, "joint", _COORDINATES[order], PSI[0], order, unit_of(PSI[0] + ending))
@@ -297,7 +295,7 @@ class Subject:
         found = self.item(name)
         return unit_of(name) if found is None else found.unit
 
-    def request(self, outputs: Iterable[str] | None, motion: Motion) -> Request:
+    def request(self, outputs: Iterable[str] | None, motion: Motion) -> Items:
         """Return what names ask for; by default the motion of body 2, of its points and of psi, or of the scene's
         frames, of the joints that move and of struts.
         """
@@ -323,7 +321,7 @@ class Subject:
 
     def _defaults(self, moving: tuple[str, ...]) -> Iterator[Item]:
         if self.pair is not None:
-            names = (*self.kind.default_outputs(ACCELERATION), *point_outputs(constants_of(self.pair).points))
+            names = (*self.kind.default_outputs(ACCELERATION), *point_outputs(subject_of(self.pair).points))
             yield from (self.items[name] for name in (*names, *(PSI[0] + ending for ending in RATE_SUFFIXES)))
         else:
             for name in (*_FRAME_DEFAULTS, *_COORDINATES, *_OF_STRUTS):
@@ -340,7 +338,7 @@ class Subject:
 
     # ---- results
 
-    def compute(self, request: Request, known: Known, acting: Acting, backend: str) -> Computed:
+    def compute(self, request: Items, known: Known, acting: Acting, backend: str) -> Computed:
         """Compute what a request needs.
 
         Raises:
@@ -385,7 +383,7 @@ class Subject:
 
     def _refuse_force(self, name: str) -> NoReturn:
         """Raise an ArgumentError for a force of a pair without the masses or the load that exerts it."""
-        constants_of(self.pair).require_masses(("body1",) if name in _OF_BASE else ())
+        subject_of(self.pair).require_masses(("body1",) if name in _OF_BASE else ())
         part = name.removesuffix("_torque")
         raise ArgumentError("outputs", f"a load in [dynamics.psi] whose part {part} is", quoted(name))
 
@@ -430,7 +428,7 @@ class Subject:
             tau = np.asarray(found.pop("tau") - sum(parts.values()), np.float64)
             return {"tau": tau, **{f"tau_{name}": tau[..., i] for i, name in enumerate(self.names)}, **found}
         if self.pair.body2 is None:
-            constants_of(self.pair).require_masses(("body2",))
+            subject_of(self.pair).require_masses(("body2",))
         wrench = self.robot.joint_wrenches(*arguments, **options)[PSI[0]]
         axis = (known.body1.S @ np.asarray(self.space.n)[..., None])[..., 0]
         torque = (axis * wrench.torque).sum(axis=-1)
@@ -467,14 +465,14 @@ class Subject:
             raise KeyError(name)
         return computed.tau if name == "tau" else None
 
-    def operations(self, request: Request, motion: Motion) -> int:
+    def operations(self, request: Items, motion: Motion) -> int:
         """Return the number of operations at each instant of the programs that compute a request."""
         known = motion.source.part(np.zeros(2, dtype=np.intp), order_of(request))  # one sample would be a constant
-        of_state, of_robot = tuple(item for item in request if item.of == "state"), requests_of(self.robot)
+        of_state, of_robot = tuple(item for item in request if item.of == "state"), subject_of(self.robot)
         names = tuple(dict.fromkeys(_ATTITUDES.get(item.quantity, item.quantity) for item in of_state))
         count, base = 0, known.base_motion
         if of_state and self.pair is not None:
-            computation = constants_of(self.pair).computation(names, known.sequence)
+            computation = subject_of(self.pair).computation(names, known.sequence)
             count += computation.count_operations(dict(zip(ROWS, known.derivatives, strict=False)))
         elif of_state:
             arguments = known.arguments()[: 1 + order_of(of_state)]
