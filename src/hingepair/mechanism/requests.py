@@ -332,16 +332,17 @@ def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names:
     planned = subject._method_call(row, given, options, out)
     computation, watch = planned.computation, planned.watch
 
+    # Compute it.
+    result = computation.compute(
+        planned.given, execution, planned.gravity, out, labels=planned.labels, remade=planned.remade
+    )
+
     # Keep it, if the next call with this key means the same.
-    computation.check_given(planned.given, planned.labels)
     if kept is None and key is not None and planned.lasts and all(map(_lasts, options.values())):
         call = computation.call(tuple(planned.given), execution.backend, planned.gravity)
         subject.cache.calls[key] = call, watch
 
-    # Compute, and look at the results.
-    result = computation.compute(
-        planned.given, execution, planned.gravity, out, labels=planned.labels, remade=planned.remade
-    )
+    # Look at the results.
     if watch is not None:
         watch(result, given)
     return result

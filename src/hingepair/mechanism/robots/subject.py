@@ -51,7 +51,7 @@ from hingepair.numeric.arrays import Float64Array, is_zero
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Coordinates, requested_outputs
 from hingepair.plans.bounds import output_bounds
-from hingepair.plans.trees import BASE_LOADS, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES, OUTPUTS
+from hingepair.plans.trees import BASE_LOADS, DYNAMICS_MATRICES, FRAME_OUTPUTS, OF_FRAMES, OUTPUTS, TreeForm
 
 
 class RobotSubject(Subject):
