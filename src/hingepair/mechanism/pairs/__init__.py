@@ -1,1 +1,1 @@
-"""Pairs: `HingePair` and `PlanarPair`, their constants and requests, residuals, tolerances and promised accuracy."""
+"""Pairs: `HingePair` and `PlanarPair`, what can be asked of them, residuals, tolerances and promised accuracy."""
