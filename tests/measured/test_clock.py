@@ -57,6 +57,24 @@ def test_an_offset_is_found_with_the_hinge(late: float, point: bool) -> None:
     assert found.samples == pytest.approx(2000 - lost, abs=1)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_an_offset_halfway_between_samples_is_found(seed: int) -> None:
+    """There, the nearest samples of body 2 change with each small change of the offset, and their noise with them."""
+    t, body1, body2 = recorded(-30e-3, count=500, rate=50.0, seed=seed)
+    found = hp.fit(body1, body2, t=t)
+    assert found.ok
+    assert found.clock_offset == pytest.approx(-30e-3, abs=4 * found.std["clock_offset"])
+    assert found.std["clock_offset"] < 0.6e-3  # s, of noise of 1 mm at some m/s; infinite where it is not determined
+
+
+def test_few_samples_of_a_fast_motion_are_taken_as_of_one_clock() -> None:
+    t = np.linspace(0, 3, 10)
+    R1, S1, R2, S2 = poses(t, psi_rate=20.0)
+    found = hp.fit(hp.BodyMotion(R=R1, S=S1), hp.BodyMotion(R=R2, S=S2), t=t)
+    assert (found.clock_offset, found.std["clock_offset"]) == (0.0, np.inf)
+    assert np.abs(np.concatenate(point_error(found))).max() < TIGHT
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("late", [0.0, 12.5e-3])
 def test_exact_recordings_give_the_offset_exactly(late: float) -> None:

@@ -25,6 +25,7 @@ from hingepair.rotations.matrices import rotation_exp, skew
 from hingepair.tables.instants import split_at_gaps
 
 MAX_SHIFT = 0.75  # median time steps by which a sample of body 2 may be moved along its smoothed motion
+_HELD = 0.2  # median time steps by which a clock may change and samples stay matched
 _MAX_GAP = 0.05  # s without a sample of body 2 that its smoothed motion bridges
 _TRIAL_SAMPLES = 256  # at most, at each trial offset
 _NOISE_SAMPLES = 4096  # that tell the noise of rates, at most
@@ -58,6 +59,7 @@ class ClockedPoses:
         self._rate_noise = [float(np.nanmedian(parts[letter].deviations(1, every))) for letter in "RS"]
         self._step = float(np.median(np.diff(self._t)))
         self._since_middle = self._t - (self._t[0] + self._t[-1]) / 2
+        self._matched_at = np.zeros(2)  # the clock at which samples are matched
         # Offsets on both sides of 0 that are tried [s].
         self._span = min(max(0.5, 10 * self._step), 0.25 * float(np.ptp(self._t)))
 
@@ -71,12 +73,20 @@ class ClockedPoses:
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:
         """Return the indices of usable samples of body 1, thinned evenly to at most so many, of the nearest samples
         of body 2, and the times by which these were taken earlier [s].
+
+        Small changes of the clock keep the match: halfway between samples of body 2, each change of it would bring
+        the noise of other samples, and rounds of a fit would go to and fro.
         """
+        change = clock - self._matched_at
+        if abs(change[0]) + abs(change[1]) * self._since_middle[-1] > _HELD * self._step:
+            self._matched_at = clock
         rows = self._rows[every_kth(self._rows.size, max_samples)]
-        instants = self._t[rows] - clock[0] - clock[1] * self._since_middle[rows]
-        near = nearest_samples(self._t, instants)
+        matched, instants = (
+            self._t[rows] - offset - drift * self._since_middle[rows] for offset, drift in (self._matched_at, clock)
+        )
+        near = nearest_samples(self._t, matched)
+        movable = self._smooth[near] & (np.abs(matched - self._t[near]) <= MAX_SHIFT * self._step)
         shift = instants - self._t[near]
-        movable = self._smooth[near] & (np.abs(shift) <= MAX_SHIFT * self._step)
         is_usable = self._samples.known2[near] & (movable | (shift == 0))
         return rows[is_usable], near[is_usable], shift[is_usable]
 

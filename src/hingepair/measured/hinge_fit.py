@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -235,11 +236,8 @@ def _estimated(
     start = kind.start(poses.thinned(_START_SAMPLES), loss)
     clocked = None
     if samples.t is not None and clock_offset is None and ClockedPoses.has_enough_samples(samples):
-        try:
+        with suppress(ArgumentError):  # a motion too fast for its samples does not tell the offset
             clocked = ClockedPoses(samples, loss)
-        except ArgumentError as error:
-            expected = "a motion smooth enough to tell the clock offset, or clock_offset=0 of one clock"
-            raise ArgumentError("body2", expected, error.got) from None
     if clocked is not None and poses.samples >= MIN_PIECE:
         near = np.array((clocked.most_likely_offset(lambda trial: start.misfit(trial, loss)), 0.0))
         first = kind.start(clocked.poses_at(near, _START_SAMPLES), loss)
