@@ -102,6 +102,7 @@ def test_a_body_1_that_stands_still_does_not_determine_the_offset(point: bool) -
     found = hp.fit(body1, as_point(body2) if point else body2, t=t)
     assert found.ok
     assert (found.clock_offset, found.std["clock_offset"]) == (0.0, np.inf)
+    assert [finding.name for finding in found.findings].count("clock") == 1
     assert json.loads(found.to_json())["std"]["clock_offset"] is None
 
 

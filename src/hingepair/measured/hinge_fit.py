@@ -199,6 +199,9 @@ def fit(
         std |= dict(zip(("clock_offset", "clock_drift"), clock_std, strict=True))
     if clocked is not None:
         findings += clocked.findings(estimate.clock, fitted.clock_std)
+    elif samples.t is not None and clock_offset is None:
+        text = "The motion does not determine the clock offset, which is taken as 0; clock_offset=0 says that it is."
+        findings += notes("clock", [text])
     counted = psi[good] if good.any() else psi
     weights = fitted.seen.weights * samples.weights[used]
     gap, shares = np.linalg.norm(fitted.gap, axis=0), weights / weights.sum()
