@@ -584,7 +584,8 @@ LINKED = {
         ("force of strut 'strut'", A, lambda: SPRUNG.struts(np.linspace(-1, 0, 9)[:, None])),
         ("limits", A, lambda: strut(limits=(0.4, 0.3))), ("name", A, lambda: strut(name="lid")),
         ("frame2", A, lambda: strut("b", "lid"), lambda: strut(frame2="c")),
-        ("free_length", A, lambda: strut(stiffness=9)),
+        ("free_length", A, lambda: strut(stiffness=9),
+         lambda: strut(force=hp.GasSpring(300, 400, 350), free_length=0.65)),
         ("force", A, lambda: strut(force=([0.2, 0.1], [1, 2])), lambda: strut(force="300")),
         ("F2", A, lambda: hp.GasSpring(300, 200, 0.2)), ("stroke", A, lambda: hp.GasSpring(300, 400, 0)),
     ],
@@ -598,7 +599,9 @@ LINKED = {
         ("loads['rocker']", A, lambda: hp.simulate(
             FOUR_BAR, [0, 1], [0.3], loads={"rocker": hp.HingeLoad(friction=1.0)}
         )),
-        ("at", A, lambda: closed(robot=open_four_bar(0.1, 0.1, 0.1), at=None)),
+        ("at", A, lambda: closed(robot=open_four_bar(0.1, 0.1, 0.1), at=None),
+         lambda: closed(robot=open_four_bar(0.6, 0.5, 0.6),  # at a dead point
+                        at={"crank": np.arccos((0.6**2 + 1 - 1.1**2) / 1.2), "coupler": 0, "rocker": 2.0})),
         ("loop a-coupler", A, lambda: OPEN.closed(hp.Loop("a", "coupler"))), ("loops", A, lambda: OPEN.closed("a")),
         ("axis", A, lambda: hp.Loop("a", "b", kind="hinge")),
         ("length", A, lambda: hp.Loop("a", "b", kind="distance", length=-1)),

@@ -33,7 +33,8 @@ for side in ("left", "right"):
 
 # %%
 # The hand pushes at the handle across its lever, slowly (0.01 rad/s). On extension the friction of the springs acts
-# against the opening, on compression against the closing: the hatch rests between both.
+# against the opening, on compression against the closing. Between both the hatch creeps, for the friction of a
+# `GasSpring` never sticks; friction that holds it is `HingeLoad(friction=...)` at the hinge.
 opening = np.radians(np.linspace(0, 90, 181))[:, None]
 lever = 1.05
 force = {}

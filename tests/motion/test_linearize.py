@@ -122,3 +122,14 @@ def test_small_changes_grow_as_those_of_a_simulated_motion(base):
     )
     grown = expm(h * small.A)[small.names.index("psid"), small.names.index("psi")]
     assert (high - low) / (2 * nudge) == pytest.approx(grown, rel=1e-4)  # of differences over steps of 1e-4 rad
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_search_for_an_equilibrium_comes_back_from_beyond_the_stroke_of_a_strut():
+    body = hp.Body(mass=25, centre_of_mass=(0.1, 0, -0.5), inertia=(2.5, 2.7, 0.7))
+    points = {"points1": {"foot": (0.06, 0, -0.55)}, "points2": {"eye": (0.03, 0, -0.25)}}
+    gate = hp.HingePair((0, 0, 0), (0, 0, 0), (0, -1, 0), name="gate", body2=body, **points)
+    gate = gate.with_strut("foot", "eye", "gas", force=hp.GasSpring(900, 1200, 0.35), free_length=0.65)
+    loads = {"gate": hp.HingeLoad(stops=(0, np.pi / 2), damping=20)}
+    found = [hp.linearize(gate, [q], equilibrium=True, loads=loads).q for q in (1.5, 1.57)]
+    assert found == pytest.approx([1.5797600, 1.5797600], abs=1e-7)  # rad: where it comes to rest in a simulation

@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.closures import Series
 
@@ -167,6 +168,9 @@ class ChainPath:
         s = centre + half * np.cos(theta)
         home = int(np.searchsorted(-s, -self._home.s))
         back, ahead = self._along(s[home:]), self._along(s[:home][::-1])
+        if low == high or len(ahead) + len(back) < _GRID / 2:  # it was not assembled exactly enough to lead on
+            got = f"a dead point, where the coordinate that drives it is {self._home.s:.6g}"
+            raise ArgumentError("at", "coordinates away from a dead point of the linkage", got)
         x = np.array([*ahead[::-1], *back])[:, places]
         reached = theta[home - len(ahead) : home + len(back)]
         return _fitted("range", reached, x, np.zeros(len(places)), (centre, 1 / half))[0]

@@ -24,13 +24,14 @@ from hingepair.mechanism.robots.constants import axes_along, frame_numbers, robo
 from hingepair.mechanism.tree import Frame, Tree, TreeClosure
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, finite_number, one_constant, read_only
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.plans.closures import CONDITIONS, MAX_GAPS, MIN_TRANSMISSIONS, PRECISION, Chain, Chains, Closure
+from hingepair.plans.closures import CONDITIONS, PRECISION, Chain, Chains, Closure
 from hingepair.plans.trees import TreeQuantities, TreeRequest
 
 _LINE_STEPS: Final = 12  # from the assembly to q, where several coordinates move one chain
 _OFFSETS: Final = (0.0, 0.1, -0.1, 0.4, -0.4)  # of the starts from which loops are assembled [rad or m]
 
 _OPEN = 1e-6  # a component of which this much is open, of its largest possible value, counts as open
+_DEAD = 1e-6  # of the size of the mechanism: within this gap, a loop that is not closed is at a dead point
 _NO_RANK = 1e-10  # singular values below this share of the largest count as 0
 
 
@@ -492,9 +493,7 @@ def open_samples(closure: TreeClosure, q: FloatArray, all_q: FloatArray, gaps: F
     apart = gaps[[*chain.loops]]
     worst = int(np.argmax(np.nan_to_num(apart, nan=np.inf)))
     loop = closure.loops[chain.loops[worst]].name
-    state = f"{loop} cannot be closed, a gap of {apart[worst] * 1e3:.4g} mm is left"
-    if apart[worst] < MAX_GAPS[1] * closure.size:
-        state = f"{loop} at a dead point, with a transmission below {MIN_TRANSMISSIONS[1]:g}"
+    state = f"{loop} at a dead point" if apart[worst] < _DEAD * closure.size else f"{loop} cannot be closed"
     where = ", ".join(f"{name} = {value:.6g}" for name, value in zip(closure.names, q, strict=True))
     count = f"NaN at {int(bad.sum())} of {bad.size} samples, first" if bad.shape else "NaN"
     return f"results are {count} at {where}: {state}"

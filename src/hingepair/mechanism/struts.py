@@ -28,6 +28,8 @@ class GasSpring:
     `friction`, and at rest by half of it, which changes over rates below 0.1 mm/s. Between F1 and F2 it is linear in
     the length, as data sheets draw it. Beyond the stroke, or the `limits` of the strut, it is NaN.
 
+    This friction never sticks: a lid that it alone holds creeps. `HingeLoad(friction=...)` at the hinge holds it.
+
     Args:
         F1: force [N] extended, that is, at the `free_length` of the strut.
         F2: force [N] compressed by `stroke`.
@@ -130,6 +132,10 @@ def _law(force: Any, stiffness: float, free_length: float | None, damping: float
     zero = length or 0.0
     law = Law(at_zero=k * zero, slope=-k, damping=d)
     if isinstance(force, GasSpring):
+        if zero <= force.stroke:
+            raise ArgumentError(
+                "free_length", f"a length [m] above the stroke, {force.stroke:g} m", quoted(free_length)
+            )
         law = law._replace(at_zero=law.at_zero + force.friction / 2, friction=force.friction / 2)
         force = (zero - force.stroke, zero), (force.F2, force.F1)
     elif force is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, TypeAlias, cast
@@ -10,7 +11,7 @@ from typing import Any, Final, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, DynamicsWarning, quoted
 from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
 from hingepair.mechanism.bodies.hinge_load import HingeLoad, HingeTorque, stop_range
 from hingepair.mechanism.mechanism import Mechanism
@@ -238,7 +239,9 @@ def linearize_robot(
             raise ArgumentError(
                 "base, qd", "one state at rest on a fixed base, near which an equilibrium is sought", quoted(qd)
             )
-        q = _find_equilibrium(states, q)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DynamicsWarning)  # of steps that are taken back
+            q = _find_equilibrium(states, q)
     A, B, changes = map(read_only, states.small_motion(q, qd))
     parts = [("R1", "phi"), ("v1", "omega1")] if robot.base == "free" else [(), ()]
     names: list[str] = []
@@ -349,7 +352,7 @@ def _find_equilibrium(states: _States, q: Array) -> Array:
     """Return q at the stable equilibrium near a state at rest, by Newton's method, whose steps go down along all
     principal directions of the stiffness.
     """
-    start = q
+    start, last, expected = q, q, "a stable equilibrium near the state"
     for name, load in states.joint_loads.items():
         if load.sticking_friction:
             raise ArgumentError(f"loads[{name!r}]", _NOT_SMOOTH, quoted(load))
@@ -357,13 +360,17 @@ def _find_equilibrium(states: _States, q: Array) -> Array:
     for _ in range(200):
         q = np.clip(q, lower, upper)
         A, B, rates = states.small_motion(q, np.zeros_like(q), stops=False)
-        n = len(q)
+        if not np.isfinite(rates).all() and np.any(q != last):  # beyond the stroke of a strut, or a dead point
+            q, expected = (q + last) / 2, "a stable equilibrium near the state, before results become NaN"
+            continue
+        n, last = len(q), q
         forces, stiffness = np.linalg.solve(B[n:], rates[n:]), -np.linalg.solve(B[n:], A[n:, :n])
         pressed = ((q == upper) & (forces > 0)) | ((q == lower) & (forces < 0))
         if pressed.any():
             name = states.robot.names[int(np.argmax(pressed))]
-            expected = "a load with an equilibrium between the stops"
-            raise ArgumentError(f"loads[{name!r}]", expected, "a stop that holds")
+            raise ArgumentError(
+                f"loads[{name!r}]", "a load with an equilibrium between the stops", "a stop that holds"
+            )
         sizes, ways = np.linalg.eigh((stiffness + stiffness.T) / 2)
         along, scale = forces @ ways, max(float(np.abs(sizes).max()), float(np.abs(forces).max()), 1e-300)
         change = ways @ (along / np.maximum(np.abs(sizes), 1e-9 * scale))
@@ -373,4 +380,4 @@ def _find_equilibrium(states: _States, q: Array) -> Array:
                 return q
             change, size = ways[:, 0], 100 * _MAX_CHANGE  # off the unstable equilibrium, by some 0.01 rad
         q = q + change * min(1.0, _MAX_CHANGE / size) if size else q
-    raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near {start.tolist()}")
+    raise ArgumentError("equilibrium", expected, f"none near {start.tolist()}")
