@@ -186,8 +186,10 @@ def quoted(value: object) -> object:
 
 
 def nearest(name: str, known_names: Collection[str]) -> str:
-    """Return ` (nearest: NAME)` for messages, with the `nearest_name`; an empty string if there is none."""
-    near = nearest_name(name, known_names)
+    """Return ` (nearest: NAME)` for messages, with the `nearest_name`; an empty string if there is none, or if
+    only one name is known.
+    """
+    near = nearest_name(name, known_names) if len(known_names) > 1 else ""
     return f" (nearest: {near})" if near else ""
 
 
@@ -201,7 +203,7 @@ def nearest_name(name: str, known_names: Collection[str]) -> str:
         if known_name.lower() == name.lower():
             return known_name
     is_quick = len(known_names) <= 2000  # the search for similar names takes long among more
-    near = difflib.get_close_matches(name[:40], known_names, 1, cutoff=0.5) if is_quick else []
+    near = difflib.get_close_matches(name[:40], known_names, 1, cutoff=0.6) if is_quick else []
     if not near and len(name) >= 3:
         near = [known_name for known_name in known_names if name in known_name][:1]
     return near[0] if near else ""

@@ -125,7 +125,8 @@ def forces_command(
     axes; |hinge_force| is the magnitude of hinge_force.
 
     For a mechanism, tau_NAME is what the motor of the joint NAME gives: the torque of a hinge, the force of a slider.
-    force1 and torque1 act on the base about its reference point; for a fixed base they are the reaction.
+    force1 and torque1 act on the base about its reference point; for a fixed base they are the reaction. What the
+    hinges themselves carry is not printed: without loops, `joint_wrenches` of a Mechanism in Python gives it.
     """
     check_output(out, [scene_file], RESULT_FILE_SUFFIXES)
     scene = read_scene(scene_file)

@@ -276,6 +276,11 @@ class _StateWithPoints(Results):
             }
             if moving and not name.endswith((POINT_ENDINGS["v"], POINT_ENDINGS["a"])):
                 return PointState(moving, self.shape)
+            if name not in self.outputs:
+                expected = (
+                    f"{choices(self.outputs)}{nearest(str(name), self.outputs)}; a point is computed if asked for"
+                )
+                raise UnknownOutputError("output", expected + ", as outputs=('tip', 'tip_v', 'tip_a')", quoted(name))
         return Results.__getitem__(self, name)
 
     def _unit(self, name: str) -> str:

@@ -206,7 +206,11 @@ def _assemble_joints(tables: Table, table: Table, base: Any) -> Mechanism:
     """Return the Mechanism of the [[joint]] tables in the top-level Table `tables`, which may come in any order."""
     joints: dict[str, Table] = {}
     for numbered in tables.tables("joint", "tables [[joint]], one for each joint"):
-        numbered.check_keys(("name", "parent", "kind", "pitch", *_HINGE_KEYS))
+        for key in ("points1", "points2"):
+            if key in numbered.values:
+                expected = "no such key: points of a mechanism stand in [mechanism.frames] with link and R"
+                numbered.refuse(key, expected, "an unknown key")
+        numbered.check_keys(("parent", "kind", "pitch", *_HINGE_KEYS))
         name = numbered.text("name")
         if name in joints:
             numbered.refuse("name", "another name for each joint", f"{name!r} twice")

@@ -691,6 +691,11 @@ def with_constants_evaluated(tables: Table) -> Table:
     """
     if {"scene", "vary"} <= tables.values.keys():
         raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
+    for key in () if is_of_mechanism(tables) else MECHANISM_TABLES[2:]:
+        if key in tables.values:
+            tables.refuse(
+                key, f"no [[{key}]] in the scene of a pair: it needs a mechanism, [[joint]] tables", "a pair"
+            )
     tables.check_keys(_OF_MECHANISMS if is_of_mechanism(tables) else (*_OF_PAIRS, "mechanism", "joint"))
     tables = replace(tables, written=tables.table("constants", required=False).values)
     return replace(tables, constants=read_constants(tables))

@@ -44,7 +44,8 @@ def file_suspicions(values: Mapping[str, Any], limits: Mapping[str, Sequence[flo
     for name, own in limits.items():
         yield from suspicions(_ANGLES, f"limits of {name}", own, radians=DEGREES_IN_SCENES)
     said = set()
-    for kind, name, numbers in _judged_numbers("", values, {**_KIND_BY_KEY, **dict.fromkeys(limits, _ANGLES)}):
+    for found, name, numbers in _judged_numbers("", values, {**_KIND_BY_KEY, **dict.fromkeys(limits, _ANGLES)}):
+        kind = "assembled angles" if name.startswith("mechanism.at.") else found
         doubts = suspicions(kind, name, numbers, radians=DEGREES_IN_SCENES)
         yield from doubts if kind not in said else ()
         said |= {_LENGTHS} if doubts and kind == _LENGTHS else set()
@@ -86,5 +87,10 @@ def function_suspicions(
     for name, values in samples.items():
         kind = kinds.get(name, "")
         if kind in _FUNCTION_KINDS and isinstance(functions.table.values.get(name), str):
+            turning = np.asarray(rates[name])
+            is_uniform = kind == _ANGLES and np.ptp(values) > 0 and np.ptp(turning) == 0  # such as "360*t"
             kind = kind if np.ptp(values) == 0 else _FUNCTION_KINDS[kind]
-            yield from suspicions(kind, f"motion.{name}", values, radians=DEGREES_IN_SCENES)
+            doubts = suspicions(kind, f"motion.{name}", values, radians=DEGREES_IN_SCENES)
+            if is_uniform and not doubts:
+                doubts = suspicions(_RATES, f"the rate of motion.{name}", turning, radians=DEGREES_IN_SCENES)
+            yield from doubts

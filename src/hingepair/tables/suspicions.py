@@ -95,6 +95,7 @@ _QUANTITIES: Final[Mapping[str, tuple[_Doubt, ...]]] = {
     ),
     # What somebody wrote: degrees are written in whole fives and rates in parts of a turn, radians hardly ever.
     "written angles": (_Doubt(_round(5.0), 10.0, _TAKEN + "radians, {turns:.3g} turns; " + _DEGREES, 36e3),),
+    "assembled angles": (_Doubt(_largest, 10.0, _TAKEN + "radians, {turns:.3g} turns; " + _DEGREES),),
     "written rates": (_Doubt(_round(45.0), 45.0, _TAKEN + "rad/s, {turns:.3g} turns a second; " + _DEGREES),),
     "written lengths": (_Doubt(_largest, 50.0, _TAKEN + "metres. " + _MILLIMETRES),),
     # A rate as a function that somebody wrote: motors that turn one way may be fast.

@@ -289,6 +289,10 @@ class RobotSubject(Subject):
                 continue
             body = where[:5]
             example = f"HingePair(..., {body}=hp.Body(mass=2.0)), or in a scene {body}.mass = 2.0 of its [[joint]]"
+            if number == 0:
+                example += (
+                    "; base='fixed' of a simulation holds body 1, and hinge_wrench of a pair needs body 2 alone"
+                )
             raise ArgumentError(where, f"mass properties, as in {example}", None)
         if self.constants.overflows:
             expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
