@@ -123,6 +123,9 @@ def test_one_clock_is_taken_as_it_is() -> None:
     one = hp.fit(body1, body2, t=t, clock_offset=0)
     assert one.pair.u1.tolist() == hp.fit(body1, body2).pair.u1.tolist()
     assert (one.clock_offset, one.std["clock_offset"]) == (0.0, 0.0)
+    assert "clock" in {finding.name for finding in one.findings}  # they differ
+    t, body1, body2 = recorded(0.0)
+    assert "clock" not in {finding.name for finding in hp.fit(body1, body2, t=t, clock_offset=0).findings}
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from hingepair.measured.clock import ClockedPoses
 from hingepair.measured.findings import Finding, exceeded, is_reliable, notes
 from hingepair.measured.hinge import GAUGES
 from hingepair.measured.hinge_findings import Fitted, check_turning, judged, probable_mistakes
-from hingepair.measured.hinge_model import BodyModel, PointModel
+from hingepair.measured.hinge_model import BodyModel, Noise, PointModel
 from hingepair.measured.hinge_report import HingeReport
 from hingepair.measured.most_likely import Estimate, most_likely, shows_offset
 from hingepair.measured.relative_poses import RelativePoses
@@ -27,6 +27,7 @@ from hingepair.tables.instants import gap_sentences
 from hingepair.tables.suspicions import suspicions
 
 _INLIER = 0.1  # weight below which a robust loss has made the sample an outlier
+_OF_LATE_BODIES = ("play", "tilt", "memory", "outliers")  # findings that a clock offset may explain
 _START_SAMPLES = 65536  # for the start in closed form and the check that motion shows the clock offset, at most
 
 
@@ -202,6 +203,13 @@ def fit(
     elif samples.t is not None and clock_offset is None:
         text = "The motion does not determine the clock offset, which is taken as 0; clock_offset=0 says that it is."
         findings += notes("clock", [text])
+    elif samples.t is not None and any(finding.name in _OF_LATE_BODIES for finding in findings):
+        other, shifted, _ = _estimated(samples, poses, LOSSES[loss], None)
+        if other is not None and _is_much_smaller(shifted.model.noise, fitted.model.noise):
+            text = (
+                f"If the clocks differ by {1e3 * abs(shifted.clock[0]):.3g} ms, less than half is left of the samples"
+            )
+            findings += notes("clock", [f"{text}: leave clock_offset out."])
     counted = psi[good] if good.any() else psi
     weights = fitted.seen.weights * samples.weights[used]
     gap, shares = np.linalg.norm(fitted.gap, axis=0), weights / weights.sum()
@@ -249,6 +257,11 @@ def _estimated(
         if estimate.has_converged and shows_offset(estimate.model, there.thinned(_START_SAMPLES), noise_poses, loss):
             return clocked, estimate, there
     return None, *most_likely(start, lambda _, most: poses.thinned(most), np.zeros(2), loss)
+
+
+def _is_much_smaller(noise: Noise, other: Noise) -> bool:
+    """Return whether the deviation of the places or of the attitudes is less than half of the other."""
+    return noise.place < 0.25 * other.place or noise.attitude < 0.25 * other.attitude
 
 
 def _recording_findings(
