@@ -220,8 +220,8 @@ def _judge_circle(fitted: Fitted) -> list[Finding]:
 
 def _play_findings(what: str, rms: float, reach: float, parts: str, why: str) -> list[Finding]:
     """Return a finding on a hinge that moves by so much [m] beside `reach` [m]: it is none, or has play."""
-    limit = _MAX_PLAY * reach if rms >= _MAX_PLAY * reach else _LEAST_PLAY * reach
-    is_play = limit < _MAX_PLAY * reach
+    is_play = not rms >= _MAX_PLAY * reach
+    limit = (_LEAST_PLAY if is_play else _MAX_PLAY) * reach
     text = f"{what} by {rms:.2g} m rms, {percent(rms / reach)} of the {parts}, and not at random: "
     text += "the fit is that of the mean." if is_play else f"no hinge, but {why}."
     return exceeded(Finding("play", rms, limit, text, harmless=is_play))

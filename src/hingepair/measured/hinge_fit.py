@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -181,7 +180,14 @@ def fit(
     poses = samples.poses(used)
     if not samples.is_point:
         check_turning(poses)
-    clocked, estimate, poses = _estimated(samples, poses, LOSSES[loss], clock_offset)
+    kind: type[PointModel | BodyModel] = PointModel if samples.is_point else BodyModel
+    start = kind.start(poses.thinned(_START_SAMPLES), LOSSES[loss])
+    own_clock = None if clock_offset is not None else _at_own_clock(samples, poses.samples, start, LOSSES[loss])
+    if own_clock is None:
+        clocked, at_one_clock = None, poses
+        estimate, poses = most_likely(start, lambda _, most: at_one_clock.thinned(most), np.zeros(2), LOSSES[loss])
+    else:
+        clocked, estimate, poses = own_clock
     moved = body2 if clocked is None else clocked.body2(estimate.clock)
     used = used if clocked is None else np.isfinite(moved.R).all(axis=1)
     fitted = Fitted(estimate, poses, LOSSES[loss], gauge, samples.share is not None)
@@ -204,12 +210,11 @@ def fit(
         text = "The motion does not determine the clock offset, which is taken as 0; clock_offset=0 says that it is."
         findings += notes("clock", [text])
     elif samples.t is not None and any(finding.name in _OF_LATE_BODIES for finding in findings):
-        other, shifted, _ = _estimated(samples, poses, LOSSES[loss], None)
-        if other is not None and _is_much_smaller(shifted.model.noise, fitted.model.noise):
-            text = (
-                f"If the clocks differ by {1e3 * abs(shifted.clock[0]):.3g} ms, less than half is left of the samples"
-            )
-            findings += notes("clock", [f"{text}: leave clock_offset out."])
+        shifted = _at_own_clock(samples, poses.samples, start, LOSSES[loss])
+        if shifted is not None and _is_much_smaller(shifted[1].model.noise, fitted.model.noise):
+            late = f"{1e3 * abs(shifted[1].clock[0]):.3g} ms"
+            text = f"If the clocks differ by {late}, less than half is left of the samples: leave clock_offset out."
+            findings += notes("clock", [text])
     counted = psi[good] if good.any() else psi
     weights = fitted.seen.weights * samples.weights[used]
     gap, shares = np.linalg.norm(fitted.gap, axis=0), weights / weights.sum()
@@ -237,26 +242,26 @@ def fit(
     )
 
 
-def _estimated(
-    samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
-) -> tuple[ClockedPoses | None, Estimate, RelativePoses]:
-    """Return the most likely hinge and its poses, and what gives the poses at any clock; None in its place if the
-    clock is that of body 1, or is taken for it where the motion does not determine it.
+def _at_own_clock(
+    samples: Samples, count: int, start: PointModel | BodyModel, loss: Loss | None
+) -> tuple[ClockedPoses, Estimate, RelativePoses] | None:
+    """Return what gives the poses at any clock, the most likely hinge and clock, and the poses there; None if the
+    motion does not determine the clock, or no instants are known.
     """
-    kind: type[PointModel | BodyModel] = PointModel if samples.is_point else BodyModel
-    start = kind.start(poses.thinned(_START_SAMPLES), loss)
-    clocked = None
-    if samples.t is not None and clock_offset is None and ClockedPoses.has_enough_samples(samples):
-        with suppress(ArgumentError):  # a motion too fast for its samples does not tell the offset
-            clocked = ClockedPoses(samples, loss)
-    if clocked is not None and poses.samples >= MIN_PIECE:
-        near = np.array((clocked.most_likely_offset(lambda trial: start.misfit(trial, loss)), 0.0))
-        first = kind.start(clocked.poses_at(near, _START_SAMPLES), loss)
-        estimate, there = most_likely(first, clocked.poses_at, near, loss)
-        noise_poses = clocked.noise_poses_at(estimate.clock, _START_SAMPLES)
-        if estimate.has_converged and shows_offset(estimate.model, there.thinned(_START_SAMPLES), noise_poses, loss):
-            return clocked, estimate, there
-    return None, *most_likely(start, lambda _, most: poses.thinned(most), np.zeros(2), loss)
+    if samples.t is None or count < MIN_PIECE or not ClockedPoses.has_enough_samples(samples):
+        return None
+    try:
+        clocked = ClockedPoses(samples, loss)
+    except ArgumentError:  # a motion too fast for its samples does not tell the offset
+        return None
+    near = np.array((clocked.most_likely_offset(lambda trial: start.misfit(trial, loss)), 0.0))
+    first = type(start).start(clocked.poses_at(near, _START_SAMPLES), loss)
+    estimate, there = most_likely(first, clocked.poses_at, near, loss)
+    if not estimate.has_converged:
+        return None
+    noise_poses = clocked.noise_poses_at(estimate.clock, _START_SAMPLES)
+    shows = shows_offset(estimate.model, there.thinned(_START_SAMPLES), noise_poses, loss)
+    return (clocked, estimate, there) if shows else None
 
 
 def _is_much_smaller(noise: Noise, other: Noise) -> bool:
@@ -313,10 +318,12 @@ def _most_turned_in_a_gap(psi: Float64Array, instants: NDArray[Any]) -> float:
     """
     steps = np.diff(instants).astype(np.float64)
     longest, usual = float(steps.max()), float(np.median(steps))
+    if longest <= 3 * usual:
+        return 0.0
     grid = np.arange(instants[0], instants[-1], max(longest / 8, usual))
     gaps_before = np.interp(grid, instants, np.append(0, np.cumsum(steps > 3 * usual)))
     turned = np.abs(np.diff(np.interp(grid, instants, psi)))[np.diff(gaps_before) == 0]
-    if longest <= 3 * usual or not turned.size:
+    if not turned.size:
         return 0.0
     return float(np.quantile(turned, 0.9)) * longest / float(grid[1] - grid[0])
 

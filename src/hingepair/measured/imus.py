@@ -648,22 +648,27 @@ def _hinge_findings(problem: _Problem, seen: _Seen, std: Float64Array, m_std: fl
     force_text = f"The forces at the hinge point differ by {rms_force:.2g} m/s^2 rms, and not at random: no point is "
     force_text += "in both bodies, or units or axes of the sensors differ."
     along_text = f"The forces along the axis differ by {rms_along:.2g} m/s^2 rms: axis, point or units may be wrong."
-    scales = []  # across the axis both gyroscopes see the same, and the forces are the same as a whole
-    for name, both, parts in (("gyroscopes", seen.turning, 2), ("accelerometers", seen.pulling, 3)):
-        sizes = [np.linalg.norm(each[:, :parts], axis=1) for each in both]
-        mean, off = (sizes[0] + sizes[1]) / 2, sizes[0] - sizes[1]
-        scale = float(mean @ off / max(mean @ mean, 1e-300))
-        scatter = float(score_scatter(((off - scale * mean) * mean)[None])[0][0, 0])
-        limit = max(6 * np.sqrt(scatter) / max(mean @ mean, 1e-300), 0.002)
-        text = (
-            f"What the {name} see differs by a factor, by {percent(abs(scale))} or more: calibrate their scales, on "
-        )
-        scales.append(Finding("scale", abs(scale), limit, text + "which the levers depend."))
     return exceeded(
         Finding("axis", axis, np.radians(5.0), axis_text),
         Finding("rates", rms_rate, (0.3 if turns else 0.05) * usual_rate, rate_text),
         Finding("point", point, _RELIABLE_POINT * reach, point_text),
         Finding("forces", 0.0 if pulls else rms_force, least, force_text),
         Finding("forces along the axis", rms_along, 0.2 * force, along_text),
-        *scales,
+        *_scale_findings(seen),
     )
+
+
+def _scale_findings(seen: _Seen) -> list[Finding]:
+    """Return findings on sensors of which one sees more than the other by a factor."""
+    findings = []
+    # Across the axis both gyroscopes see the same, and the forces are the same as a whole.
+    for name, both, parts in (("gyroscopes", seen.turning, 2), ("accelerometers", seen.pulling, 3)):
+        sizes = [np.linalg.norm(each[:, :parts], axis=1) for each in both]
+        mean, off = (sizes[0] + sizes[1]) / 2, sizes[0] - sizes[1]
+        power = max(float(mean @ mean), 1e-300)
+        scale = float(mean @ off) / power
+        scatter = float(score_scatter(((off - scale * mean) * mean)[None])[0][0, 0])
+        text = f"What the {name} see differs by a factor, by {percent(abs(scale))} or more: calibrate their scales, "
+        text += "on which the levers depend."
+        findings.append(Finding("scale", abs(scale), max(6 * np.sqrt(scatter) / power, 0.002), text))
+    return findings

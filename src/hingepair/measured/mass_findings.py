@@ -142,17 +142,19 @@ def _model_findings(found: Found, robot: Mechanism) -> list[Finding]:
         score = float(explains @ explains) / max(float(np.sqrt(score_scatter(scores[None])[0][0, 0])), 1e-300)
         shift = float((np.abs(of_parameters @ size)[known] / np.maximum(found.std[known], 1e-300)).max(initial=0.0))
         factor, name_of_unit = _FACTORS.get(unit, (1.0, ""))
-        by = f" by {factor * float(np.linalg.norm(size)):.2g} {name_of_unit}" if unit else ""
-        is_delayed = name == "delay" and float(np.linalg.norm(size)) > _DELAYED
+        length = float(np.linalg.norm(size))
+        by = f" by {factor * length:.2g} {name_of_unit}" if unit else ""
+        is_delayed = name == "delay" and length > _DELAYED
         shown.append((score, shift, is_delayed, name, text + by))
     most = max(shown)
     alike = [each for each in shown if each[0] > 0.9 * most[0]]
-    causes, most_shift = " or ".join(text for *_, text in alike), max(each[1] for each in alike)
-    harmless = most_shift <= _SHIFTED and not any(each[2] for each in alike)
-    text = f"A probable cause of what is left of the torques is {causes}, which "
+    _, shifts, are_delayed, names, causes = zip(*alike, strict=True)
+    most_shift = max(shifts)
+    harmless = most_shift <= _SHIFTED and not any(are_delayed)
+    text = f"A probable cause of what is left of the torques is {' or '.join(causes)}, which "
     text += "hardly changes" if harmless else "makes wrong"
     text += f" the parameters, by about {most_shift:.2g} standard deviations."
-    return exceeded(Finding(alike[0][3], most[0], _SHOWN, text, harmless=harmless))
+    return exceeded(Finding(names[0], most[0], _SHOWN, text, harmless=harmless))
 
 
 def _errors_of_model(found: Found, robot: Mechanism, part: slice) -> Iterator[tuple[str, str, str, Float64Array]]:

@@ -67,6 +67,7 @@ class Evaluation(NamedTuple):
             # Residuals are small where a sample decides on the unknowns: what it would leave without doing so is
             # (1 - J A J^T)^-1 r, A the inverse of J^T J (Bell and McCaffrey, Survey Methodology 28 (2002), 169-181).
             own = np.einsum("krn,lrn->nkl", self.J, self.J)
+            # The 1e-3 keeps it regular where one sample alone decides on an unknown.
             left = (1 + 1e-3) * np.eye(len(inverse)) - own @ solve_semidefinite(self.normal, np.eye(len(inverse)))
             scores = np.linalg.solve(left, scores.T[..., None])[..., 0].T
         return sandwich(inverse, scores, np.diag(self.prior))
