@@ -310,11 +310,11 @@ class RobotMotion:
 
     def callable_loads(self, t: Array, states: Array) -> dict[str, Array]:
         """Return the callable loads by name, on the present branches."""
-        return self.loads.callables_at(t, self._now(t, states), self.side)
+        return self.loads.callables_at(t, self._now(t, self._with_driven(t, states)[0]), self.side)
 
     def motion_at(self, t: Array, states: Array) -> Any:
         """Return the motion in states of the present step, as callables of users see it."""
-        return self._now(t, states, with_base=True)
+        return self._now(t, self._with_driven(t, states)[0], with_base=True)
 
     def restart_attitude(self, state: Array) -> Array:
         """Turn the stored attitude by g of a state at the end of a step; return the state with g = 0."""
@@ -398,8 +398,9 @@ class RobotMotion:
         return _Terms(now, a1, alpha1, qdd, found["mass_matrix"], found["bias_forces"], jacobians)
 
     def _now(self, t: Array, states: Array, *, with_base: bool = False) -> MotionAtInstants:
-        """Return the motion in states of the present step; of the base only if loads or `with_base` ask for it."""
-        states, _ = self._with_driven(t, states)
+        """Return the motion in states of the present step, in which driven joints are where they move; of the base
+        only if loads or `with_base` ask for it.
+        """
         q, qd = states[:, self.q], states[:, self._qd]
         if not (with_base or self.loads.callables):
             return MotionAtInstants(q, qd, *(_ZERO,) * 4)

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hingepair.equations.spatial import unskew
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_arrays
 from hingepair.mechanism.bodies.hinge_load import (
@@ -184,7 +185,7 @@ class GivenMotion:
         for rate, quantity in self._rates.items() if margin else ():
             letter, of = rate.removesuffix("1"), quantity.removesuffix("1")
             start, end, largest, shares = t[0] + margin, t[-1] - margin, 0.0, list[float]()
-            for _ in range(5):
+            for _ in range(5):  # what a finite rate adds vanishes with the interval
                 times = np.linspace(start, end, 1025)
                 found = self.at(times)
                 slopes = found[rate].reshape(len(times), -1)
@@ -213,8 +214,8 @@ def _changes(x: Array) -> Array:
     """Return the changes of vectors, numbers or attitudes from row to row; of attitudes small turns."""
     if x.ndim < 3:
         return np.diff(x.reshape(len(x), -1), axis=0)
-    turn = x[1:] @ np.swapaxes(x[:-1], -1, -2)
-    return np.stack([turn[:, i, j] - turn[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1) / 2
+    turns: Any = (x[1:] @ np.swapaxes(x[:-1], -1, -2)).reshape(-1, 9).T
+    return np.stack(unskew(turns), axis=-1)
 
 
 def given_base(label: str, motion: Callable[[Array], BodyMotion]) -> GivenMotion:
