@@ -183,7 +183,8 @@ class Call:
             found = made
             if found is None and workers == 1 and type(first) is ndarray and first.dtype is _FLOAT64:
                 ready = {} if out is None else out
-                if type(ready) is dict and known.issuperset(ready):
+                # `fill` refuses arrays that are not contiguous: for these, no outputs are made here.
+                if type(ready) is dict and known.issuperset(ready) and first.flags.c_contiguous:
                     lead = first.shape[: first.ndim - rank]
                     new = empty if lead else one_empty
                     written = [ready[name] if name in ready else new(lead + tail, _FLOAT64) for name, tail in outputs]

@@ -127,6 +127,11 @@ class TracedFunction(NamedTuple):
     outputs: Mapping[str, tuple[TracedOperand, ...]]  # components by name, in the order of the loop
 
     @property
+    def inputs(self) -> list[TracedValue]:
+        """The constants, then the components of all input arrays."""
+        return [*self.constants, *itertools.chain(*self.arrays)]
+
+    @property
     def results(self) -> list[TracedOperand]:
         """The components of all outputs."""
         return [*itertools.chain(*self.outputs.values())]
@@ -223,16 +228,13 @@ class Program:
             functions: of the values, by the names of FUNCTIONS.
         """
         traced = self.traced
-        inputs = [*traced.constants, *itertools.chain(*traced.arrays)]
-        found = iter(interpreter(inputs, traced.results, functions).run(*numbers, *arrays))
+        found = iter(interpreter(traced.inputs, traced.results, functions).run(*numbers, *arrays))
         return {name: [*itertools.islice(found, len(group))] for name, group in traced.outputs.items()}
 
     @lock_free_cached_property
     def interpreter(self) -> Interpreter:
         """The trace as a function of the constants and then the inputs, numbers or arrays of NumPy."""
-        traced = self.traced
-        inputs = [*traced.constants, *itertools.chain(*traced.arrays)]
-        return interpreter(inputs, traced.results)
+        return interpreter(self.traced.inputs, self.traced.results)
 
     @lock_free_cached_property
     def traced(self) -> TracedFunction:

@@ -248,6 +248,7 @@ class _OutputWriter:
     Attributes:
         dense: the condition that the output's samples are contiguous.
         streamed: the condition that it is written past the caches; "false" if it never is.
+        takes_rows: the condition that rows of samples can be written directly into it.
     """
 
     def __init__(self, kernel: KernelBuilder, index: int, row: Sequence[str]) -> None:

@@ -130,7 +130,8 @@ def _trim(folder: Path) -> None:
     files = list[tuple[float, int, Path]]()  # time of last use [s], bytes, path
     for path in folder.glob(f"{_PREFIX}*"):
         with contextlib.suppress(OSError):
-            files.append((path.lstat().st_mtime, path.lstat().st_size, path))
+            status = path.lstat()
+            files.append((status.st_mtime, status.st_size, path))
     total = sum(size for _, size, _ in files)
     most = MAX_BYTES if total <= MAX_BYTES else _TRIMMED * MAX_BYTES
     for _, size, path in sorted(files):
