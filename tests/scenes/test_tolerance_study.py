@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -104,3 +105,31 @@ def test_points_are_components_too(scene_path):
     assert refusal("tolerance", scene_path, "--tolerance", "u1=nan").startswith("u1: expected")
     scene_path.write_text(scene_path.read_text().replace("handle = ['+-3 mm'", "grip = ['+-3 mm'"))
     assert "tolerances.points: expected one of latch, mark, handle" in refusal("tolerance", scene_path)
+
+
+@pytest.mark.parametrize(
+    ("given", "shown"), [("0.0005", "handle = 0.0005"), ("[0.0005, 0, 0.001]", "handle = 0.0005, 0, 0.001")]
+)
+def test_standard_deviations_of_a_point_are_shown_and_are_no_limits(scene_path, given, shown):
+    scene_path.write_text(PAIR + POINTS + MOTION + f"[tolerances]\npoints = {{ handle = {given} }}\n")
+    printed = run_command("tolerance", scene_path).stdout
+    assert f"; {shown}\n" in printed
+    assert "three standard deviations" not in printed
+
+
+@pytest.mark.parametrize(
+    "given", [{"u1": "±3 mm"}, {"u1": "+/-3 mm"}, {"u1": ("0", "0", "± 3 mm")}, {"points": {"handle": "+/-3 mm"}}]
+)
+def test_what_limits_mean_is_said_however_they_are_written(scene_path, given):
+    scene_path.write_text(PAIR + POINTS + MOTION)
+    (note,) = study_tolerances(hp.load_scene(scene_path), **{"points": None} | given).notes
+    assert "three standard deviations" in note
+
+
+def test_tables_of_the_documentation_can_be_used(scene_path):
+    page = (MODELS.parent / "docs" / "howto" / "tolerances.md").read_text(encoding="utf-8")
+    tables = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert tables
+    for table in tables:
+        scene_path.write_text(PAIR + POINTS + MOTION + table)
+        check_sums(study_tolerances(hp.load_scene(scene_path)))

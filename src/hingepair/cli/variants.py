@@ -50,7 +50,8 @@ def tolerance_command(
     study = study_tolerances(scene, **given)
     shown = {**study.tolerances, **study.tolerances.get("points", {})}
     shown.pop("points", None)
-    sizes = (f"{name} = {own if isinstance(own, str) else ', '.join(own)}" for name, own in shown.items())
+    texts = ((name, ", ".join(map(str, own)) if isinstance(own, list) else own) for name, own in shown.items())
+    sizes = (f"{name} = {text}" for name, text in texts)
     heading = (study.title, f"{len(study.t)} instants; {'; '.join(sizes)}")
     notes = (f"note: {note}" for note in study.notes)
     show(as_json, study.facts(units), *heading, *table_lines(study.table(units)), *notes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -144,7 +144,13 @@ def study_tolerances(scene: Scene, **tolerances: Any) -> ToleranceStudy:
 
 def _notes(tolerances: Mapping[str, Any], lost: int, count: int) -> tuple[str, ...]:
     """Return sentences on what limits mean, and on instants without a pose."""
-    limits = [str(value) for value in (*tolerances.values(), *tolerances.get("points", {}).values())]
-    assumed = [_LIMITS_NOTE] * any("+-" in text for text in limits)
+    given = (*tolerances.values(), *(tolerances.get("points") or {}).values())
+    assumed = [_LIMITS_NOTE] * any(map(_is_limit, given))
     left_out = [f"{lost} of {count} instants have no pose and are left out"] * bool(lost)
     return (*assumed, *left_out)
+
+
+def _is_limit(value: Any) -> bool:
+    """Return whether a tolerance is a limit, which is a text or has texts; standard deviations are numbers."""
+    parts = (value,) if isinstance(value, str) else value
+    return isinstance(parts, Sequence) and any(isinstance(part, str) for part in parts)
