@@ -13,7 +13,6 @@ from hingepair.cli.sources import read_source
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.scenes.motions.simulated import PRESCRIBED
 from hingepair.scenes.scene import Scene
 
@@ -58,12 +57,10 @@ def _write_model(kind: str, text: str, out: Path | None, base: str | None, as_js
     chosen: dict[str, Any] = {} if base is None else {"base": base}
     if isinstance(subject, Mechanism):
         return write_text(write(subject, **chosen), out, source.files, as_json)
-    pair: Any = subject.pair
-    setup = subject.dynamics
+    space, setup = subject.space, subject.dynamics
     if kind == "MJCF":
         chosen["gravity"] = setup.gravity
-        chosen.setdefault("base", "fixed" if pair.body1 is None else "free")
-    space = pair if isinstance(pair, HingePair) else pair.to_spatial()
+        chosen.setdefault("base", "fixed" if space.body1 is None else "free")
     if "dynamics" not in subject.tables.values:
         return write_text(write(space, **chosen), out, source.files, as_json)
     if base is None:

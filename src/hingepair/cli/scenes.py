@@ -138,9 +138,10 @@ def forces_command(
     facts = {"scene": str(scene.path), "samples": scene.samples, "file": out and str(out)}
     facts |= {"gravity": list(result.gravity)}
     gravity_text = f"gravity = ({', '.join(f'{component:g}' for component in result.gravity)}) m/s^2"
-    rows, left_out = result.table(units)
+    summary = result.summary(units)
+    rows, left_out = summary.table_of_sizes()
     lines = (scene.title, *scene.heading(), gravity_text, *table_lines(rows), *left_out, *_last_lines(notes, out))
-    show(as_json, facts | {"outputs": result.ranges(units), "notes": notes}, *lines)
+    show(as_json, facts | {"outputs": summary.ranges(), "notes": notes}, *lines)
 
 
 def _last_lines(notes: tuple[str, ...], out: Path | None) -> list[str]:

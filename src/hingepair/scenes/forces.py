@@ -54,27 +54,30 @@ class SceneForces(Record):
         """Return what notebooks show."""
         return Sheet(f"{self.described}: {len(self.t)} instants", self.table()[0], self.notes)
 
-    def _summary(self, units: UnitsLike) -> Summary:
-        """Return the summary of what is recorded beside coordinates."""
-        summary, names = Summary(self._scene, units), self._scene.assembly.names
-        summary.add(self.t, {name: array for name, array in self.recorded().items() if name not in names})
-        return summary
-
-    def ranges(self, units: UnitsLike = None) -> dict[str, dict[str, float]]:
-        """Return, by component, the first, last, smallest, largest and rms value, and the instant of the largest
-        size.
+    def summary(self, units: UnitsLike = None) -> Summary:
+        """Return the summary of what is recorded beside coordinates, with the limits of joints.
 
         Args:
             units: units in place of SI units; by default those of the scene.
         """
-        return self._summary(units).ranges()
+        recorded, assembly = self.recorded(), self._scene.assembly
+        limits = {_effort_name(joint, recorded): joint.effort_limit for joint in assembly.joints}
+        limits = {name: limit for name, limit in limits.items() if math.isfinite(limit)}
+        summary = Summary(self._scene, units, limits)
+        summary.add(self.t, {name: array for name, array in recorded.items() if name not in assembly.names})
+        return summary
+
+    def ranges(self, units: UnitsLike = None) -> dict[str, dict[str, float]]:
+        """Return, by component, the first, last, smallest, largest and rms value, and the instant of the largest
+        size. `units` are as for `summary`.
+        """
+        return self.summary(units).ranges()
 
     def table(self, units: UnitsLike = None) -> tuple[list[tuple[str, ...]], list[str]]:
         """Return the rows of the table that `hingepair forces` prints, headings first, and sentences on what it
-        leaves out. `units` are as for `ranges`.
+        leaves out. `units` are as for `summary`.
         """
-        limits = {_effort_name(joint, self.recorded()): joint.effort_limit for joint in self._scene.assembly.joints}
-        return self._summary(units).table_of_sizes({name: own for name, own in limits.items() if math.isfinite(own)})
+        return self.summary(units).table_of_sizes()
 
 
 def _effort_name(joint: Joint, forces: Mapping[str, Any]) -> str:
@@ -87,21 +90,20 @@ def _notes(scene: Any, known: Known, arrays: Mapping[str, NDArray[Any]], *, assu
     """Yield sentences on forces that are not finite or not known, on gravity and on limits that are exceeded."""
     assembly, motion, count = scene.assembly, scene.motion, scene.samples
     dynamics = scene.tables.table("dynamics", required=False)
-    units = {joint.name: joint.unit for joint in assembly.joints}
+    joints = {joint.name: joint for joint in assembly.joints}
     if motion.simulated is not None:
-        yield from impact_sentences(motion.simulated.impacts, units)
+        yield from impact_sentences(motion.simulated.impacts, {name: joint.unit for name, joint in joints.items()})
     for name, load in motion.loads.items() if motion.simulated is None else ():
         still = int((known.column(1, known.names.index(name)) == 0).sum())
         if name in dynamics.values and still and load.sticking_friction:
-            unit = "N m" if units[name] == "rad" else "N"
             yield (
                 f"friction of {name} is 0 at {still} of {count} instants, where {name}' is 0; it may hold up to "
-                f"{load.sticking_friction:g} {unit} there"
+                f"{load.sticking_friction:g} {joints[name].effort_unit} there"
             )
     if motion.simulated is None and assembly.planar and assumed:
         down = ", ".join(f"{component:g}" for component in scene.gravity[:2])
         yield f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0"
-    for joint in assembly.joints:
+    for joint in joints.values():
         effort, (least, most) = arrays[_effort_name(joint, arrays)], joint.effort_bounds
         beyond = np.flatnonzero((effort < least) | (effort > most))
         if beyond.size:

@@ -23,13 +23,14 @@ class Summary:
     Args:
         scene: the scene.
         units: units of the numbers; None for those of the scene.
+        limits: limits of the sizes of components in SI units, for `table_of_sizes`.
 
     Attributes:
         lost: number of instants with a value that is not finite.
     """
 
-    def __init__(self, scene: Any, units: UnitsLike = None) -> None:
-        self._scene, self._columns = scene, scene.in_units(units)
+    def __init__(self, scene: Any, units: UnitsLike = None, limits: Mapping[str, float] | None = None) -> None:
+        self._scene, self._columns, self._limits = scene, scene.in_units(units), limits or {}
         self._instants = {0, (scene.samples - 1) // 2, scene.samples - 1}
         self._t: list[float] = []  # times of these instants, and the components at them
         self._values: list[Float64Array] = []
@@ -88,11 +89,11 @@ class Summary:
         rows, sentences = self._rows(numbers, self._matrices if hides_matrices else [], offsets=True)
         return [(f"{name} =" if name else "", "unit", *at, "smallest", "largest"), *rows], sentences
 
-    def table_of_sizes(self, limits: Mapping[str, float]) -> tuple[list[tuple[str, ...]], list[str]]:
+    def table_of_sizes(self) -> tuple[list[tuple[str, ...]], list[str]]:
         """Return rows and sentences as `table`, with smallest, largest and rms value and the instant of the largest
-        size of each component, and the `limits` of their sizes in SI units, if there are any.
+        size of each component, and the limits of their sizes, if there are any.
         """
-        units = self._columns.units
+        units, limits = self._columns.units, self._limits
         offset, name = units.offset_of_instants(self._scene.start, self._scene.stop)
         at = name or ("t" if units.unit("s") == "s" else f"t [{units.unit('s')}]")
         rows, sentences = self._rows(np.stack([self._smallest, self._largest, self._rms], axis=1), [])

@@ -402,10 +402,10 @@ def _terms(expr: Expr) -> Sequence[Expr]:
     return list(expr.as_ordered_terms()) if expr.is_Add else [expr]
 
 
-def _latex_lines(label: str, terms: Sequence[str], size: int = 8) -> list[str]:
-    """Return the lines of an equation, so many terms in each."""
+def _latex_lines(label: str, terms: Sequence[str]) -> list[str]:
+    """Return the lines of an equation, eight terms in each."""
     signed = [terms[0], *(term if term.startswith("-") else f"+ {term}" for term in terms[1:])]
-    rows = [" ".join(signed[i : i + size]) for i in range(0, len(signed), size)]
+    rows = [" ".join(signed[i : i + 8]) for i in range(0, len(signed), 8)]
     return [f"{label} &= {rows[0]}", *(f"&\\quad {row}" for row in rows[1:])]
 
 

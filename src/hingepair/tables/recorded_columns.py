@@ -73,11 +73,11 @@ class Recorded(NamedTuple):
     lines: NDArray[Any] | None
 
 
-def open_columns(source: Any, name: str = "sources") -> ColumnTable:
-    """Return the table of a file, by its path, of a DataFrame, a Dataset or a dict; errors call others `name`."""
+def open_columns(source: Any) -> ColumnTable:
+    """Return the table of a file, by its path, of a DataFrame, a Dataset or a dict; errors call others `sources`."""
     if isinstance(source, ColumnTable):
         return source
-    return file_table(Path(source)) if isinstance(source, str | os.PathLike) else column_table(name, source)
+    return file_table(Path(source)) if isinstance(source, str | os.PathLike) else column_table("sources", source)
 
 
 def read_sources(entries: Any, vocabulary: Vocabulary, *tables: ColumnTable) -> dict[str, ColumnSource]:

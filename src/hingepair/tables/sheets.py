@@ -130,8 +130,8 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.995 else f"{100 * share:.2g} %"
 
 
-def number_texts(names: Sequence[str], rows: Sequence[Sequence[float]], digits: int = 6) -> list[list[str]]:
-    """Return numbers of components as text, with 0 for those that are rounding errors beside the others.
+def number_texts(names: Sequence[str], rows: Sequence[Sequence[float]]) -> list[list[str]]:
+    """Return numbers of components as text, six digits each, with 0 for rounding errors beside the others.
 
     A number is shown as 0 if it is below half a unit of the last digit of the largest in its row, or of the size of
     rounding errors beside the largest of its vector: the digits of such numbers differ from processor to processor.
@@ -139,7 +139,6 @@ def number_texts(names: Sequence[str], rows: Sequence[Sequence[float]], digits: 
     Args:
         names: of the components; those of a vector have one name before the last underscore, as R2_x and R2_y.
         rows: numbers of each component.
-        digits: number of significant digits.
 
     >>> number_texts(["a_x", "a_y"], [[-3e-7, 1.5], [2e-16, 1e-15]])
     [['0', '1.5'], ['0', '0']]
@@ -151,8 +150,8 @@ def number_texts(names: Sequence[str], rows: Sequence[Sequence[float]], digits: 
         largest_in_vectors[vector] = max(largest, largest_in_vectors.get(vector, 0.0))
     texts = []
     for vector, largest, row in zip(vectors, largest_in_rows, rows, strict=True):
-        least = max(0.5 * 10.0 ** (1 - digits) * largest, 64 * 2.0**-53 * largest_in_vectors[vector])
-        texts.append(["0" if abs(value) < least else f"{value + 0.0:.{digits}g}" for value in row])
+        least = max(0.5 * 10.0**-5 * largest, 64 * 2.0**-53 * largest_in_vectors[vector])
+        texts.append(["0" if abs(value) < least else f"{value + 0.0:.6g}" for value in row])
     return texts
 
 
@@ -215,10 +214,10 @@ class Shown:
         return f"<table>{caption}<thead>{row(heading, 'th')}</thead><tbody>{body}</tbody></table>{below}"
 
 
-def sheet_of(title: str, values: Iterable[tuple[str, Any]], notes: Sequence[str] = ()) -> Sheet:
+def sheet_of(title: str, values: Iterable[tuple[str, Any]]) -> Sheet:
     """Return a sheet of names, values and units; an array of more than nine numbers is shown by its shape."""
     rows = ((name, cell_text(value), unit_of(name)) for name, value in values if value is not None)
-    return Sheet(title, (("", "value", "unit"), *rows), notes)
+    return Sheet(title, (("", "value", "unit"), *rows))
 
 
 def cell_text(value: Any) -> str:

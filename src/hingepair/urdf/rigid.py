@@ -35,10 +35,10 @@ class FramePose(NamedTuple):
 _QUARTER_TURN_ERROR = 2.0**-50  # allowed to entries that a quaternion gave, which err by at most 2^-52
 
 
-def exact_quarter_turns(rotation: Float64Array, tolerance: float = 0.0) -> Float64Array:
-    """Return the rotation of entries 0, 1 and -1 within `tolerance` of a rotation, or else that rotation as it is."""
+def exact_quarter_turns(rotation: Float64Array) -> Float64Array:
+    """Return the rotation of entries 0, 1 and -1 next to a rotation, or else that rotation as it is."""
     near = np.rint(rotation)
-    is_near = np.abs(rotation - near).max() <= max(tolerance, _QUARTER_TURN_ERROR)
+    is_near = np.abs(rotation - near).max() <= _QUARTER_TURN_ERROR
     return np.asarray(near + 0.0 if is_near else rotation)
 
 

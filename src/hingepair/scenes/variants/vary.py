@@ -183,7 +183,7 @@ class Variants:
         if self.scene.motion.simulated is not None:
             return None
         try:
-            return self._of_subjects(numbers) if keep_motion(self.paths) else self._of_motions(numbers)
+            return self._of_assemblies(numbers) if keep_motion(self.paths) else self._of_motions(numbers)
         except ArgumentError:  # of some variant: found again one by one
             return None
 
@@ -216,7 +216,7 @@ class Variants:
         part = known.part(slice(None), order_of(request))
         return assembly.compute(request, part, Acting(scene.motion, slice(None), scene.gravity), "auto").arrays
 
-    def _of_subjects(self, numbers: Float64Array) -> Batch | None:
+    def _of_assemblies(self, numbers: Float64Array) -> Batch | None:
         """Compute variants along one motion, whose geometry and masses are arrays with an axis of variants; None if
         they differ in more than vectors and bodies of a pair, or in payloads.
         """
