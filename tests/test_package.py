@@ -10,8 +10,6 @@ import graphlib
 import inspect
 import pickle
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -20,6 +18,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.engine.llvm.object_cache import TRACED_PACKAGES
+from support.work import python
 
 PACKAGE = Path(hp.__file__).parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
@@ -32,16 +31,14 @@ def test_kinematics_of_a_pair_load_numpy_and_no_other_package() -> None:
         "print(*sorted({m.partition('.')[0] for m, module in sys.modules.items() "
         "if 'site-packages' in (getattr(module, '__file__', None) or '')}))"
     )
-    isolated = [sys.executable, "-c", code]
-    loaded = set(subprocess.run(isolated, capture_output=True, text=True, check=True).stdout.split())
+    loaded = set(python(code).split())
     assert "numpy" in loaded
     assert (
         loaded & {"llvmlite", "sympy", "mpmath", "pinocchio", "scipy", "matplotlib", "rich", "typer", "click"}
         == set()
     )
     # What a bare interpreter loads by itself (start-up hooks of installed packages) is not ours.
-    bare = [sys.executable, "-c", "import sys;" + code.partition(";")[2].partition(";")[2]]
-    own = set(subprocess.run(bare, capture_output=True, text=True, check=True).stdout.split())
+    own = set(python("import sys;" + code.partition(";")[2].partition(";")[2]).split())
     assert loaded - own - {"hingepair"} == {"numpy"}
 
 

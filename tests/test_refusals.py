@@ -219,7 +219,6 @@ NAMED = hp.HingePair((0.5, 0, 0), (0, 0, 0), (0, 0, 1), name="a")
 STILL = hp.BodyMotion(S=EYE, **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3)))
 POSE, POINT = hp.BodyMotion(R=np.zeros(3), S=EYE), hp.BodyMotion(R=np.zeros(3))
 T = np.linspace(0, 1, 11)
-FITTED = hp.fit(*bodies(recording(50)))
 SCREW = hp.Screw((0, 0, 0), (0, 0, 0), (0, 0, 1), pitch=0.1, name="jack", body2=LIGHT)
 NEEDLE = hp.Body(mass=1, inertia=(1, 1, 1e-30))
 
@@ -479,8 +478,8 @@ CALLS = {
     "plot": (lambda source=None, **k: hp.plot(arm() if source is None else source, **k), [
         ("q", A, None, C(source=PAIR, q=Q7)), ("q", S, Q7), ("t", S, C(q=np.zeros((7, 2)), t=[1, 2])),
         ("tau", S, C(q=np.zeros((7, 2)), tau=TWO)),
-        ("outputs", A, C(source=FITTED, outputs=("R3",))),
     ]),
+    "plot of a fit": (lambda **k: hp.plot(hp.fit(*bodies(recording(50))), **k), [("outputs", A, ("R3",))]),
     "view": (lambda source=None, **k: hp.view(arm() if source is None else source, **k), [
         ("source", A, FLAT), ("pair", S, C(source=MANY)), ("path", A, "page.png"),
         ("u1", A, C(source=hp.HingePair((1e308, 0, 0), (0, 0, 0), (0, 0, 1)))),

@@ -5,21 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import hingepair as hp
+from support.hinged import pair_of
 from support.sparse import sparse
 from support.states import coordinates, generator, pair
 from support.work import in_threads, python
 
 
-def pair_of(rng, home=True):
-    u1, u2, n, C = pair(rng, home)
-    return hp.HingePair(u1=u1, u2=u2, n=n, home=C)
-
-
 @pytest.mark.slow
 def test_threads_that_call_at_once_do_not_mix():
     rng = generator(70)
-    jobs = [(pair_of(rng), coordinates(rng, 20_000)) for _ in range(6)]
+    jobs = [(pair_of(pair(rng)), coordinates(rng, 20_000)) for _ in range(6)]
     expected = [one.forward_kinematics(*motion, backend="compiled").a2 for one, motion in jobs]
 
     def work(i):

@@ -41,10 +41,10 @@ def run(loop, values, shape, dtype=F8, execution=COMPILED, out=None):
     return out
 
 
-def agree(a, b, dtype=F8, ulps=8):
+def agree(a, b, dtype=F8):
     for name in a:
         np.testing.assert_allclose(
-            a[name], b[name], rtol=0, atol=ulps * np.finfo(dtype).eps * (1 + np.abs(a[name]).max())
+            a[name], b[name], rtol=0, atol=8 * np.finfo(dtype).eps * (1 + np.abs(a[name]).max())
         )
 
 

@@ -352,9 +352,9 @@ def test_a_redundant_arm_follows_smooth_paths_from_their_start(prefers):
     assert np.abs(np.diff(found.q, axis=1)).max() <= 0.5
 
 
-def round_trip(count=200, radius=0.6):
-    angle = np.linspace(0.1, 0.1 + 2 * np.pi, count)
-    return radius * np.stack([np.cos(angle), 0 * angle, -np.sin(angle)], axis=-1)
+def round_trip():
+    angle = np.linspace(0.1, 0.1 + 2 * np.pi, 200)
+    return 0.6 * np.stack([np.cos(angle), 0 * angle, -np.sin(angle)], axis=-1)
 
 
 def test_a_path_jumps_only_where_it_must():

@@ -9,32 +9,11 @@ import pytest
 
 import hingepair as hp
 from hingepair.measured.smoothing.angular_velocity import stencils
+from support.spins import REFERENCE
 from support.states import generator
 
 U = 2.0**-53
 ORDERS = (2, 4, 6, 8)
-
-
-def omega1_of(t):
-    return np.stack(
-        [
-            3 + 5 * np.sin(t),
-            np.cos(3 * t) - 2.5 * np.sin(2 * t) - 2.5 * np.sin(4 * t),
-            np.sin(3 * t) + 2.5 * np.cos(4 * t) + 2.5 * np.cos(2 * t),
-        ],
-        axis=-1,
-    )
-
-
-def alpha1_of(t):
-    return np.stack(
-        [
-            5 * np.cos(t),
-            -3 * np.sin(3 * t) - 5 * np.cos(2 * t) - 10 * np.cos(4 * t),
-            3 * np.cos(3 * t) - 10 * np.sin(4 * t) - 5 * np.sin(2 * t),
-        ],
-        axis=-1,
-    )
 
 
 def reference(t):
@@ -49,8 +28,8 @@ def uneven(count, seed=0):
 def test_reference_example_at_a_millisecond():
     t = np.arange(10_001) * 1e-3
     omega, alpha = hp.angular_velocity_from_samples(t, reference(t), with_alpha=True)
-    assert abs(omega - omega1_of(t)).max() <= 2e-11  # left by differences of rounded attitudes
-    assert abs(alpha - alpha1_of(t)).max() <= 1e-7  # as above, twice
+    assert abs(omega - REFERENCE.omega(t)).max() <= 2e-11  # left by differences of rounded attitudes
+    assert abs(alpha - REFERENCE.alpha(t)).max() <= 1e-7  # as above, twice
     assert np.array_equal(omega, hp.angular_velocity_from_samples(t, reference(t)))
 
 
@@ -62,7 +41,7 @@ def test_error_falls_with_the_order(order):
     for span in (0.06 * order, 0.03 * order):
         t = 1 + span * steps
         found = hp.angular_velocity_from_samples(t, reference(t), order, with_alpha=True)
-        exact = (omega1_of(t), alpha1_of(t))
+        exact = (REFERENCE.omega(t), REFERENCE.alpha(t))
         errors.append([abs(a - b).max(axis=-1)[rows].max() for a, b in zip(found, exact, strict=True) for rows in
                        (slice(order // 2, -order // 2), slice(0, order // 2), slice(-order // 2, None))])  # fmt: skip
     observed = np.log2(np.array(errors[0]) / errors[1])

@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.hinged import shaken
 from support.near import TIGHT, TOL
 from support.states import generator, rotations
 
 STILL = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
-
-
-def shaken(t):
-    wave, rate = (np.stack([f(3 * t), 0 * t, 0 * t], axis=-1) for f in (np.sin, np.cos))
-    turn = hp.rodrigues((0, 0, 1), 0.5 * t)
-    return hp.BodyMotion(R=wave, S=turn, v=3 * rate, omega=(0, 0, 0.5), a=-9 * wave, alpha=np.zeros((len(t), 3)))
 
 
 @pytest.mark.slow

@@ -24,9 +24,9 @@ def turns_about_x(motion):
     return np.unwrap(2 * np.arctan2(motion.quat_wxyz[:, 1], motion.quat_wxyz[:, 0]))
 
 
-def true_error(motion, whole, instants=600):
+def true_error(motion, whole):
     """How far the attitude is off [rad] at the worst of some instants; whole(t) is the angle about x from t[0]."""
-    worst, looked = 0.0, np.unique(np.linspace(0, len(motion.t) - 1, instants).astype(int))
+    worst, looked = 0.0, np.unique(np.linspace(0, len(motion.t) - 1, 600).astype(int))
     with mpmath.workdps(DIGITS):
         for t, (w, x, *_) in zip(motion.t[looked].tolist(), motion.quat_wxyz[looked].tolist(), strict=True):
             half = whole(mpmath.mpf(t)) / 2

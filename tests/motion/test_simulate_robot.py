@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import hingepair as hp
+from support.hinged import shaken
 from support.near import TIGHT, TOL, U
 from support.states import generator, rotations
 
@@ -209,12 +210,6 @@ def test_momenta_of_a_robot_without_loads_are_kept(base):
         about = momentum.angular - np.cross((1, 2, 3), momentum.linear)
         assert np.ptp(about, axis=0).max() < 10 * TIGHT
     assert np.abs(found.energy_balance().residual).max() < 10 * TOL
-
-
-def shaken(t):
-    wave, rate = (np.stack([f(3 * t), 0 * t, 0 * t], axis=-1) for f in (np.sin, np.cos))
-    turn = hp.rodrigues((0, 0, 1), 0.5 * t)
-    return hp.BodyMotion(R=wave, S=turn, v=3 * rate, omega=(0, 0, 0.5), a=-9 * wave, alpha=np.zeros((len(t), 3)))
 
 
 @pytest.mark.slow

@@ -22,9 +22,9 @@ URDF = """<robot name="r"><link name="a"/>{link}
   <limit lower="-1" upper="1" effort="9" velocity="9"/></joint></robot>"""
 
 
-def box_file(folder: Path, name: str = "box.stl", size: tuple[float, ...] = (0.1, 0.2, 0.3)) -> None:
+def box_file(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    trimesh.creation.box(size).export(folder / name)
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(folder / "box.stl")
 
 
 def urdf_file(folder: Path, file: str, colour: str = "") -> Path:

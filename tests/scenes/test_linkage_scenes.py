@@ -8,6 +8,7 @@ import pytest
 import hingepair as hp
 from support.commands import run_command
 from support.near import U, assert_near
+from support.scenes import scene_of
 
 HATCH = """
 title = "A hatch with a gas spring, held by hand"
@@ -60,12 +61,6 @@ for name, parent, u1, length in BARS:
     FOUR_BAR += (
         f"body2 = {{ mass = {2 * length}, centre_of_mass = [{length / 2}, 0, 0], inertia = [0.1, 0.1, 0.1] }}\n"
     )
-
-
-def scene_of(folder, text):
-    path = folder / "linkage.toml"
-    path.write_text(text)
-    return hp.load_scene(path)
 
 
 def test_a_hatch_with_a_strut_is_that_of_the_library(tmp_path):

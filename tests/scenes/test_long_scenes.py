@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,16 +12,17 @@ import hingepair as hp
 from hingepair.scenes.summary import Summary
 from support.near import U
 from support.sparse import sparse
+from support.work import python
 
 MODELS = Path(__file__).parents[2] / "models"
 PEAK = r"""
-import re, sys
+import re
 from hingepair.cli.main import main
 try:
     main()
 finally:
     with open("/proc/self/status") as file:  # ru_maxrss begins with that of the process it was forked from
-        print("peak", *re.findall(r"VmHWM:\s*(\d+)", file.read()), file=sys.stderr)
+        print("peak", *re.findall(r"VmHWM:\s*(\d+)", file.read()))
 """
 
 
@@ -60,13 +59,13 @@ def test_a_long_run_takes_little_memory(tmp_path):
     """Four million instants: their outputs alone are 0.9 GB."""
     target = tmp_path / "long.parquet"
     arguments = ["run", str(long_scene(tmp_path, 4_000_000)), "--out", str(target), "--outputs", "v2"]
-    done = subprocess.run([sys.executable, "-c", PEAK, *arguments], capture_output=True, check=True, text=True)
-    (peak,) = re.findall(r"peak (\d+)", done.stderr)
+    printed = python(PEAK, *arguments)
+    (peak,) = re.findall(r"peak (\d+)", printed)
     assert int(peak) < 700_000  # KiB
     import pyarrow.parquet
 
     assert pyarrow.parquet.read_metadata(target).num_rows == 4_000_000
-    assert "E2" in done.stdout
+    assert "E2" in printed
 
 
 def test_coordinates_are_results(tmp_path):

@@ -15,7 +15,6 @@ from support.scenes import moved, time, toml
 
 ROOT = 1e-12  # of a root that the search finds, relative: a few of its own tolerance, 1e-13
 FLAT = 1e-6  # of a largest value's place, where the square of an error counts
-AIM = 1e-8  # of an aim beside a condition, with slopes by differences
 ARM = (
     toml("pair", u1=[0, 0, 0], u2=[-2, 0, 0], n=[0, -1, 0])
     + toml("constants", a=0.25, c=1.0)

@@ -1,6 +1,8 @@
-"""Both bodies of a hinge pair's motion, as the library computes them."""
+"""Pairs, and motions of their bodies, as objects of the library."""
 
 from __future__ import annotations
+
+import numpy as np
 
 import hingepair as hp
 from support.states import generator
@@ -27,6 +29,13 @@ def bodies(pair, motion, backend="numpy", **changes):
     own = {"R": q[..., :3], "v": qd[..., :3], "a": qdd[..., :3], "S": s.S1, "omega": s.omega1, "alpha": s.alpha1}
     other = {letter: getattr(s, name) for letter, name in LETTERS.items()} | changes
     return hp.BodyMotion(**own), hp.BodyMotion(**other)
+
+
+def shaken(t):
+    """Motion of a body that is shaken along x, and turns about z."""
+    wave, rate = (np.stack([f(3 * t), 0 * t, 0 * t], axis=-1) for f in (np.sin, np.cos))
+    turn = hp.rodrigues((0, 0, 1), 0.5 * t)
+    return hp.BodyMotion(R=wave, S=turn, v=3 * rate, omega=(0, 0, 0.5), a=-9 * wave, alpha=np.zeros((len(t), 3)))
 
 
 def only(body, *letters):

@@ -42,13 +42,6 @@ def body1(rng, count):
     return 10 * R1, rotations(rng, count), v1, omega1, a1, alpha1
 
 
-def reference_example(t):
-    """Motion phi = (3t, t, 5t), psi = 10t, x = y = z = 3t (models/reference_3d.toml)."""
-    rates = np.array([3.0, 3.0, 3.0, 3.0, 1.0, 5.0, 10.0])
-    t = np.asarray(t, float)[:, None]
-    return t * rates, np.broadcast_to(rates, (len(t), 7)), np.zeros((len(t), 7))
-
-
 REFERENCE_PAIR = (np.array([0.5, 0.2, 0.1]), np.array([-0.25, 0.1, 0.3]), np.array([1.0, 0.0, 0.0]), None)
 
 

@@ -38,9 +38,9 @@ MOTIONS = {
 }
 
 
-def known_in_part(pattern, rng, count=3):
+def known_in_part(pattern, rng):
     """A tuple of seven coordinates, numbers where the pattern has them."""
-    return tuple(rng.uniform(-3, 3, count) if c is None else float(c) for c in pattern)
+    return tuple(rng.uniform(-3, 3, 3) if c is None else float(c) for c in pattern)
 
 
 KNOWN = [(axis, motion) for i, axis in enumerate(AXES) for motion in [*MOTIONS][i % 2 :: 2]]

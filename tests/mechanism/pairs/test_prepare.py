@@ -9,17 +9,13 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.hinged import pair_of
 from support.sparse import sparse
 from support.states import coordinates, generator, pair
 from support.work import in_threads
 
 U = 2.0**-53
 BACKENDS = ("numpy", "compiled")
-
-
-def made(rng, home=True):
-    u1, u2, n, C = pair(rng, home)
-    return hp.HingePair(u1=u1, u2=u2, n=n, home=C)
 
 
 def close(found, expected, ulps=64):
@@ -33,7 +29,7 @@ def close(found, expected, ulps=64):
 @pytest.mark.parametrize("given", ["quat_xyzw", "quat_wxyz"])
 def test_a_quaternion_stands_for_its_attitude(given, backend):
     rng = generator(1002)
-    one, count = made(rng), 30
+    one, count = pair_of(pair(rng)), 30
     quat = rng.normal(size=(count, 4)) * 10.0 ** rng.uniform(-200, 200, (count, 1))
     v, omega = rng.normal(size=(2, count, 3))
     S = getattr(hp.BodyMotion, f"from_{given.replace('quat', 'quaternion')}")(R=v, **{given: quat}).S
@@ -57,14 +53,14 @@ def test_quaternions_keep_the_promise_of_an_attitude(backend):
     quat[:1000] /= np.linalg.norm(quat[:1000], axis=-1, keepdims=True)
     quat[2000:] *= 10.0 ** rng.uniform(-300, 300, (1000, 1))
     exact = hp.BodyMotion.from_quaternion_xyzw(R=np.zeros(3), quat_xyzw=quat.astype(np.longdouble).astype(float)).S
-    S1 = made(rng).prepare(("quat_xyzw",), outputs=("S1",), backend=backend)(quat).S1
+    S1 = pair_of(pair(rng)).prepare(("quat_xyzw",), outputs=("S1",), backend=backend)(quat).S1
     assert np.abs(S1 - exact).max() <= (6 + 3.5) * U  # the other is within 3.5 u of the truth
 
 
 @pytest.mark.parametrize("backend", sparse(BACKENDS, 2))
 def test_two_bodies(backend):
     rng = generator(1005)
-    one, (q, qd, qdd) = made(rng), coordinates(rng, 11)
+    one, (q, qd, qdd) = pair_of(pair(rng)), coordinates(rng, 11)
     s = one.forward_kinematics(q, qd, qdd, outputs=("R2", "S2", "v2", "omega2", "S1", "omega1"))
     letters = ("R1", "S1", "v1", "omega1", "R2", "S2", "v2", "omega2")
     arrays = (q[:, :3], s.S1, qd[:, :3], s.omega1, s.R2, s.S2, s.v2, s.omega2)
@@ -80,7 +76,7 @@ def test_two_bodies(backend):
 
 def test_threads_do_not_mix():
     rng = generator(1012)
-    fk = made(rng).prepare("acceleration", backend="compiled")
+    fk = pair_of(pair(rng)).prepare("acceleration", backend="compiled")
     motion = coordinates(rng, 8)
     batch = [np.repeat(c[:, None], 50, axis=1) for c in motion]
     expected = [fk(*(c[i] for c in motion)).a2.copy() for i in range(8)]
@@ -96,7 +92,9 @@ def test_threads_do_not_mix():
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("count", [(), (3,)])
 def test_an_attitude_of_body_2_that_is_none_is_refused(backend, count):
-    at = made(generator(1021)).prepare(("R1", "S1", "R2", "S2"), outputs=("tilt_angle", "psi"), backend=backend)
+    at = pair_of(pair(generator(1021))).prepare(
+        ("R1", "S1", "R2", "S2"), outputs=("tilt_angle", "psi"), backend=backend
+    )
     R, S = np.zeros((*count, 3)), np.broadcast_to(np.eye(3), (*count, 3, 3)).copy()
     for _ in range(2):
         assert np.isfinite(at(R, S, R, S)["psi"]).all()
@@ -110,7 +108,7 @@ def test_an_attitude_of_body_2_that_is_none_is_refused(backend, count):
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("quaternion", [(0, 0, 0, np.nan), (np.nan, 0, 0, 0), (np.nan, 1, 0, 0), (0, np.inf, 0, 0)])
 def test_a_quaternion_that_is_no_number_stays_in_its_sample(backend, quaternion):
-    at = made(generator(1022)).prepare(("quat_xyzw", "psi"), outputs=("S2",), backend=backend)
+    at = pair_of(pair(generator(1022))).prepare(("quat_xyzw", "psi"), outputs=("S2",), backend=backend)
     quat = np.array([(0, 0, 0, 1.0), quaternion, (0, 0, 1.0, 0)])
     for _ in range(2):
         S2 = at(quat, np.zeros(3)).S2
@@ -121,7 +119,7 @@ def test_a_quaternion_that_is_no_number_stays_in_its_sample(backend, quaternion)
 
 def test_a_prepared_call_can_be_copied_and_pickled():
     rng = generator(1024)
-    one, motion = made(rng), coordinates(rng, 5)
+    one, motion = pair_of(pair(rng)), coordinates(rng, 5)
     for fk in (
         one.prepare("velocity", outputs=("R2", "omega2"), sequence="zyx", backend="numpy"),
         one.prepare("pose"),

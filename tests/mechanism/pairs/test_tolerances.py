@@ -18,11 +18,11 @@ SAMPLES = 100_000
 STD = {"u1_std": 1e-3, "u2_std": (1e-3, 0, 2e-3), "axis_std": 1.5e-3, "home_std": 5e-4}
 
 
-def pair_and_states(seed: int, home: bool = True) -> tuple[hp.HingePair, hp.BodyMotion, np.ndarray]:
+def pair_and_states(seed: int) -> tuple[hp.HingePair, hp.BodyMotion, np.ndarray]:
     rng = generator(seed)
     u1, u2, n, C = random_pair(rng)
     R, S, *_ = random_body(rng, 5)
-    return hp.HingePair(u1, u2, n, C if home else None), hp.BodyMotion(R=R, S=S), rng.uniform(-3, 3, 5)
+    return hp.HingePair(u1, u2, n, C), hp.BodyMotion(R=R, S=S), rng.uniform(-3, 3, 5)
 
 
 def geometry_of_a_fit(pair: hp.HingePair) -> np.ndarray:
