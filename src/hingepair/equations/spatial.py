@@ -28,6 +28,8 @@ Entries: TypeAlias = tuple[Scalar, ...]  # of a matrix, row by row
 
 ZERO_VECTOR: Vector = (0.0, 0.0, 0.0)
 """The vector of three zeros."""
+IDENTITY_MATRIX: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+"""The identity."""
 WORLD_UNIT_VECTORS: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Unit vectors along the world's axes."""
 

@@ -10,6 +10,7 @@ import numpy as np
 from hingepair.mechanism.bodies.body import Box, Cylinder, Shape, Sphere
 from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.unit_vectors import least_axis
 
 _SHORTEST: Final = 1e-3  # of the robot's size; rods up to this length are not drawn
 
@@ -90,7 +91,7 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
 def axes_along(axis: Any) -> Float64Array:
     """Return a rotation matrix whose third column is the given unit axis; shape (3, 3)."""
     direction: Float64Array = np.asarray(axis, dtype=np.float64)
-    across = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    across = np.cross(direction, least_axis(direction))
     across /= np.linalg.norm(across)
     return np.stack([across, np.cross(direction, across), direction], axis=1)
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
 from hingepair.equations.spatial import (
+    IDENTITY_MATRIX,
     ZERO_VECTOR,
     Scalar,
     Vector,
@@ -31,7 +32,6 @@ from hingepair.equations.trees import Pose
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.trees import TreeQuantities
 
-_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 _MAX_DISTANCE = 10.0  # from a target, in reaches of the robot; beyond, the direction alone counts
 
 
@@ -158,7 +158,9 @@ class CentreOfMass(Position):
         """Return the centre of mass with the axes of the base."""
         rows, n = found.centre_of_mass_jacobian(), found.form.dof
         moves = [list(rows[i * n : (i + 1) * n]) for i in range(3)]
-        return Place(Pose(_IDENTITY, found.centre_from_base, ZERO_VECTOR), [*moves, *([0.0] * n for _ in range(3))])
+        return Place(
+            Pose(IDENTITY_MATRIX, found.centre_from_base, ZERO_VECTOR), [*moves, *([0.0] * n for _ in range(3))]
+        )
 
 
 class _Turned(Goal):

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 from hingepair.equations.dynamics import solve_symmetric
+from hingepair.equations.spatial import IDENTITY_MATRIX
 from hingepair.inverse_kinematics.goals import Goal, Place, sum_of, target_size, target_slices
 from hingepair.plans.trees import Form, TreeQuantities, TreeRequest
 
@@ -21,7 +22,6 @@ _DAMPING = 1e-2  # times the squared error; errors are angles, and lengths in re
 _LEAST_DAMPING = 1e-12  # keeps the matrix regular in a singular pose
 _SLIDE_DAMPING = 1e-9  # keeps the matrix regular where two joints shift along one line
 _MAX_STEP = 1.5  # norm of a step of the coordinates [rad or m]
-_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 OPTIONS = ("caution", "position_tolerance", "angle_tolerance", "pull")
 """The numbers of a step: `caution` damps by the error itself, which finds the closest pose to a target out of reach;
@@ -104,7 +104,7 @@ def _measure(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:
 
 def _places(problem: Problem, values: dict[str, Any]) -> list[Place]:
     """Return the place of each goal."""
-    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _IDENTITY})
+    found = TreeQuantities(problem.form, problem.request, {**values, "S1": IDENTITY_MATRIX})
     jacobian = found.jacobian(in_frame=False)
     return [goal.place(found, jacobian) for goal in problem.goals]
 

@@ -42,6 +42,12 @@ def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
     return axis
 
 
+def least_axis(n: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit vector along the coordinate axis with the largest angle to n; shape (..., 3)."""
+    axis: NDArray[np.float64] = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
+    return axis
+
+
 def direction(v: Components) -> Components:
     """Return the unit vector along v, a tuple of components, each rounded once; that of zero is zero."""
     return tuple(unit.high for unit in polar(v)[0])

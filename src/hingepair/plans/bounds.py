@@ -29,7 +29,6 @@ def output_bounds(
     inputs: Mapping[str, ArrayShape],
     known: Mapping[str, Any],
     parts: Mapping[str, int],
-    shape: ArrayShape = (),
 ) -> dict[str, Float64Array]:
     """Return the largest bound on the errors of each output's components, for every sample.
 
@@ -40,7 +39,6 @@ def output_bounds(
         known: the other inputs: exact arrays or tuples, or a `Known`.
         parts: by output, how many bounds each sample has, such as one for each frame; 0 for a single one, without an
             axis for it.
-        shape: leading shape of the known inputs.
     """
     given = arguments.values
     number_type = bounded_class(result_dtype(part for value in given.values() for part in components(value)))
@@ -60,8 +58,7 @@ def output_bounds(
         return {name: _largest(found[name], count) for name, count in parts.items()}
 
     tails = {name: (count,) if count else () for name, count in parts.items()}
-    samples = broadcast_shape({**arguments.shapes, "pair": shape})
-    return tabulate(bounds, groups, tails, samples, np.dtype(np.float64))
+    return tabulate(bounds, groups, tails, broadcast_shape(arguments.shapes), np.dtype(np.float64))
 
 
 def _components(array: Any, tail: ArrayShape) -> Components:

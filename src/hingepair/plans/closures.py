@@ -20,6 +20,7 @@ from hingepair.engine.derivatives import pushforward, variables
 from hingepair.engine.trace import arc_tangent, square_root, where_less
 from hingepair.equations import trees as eq
 from hingepair.equations.spatial import (
+    IDENTITY_MATRIX,
     WORLD_UNIT_VECTORS,
     ZERO_VECTOR,
     Scalar,
@@ -39,7 +40,6 @@ MAX_GAPS: Final = (1e-4, 1e-12)
 MIN_TRANSMISSIONS: Final = (1e-3, 1e-8)
 _MAX_GROWTH: Final = 0.4  # of the rates by those of the coordinates, in a step of a rollout
 PRECISION: Final = 1 + 2.0**-30  # which is 1 in float32
-_IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 CONDITIONS: Final = {"ball": 3, "hinge": 5, "weld": 6, "distance": 1}
 """Kinds of loops - a shared point, point and axis, or frame, and two points at a distance - and their conditions."""
 # Axes of the first and of the second frame that stay square to each other, where more than a point is shared.
@@ -182,7 +182,7 @@ class Chains:
         links = [link._replace(parent=places.get(link.parent, 0)) for link in own]
         moved = ((self._joint_columns[number - 1], *self._ratios[number - 1]) for number in chain.joints)
         q = [values[column] * ratio + offset for column, ratio, offset in moved]
-        poses = eq.poses(links, placements(links, q), _IDENTITY)
+        poses = eq.poses(links, placements(links, q), IDENTITY_MATRIX)
         found = []
         for place in chain.loops:
             ends = [places.get(body, 0) for body in self.closure.bodies[place]]

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Final
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.trace import square_root
 from hingepair.equations.spatial import (
+    IDENTITY_MATRIX,
     Vector,
     add,
     compose,
@@ -22,7 +23,6 @@ from hingepair.equations.spatial import (
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.fronts import Front
 
-_IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 GEOMETRY_SHAPES: Final[Mapping[str, ArrayShape]] = {"u1": (3,), "u2": (3,), "n": (3,), "home": (3, 3)}
 """Shapes of the constants by which kinematics of a pair in space can be differentiated. The axis x, y or z of body 1
 that is farthest from n, least_axis, comes with them."""
@@ -57,7 +57,7 @@ class Geometry(Front):
         positions = iter(self.given["points"]) if self._bodies else iter(())
         for body, p in zip(self._bodies, zip(positions, positions, positions, strict=True), strict=True):
             if body == 1:
-                frames += [*p, *_IDENTITY]
+                frames += [*p, *IDENTITY_MATRIX]
             else:
                 frames += [*add(arm, rotate(turn, p)), *turn]
         nothing, rotor = (0.0,) * 10, (0.0, 1.0, 0.0)  # masses; no motor, and it follows none

@@ -223,12 +223,8 @@ def unit_quaternion(quat: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _scaled_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quaternions (w, x, y, z) of rotation matrices S, shape (..., 4), with w >= 0. They are not normalised:
-    the length of each is between 2 and 4.
-
-    Four times the outer product of the unit quaternion with itself is linear in S. Its row with the largest diagonal
-    element is the quaternion times a number that is never small, so nothing cancels, near 0 and pi included.
-    """
+    """Return quaternions (w, x, y, z), (..., 4), of rotation matrices S, with w >= 0 and lengths between 2 and 4."""
+    # Four times the outer product of the unit quaternion with itself, which is linear in S.
     outer = np.empty((*S.shape[:-2], 4, 4))
     xx, yy, zz = S[..., 0, 0], S[..., 1, 1], S[..., 2, 2]
     with np.errstate(all="ignore"):
@@ -239,6 +235,8 @@ def _scaled_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             outer[..., 0, i + 1] = outer[..., i + 1, 0] = S[..., k, j] - S[..., j, k]
             outer[..., j + 1, k + 1] = outer[..., k + 1, j + 1] = S[..., j, k] + S[..., k, j]
+    # The row with the largest diagonal element is the quaternion times a number that is never small, so nothing
+    # cancels, near 0 and pi included.
     pivot = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
     quat = np.take_along_axis(outer, pivot[..., None, None], axis=-2)[..., 0, :]
     return np.where(quat[..., :1] < 0, -quat, quat)
@@ -293,7 +291,7 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
         if np.any(bad):
             got = f"{int(np.sum(bad))} of {bad.size} without"
             raise RotationError("M", "matrices with a positive determinant", got)
-        S = _refine_nearest_rotation(S, scaled)
+        S = _refine_nearest_rotation(S, scaled)  # corrects the rounding of the decomposition
         S = 0.5 * (S @ (3 * np.eye(3) - np.swapaxes(S, -1, -2) @ S))
     S[~finite] = np.nan
     nearest: FloatArray = S.astype(result_dtype((matrix,)), copy=False)
@@ -301,16 +299,12 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
 
 
 def _refine_nearest_rotation(S: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotations (..., 3, 3) nearest to the matrices M, refined from the approximations S by one Newton
-    step, which makes S^T M symmetric. The result is orthogonal only to first order in the step.
-
-    This corrects the rounding of the singular value decomposition (SVD).
-    """
+    """Return approximations S of the rotations nearest to M, (..., 3, 3), corrected by one Newton step."""
     A = np.swapaxes(S, -1, -2) @ M
     w = np.stack([A[..., k, j] - A[..., j, k] for _, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))], axis=-1)
     inertia = np.trace(A, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - (A + np.swapaxes(A, -1, -2)) / 2
-    turn = np.linalg.solve(inertia, w[..., None])[..., 0]
-    return S + S @ skew(turn)
+    turn = np.linalg.solve(inertia, w[..., None])[..., 0]  # makes S^T M symmetric
+    return S + S @ skew(turn)  # orthogonal only to first order in the turn
 
 
 def check_rotation(name: str, S: NDArray[Any]) -> None:

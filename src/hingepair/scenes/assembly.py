@@ -383,7 +383,7 @@ class Assembly:
 
     def _refuse_force(self, name: str) -> NoReturn:
         """Raise an ArgumentError for a force of a pair without the masses or the load that exerts it."""
-        subject_of(self.pair).require_masses(("body1",) if name in _OF_BASE else ())
+        subject_of(self.pair).require_masses((0,) if name in _OF_BASE else ())
         part = name.removesuffix("_torque")
         raise ArgumentError("outputs", f"a load in [dynamics.psi] whose part {part} is", quoted(name))
 
@@ -428,7 +428,7 @@ class Assembly:
             tau = np.asarray(found.pop("tau") - sum(parts.values()), np.float64)
             return {"tau": tau, **{f"tau_{name}": tau[..., i] for i, name in enumerate(self.names)}, **found}
         if self.pair.body2 is None:
-            subject_of(self.pair).require_masses(("body2",))
+            subject_of(self.pair).require_masses((1,))
         wrench = self.robot.joint_wrenches(*arguments, **options)[PSI[0]]
         axis = (known.body1.S @ np.asarray(self.space.n)[..., None])[..., 0]
         torque = (axis * wrench.torque).sum(axis=-1)

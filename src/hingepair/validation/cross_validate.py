@@ -23,7 +23,7 @@ from hingepair.mechanism.options import DEFAULT_GRAVITY
 from hingepair.mechanism.pairs.accuracy import euler_rate_sizes, unit_roundoff
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.pairs.planar_pair import PlanarPair
-from hingepair.mechanism.pairs.subject import check_pair, read_rows
+from hingepair.mechanism.pairs.subject import check_pair, check_single_pair, read_rows
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.plans.arguments import Coordinates
@@ -34,8 +34,8 @@ from hingepair.validation.pinocchio_twin import (
     Twin,
     frame_motions,
     import_pinocchio,
-    pair_twin,
     robot_twin,
+    tree_twin,
     urdf_twin,
     with_base,
 )
@@ -221,7 +221,9 @@ def _compare_pair(pair: HingePair | PlanarPair, given: tuple[Any, ...], sequence
     planar, by_body1 = isinstance(pair, PlanarPair), isinstance(given[0], BodyMotion)
     levels = sum(one is not None for one in given) - by_body1
     space: HingePair = pair.to_spatial() if isinstance(pair, PlanarPair) else pair
-    twin, tree = pair_twin(space).robot, tree_of_pair(space)
+    check_single_pair(space)
+    tree = tree_of_pair(space)
+    twin = tree_twin(tree, is_free=True, has_free_flyer=True)
     frames = {name: tree.known_frame("frames", name) for name in ("body2", *space.points1, *space.points2)}
     letters = ("R", "S", "d", "v", "omega", "a", "alpha")[: 1 + 2 * levels]
     # The name of each output, by frame and letter.
@@ -251,8 +253,9 @@ def _compare_pair(pair: HingePair | PlanarPair, given: tuple[Any, ...], sequence
     motion = samples.frames(twin, [twin.model.getFrameId(name) for name in frames])
     scales = _frame_scales(Scales(tree, samples.joints, of_scales), frames.values())
     u, compared = unit_roundoff(ours["R2"].dtype), []
+    places = {frame: place for place, frame in enumerate(frames)}
     for (frame, letter), name in outputs.items():
-        place = [*frames].index(frame)
+        place = places[frame]
         own, theirs, size = ours[name], motion[letter][:, place], scales[letter][:, place]
         if name == "phi2":  # an attitude does not tell whole turns
             phi2 = np.asarray(own, np.float64).reshape(-1, 1)

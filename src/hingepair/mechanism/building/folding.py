@@ -99,9 +99,9 @@ def fold(tree: Tree, locked: Mapping[str, float] | None = None) -> Tree:
         members: list[list[tuple[int, FramePose]]] = [[] for _ in range(len(moving) + 1)]
         for k, (body, pose) in enumerate(places):
             members[body].append((k, pose))
-        names, drawn = tree.body_names, tree.drawings or (NOT_DRAWN,) * len(places)
+        given, names, drawn = tree.bodies, tree.body_names, tree.drawings or (NOT_DRAWN,) * len(places)
         base, *bodies = (
-            mass_properties(f"the body of {names[own[0][0]]!r}", [tree.bodies[k].placed(pose) for k, pose in own])
+            mass_properties(f"the body of {names[own[0][0]]!r}", [given[k].placed(pose) for k, pose in own])
             for own in members
         )
         joints = []

@@ -53,20 +53,14 @@ def tree_of_pairs(
     return tree
 
 
-def tree_of_pair(
-    pair: HingePair,
-    load: HingeLoad = NO_LOAD,
-    bodies: Sequence[MassProperties] | None = None,
-    drawings: tuple[Drawing, ...] = (),
-) -> Tree:
-    """Return a pair as a robot. It has the links body1, body2_at_hinge, which the joint `hinge` carries, and body2,
-    which is fixed to it at -u2; points are frames.
+def tree_of_pair(pair: HingePair, load: HingeLoad = NO_LOAD, bodies: Sequence[MassProperties] | None = None) -> Tree:
+    """Return a pair as a robot, without drawings. It has the links body1, body2_at_hinge, which the joint `hinge`
+    carries, and body2, which is fixed to it at -u2; points are frames.
 
     Args:
         pair: one pair, without leading axes.
         load: of the hinge; its stops replace the limits of the pair.
         bodies: mass properties of body 1, and of body 2 from the hinge point, in place of those of the pair.
-        drawings: of both bodies, that of body 2 from the hinge point.
     """
     seats = IDENTITY_POSE, FramePose(np.eye(3), 0.0 - pair.u2)
     base, masses = bodies or map(body_masses, (pair.body1, pair.body2), seats)
@@ -80,7 +74,7 @@ def tree_of_pair(
         for body, points in enumerate((pair.points1, pair.points2))
         for name, position in points.items()
     }
-    return replace(fold(Tree(pair.name, (hinge,), base, links, frames, ("body2",))), drawings=drawings)
+    return replace(fold(Tree(pair.name, (hinge,), base, links, frames, ("body2",))), drawings=())
 
 
 def _with_points(tree: Tree, link: str, points: Points) -> Tree:

@@ -151,12 +151,6 @@ def _first(array: Float64Array, rank: int = 1) -> Float64Array:
     return first
 
 
-def least_axis(n: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the unit vector along the coordinate axis with the largest angle to n; shape (..., 3)."""
-    axis: NDArray[np.float64] = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
-    return axis
-
-
 def joined(components: Components) -> Float64Array:
     """Return components that broadcast as one array, with the components on the last axis."""
     if all(type(c) is float for c in components):

@@ -20,7 +20,6 @@ from hingepair.mechanism.pairs.geometry import (
     Points,
     arm,
     joined,
-    least_axis,
     lifted,
     tree_of_arrays,
 )
@@ -53,6 +52,7 @@ from hingepair.numeric.arrays import Float64Array, broadcast_shape, read_only
 from hingepair.numeric.blocks import Components, numbers
 from hingepair.numeric.bounded import UNIT_ROUNDOFF, Bounded, in_last_places
 from hingepair.numeric.caching import lock_free_cached_property
+from hingepair.numeric.unit_vectors import least_axis
 from hingepair.plans.arguments import Arguments, CoordinateNames, Outputs, read_arguments, requested_outputs
 from hingepair.plans.bounds import Known, output_bounds
 from hingepair.plans.computation import QUATERNION_INPUTS, Computation
@@ -276,21 +276,23 @@ class PairSubject(Subject):
 
     # ---- masses
 
-    def massive_bodies(self, outputs: Iterable[str], solves: bool) -> tuple[str, ...]:
-        """Return the bodies on whose masses outputs depend; `solves`: accelerations are solved for."""
+    def massive_bodies(self, outputs: Iterable[str], solves: bool) -> tuple[int, ...]:
+        """Return the numbers in the tree, 0 of body 1 and 1 of body 2, of the bodies on whose masses outputs depend;
+        `solves`: accelerations are solved for.
+        """
         depend = {*outputs} - {*NO_MASSES, *CONSTRAINTS, *point_outputs(self.points)}
         if not (solves or depend):
             return ()
-        return ("body1", "body2") if solves or not depend <= _OF_BODY2 else ("body2",)
+        return (0, 1) if solves or not depend <= _OF_BODY2 else (1,)
 
-    def require_masses(self, names: Collection[str]) -> None:
-        """Refuse bodies, "body1" or "body2", without mass properties, and masses that overflow; warn once of those
-        that are assumed.
+    def require_masses(self, bodies: Collection[int]) -> None:
+        """Refuse bodies, by their numbers in the tree, without mass properties, and masses that overflow; warn once
+        of those that are assumed.
         """
-        if not names:
+        if not bodies:
             return
         try:
-            self.robot.warn_of_masses([int(name[-1]) - 1 for name in names])
+            self.robot.warn_of_masses(bodies)
         except ArgumentError as error:
             raise error.renamed(f"pair.{error.name[:5]}" if error.name.startswith("body") else "pair") from None
 
@@ -413,21 +415,17 @@ def check_pair(pair: object) -> None:
         raise ArgumentError("pair", f"a HingePair{hint}", quoted(pair))
 
 
-def check_single_pair(pair: Any, condition: str = "") -> None:
+def check_single_pair(pair: Any) -> None:
     """Raise ShapeError if a HingePair or PlanarPair holds more than one pair, that is, if its geometry has leading
     axes.
-
-    Args:
-        pair: a HingePair or a PlanarPair.
-        condition: text that follows "one pair" in the message, such as " if the arguments are Dask arrays".
 
     Raises:
         ShapeError: u1, u2, n or home have leading axes.
     """
-    check_single(subject_of(pair), type(pair).__name__, condition)
+    check_single(subject_of(pair), type(pair).__name__)
 
 
-def check_single(pair: PairSubject, kind: str = "HingePair", condition: str = "") -> None:
+def check_single(pair: PairSubject, kind: str = "HingePair") -> None:
     """Raise ShapeError if a pair has leading axes; see `check_single_pair`."""
     if not pair.single:
-        raise ShapeError("pair", f"one pair{condition}, such as {kind}(u1[i], ...)", f"pairs of shape {pair.shape}")
+        raise ShapeError("pair", f"one pair, such as {kind}(u1[i], ...)", f"pairs of shape {pair.shape}")

@@ -10,10 +10,17 @@ from typing import Any, Final, TypeAlias, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.bodies.body_motion import AT_REST, BodyMotion
 from hingepair.mechanism.options import check_options, with_options
-from hingepair.mechanism.pairs.subject import INPUT_LABELS, PairSubject, body1_inputs, check_pair, check_single_pair
+from hingepair.mechanism.pairs.subject import (
+    INPUT_LABELS,
+    PairSubject,
+    body1_inputs,
+    check_pair,
+    check_single,
+    check_single_pair,
+)
 from hingepair.numeric.arrays import Float64Array, Frozen, number_not_below_0, one_constant, read_only
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.geometry import GEOMETRY_SHAPES
@@ -163,8 +170,7 @@ def propagate_covariance(
     pair: PairSubject, body1: BodyMotion | None, psi: ArrayLike, tolerances: ToleranceOptions
 ) -> PoseCovariance:
     """Compute what `HingePair.propagate_covariance` returns, from a covariance, or else from tolerances (E5, E7)."""
-    if not pair.single:
-        raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
+    check_single(pair)
     check_options("propagate_covariance", tolerances, TOLERANCE_DEFAULTS)
     points = [point.name for point in pair.points]
     own = point_covariances(points, tolerances.get("points"))

@@ -8,6 +8,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from hingepair.engine.results import Results
+from hingepair.equations.spatial import IDENTITY_MATRIX, ZERO_VECTOR
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.bodies.body_motion import BodyMotion, motion_inputs
 from hingepair.mechanism.requests import PARTS_OF_LOOPS, ROBOT_TASKS
@@ -46,8 +47,8 @@ from hingepair.plans.trees import (
 BASE_LABELS: Final = {name: f"base_motion.{name[:-1]}" for name in BASE_MOTION}
 """Inputs of the base's motion as messages name them."""
 RESTING_BASE: Final[Mapping[str, tuple[float, ...]]] = {
-    **dict.fromkeys((*BASE_MOTION, *BASE_LOADS), (0.0, 0.0, 0.0)),
-    "S1": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+    **dict.fromkeys((*BASE_MOTION, *BASE_LOADS), ZERO_VECTOR),
+    "S1": IDENTITY_MATRIX,
 }
 """Inputs of a base that rests at the origin, without loads."""
 

@@ -25,7 +25,7 @@ from hingepair.numeric.arrays import read_only
 from hingepair.numeric.blocks import numbers as components
 from hingepair.numeric.bounded import UNIT_ROUNDOFF, Bounded
 from hingepair.numeric.twofold import Twofold
-from hingepair.numeric.unit_vectors import polar
+from hingepair.numeric.unit_vectors import least_axis, polar
 from hingepair.plans.bounds import Known
 from hingepair.plans.closures import PRECISION
 from hingepair.plans.computation import Cache
@@ -252,11 +252,8 @@ def _rotation_with_bounds(S: NDArray[np.float64]) -> Exact:
 
 
 def _axes_with_bounds(P: NDArray[np.float64], n: NDArray[np.float64], rounding: float) -> Exact:
-    """Return the entries of P (3, 3), the `axes_along` n, with bounds on their distances from those of rotations with
-    the last column along n, and along any vector that differs from n by `rounding`. A matrix of entries 0, 1 and -1
-    is exact.
-    """
-    if np.isin(P, (-1.0, 0.0, 1.0)).all():
+    """Return the entries of P, `axes_along(n)`, with bounds on their errors, where n may be off by `rounding`."""
+    if np.isin(P, (-1.0, 0.0, 1.0)).all():  # such a matrix is exact
         return _bounded(P, np.zeros((3, 3)))
     lost = [abs(c.low) + 2.0**-90 + rounding for c in _axes_in_twofold(n)]
     return _bounded(P, np.array(lost).reshape(3, 3))
@@ -344,8 +341,8 @@ def axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
 def _axes_in_twofold(n: NDArray[np.float64]) -> tuple[Twofold, ...]:
     """Return the entries of rotations whose third column is along n, (..., 3), in twice the precision."""
     z: Any = polar(components(n))[0]
-    least: Any = components(np.eye(3)[np.argmin(np.abs(n), axis=-1)])
-    y: Any = polar(tuple(c + 0.0 for c in cross(components(n), least)))[0]
+    across: Any = cross(components(n), components(least_axis(n)))
+    y: Any = polar(tuple(c + 0.0 for c in across))[0]
     return matrix_from_columns(cross(y, z), y, z)
 
 

@@ -182,10 +182,11 @@ class StateConventions:
         return written, written_v(convention, rates, base_motion, free)
 
 
-def check_base(base: Any, free: bool, name: str = "base_motion") -> None:
+def check_base(base: Any, free: bool) -> None:
     """Refuse what is no BodyMotion, or one of a base that is not free."""
     if base is not None and not (free and isinstance(base, BodyMotion)):
-        raise ArgumentError(name, "a BodyMotion" if free else "None, since the base is not free", type(base).__name__)
+        expected = "a BodyMotion" if free else "None, since the base is not free"
+        raise ArgumentError("base_motion", expected, type(base).__name__)
 
 
 def _of_base(base: BodyMotion | None, *names: str) -> list[Float64Array]:
