@@ -13,6 +13,7 @@ from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import Frozen, call_text, finite_number, one_constant, read_only, set_frozen
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import check_rotation, skew
+from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties
 
 _ASSUMED_MASS: Final = 1.0  # kg, of a body whose mass is not given
 _ASSUMED_GYRATION = 0.01  # m^2: inertia per mass of a body without shapes whose inertia is not given
@@ -244,13 +245,23 @@ def inertial_parameters(
     return np.array([mass, *(mass * centre_of_mass), *(J[entry] for entry in INERTIA_ENTRIES)])
 
 
-def moments_of(mass: Any, centre: Any, inertia: Any, R: NDArray[np.float64], S: NDArray[np.float64]) -> Any:
-    """Return mass, first moment and the `SECOND_MOMENTS` of matter, (..., 10), in axes that its own axes are turned
-    to by S (..., 3, 3), about the point from which R (..., 3) leads to its origin. All may have leading axes.
+def body_masses(body: Body | None, pose: FramePose | None = None) -> MassProperties:
+    """Return the mass properties of a Body, 0 of none, in axes in which it has a pose, or else in its own axes."""
+    if body is None:
+        return ZERO_MASS_PROPERTIES
+    own = MassProperties(body.mass, body.centre_of_mass, body.inertia)
+    return own if pose is None else own.placed(pose)
+
+
+def moments_of(matter: Any, R: NDArray[np.float64], S: NDArray[np.float64]) -> Any:
+    """Return mass, first moment and the `SECOND_MOMENTS` of matter - a Body, MassProperties or a Payload - (..., 10),
+    in axes that its own axes are turned to by S (..., 3, 3), about the point from which R (..., 3) leads to its
+    origin. All may have leading axes.
     """
-    c, half = (S @ centre[..., None])[..., 0] + R, np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] / 2
+    m, inertia = np.asarray(matter.mass), matter.inertia
+    half = np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] / 2
+    c = (S @ matter.centre_of_mass[..., None])[..., 0] + R
     second = S @ (half * np.eye(3) - inertia) @ np.swapaxes(S, -1, -2)
-    m = np.asarray(mass)
     entries = [second[..., i, j] + m * c[..., i] * c[..., j] for i, j in SECOND_MOMENTS]
     return np.stack(np.broadcast_arrays(m, *np.moveaxis(m[..., None] * c, -1, 0), *entries), axis=-1) + 0.0
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted, warn_of_dynamics
-from hingepair.mechanism.bodies.body import Body
+from hingepair.mechanism.bodies.body import Body, moments_of
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import placed_shapes
 from hingepair.mechanism.building.folding import mass_properties
@@ -117,10 +117,9 @@ def add_payload(tree: Tree, link: str, payload: Payload) -> Tree:
     frame = tree.known_frame("link", link)
     number, tree = frame.body, replace(tree, source=None)
     if payload.shape or frame.samples is not None:
-        return replace(
-            tree, samples=(tree.samples or Samples()).with_matter(number, payload.moments(frame.origin, frame.S))
-        )
-    single = MassProperties(float(payload.mass), payload.centre, payload.inertia).placed(frame.pose)
+        matter = moments_of(payload, frame.origin, frame.S)
+        return replace(tree, samples=(tree.samples or Samples()).with_matter(number, matter))
+    single = MassProperties(float(payload.mass), payload.centre_of_mass, payload.inertia).placed(frame.pose)
     total = mass_properties(f"payload of {link}", (tree.bodies[number], single))
     joints = list(tree.joints)
     if number:

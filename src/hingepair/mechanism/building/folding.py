@@ -16,7 +16,6 @@ import numpy as np
 
 from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted, warn_of_dynamics
-from hingepair.mechanism.bodies.body import Body
 from hingepair.mechanism.bodies.shapes import NOT_DRAWN, body_drawing
 from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.options import DEFAULT_GRAVITY
@@ -209,10 +208,3 @@ def mass_properties(label: str, bodies: Iterable[MassProperties]) -> MassPropert
         raise ArgumentError(label, "mass properties that do not overflow", "numbers that overflow")
     symmetric = (total.inertia + total.inertia.T) / 2
     return MassProperties(total.mass, read_only(total.centre_of_mass), read_only(symmetric))
-
-
-def body_masses(body: Body | None, pose: FramePose) -> MassProperties:
-    """Return the mass properties of a Body, 0 of none, in axes in which it has the given pose."""
-    if body is None:
-        return ZERO_MASS_PROPERTIES
-    return MassProperties(body.mass, body.centre_of_mass, body.inertia).placed(pose)

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import Body, inertial_parameters
+from hingepair.mechanism.bodies.body import Body, body_masses, inertial_parameters, moments_of
 from hingepair.mechanism.bodies.hinge_load import HingeLoad
 from hingepair.mechanism.bodies.shapes import Drawing, placed_shapes
 from hingepair.mechanism.building.changes import add_frame
-from hingepair.mechanism.building.folding import body_masses, fold, framed, written_joint
+from hingepair.mechanism.building.folding import fold, framed, written_joint
 from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, JointOfSeveral, RobotJoint
 from hingepair.mechanism.pairs.geometry import Points
 from hingepair.mechanism.pairs.hinge_pair import HingePair
 from hingepair.mechanism.requests import subject_of
-from hingepair.mechanism.robots.samples import JointSamples, Payload, Samples
+from hingepair.mechanism.robots.samples import JointSamples, Samples
 from hingepair.mechanism.tree import BASE_KINDS, NO_LOAD, Tree, check_name
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.unit_vectors import unit_axis
@@ -124,9 +124,8 @@ def _with_lengths(tree: Tree, pairs: Sequence[Any], single: Sequence[Any]) -> Tr
             joints[number] = JointSamples(pair.u1 - u2, pair.home, n / size)
         if pair.u2.ndim > 1:
             links[pair.name] = replace(links[pair.name], samples=read_only(0.0 - pair.u2))
-            mass, centre, inertia = np.array(joint.body.mass), joint.body.centre_of_mass + one.u2, joint.body.inertia
-            body = Payload(mass, centre, inertia)
-            moved = body.moments(-pair.u2, np.eye(3)) - body.moments(-one.u2, np.eye(3))
+            own = replace(joint.body, centre_of_mass=joint.body.centre_of_mass + one.u2)
+            moved = moments_of(own, -pair.u2, np.eye(3)) - moments_of(own, -one.u2, np.eye(3))
             samples = samples.with_matter(number, moved)
     origins = [frame.samples for frame in links.values() if frame.samples is not None]
     return replace(tree, links=links, samples=samples.with_joints(joints, origins))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations import spatial as eq
 from hingepair.equations.quantities import QUANTITIES
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.bodies.body import Body, moments_of
+from hingepair.mechanism.bodies.body import Body, body_masses, moments_of
 from hingepair.mechanism.robots.samples import JointSamples, Samples
 from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.numeric.arrays import Float64Array, constant, read_only
@@ -21,7 +21,7 @@ from hingepair.numeric.unit_vectors import direction, finite_axis
 from hingepair.plans.geometry import GEOMETRY_SHAPES
 from hingepair.plans.pairs import POINT_ENDINGS, Point
 from hingepair.rotations.matrices import check_rotation
-from hingepair.urdf.rigid import ZERO_MASS_PROPERTIES, FramePose, MassProperties
+from hingepair.urdf.rigid import FramePose
 
 Points: TypeAlias = Mapping[str, NDArray[np.float64]]
 Bodies: TypeAlias = tuple[Body | None, Body | None]
@@ -107,42 +107,40 @@ def tree_of_arrays(
         bodies: mass properties of both bodies.
     """
     u1, u2, n, home = (arrays[key] for key in GEOMETRY_SHAPES)
-    still, to_body1 = np.eye(3), (numbers(home, 2), numbers(u2))
-    places = {"body2": (1, joined(arm(*to_body1, (0.0, 0.0, 0.0))))}
-    for point, p in points:
-        places[point.name] = (0, p) if point.body == 1 else (1, joined(arm(*to_body1, numbers(p))))
+    still, carriers = np.eye(3), {"body2": 1, **{point.name: point.body - 1 for point, _ in points}}
+    ends = ((point, numbers(p)) for point, p in points)
+    origins = [*map(joined, frame_origins(numbers(home, 2), numbers(u2), ends))]
     frames = {
         key: Frame(body, _first(R), _first(home, 2) if body else still, R if R.ndim > 1 else None)
-        for key, (body, R) in places.items()
+        for (key, body), R in zip(carriers.items(), origins, strict=True)
     }
-    base, body2 = (
-        ZERO_MASS_PROPERTIES if one is None else MassProperties(one.mass, one.centre_of_mass, one.inertia)
-        for one in bodies
-    )
-    seats = places["body2"][1]
-    own = body2.placed(FramePose(_first(home, 2), _first(seats)))
+    body2, seats = bodies[1], origins[0]
+    own = body_masses(body2, FramePose(_first(home, 2), _first(seats)))
     hinge = Joint("hinge", "hinge", 0, _first(u1), still, _first(n), own)
     samples = Samples()
-    if max(seats.ndim, home.ndim - 1) > 1 and bodies[1] is not None:
-        matter = moments_of(body2.mass, body2.centre_of_mass, body2.inertia, seats, home)
-        samples = samples.with_matter(
-            1, matter - moments_of(own.mass, own.centre_of_mass, own.inertia, np.zeros(3), still)
-        )
+    if max(seats.ndim, home.ndim - 1) > 1 and body2 is not None:
+        samples = samples.with_matter(1, moments_of(body2, seats, home) - moments_of(own, np.zeros(3), still))
     if max(u1.ndim, n.ndim) > 1:
         samples = samples.with_joints({1: JointSamples(u1, still, n)}, ())
-    samples = samples.with_joints({}, [R for _, R in places.values() if R.ndim > 1])
+    samples = samples.with_joints({}, [R for R in origins if R.ndim > 1])
     return Tree(
-        name, (hinge,), base, {"body1": Frame(0, np.zeros(3), still)}, frames, ("body1",),
+        name, (hinge,), body_masses(bodies[0]), {"body1": Frame(0, np.zeros(3), still)}, frames, ("body1",),
         tuple((k, f"body{k + 1}: {one}") for k, body in enumerate(bodies) if body for one in body.assumed),
         without_mass={k: f"body{k + 1}" for k, body in enumerate(bodies) if body is None},
         samples=samples if samples.shape else None,
     )  # fmt: skip
 
 
-def arm(home: Components, u2: Components, p: Components) -> Components:
-    """Return the vector from the hinge point to the point p of body 2, in body-1 axes at psi = 0."""
-    found: Components = eq.rotate(home, eq.subtract(p, u2))
-    return found
+def frame_origins(home: Components, u2: Components, points: Iterable[tuple[Point, Components]]) -> list[Components]:
+    """Return where body 2 and all points are, in body-1 axes at psi = 0: points of body 1 from its reference point,
+    body 2 and its points from the hinge point.
+    """
+
+    def from_hinge(p: Components) -> Components:
+        found: Components = eq.rotate(home, eq.subtract(p, u2))
+        return found
+
+    return [from_hinge((0.0, 0.0, 0.0)), *(p if point.body == 1 else from_hinge(p) for point, p in points)]
 
 
 def _first(array: Float64Array, rank: int = 1) -> Float64Array:

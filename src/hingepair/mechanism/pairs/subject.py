@@ -18,7 +18,7 @@ from hingepair.mechanism.pairs.geometry import (
     IDENTITY,
     Bodies,
     Points,
-    arm,
+    frame_origins,
     joined,
     lifted,
     tree_of_arrays,
@@ -377,9 +377,8 @@ class PairSubject(Subject):
         """Return the origins of the frames with bounds on their errors."""
         home, u2 = (tuple(map(Bounded, numbers(self.in_space[name], k))) for name, k in (("home", 2), ("u2", 1)))
         ends = [tuple(map(Bounded, numbers(lifted(p)))) for p in self.positions]
-        pairs = zip(self.points, ends, strict=True)
-        of_points = (end if point.body == 1 else arm(home, u2, end) for point, end in pairs)
-        return [np.array(one, dtype=object) for one in (arm(home, u2, (0.0, 0.0, 0.0)), *of_points)]
+        origins = frame_origins(home, u2, zip(self.points, ends, strict=True))
+        return [np.array(one, dtype=object) for one in origins]
 
 
 # ---- arguments of methods

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from hingepair.engine.binding import FOLDED
 from hingepair.equations.spatial import cross, matrix_from_columns
-from hingepair.mechanism.bodies.body import SECOND_MOMENTS
+from hingepair.mechanism.bodies.body import SECOND_MOMENTS, moments_of
 from hingepair.mechanism.bodies.pivots import Resisted, smallest_pivots
-from hingepair.mechanism.robots.samples import JointSamples, Payload, turned_moments
+from hingepair.mechanism.robots.samples import JointSamples, turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.blocks import numbers as components
@@ -165,7 +165,7 @@ def _varied_numbers(
     for body in range(not free, len(tree.joints) + 1):
         place, matter = constant_place(body, "mass"), samples.matter.get(body)
         if tree.has_sampled_axes(body):
-            own = Payload(*_mass_arrays(tree.joints[body - 1].body)).moments(np.zeros(3), np.eye(3))
+            own = moments_of(tree.joints[body - 1].body, np.zeros(3), np.eye(3))
             keep(place, turned_moments(own if matter is None else own + matter, sampled[body]))
         elif matter is not None:
             moved = turned_moments(matter, axes[body])
@@ -188,10 +188,6 @@ def _is_placed_by_samples(tree: Tree, number: int) -> bool:
     """Return whether the pose of a joint differs from sample to sample, in the program's axes of its bodies."""
     own = tree.samples is not None and number in tree.samples.joints
     return own or tree.has_sampled_axes(tree.joints[number - 1].parent)
-
-
-def _mass_arrays(body: MassProperties) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    return np.array(body.mass), body.centre_of_mass, body.inertia
 
 
 def program_numbers(constants: RobotConstants) -> list[float]:

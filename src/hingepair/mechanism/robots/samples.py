@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.mechanism.bodies.body import NO_BODY, SECOND_MOMENTS, moments_of
+from hingepair.mechanism.bodies.body import NO_BODY, SECOND_MOMENTS
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, read_only, real_array
 
 _ROUNDING = 1e-9  # of an inertia's trace: by so much it may miss being that of a body
@@ -65,17 +65,13 @@ class Payload(Frozen):
     """Mass properties with leading axes, in the axes of the frame to which they are fixed."""
 
     mass: Float64Array  # [kg]; shape (...)
-    centre: Float64Array  # centre of mass [m]; shape (..., 3)
+    centre_of_mass: Float64Array  # [m]; shape (..., 3)
     inertia: Float64Array  # about the centre of mass [kg m^2]; shape (..., 3, 3); zero for a point
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Leading shape of all three."""
-        return np.broadcast_shapes(self.mass.shape, self.centre.shape[:-1], self.inertia.shape[:-2])
-
-    def moments(self, R: Float64Array, S: Float64Array) -> Any:
-        """Return mass, first and second moments (..., 10) where the frame has origins R, (..., 3), and rotation S."""
-        return moments_of(self.mass, self.centre, self.inertia, R, S)
+        return np.broadcast_shapes(self.mass.shape, self.centre_of_mass.shape[:-1], self.inertia.shape[:-2])
 
 
 def read_payload(mass: ArrayLike, centre_of_mass: ArrayLike, inertia: ArrayLike | None) -> Payload:
