@@ -167,7 +167,6 @@ class MethodCall(NamedTuple):
     given: Mapping[str, Any]  # the arguments by input name
     labels: Mapping[str, str]  # names of inputs in messages, where they differ
     gravity: tuple[float, ...] | None  # where it matters
-    remade: Callable[[], Computation]  # makes the computation anew, and can be pickled
     watch: Watch | None = None
     lasts: bool = True  # whether the next such call is the same
 
@@ -199,6 +198,10 @@ class Subject:
         self, task: str | None, names: tuple[str, ...], outputs: tuple[str, ...], options: Any
     ) -> PreparedCall:
         """Return what a prepared call computes: of a task, or of arguments with these names."""
+        raise NotImplementedError
+
+    def computation(self, *args: Any, **kwargs: Any) -> Computation:
+        """Return the Computation of outputs, which is made once; `Computation.asked` makes it anew."""
         raise NotImplementedError
 
     def _accepted(self, names: tuple[str, ...]) -> Collection[str]:
@@ -333,9 +336,8 @@ def ask(subject: Subject, task: str, values: Sequence[Any], options: Any, names:
     computation, watch = planned.computation, planned.watch
 
     # Compute it.
-    result = computation.compute(
-        planned.given, execution, planned.gravity, out, labels=planned.labels, remade=planned.remade
-    )
+    remade = functools.partial(subject.computation, *computation.asked)
+    result = computation.compute(planned.given, execution, planned.gravity, out, labels=planned.labels, remade=remade)
 
     # Keep it, if the next call with this key means the same.
     if kept is None and key is not None and planned.lasts and all(map(_lasts, options.values())):

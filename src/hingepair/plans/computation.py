@@ -75,6 +75,7 @@ class Computation:
         self.result, self.coordinates = result, coordinates
         self._loop, self.owner, self._shape, self._shared = loop, owner, shape, shared
         self.constant_shapes, self._by_constants = constant_shapes or {}, by_constants
+        self.asked: tuple[Any, ...] = ()  # by which the method `computation` of a pair or robot makes it anew
         self._calls: dict[Any, Call] = {}
         self._sufficient: set[tuple[str, ...]] = set()  # names of arguments that suffice
 

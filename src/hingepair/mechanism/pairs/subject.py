@@ -256,11 +256,13 @@ class PairSubject(Subject):
             def loop(names: tuple[str, ...], given: tuple[str, ...]) -> Loop:
                 return pair_loop(request._replace(outputs=names, given=given))
 
-            found = self.cache.computations[key] = Computation(
+            found = Computation(
                 loop, outputs, self.shapes, known, result, COORDINATE_NAMES[self.kind], shape=self.shape, shared=True,
                 constant_shapes=GEOMETRY_SHAPES if spatial and not masses else {},
                 by_constants=functools.partial(self.computation, outputs, sequence, result, True, solves),
             )  # fmt: skip
+            found.asked = key
+            self.cache.computations[key] = found
         return found
 
     def compute_arrays(
@@ -319,8 +321,8 @@ class PairSubject(Subject):
         solves = "hinge_torque" in given
         self.require_masses(self.massive_bodies(outputs, solves))
         gravity = read_gravity(options.get("gravity", DEFAULT_GRAVITY))
-        remade = functools.partial(self.computation, outputs, sequence, task.result, False, solves)
-        return MethodCall(remade(), given, INPUT_LABELS, gravity, remade, self._watch(outputs, solves))
+        computation = self.computation(outputs, sequence, task.result, False, solves)
+        return MethodCall(computation, given, INPUT_LABELS, gravity, self._watch(outputs, solves))
 
     def _sequence(self, names: Collection[str], sequence: str) -> str | None:
         """Return the Euler sequence of arguments; None without Euler angles."""

@@ -178,7 +178,6 @@ class RobotComputation(Computation):
             outputs, free, bodies, folded, places, joint_loads, tuple(varied), shown_count, single
         )
         self.inputs = input_shapes(self.form, self.request)
-        self.asked: tuple[Any, ...] = ()  # by which `RobotSubject.computation` makes it anew
         known: dict[str, Any] = {
             **RESTING_BASE,
             "constants": read_only(np.array([*constants.numbers, *parameters], dtype=np.float64)),

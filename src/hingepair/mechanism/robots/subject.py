@@ -103,7 +103,7 @@ class RobotSubject(Subject):
         arguments, labels = computation.given(coordinates, options.get("base_motion"), loads)
         return MethodCall(
             computation, arguments, labels, read_gravity(options.get("gravity", DEFAULT_GRAVITY)),
-            functools.partial(self.computation, *computation.asked), self.watch(computed, plain=True),
+            self.watch(computed, plain=True),
             # What the arrays of `out` ask for can be something else the next time.
             lasts=not called and (options.get("outputs") is not None or computed == default),
         )  # fmt: skip
